@@ -25,6 +25,7 @@ from hhr_dolfinx.models.eliminations.interpolated import Compliances, Interpolat
 from hhr_dolfinx.models.eliminations.interpolation import GrownGrid
 from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
 from hhr_dolfinx.models.estimates import NOT_ASKED, known_error, warn_unbounded
+from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.components import Solver, interpolated_compliances, solvers_of
 from hhr_dolfinx.reduction.interpolate import DEFAULT_GRID, GridSettings
 from hhr_dolfinx.reduction.interpolate_reduced import interpolated_problem
@@ -138,11 +139,7 @@ def condense(
         if not fields:
             made = _no_fields(full, settings)
         else:
-            seen = [] if problem.reshaped is None else _fields_seen(compliances, solvers, forces)
-            if snapshots is None or along:
-                seen += _fields_along(compliances, solvers, known.points, forces)
-            if snapshots is not None:
-                seen.append(snapshots.displacements)
+            seen = _spanning(compliances, solvers, known, forces, snapshots, along=along)
             made = _fields(full, np.column_stack(seen), settings)
     if fields:
         made = _bounded(full, made, forces.T if snapshots is None else snapshots.forces, log, solvers, wanted=bound)
@@ -237,6 +234,24 @@ def _of_energy(basis: np.ndarray, problem: ContactProblem) -> np.ndarray:
     energies, ways = np.linalg.eigh(basis.T @ (problem.stiffness @ basis))
     kept = energies > 1e-12 * energies[-1]
     return basis @ (ways[:, kept] / np.sqrt(energies[kept]))
+
+
+def _spanning(
+    compliances: Compliances,
+    solvers: list[Solver],
+    known: KnownStatuses,
+    forces: np.ndarray,
+    snapshots: SnapshotSet | None,
+    *,
+    along: bool,
+) -> list[np.ndarray]:
+    """Displacements that span the fields, (N, k) each: of snapshots, and of forces, (S, m), at solved points."""
+    seen = [] if solvers[0].problem.reshaped is None else _fields_seen(compliances, solvers, forces)
+    if snapshots is None or along:
+        seen += _fields_along(compliances, solvers, known.points, forces)
+    if snapshots is not None:
+        seen.append(snapshots.displacements)
+    return seen
 
 
 def _fields_seen(compliances: Compliances, solvers: list[Solver], forces: np.ndarray) -> list[np.ndarray]:

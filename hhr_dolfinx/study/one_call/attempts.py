@@ -14,9 +14,12 @@ if TYPE_CHECKING:
 MANY = 1000
 """Contact conditions from which on a hyper-reduced model is tried beside a condensed one that is exact enough: answers
 of condensed ones were quicker below, measured on the scenes of the repository."""
-FEWEST, MOST = 32, 512
+FEWEST = 32
+MOST = 512
 """Training points of the first and of the last hyper-reduced model; each has twice as many as the one before."""
-FEWEST_PATHS, MOST_PATHS = 4, 32
+FEWEST_PATHS = 4
+MOST_PATHS = 32
+"""The same of training paths."""
 GRID_PART = 1e-3
 """Wished error of interpolated S, as a part of the error that is wished: forces are off by ten times as much and more,
 where a contact has just closed by more still."""

@@ -24,12 +24,21 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from hhr_dolfinx.errors import HHRError, NotOfferedError, StabilityWarning, StudyError
+from hhr_dolfinx.errors import (
+    HHRError,
+    ModelFileWarning,
+    NoBoundWarning,
+    NotOfferedError,
+    ParameterError,
+    StabilityWarning,
+    StudyError,
+    UncheckedWarning,
+)
 from hhr_dolfinx.files import make_folder, replacing
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.answer import Path as AnswerPath
-from hhr_dolfinx.models.estimates import relative_errors
+from hhr_dolfinx.models.estimates import check_asked, relative_errors
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.path_families import PathFamily
@@ -163,7 +172,7 @@ def reduce(
     seed: int = 1,
     progress: Progress = silent,
 ) -> Any:
-    """A model of a scene that is as exact as wished, made with as few full answers as it takes.
+    """A model of a scene that is as exact as wished.
 
     Args:
         scene: any scene, or its full model on one rank.
@@ -172,37 +181,35 @@ def reduce(
             :mod:`hhr_dolfinx.study.one_call.wish`.
         budget: what may be spent; then the best model there is is handed out, with a warning.
         paths: along which bodies that flow are to be answered. With friction points are reached from rest without them.
-        fallback: keep the full model behind the small one: it answers where the small one may be off by more than is
-            wished, see :class:`~hhr_dolfinx.models.fallback.FallbackModel`. Of one norm, and of a model with a bound.
+        fallback: keep the full model behind the small one, of one norm, and of a model with a bound: it answers where
+            the bound is larger than is wished, see :class:`~hhr_dolfinx.models.fallback.FallbackModel`.
         folder: where full answers are kept as they are found, so that the same call goes on from there, with the model,
             ``model.npz``, and what was tried, ``reduction.json``; None keeps nothing.
         seed: of what is drawn at random.
         progress: for progress bars.
 
     Returns:
-        The model; ``model.reduction`` is what was tried, see :class:`Reduction`: print it.
+        The model. Print ``model.reduction``, a :class:`Reduction`, for what was tried.
 
     Raises:
         ParameterError: for an invalid wish or budget.
-        StudyError: for what is no scene, an invalid folder or seed, or paths where answers do not depend on any.
+        StudyError: for invalid input, paths where answers do not depend on any, and where there is no model.
         NotOfferedError: on several ranks, and for bodies that flow without paths.
-        HHRError: of the last attempt, where none led to a model.
 
     Warns:
         StabilityWarning: if the wish is not met.
     """
     check_counts(seed=(seed, 0))
-    full = _full_model(scene)
-    _check_paths(full, paths)
     if not isinstance(budget, Budget):
         raise StudyError(f"budget = {budget!r}: give hhr.Budget(seconds=600), of full_answers or of bytes")
+    full = _full_model(scene)
+    _check_paths(full, paths)
     wish = Wish.checked(error, of, full)
     if fallback and len(wish.of) > 1:
         raise NotOfferedError(f"a model falls back by one error, and not by {', '.join(wish.of)}: give one as of=")
     kept = None if folder is None else checked_folder(folder)
     store = None if kept is None else SnapshotStore(kept / "snapshots", full)
-    bench = Bench(full, wish, budget, paths, store, seed, progress)
-    model, reduction = _searched(bench)
+    model, reduction = _searched(Bench(full, wish, budget, paths, store, seed, progress))
     if not reduction.met:
         warnings.warn(reduction.verdict, StabilityWarning, stacklevel=2)
     if kept is not None:
@@ -272,7 +279,8 @@ def _searched(bench: Bench) -> tuple[Any, Reduction]:
         models.append(model)
         _log.info("%s, %s: %s %s (%s)", row.method, row.setting, row.outcome, dict(row.errors), row.known)
     if not any(model is not None for model in models):
-        raise failure or StudyError(f"{reason} before there was any model: raise the budget")
+        told = "".join(f"; {item.method}, {item.setting}: {item.outcome}" for item in tried[-1:])
+        raise StudyError(f"there is no model: {reason}{told}") from failure
     chosen = _chosen(tried, models, bench.wish)
     found = Reduction(
         bench.full.scene.name, bench.wish, tuple(tried), chosen, bench.solved, bench.clock.seconds, reason
@@ -290,7 +298,8 @@ def _try(bench: Bench, attempt: Attempt) -> tuple[Any, Tried]:
     """A model, judged."""
     clock = Stopwatch()
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", StabilityWarning)  # errors are what is looked at here, in norms of the wish
+        for told in (StabilityWarning, UncheckedWarning, NoBoundWarning):  # errors are looked at here, in other norms
+            warnings.simplefilter("ignore", told)
         model = attempt.make()
     seconds = clock.seconds
     size = _size(model)
@@ -319,42 +328,48 @@ def _judged(bench: Bench, model: Any) -> tuple[np.ndarray, str]:
         return _compared(bench, model, exact), f"{len(exact)} fresh answers; nothing but contact is left, exactly"
     points = bench.full.parameters.random(LOOKED_AT, bench.seed + bench.checks)
     said = _said(model, points, bench.wish)
-    if said is not None:
-        worst = said.max(axis=0)
-        if (worst <= bench.wish.error).all():
-            exact = bench.fresh(SURE)
-            seen = _compared(bench, model, exact)
-            kind = model.fields.estimated
-            return np.maximum(worst, seen), f"{kind} at {LOOKED_AT} points, {len(exact)} fresh answers"
-        order = np.argsort(-np.max(said / np.maximum(np.median(said, axis=0), TINY), axis=1), kind="stable")
-        suspects = points[order[: FRESH // 2]]
-        exact = bench.fresh(FRESH - len(suspects), suspects)
-        return _compared(bench, model, exact), f"{len(exact)} fresh answers, half where it may be worst"
-    exact = bench.fresh(FRESH)
-    return _compared(bench, model, exact, ROOM), f"{len(exact)} fresh answers, times {ROOM:g}"
+    room = np.array([1.0 if name in said else ROOM for name in bench.wish.of])
+    worst = np.array([said[name].max() if name in said else math.inf for name in bench.wish.of])
+    if (worst <= bench.wish.error).all():
+        exact = bench.fresh(SURE)
+        seen = _compared(bench, model, exact)
+        return np.maximum(worst, seen), f"{model.fields.estimated} at {LOOKED_AT} points, {len(exact)} fresh answers"
+    if not said:
+        exact = bench.fresh(FRESH)
+        return _compared(bench, model, exact, room), f"{len(exact)} fresh answers, times {ROOM:g}"
+    suspects = points[_worst_first(said)[: FRESH // 2]]
+    exact = bench.fresh(FRESH - len(suspects), suspects)
+    told = "" if (room == 1).all() else f", times {ROOM:g} where it says nothing"
+    return _compared(bench, model, exact, room), f"{len(exact)} fresh answers, half where it may be worst{told}"
 
 
-def _said(model: Any, points: np.ndarray, wish: Wish) -> np.ndarray | None:
-    """What a model says itself of its errors, (n, norms of the wish); None where it says nothing of one of them.
+def _said(model: Any, points: np.ndarray, wish: Wish) -> dict[str, np.ndarray]:
+    """What a model says itself of its errors at some points, by the names of a wish; nothing of what it does not know.
 
     An indicator is no such saying: it follows errors without a scale. A point without an answer is infinitely wrong.
     """
     if model.fields.bound is None:
-        return None
+        return {}
     many = model.solve_many(points, raise_on_failure=False, outside="ignore")
-    columns = []
+    found = {}
     for name in wish.of:
         try:
-            found = relative_errors(many, name)
-        except HHRError:
-            found = None
-        if found is None:
-            return None
-        columns.append(np.where(np.isnan(found), np.inf, found))
-    return np.stack(columns, axis=1)
+            check_asked(model.fields, name)
+        except ParameterError:  # an output that nothing bounds
+            continue
+        errors = relative_errors(many, name)
+        if errors is not None:
+            found[name] = np.where(np.isnan(errors), np.inf, errors)
+    return found
 
 
-def _compared(bench: Bench, model: Any, exact: Sequence[Exact], room: float = 1.0) -> np.ndarray:
+def _worst_first(said: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Numbers of points, first those at which an error may be largest beside what it usually is."""
+    beside = [errors / max(float(np.median(errors)), TINY) for errors in said.values()]
+    return np.argsort(-np.max(beside, axis=0), kind="stable")
+
+
+def _compared(bench: Bench, model: Any, exact: Sequence[Exact], room: float | np.ndarray = 1.0) -> np.ndarray:
     """Largest errors beside exact answers, with room for what was not seen; these are held out from now on."""
     bench.held_out += exact
     return room * bench.errors_of(model, exact).max(axis=0)
@@ -379,7 +394,9 @@ def _size(model: Any) -> int:
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "model.npz"
         try:
-            save_model(target, model)
+            with warnings.catch_warnings():
+                warnings.simplefilter("ignore", ModelFileWarning)
+                save_model(target, model)
         except NotOfferedError:
             return 0
         return target.stat().st_size

@@ -1,0 +1,219 @@
+"""hhr.reduce: from a scene and a wished error to a model, held against the full order and norms worked out here."""
+
+import json
+import math
+
+import contract
+import numpy as np
+import pytest
+from mpi4py import MPI
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import NotOfferedError, ParameterError, StabilityWarning, StudyError
+from hhr_dolfinx.study.one_call import attempts, search
+
+PATHS = {"push": 0.0, "load": 0.0}
+
+
+def worst(model, full, count, names):
+    """Largest errors at fresh points, by the formulas of the docstrings, floors of a thousandth of the largest size."""
+    problem = full.problem
+    areas = problem.contact_areas
+    rows = {name: [] for name in names}
+    sizes = {name: [] for name in names}
+    for point in full.parameters.random(count, 99):
+        exact, found = full.solve(point), model.solve(point)
+        stiffness = problem.at(point).stiffness
+        energy = lambda field: math.sqrt(field @ (stiffness @ field))  # noqa: E731
+        norms = {
+            "pressure": lambda item: item.forces() / areas,
+            "forces": lambda item: item.forces(),
+            "displacement": lambda item: item.displacement(),
+            "peak": lambda item: np.array([item.outputs()["peak"]]),
+        }
+        for name in names:
+            size = {"displacement": energy, "forces": np.linalg.norm}.get(name, lambda values: np.abs(values).max())
+            there = norms[name](exact)
+            rows[name].append(size(norms[name](found) - there))
+            sizes[name].append(size(there))
+    floors = {name: 1e-3 * max(values) for name, values in sizes.items()}
+    return {name: max(e / max(s, floors[name]) for e, s in zip(rows[name], sizes[name], strict=True)) for name in names}
+
+
+@pytest.fixture(scope="module")
+def varying():
+    return hhr.FullOrderModel(contract.blocks(("E1", 0.3), box=contract.MODULI), MPI.COMM_SELF)
+
+
+def test_a_constant_stiffness_is_condensed_exactly():
+    scene = contract.blocks()
+    model = hhr.reduce(scene, 1e-6, of=("pressure", "displacement", "peak"))
+    (only,) = model.reduction.tried
+    assert model.reduction.met and only.method == "condensed" and only.full_answers == search.SURE
+    full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
+    found = worst(model, full, 20, ("pressure", "displacement", "peak"))
+    assert max(found.values()) < 1e-9
+
+
+@pytest.mark.parametrize("error", [0.05, 1e-4])
+def test_moduli_are_interpolated_as_far_as_the_wish_asks(varying, error):
+    names = ("pressure", "forces", "displacement", "peak")
+    model = hhr.reduce(varying, error, of=names)
+    assert model.reduction.met
+    found = worst(model, varying, 50, names)
+    assert max(found.values()) <= error
+    known = model.reduction.tried[model.reduction.chosen].errors
+    assert set(known) == set(names)
+
+
+def test_displacements_of_checks_make_fields_better(varying, monkeypatch):
+    """Fields that hardly span anything at first: points where the model expects its largest errors help."""
+    from hhr_dolfinx.reduction import condense
+
+    monkeypatch.setattr(condense, "START_BYTES", 1e-3)
+    monkeypatch.setattr(condense, "FEWEST_STARTS", 4)
+    monkeypatch.setattr(condense, "ALONG_NODES", 1)
+    model = hhr.reduce(varying, 1e-3, of="displacement")
+    first, *_, last = model.reduction.tried
+    assert not first.met
+    assert last.met and "checks too" in last.setting
+    assert worst(model, varying, 50, ["displacement"])["displacement"] <= 1e-3
+
+
+def hyper_reduced(bench):
+    return attempts._reduced(bench)
+
+
+def test_where_condensation_is_refused_more_and_more_answers_are_trained_on(varying, monkeypatch):
+    monkeypatch.setattr(search, "attempts", hyper_reduced)
+    model = hhr.reduce(varying, 0.01, of="forces")
+    tried = model.reduction.tried
+    assert model.reduction.met and {item.method for item in tried} == {"hhr"}
+    assert worst(model, varying, 50, ["forces"])["forces"] <= 0.01
+    counts = [item.full_answers for item in tried]
+    assert counts == sorted(counts) and counts[0] >= attempts.FEWEST
+
+
+def test_many_conditions_are_tried_both_ways(monkeypatch):
+    monkeypatch.setattr(search, "MANY", 1)
+    model = hhr.reduce(contract.blocks(), 0.01, of="forces")
+    assert [item.method for item in model.reduction.tried][:2] == ["condensed", "hhr"]
+    times = [item.query for item in model.reduction.tried if item.met]
+    assert model.reduction.tried[model.reduction.chosen].query <= search.CLOSE * min(times)
+
+
+def test_friction_without_paths_is_asked_at_points():
+    scene = contract.blocks(friction=hhr.Coulomb(0.3))
+    model = hhr.reduce(scene, 0.01, of="pressure")
+    assert model.reduction.met and model.friction is not None
+
+
+@pytest.mark.slow
+def test_bodies_that_flow_are_answered_along_paths():
+    import indentation
+
+    scene = indentation.scene(6)
+    own = hhr.ParameterSpace(("d", "sy", "H"), (0.02, 200.0, 5e3), (0.03, 300.0, 10e3))
+    legs = hhr.Leg({"depth": "d"}, 1.0, 8), hhr.Leg({"depth": 0.0}, 0.5, 4)
+    family = hhr.PathFamily("press", scene.parameters, own, {"depth": 0.0, "sy": "sy", "H": "H"}, legs)
+    model = hhr.reduce(scene, 0.05, of="forces", paths=family)
+    assert model.reduction.met
+    full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
+    for path in family.paths(hhr.Sobol(4, seed=77)):
+        exact, found = full.march(path), model.march(path)
+        sizes = [np.linalg.norm(answer.forces()) for answer in exact.answers]
+        wrong = [np.linalg.norm(a.forces() - b.forces()) for a, b in zip(exact.answers, found.answers, strict=True)]
+        assert max(wrong) <= 0.05 * max(sizes)
+
+
+@pytest.mark.parametrize(
+    ("budget", "said"),
+    [
+        (hhr.Budget(bytes=100), "are allowed"),
+        (hhr.Budget(seconds=1e-9), "are over"),
+    ],
+)
+def test_a_budget_that_is_too_small_is_said(budget, said, varying):
+    with pytest.raises(StudyError, match=said):
+        hhr.reduce(varying, 0.01, budget=budget)
+
+
+def test_the_best_there_is_is_handed_out_where_the_budget_ends(varying, monkeypatch):
+    monkeypatch.setattr(search, "attempts", hyper_reduced)
+    with pytest.warns(StabilityWarning, match="is not met: the 80 full answers of the budget are spent"):
+        model = hhr.reduce(varying, 1e-9, of="forces", budget=hhr.Budget(full_answers=80))
+    assert not model.reduction.met and model.reduction.full_answers == 80
+    assert model.solve(varying.parameters.middle).converged
+
+
+def test_a_wish_that_cannot_be_met_ends_with_the_best(varying, monkeypatch):
+    monkeypatch.setattr(search, "attempts", lambda bench: list(attempts._reduced(bench))[:2])
+    with pytest.warns(StabilityWarning, match="is not met: nothing more is known to be tried"):
+        model = hhr.reduce(varying, 1e-12, of="forces")
+    tried = model.reduction.tried
+    assert model.reduction.chosen == min(range(2), key=lambda k: tried[k].errors["forces"])
+    assert str(model.reduction).count("\n") == 3 and "->" in str(model.reduction)
+
+
+def test_a_search_goes_on_from_its_folder(tmp_path, varying, monkeypatch):
+    monkeypatch.setattr(search, "attempts", hyper_reduced)
+    first = hhr.reduce(varying, 0.05, of="forces", folder=tmp_path / "found")
+    solved = []
+    plain = hhr.FullOrderModel.solve
+    monkeypatch.setattr(hhr.FullOrderModel, "solve", lambda *given, **how: solved.append(1) or plain(*given, **how))
+    again = hhr.reduce(varying, 0.05, of="forces", folder=tmp_path / "found")
+    assert not solved
+    point = varying.parameters.middle
+    np.testing.assert_array_equal(again.solve(point).forces(), first.solve(point).forces())
+    kept = json.loads((tmp_path / "found" / "reduction.json").read_text())
+    assert kept["met"] and kept["wish"] == {"error": 0.05, "of": ["forces"]}
+    loaded = hhr.load_model(tmp_path / "found" / "model.npz")
+    np.testing.assert_array_equal(loaded.solve(point).forces(), again.solve(point).forces())
+
+
+def test_the_full_model_stays_behind_where_it_is_asked_for(varying):
+    model = hhr.reduce(varying, 0.01, of="pressure", fallback=True)
+    assert isinstance(model, hhr.FallbackModel) and model.reduction.met
+    assert model.tolerance == 0.01 and model.of == "pressure"
+    with pytest.raises(NotOfferedError, match="falls back by one error"):
+        hhr.reduce(varying, of=("pressure", "forces"), fallback=True)
+
+
+@pytest.mark.parametrize(
+    ("how", "kind", "said"),
+    [
+        ({"error": 0}, ParameterError, r"error = 0 of a wish"),
+        ({"error": math.nan}, ParameterError, "must lie in"),
+        ({"of": "stress"}, ParameterError, "no error that is known here"),
+        ({"of": ()}, ParameterError, "no error that is known here"),
+        ({"of": 3}, ParameterError, "no error that is known here"),
+        ({"budget": 60}, StudyError, r"hhr\.Budget\(seconds=600\)"),
+        ({"paths": [1]}, StudyError, "must be a PathFamily"),
+        ({"seed": -1}, StudyError, "seed"),
+        ({"folder": 3}, StudyError, "folder"),
+    ],
+)
+def test_bad_wishes_are_refused(how, kind, said, varying):
+    with pytest.raises(kind, match=said):
+        hhr.reduce(varying, **how)
+
+
+def test_what_is_no_scene_and_paths_that_miss_are_refused():
+    with pytest.raises(StudyError, match="is no scene"):
+        hhr.reduce("scene.py")
+    with pytest.raises(NotOfferedError, match=r"give paths=hhr.PathFamily"):
+        hhr.reduce(contract.blocks(law=hhr.Plasticity(1.0)))
+    scene = contract.blocks()
+    family = hhr.PathFamily(
+        "all", scene.parameters, scene.parameters, PATHS | {"push": 0.01}, (hhr.Leg({"push": "push"}, 1.0, 2),)
+    )
+    with pytest.raises(StudyError, match="do not depend on paths"):
+        hhr.reduce(scene, paths=family)
+
+
+@pytest.mark.parametrize(
+    "limits", [{"seconds": 0}, {"full_answers": 0}, {"full_answers": 2.5}, {"bytes": -1}, {"seconds": "1"}]
+)
+def test_a_budget_is_checked(limits):
+    with pytest.raises(ParameterError, match="of a budget"):
+        hhr.Budget(**limits)
