@@ -17,7 +17,7 @@ of condensed ones were quicker below, measured on the scenes of the repository."
 FEWEST = 32
 MOST = 512
 """Training points of the first and of the last hyper-reduced model; each has twice as many as the one before."""
-FEWEST_PATHS = 4
+FEWEST_PATHS = 8
 MOST_PATHS = 32
 """The same of training paths."""
 GRID_PART = 1e-3
@@ -94,15 +94,15 @@ def _by_histories(bench: Bench) -> Iterator[Attempt]:
 
 
 def _flowing(bench: Bench) -> Iterator[Attempt]:
-    """Condensed flow and hyper-reduced models of more and more histories, in turns."""
+    """Condensed flow of more and more histories, then hyper-reduced models of these."""
     from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
     usual = CorrectionSettings()
     wished = bench.wish.error / 2  # what is known of is met with room for what is not
     settings = replace(usual, primal=min(usual.primal, wished), dual=min(usual.dual, wished), attempts=6)
-    for count, reduced in zip(_doubled(FEWEST_PATHS, MOST_PATHS), _by_histories(bench), strict=True):
+    for count in _doubled(FEWEST_PATHS, MOST_PATHS):
         yield Attempt("condensed", f"{count} training paths", partial(_condensed_flow, bench, count, settings))
-        yield reduced
+    yield from _by_histories(bench)
 
 
 def _built(bench: Bench, count: int) -> Any:
