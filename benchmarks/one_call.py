@@ -103,11 +103,7 @@ def warm_stack() -> hhr.Scene:
         geometry=lambda comm: stacked_blocks.stacked_blocks(comm, lower=(24, 12), upper=(24, 12), bulge=0.01),
         hypothesis="plane_stress",
         bodies=(hhr.Body(stacked_blocks.LOWER, "E1", 0.3), hhr.Body(upper, "E2", 0.2)),
-        contacts=(
-            hhr.NodeToNode(
-                stacked_blocks.interface(stacked_blocks.LOWER, 2), stacked_blocks.interface(upper, 2), (0.0, 1.0)
-            ),
-        ),
+        contacts=(hhr.NodeToNode(*faces, (0.0, 1.0)),),
         displacements=(
             *hhr.Displacement.clamp(stacked_blocks.outer_end(stacked_blocks.LOWER, 2), 2),
             hhr.Displacement(stacked_blocks.outer_end(upper, 2), 1, hhr.Amplitude(slopes={"push": -1.0})),

@@ -46,6 +46,8 @@ from .outputs import SlipArea as SlipArea
 from .outputs import StickArea as StickArea
 from .outputs import Torque as Torque
 from .outputs import VonMises as VonMises
+from .pages.page import write_model_page as write_model_page
+from .pages.scenery import Scenery as Scenery
 from .pairings.mortar import Mortar as Mortar
 from .pairings.node_to_node import NodeToNode as NodeToNode
 from .pairings.node_to_surface import DoublePass as DoublePass
@@ -85,6 +87,7 @@ from .study.one_call.search import reduce as reduce
 from .study.one_call.wish import Budget as Budget
 from .study.report.fields import write_fields as write_fields
 from .study.report.view import View as View
+from .study.scene.scenery import scenery_of as scenery_of
 from .study.sliding import slide as slide
 from .study.study import Rival as Rival
 from .study.study import StudySettings as StudySettings

@@ -68,6 +68,7 @@ NO_ANSWER = 1
 FIELDS = (".vtkhdf", ".vtu")
 TABLES = (".csv", ".parquet")
 DECKS = (".inp",)
+PAGES = (".html",)
 PICTURES = (".png", ".pdf", ".svg")
 
 
@@ -211,6 +212,7 @@ def train(scene: str, out: Path | None, kind: str, part: tuple[int, int] | None,
     target = folder / f"{'model' if kind == 'hhr' else kind}.npz"
     target.parent.mkdir(parents=True, exist_ok=True)
     save_model(target, model)
+    _keep_scenery(target.parent, full)
     problem = full.problem
     console.print(f"{made.name}: {problem.free.size} dofs and {len(problem.gaps)} contacts -> {_described(model)}")
     console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
@@ -280,6 +282,14 @@ def _solve_part(console: Any, scene: Scene, training: Any, part: tuple[int, int]
             f"{folder}, {found.read} answers were there before. The same command without --part then builds a model",
             highlight=False,
         )
+
+
+def _keep_scenery(folder: Path, full: Any) -> None:
+    """What a page draws, beside a model."""
+    from hhr_dolfinx.pages.scenery import NAME
+    from hhr_dolfinx.study.scene.scenery import scenery_of
+
+    scenery_of(full).write(folder / NAME)
 
 
 def _described(model: Any) -> str:
@@ -454,6 +464,53 @@ def answer(
     how: dict[str, Any] = {"displacement": displacement, "estimates": estimates, "resume": checksum(model)}
     bad = answer_table(loaded, rows, target, console, progress("answers"), **how)
     sys.exit(NO_ANSWER if bad else 0)
+
+
+@hhr.command(epilog=_examples("hhr page out/my_scene/condensed.npz", "hhr page model.npz --scene my_scene.py"))
+@click.argument("model", type=click.Path(path_type=Path))
+@click.option("--scene", help="what the model was made of, where no scenery.npz lies beside it")
+@click.option("--out", type=click.Path(path_type=Path), help="the page [<model>.html]")
+@guarded
+def page(model: Path, scene: str | None, out: Path | None) -> None:
+    """Write one HTML page that answers as a condensed model does, in any browser, without Python and without a network.
+
+    Contact pressures and their error, outputs and their derivatives, displacement of the mesh: sliders for all
+    parameters. What it draws comes from scenery.npz, which train and reduce leave beside the model.
+    """
+    from hhr_dolfinx.command.loading import checked_target
+    from hhr_dolfinx.online.model_file import load_model
+    from hhr_dolfinx.pages.page import write_model_page
+
+    checked_target(out, PAGES)
+    loaded = load_model(model)
+    target = out or model.with_suffix(".html")
+    checked_target(target, PAGES)
+    click.echo(write_model_page(target, loaded, _scenery_of(model, scene)))
+
+
+def _scenery_of(model: Path, scene: str | None) -> Any:
+    """What lies beside a model, or is made of its scene.
+
+    Raises:
+        FileError: where there is neither.
+    """
+    from hhr_dolfinx.errors import FileError
+    from hhr_dolfinx.pages.scenery import NAME, Scenery
+
+    if scene is not None:
+        from mpi4py import MPI
+
+        from hhr_dolfinx.command.loading import scene_of
+        from hhr_dolfinx.full_order.full import FullOrderModel
+        from hhr_dolfinx.study.scene.scenery import scenery_of
+
+        return scenery_of(FullOrderModel(scene_of(scene), MPI.COMM_SELF))
+    try:
+        return Scenery.read(model.with_name(NAME))
+    except FileNotFoundError:
+        raise FileError(
+            f"there is no {NAME} beside {model}, and a model in a file knows no mesh: name its scene, --scene FILE.py"
+        ) from None
 
 
 @hhr.command(epilog=_examples("hhr report out/my_scene"))

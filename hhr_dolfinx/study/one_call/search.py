@@ -41,12 +41,14 @@ from hhr_dolfinx.models.answer import Path as AnswerPath
 from hhr_dolfinx.models.estimates import check_asked, relative_errors
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.online.model_file import save_model
+from hhr_dolfinx.pages.scenery import NAME
 from hhr_dolfinx.path_families import PathFamily
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.study.one_call.attempts import MANY, Attempt, attempts
 from hhr_dolfinx.study.one_call.bench import Bench, BudgetSpentError
 from hhr_dolfinx.study.one_call.wish import Budget, Exact, Wish
+from hhr_dolfinx.study.scene.scenery import scenery_of
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.study.training.train import Progress, checked_folder, silent
 from hhr_dolfinx.timing import WARM_UP, Stopwatch, time_queries, timed
@@ -213,7 +215,7 @@ def reduce(
     if not reduction.met:
         warnings.warn(reduction.verdict, StabilityWarning, stacklevel=2)
     if kept is not None:
-        keep(kept, model, reduction)
+        keep(kept, model, reduction, full)
     if fallback and not model.fields.exact:
         from hhr_dolfinx.models.fallback import FallbackModel
 
@@ -222,9 +224,10 @@ def reduce(
     return model
 
 
-def keep(folder: Path, model: Any, reduction: Reduction) -> None:
-    """Write a model, ``model.npz``, and how it was found, ``reduction.json``, into a folder."""
+def keep(folder: Path, model: Any, reduction: Reduction, full: FullOrderModel) -> None:
+    """Write a model, how it was found, and what a page draws of it: model.npz, reduction.json and scenery.npz."""
     save_model(make_folder(folder) / "model.npz", model)
+    scenery_of(full).write(folder / NAME)
     with replacing(folder / KEPT, text=True) as file:
         json.dump(reduction.described(), file, indent=1)
 

@@ -1,0 +1,1 @@
+"""A model as one page that answers in a browser, without Python and without a network."""

@@ -1,0 +1,326 @@
+"use strict";
+/* The numbers of a page: amplitudes, S and the free slack at a point, contact by an active set, outputs, derivatives.
+
+   The same as models.condensed in Python, to round-off; what the arrays are is said in pages/arrays.py. Runs in a
+   browser and in node. */
+
+const hhr = (() => {
+  const KINDS = { "<f8": Float64Array, "<f4": Float32Array, "<i4": Int32Array, "<i2": Int16Array, "<u2": Uint16Array,
+    "<u4": Uint32Array };
+  const TOLERANCE = 1e-11, ROUND_OFF = 1e-15, MOST = 1000, STEP = 1e-5;
+
+  function decoded(arrays) {
+    const found = {};
+    for (const [name, item] of Object.entries(arrays)) {
+      const text = atob(item.data), bytes = new Uint8Array(text.length);
+      for (let k = 0; k < bytes.length; k++) bytes[k] = text.charCodeAt(k);
+      found[name] = new KINDS[item.kind](bytes.buffer);
+      found[name].shape = item.shape;
+    }
+    return found;
+  }
+
+  /* Formulas: operations on a stack, see arrays.steps_of. */
+  const ONE = { sqrt: Math.sqrt, exp: Math.exp, log: Math.log, sin: Math.sin, cos: Math.cos, tan: Math.tan,
+    tanh: Math.tanh, abs: Math.abs, neg: (x) => -x };
+  const TWO = { "+": (a, b) => a + b, "-": (a, b) => a - b, "*": (a, b) => a * b, "/": (a, b) => a / b,
+    "^": (a, b) => Math.pow(a, b), min: Math.min, max: Math.max };
+
+  function table(values) {
+    const x = values[0];
+    for (let k = 1; k + 3 < values.length; k += 2) {
+      const [a, b] = [values[k], values[k + 2]];
+      if (x >= a && x <= b) return values[k + 1] + ((values[k + 3] - values[k + 1]) * (x - a)) / (b - a);
+    }
+    return NaN;
+  }
+
+  function formula(steps, point) {
+    const stack = [];
+    for (const step of steps) {
+      if (typeof step === "number") stack.push(step);
+      else if (step in ONE) stack.push(ONE[step](stack.pop()));
+      else if (step in TWO) { const b = stack.pop(); stack.push(TWO[step](stack.pop(), b)); }
+      else if (step[0] === "p") stack.push(point[step[1]]);
+      else stack.push(table(stack.splice(stack.length - step[1])));
+    }
+    return stack[0];
+  }
+
+  /* A pressure up to a parameter, see amplitudes.Coverage. */
+  function coverage(item, line, point, out, first) {
+    const degree = item.degree, edges = (line.length - 1) / degree, end = point[item.extent];
+    let edge = 0;
+    while (edge < edges - 1 && line[degree * (edge + 1)] < end) edge++;
+    const start = line[degree * edge], length = line[degree * (edge + 1)] - start;
+    const s = Math.min(Math.max((end - start) / length, 0), 1);
+    let size = item.constant;
+    item.slopes.forEach((slope, k) => { size += slope * point[k]; });
+    out[first + edge] = size;
+    const cube = (2 * s * s * s) / 3;
+    const parts = degree === 1 ? [s - (s * s) / 2, (s * s) / 2]
+      : [s - 1.5 * s * s + cube, 2 * s * s - 2 * cube, cube - (s * s) / 2];
+    parts.forEach((part, k) => { out[first + edges + degree * edge + k] = size * length * part; });
+    return edges + line.length;
+  }
+
+  /* LU with the largest pivots, in place; false where it is singular. */
+  function factor(a, n, pivots) {
+    for (let k = 0; k < n; k++) {
+      let best = k;
+      for (let i = k + 1; i < n; i++) if (Math.abs(a[i * n + k]) > Math.abs(a[best * n + k])) best = i;
+      pivots[k] = best;
+      const pivot = a[best * n + k];
+      if (!(Math.abs(pivot) > 0)) return false;
+      if (best !== k) for (let j = 0; j < n; j++) {
+        const swap = a[k * n + j]; a[k * n + j] = a[best * n + j]; a[best * n + j] = swap;
+      }
+      for (let i = k + 1; i < n; i++) {
+        const share = (a[i * n + k] /= pivot);
+        if (share !== 0) for (let j = k + 1; j < n; j++) a[i * n + j] -= share * a[k * n + j];
+      }
+    }
+    return true;
+  }
+
+  function solved(a, n, pivots, x) {
+    for (let k = 0; k < n; k++) {
+      const swap = x[pivots[k]]; x[pivots[k]] = x[k]; x[k] = swap;
+    }
+    for (let i = 0; i < n; i++) for (let j = 0; j < i; j++) x[i] -= a[i * n + j] * x[j];
+    for (let i = n - 1; i >= 0; i--) {
+      for (let j = i + 1; j < n; j++) x[i] -= a[i * n + j] * x[j];
+      x[i] /= a[i * n + i];
+    }
+    return x;
+  }
+
+  class Model {
+    constructor(tree, arrays) {
+      this.tree = tree;
+      this.arrays = arrays;
+      this.m = tree.m;
+      this.groups = tree.groups ? arrays[tree.groups] : null;
+      this.terms = arrays[tree.amplitudes.constant].length + tree.amplitudes.others
+        .map((item) => item.kind === "formula" ? 1
+          : (arrays[item.positions].length - 1) / item.degree + arrays[item.positions].length)
+        .reduce((a, b) => a + b, 0);
+      this.constantSchur = tree.schur ? this.whole(arrays[tree.schur]) : tree.schur_whole ? arrays[tree.schur_whole] : null;
+      this.last = null;
+    }
+
+    /* A symmetric matrix from its lower half by rows. */
+    whole(half, m = this.m) {
+      const found = new Float64Array(m * m);
+      for (let i = 0, k = 0; i < m; i++) for (let j = 0; j <= i; j++, k++) found[i * m + j] = found[j * m + i] = half[k];
+      return found;
+    }
+
+    theta(point) {
+      const { constant, slopes, others } = this.tree.amplitudes, first = this.arrays[constant];
+      const slope = this.arrays[slopes], p = point.length, found = new Float64Array(this.terms);
+      for (let t = 0; t < first.length; t++) {
+        found[t] = first[t];
+        for (let k = 0; k < p; k++) found[t] += slope[t * p + k] * point[k];
+      }
+      let place = first.length;
+      for (const item of others) {
+        if (item.kind === "formula") found[place++] = formula(item.steps, point);
+        else place += coverage(item, this.arrays[item.positions], point, found, place);
+      }
+      return found;
+    }
+
+    /* Components of an interpolation along its modes. */
+    along(part, point) {
+      const levels = this.arrays[part.levels], weights = this.arrays[part.weights], d = part.axes.length;
+      const n = levels.shape[0], r = weights.shape[0], nodes = part.nodes;
+      const tables = part.axes.map((axis, a) => {
+        const x = (2 * (point[axis] - part.lower[a])) / (part.upper[a] - part.lower[a]) - 1, values = [1];
+        for (let k = 0; k + 1 < nodes.length; k++) values.push(values[k] * (x - nodes[k]));
+        return values.map((value, k) => nodes.slice(0, k).reduce((v, z) => v / (nodes[k] - z), value));
+      });
+      const found = new Float64Array(r);
+      for (let j = 0; j < n; j++) {
+        let h = 1;
+        for (let a = 0; a < d; a++) h *= tables[a][levels[j * d + a]];
+        for (let i = 0; i < r; i++) found[i] += weights[i * n + j] * h;
+      }
+      return found;
+    }
+
+    /* S, (m, m), and the free slack, (m,), at a point. */
+    contact(point) {
+      const theta = this.theta(point), m = this.m, T = this.terms, slack = new Float64Array(m);
+      if (this.constantSchur) {
+        const free = this.arrays[this.tree.free_slack];
+        for (let i = 0; i < m; i++) for (let t = 0; t < T; t++) slack[i] += free[i * T + t] * theta[t];
+        return { schur: this.constantSchur, slack, theta };
+      }
+      let gaps = this.arrays[this.tree.gaps];
+      if (this.tree.reshaped) {
+        const along = this.along(this.tree.reshaped, point), modes = this.arrays[this.tree.reshaped.modes];
+        gaps = new Float64Array(m * T);
+        along.forEach((a, k) => { for (let i = 0; i < m * T; i++) gaps[i] += a * modes[k * m * T + i]; });
+      }
+      for (let i = 0; i < m; i++) for (let t = 0; t < T; t++) slack[i] += gaps[i * T + t] * theta[t];
+      const schur = new Float64Array(m * m);
+      for (const part of this.tree.parts) this.add(part, point, theta, schur, slack);
+      return { schur, slack, theta };
+    }
+
+    /* What one connected component adds to S and to the free slack. */
+    add(part, point, theta, schur, slack) {
+      const along = this.along(part, point), modes = this.arrays[part.modes], own = this.arrays[part.conditions];
+      const m = this.m, c = own.length, half = (c * (c + 1)) / 2, r = along.length, columns = this.arrays[part.columns];
+      const compliance = part.factor ? 1 / formula(part.factor, point) : 1;
+      const sum = new Float64Array(half);
+      for (let k = 0; k < r; k++) for (let i = 0; i < half; i++) sum[i] += compliance * along[k] * modes[k * half + i];
+      for (let i = 0, k = 0; i < c; i++) for (let j = 0; j <= i; j++, k++) {
+        schur[own[i] * m + own[j]] += sum[k];
+        if (i !== j) schur[own[j] * m + own[i]] += sum[k];
+      }
+      this.arrays[part.terms].forEach((term, t) => {
+        const weight = theta[term] * (t < part.forced ? compliance : -1);
+        if (weight !== 0) for (let i = 0; i < c; i++) {
+          let moved = 0;
+          for (let k = 0; k < r; k++) moved += columns[(t * c + i) * r + k] * along[k];
+          slack[own[i]] -= weight * moved;
+        }
+      });
+    }
+
+    /* Forces and slack where statuses are given; null where they make a singular set. */
+    equalities({ schur, slack }, active) {
+      const m = this.m, index = [];
+      for (let i = 0; i < m; i++) if (active[i]) index.push(i);
+      const n = index.length, forces = new Float64Array(m), left = Float64Array.from(slack);
+      if (!n) return { forces, left };
+      const a = new Float64Array(n * n), pivots = new Int32Array(n), x = new Float64Array(n);
+      for (let i = 0; i < n; i++) {
+        x[i] = -slack[index[i]];
+        for (let j = 0; j < n; j++) a[i * n + j] = schur[index[i] * m + index[j]];
+      }
+      if (!factor(a, n, pivots)) return null;
+      solved(a, n, pivots, x);
+      for (let i = 0; i < n; i++) forces[index[i]] = x[i];
+      for (let i = 0; i < m; i++) for (let j = 0; j < n; j++) left[i] += schur[i * m + index[j]] * x[j];
+      for (const i of index) left[i] = 0;
+      return { forces, left };
+    }
+
+    /* Conditions that pull or penetrate by more than round-off of their contact. */
+    wrong(forces, left, slack) {
+      const group = (i) => (this.groups ? this.groups[i] : 0), force = {}, size = {};
+      let most = 0, closing = 0;
+      for (let i = 0; i < this.m; i++) {
+        const g = group(i);
+        force[g] = Math.max(force[g] ?? -Infinity, forces[i]);
+        size[g] = Math.max(size[g] ?? 0, Math.abs(slack[i]));
+        most = Math.max(most, forces[i]);
+        closing = Math.max(closing, -slack[i]);
+      }
+      const found = [], several = Object.keys(force).length > 1;
+      for (let i = 0; i < this.m; i++) {
+        const pulling = TOLERANCE * force[group(i)] + (several ? ROUND_OFF * most : 0);
+        const through = TOLERANCE * size[group(i)] + (several ? ROUND_OFF * closing : 0);
+        if (forces[i] < -pulling || left[i] < -through) found.push(i);
+      }
+      return found;
+    }
+
+    /* Active set: all wrong statuses at once, and, where sets come back, the first wrong one alone (Murty 1974). */
+    solve(point, start = this.last) {
+      const contact = this.contact(point);
+      let active = start ? Uint8Array.from(start) : Uint8Array.from(contact.slack, (s) => (s < 0 ? 1 : 0)), one = false;
+      const seen = new Set();
+      for (let iteration = 1; iteration <= MOST; iteration++) {
+        const found = this.equalities(contact, active);
+        if (!found) {
+          if (one) return this.nothing(point);
+          one = true;
+          active = new Uint8Array(this.m);
+          seen.clear();
+          continue;
+        }
+        const wrong = this.wrong(found.forces, found.left, contact.slack);
+        if (!wrong.length) {
+          if (!found.forces.every(Number.isFinite)) return this.nothing(point);
+          this.last = active;
+          return { point, active, forces: found.forces, slack: found.left, theta: contact.theta, iterations: iteration,
+            converged: true };
+        }
+        const key = active.join("");
+        if (seen.has(key)) {
+          if (one) return this.nothing(point);
+          one = true;
+          seen.clear();
+        }
+        seen.add(key);
+        active = Uint8Array.from(active);
+        for (const i of one ? wrong.slice(0, 1) : wrong) active[i] ^= 1;
+      }
+      return this.nothing(point);
+    }
+
+    nothing(point) {
+      this.last = null;
+      const nan = new Float64Array(this.m).fill(NaN);
+      return { point, active: new Uint8Array(this.m), forces: nan, slack: nan, theta: this.theta(point), converged: false };
+    }
+
+    outputs(answer) {
+      return this.tree.outputs.map((item) => (answer.converged ? this.output(item, answer) : NaN));
+    }
+
+    output(item, { forces, theta }) {
+      if (item.kind === "linear") {
+        const sum = (weights, values) => weights.reduce((total, weight, k) => total + weight * values[k], 0);
+        return sum(this.arrays[item.forces], forces) + sum(this.arrays[item.terms], theta);
+      }
+      const places = this.arrays[item.conditions], areas = this.arrays[item.areas];
+      let most = -Infinity;
+      places.forEach((place, k) => { most = Math.max(most, forces[place] / areas[k]); });
+      if (item.kind === "largest") return most;
+      let loaded = 0;
+      places.forEach((place, k) => { if (most > 0 && forces[place] / areas[k] > item.least * most) loaded += areas[k]; });
+      return item.offset + item.factor * loaded;
+    }
+
+    /* Derivatives of the outputs along the parameters where statuses stay, by central differences: (outputs, P). */
+    slopes(answer) {
+      const { lower, upper } = this.tree, found = this.tree.outputs.map(() => []);
+      lower.forEach((low, axis) => {
+        const ends = [-1, 1].map((way) => {
+          const point = answer.point.slice();
+          point[axis] += way * STEP * (upper[axis] - low);
+          const contact = this.contact(point), there = this.equalities(contact, answer.active);
+          return there && this.outputs({ converged: true, forces: there.forces, theta: contact.theta });
+        });
+        const width = 2 * STEP * (upper[axis] - low);
+        found.forEach((row, k) => row.push(ends[0] && ends[1] ? (ends[1][k] - ends[0][k]) / width : NaN));
+      });
+      return found;
+    }
+
+    /* Displacement of the nodes that are drawn, node by node; null where the page has no map to it. */
+    displacement(answer) {
+      const field = this.tree.field;
+      if (!field || !answer.converged) return null;
+      const modes = this.arrays[field.modes], n = modes.shape[1], found = new Float32Array(n);
+      const terms = this.arrays[field.terms], forces = this.arrays[field.forces];
+      field.scales.forEach((scale, k) => {
+        let along = 0;
+        for (let t = 0; t < this.terms; t++) along += terms[k * this.terms + t] * answer.theta[t];
+        for (let i = 0; i < this.m; i++) along += forces[k * this.m + i] * answer.forces[i];
+        along *= scale;
+        for (let i = 0; i < n; i++) found[i] += along * modes[k * n + i];
+      });
+      return found;
+    }
+  }
+
+  return { decoded, Model, formula };
+})();
+
+if (typeof module !== "undefined") module.exports = hhr;

@@ -1,0 +1,86 @@
+"""One HTML file that answers as a model does: by double click, from mail, without Python and without a network."""
+
+from __future__ import annotations
+
+import json
+from html import escape
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from hhr_dolfinx.errors import NotOfferedError
+from hhr_dolfinx.files import replacing
+from hhr_dolfinx.models.estimates import relative_errors
+from hhr_dolfinx.pages.arrays import drawn, packed
+from hhr_dolfinx.pages.scenery import Scenery
+from hhr_dolfinx.timing import today
+from hhr_dolfinx.version import __version__
+
+MOST_BYTES = 3_000_000
+"""Of a page: what goes by mail."""
+LOOKED_AT = 100
+"""Random points at which a model tells its error to a page."""
+
+
+def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
+    """Write a page of a condensed model.
+
+    Args:
+        path: of the page, ``.html``.
+        model: that of ``hhr.condense``, ``hhr.reduce`` or a file, elastic and without friction.
+        scenery: what is drawn, see :func:`hhr_dolfinx.study.scene.scenery.scenery_of`.
+
+    Returns:
+        The path.
+
+    Raises:
+        NotOfferedError: for another kind of model, one of another scene, or one that is too large for a page.
+        FileError: if the file cannot be written.
+    """
+    if len(scenery.areas) != model.conditions:
+        raise NotOfferedError(
+            f"the scenery is of {len(scenery.areas)} contact conditions and the model of {model.conditions}: they are "
+            "of two scenes or meshes"
+        )
+    text = page_text(model, scenery)
+    if len(text.encode()) > MOST_BYTES:
+        raise NotOfferedError(
+            f"a page of {len(text) / 1e6:.1f} MB is more than the {MOST_BYTES / 1e6:g} that go by mail: "
+            f"{model.conditions} contact conditions are too many. Take a coarser mesh for the page"
+        )
+    with replacing(path, text=True) as file:
+        file.write(text)
+    return Path(path)
+
+
+def page_text(model: Any, scenery: Scenery) -> str:
+    """The page."""
+    tree, arrays = packed(model, scenery)
+    tree["scenery"], of_scenery = drawn(scenery)
+    arrays |= of_scenery
+    tree["error"] = error_of(model)
+    tree["made"] = f"{today()}, hhr_dolfinx {__version__}"
+    data = json.dumps({"tree": tree, "arrays": arrays}, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    parts = {name: _file(name) for name in ("page.html", "page.css", "model.js", "view.js")}
+    text = parts["page.html"].replace("TITLE", escape(scenery.words["scene"].replace("_", " ")))
+    for mark, part in (("/*CSS*/", "page.css"), ("/*MODEL*/", "model.js"), ("/*VIEW*/", "view.js")):
+        text = text.replace(mark, parts[part])
+    return text.replace("/*DATA*/", data)
+
+
+def error_of(model: Any) -> dict[str, Any]:
+    """What a page says of errors: their kind, and the largest known ones at random points of the box, relative."""
+    if model.fields.exact:
+        return {"kind": "exact", "pressure": 0.0, "forces": 0.0, "points": 0}
+    if model.fields.bound is None:
+        return {"kind": "none", "pressure": None, "forces": None, "points": 0}
+    many = model.solve_many(model.parameters.random(LOOKED_AT, 1), raise_on_failure=False)
+    found: dict[str, Any] = {"kind": model.fields.bound.kind, "points": LOOKED_AT}
+    for name in ("pressure", "forces"):
+        errors = relative_errors(many, name)
+        found[name] = None if errors is None or not (errors < float("inf")).all() else float(errors.max())
+    return found
+
+
+def _file(name: str) -> str:
+    return (resources.files(__package__) / name).read_text(encoding="utf-8")

@@ -1,0 +1,91 @@
+"""What a page draws of a scene beside the numbers of its model: a mesh to look at, places of contact, words.
+
+A model in a file knows no mesh. Its scenery lies beside it, ``scenery.npz``: plain data like the model.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.files import read_arrays, write_arrays
+
+FORMAT = "hhr scenery"
+VERSION = 1
+NAME = "scenery.npz"
+_ARRAYS = ("points", "nodes", "triangles", "lines", "contact_points", "areas", "pairs")
+
+
+@dataclass(frozen=True)
+class Scenery:
+    """What is drawn of a scene.
+
+    Attributes:
+        points: coordinates of the nodes that are drawn, (n, dim).
+        nodes: their numbers among all nodes of the model, (n,).
+        triangles: of these nodes, counted among those drawn, (t, 3).
+        lines: edges of the surface, likewise, (l, 2); none in space.
+        contact_points: places of the contact conditions, (m, dim).
+        areas: of the conditions, (m,).
+        pairs: contact of each condition, (m,).
+        words: ``scene``, ``contacts`` (a name for each), ``bodies`` (a line for each), ``hypothesis``, ``length`` and
+            ``stress`` (units, or nothing).
+    """
+
+    points: np.ndarray
+    nodes: np.ndarray
+    triangles: np.ndarray
+    lines: np.ndarray
+    contact_points: np.ndarray
+    areas: np.ndarray
+    pairs: np.ndarray
+    words: dict[str, Any]
+
+    def write(self, path: str | Path) -> None:
+        """Keep it in a file.
+
+        Raises:
+            FileError: if it cannot be written.
+        """
+        arrays = {name: getattr(self, name) for name in _ARRAYS}
+        write_arrays(path, {"format": FORMAT, "version": VERSION, "words": self.words}, arrays)
+
+    @classmethod
+    def read(cls, path: str | Path) -> Scenery:
+        """That of a file.
+
+        Raises:
+            FileNotFoundError: if there is none.
+            FileContentError: if it is damaged, or no scenery.
+        """
+        header, arrays = read_arrays(path, FORMAT, VERSION)
+        if missing := set(_ARRAYS) - set(arrays):
+            raise FileContentError(f"{path} is damaged: {', '.join(sorted(missing))} are missing")
+        found = cls(**{name: arrays[name] for name in _ARRAYS}, words=header.get("words", {}))
+        if fault := found._fault():
+            raise FileContentError(f"{path} is damaged: {fault}")
+        return found
+
+    def _fault(self) -> str:
+        """What does not fit; nothing where all does."""
+        count = len(self.points)
+        if self.points.ndim != 2 or self.points.shape[1] not in (2, 3) or self.nodes.shape != (count,):
+            return "points and nodes do not fit"
+        for name, width in (("triangles", 3), ("lines", 2)):
+            array = getattr(self, name)
+            if (
+                array.ndim != 2
+                or array.shape[1] != width
+                or (array.size and not 0 <= array.min() <= array.max() < count)
+            ):
+                return f"{name} name nodes that are not there"
+        m = len(self.areas)
+        if self.contact_points.shape != (m, self.points.shape[1]) or self.pairs.shape != (m,):
+            return "places of contact do not fit"
+        if not isinstance(self.words, dict) or not isinstance(self.words.get("scene"), str):
+            return "it has no words"
+        return ""

@@ -1,0 +1,393 @@
+"use strict";
+/* What a page shows: sliders, numbers, pressures along contact with their error, displacement of the mesh. */
+
+(() => {
+  const data = JSON.parse(document.getElementById("data").textContent);
+  const arrays = hhr.decoded(data.arrays), tree = data.tree, model = new hhr.Model(tree, arrays);
+  const scenery = tree.scenery, words = scenery.words, dim = scenery.dim;
+  const points = arrays[scenery.points], places = arrays[scenery.contact_points], areas = arrays[scenery.areas];
+  const pairs = arrays[scenery.pairs], at = (id) => document.getElementById(id);
+  const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const said = (x) => (Number.isFinite(x) ? Number(x.toPrecision(6)).toString() : "no value");
+  const unit = (u) => (u ? ` [${u}]` : "");
+  const middle = tree.lower.map((low, k) => (low + tree.upper[k]) / 2);
+  let point = fromAddress(), answer = null, view = { turn: dim === 3 ? 0.6 : 0, tilt: dim === 3 ? -1.0 : 0, zoom: 1 };
+
+  function fromAddress() {
+    const given = new URLSearchParams(location.hash.slice(1));
+    return tree.names.map((name, k) => {
+      const value = given.has(name) ? Number(given.get(name)) : NaN;
+      return Number.isFinite(value) ? Math.min(Math.max(value, tree.lower[k]), tree.upper[k]) : middle[k];
+    });
+  }
+
+  function element(kind, text = "", properties = {}) {
+    const made = Object.assign(document.createElement(kind), properties);
+    made.textContent = text;
+    return made;
+  }
+
+  /* Parameters. */
+  const controls = tree.names.map((name, k) => {
+    const box = element("div", "", { className: "slider" }), label = element("label", name);
+    const [low, high] = [tree.lower[k], tree.upper[k]];
+    const number = element("input", "", { type: "number", min: low, max: high, step: "any" });
+    const range = element("input", "", { type: "range", min: low, max: high, step: (high - low) / 1000 });
+    range.setAttribute("aria-label", name);
+    number.setAttribute("aria-label", `${name}, a number`);
+    label.append(number);
+    const ends = element("div", "", { className: "ends" });
+    ends.append(element("span", said(low)), element("span", said(high)));
+    box.append(label, range, ends);
+    at("sliders").append(box);
+    const take = (value) => {
+      if (!Number.isFinite(value)) return;
+      point[k] = Math.min(Math.max(value, low), high);
+      changed();
+    };
+    range.addEventListener("input", () => take(Number(range.value)));
+    number.addEventListener("change", () => take(Number(number.value)));
+    return { box, number, range };
+  });
+
+  function showParameters() {
+    controls.forEach(({ box, number, range }, k) => {
+      range.value = point[k];
+      if (document.activeElement !== number) number.value = said(point[k]);
+      const trained = tree.trained;
+      box.classList.toggle("outside", !!trained && (point[k] < trained[0][k] || point[k] > trained[1][k]));
+    });
+    const now = new URLSearchParams(tree.names.map((name, k) => [name, said(point[k])]));
+    try { history.replaceState(null, "", `#${now}`); } catch { /* some browsers forbid it for files */ }
+  }
+
+  /* Numbers. */
+  const pressure = () => Array.from(answer.forces, (force, i) => (areas[i] > 0 ? force / areas[i] : NaN));
+  const contacts = [...new Set(pairs)].sort((a, b) => a - b);
+  const contactName = (pair) => `contact ${pair}${words.contacts[pair] ? `: ${words.contacts[pair]}` : ""}`;
+
+  function rows() {
+    const found = [], all = pressure(), values = model.outputs(answer), slopes = model.slopes(answer);
+    tree.outputs.forEach((item, k) => found.push([`${item.name}${unit(item.unit)}`, values[k], slopes[k]]));
+    for (const pair of contacts) {
+      const own = [...pairs.keys()].filter((i) => pairs[i] === pair), sum = own.reduce((t, i) => t + answer.forces[i], 0);
+      const peak = Math.max(...own.map((i) => (Number.isNaN(all[i]) ? -Infinity : all[i])));
+      found.push([contactName(pair), null, null]);
+      found.push(["sum of forces", sum, null]);
+      if (Number.isFinite(peak)) found.push([`largest pressure${unit(words.stress)}`, peak, null]);
+      found.push([`conditions that touch, of ${own.length}`, own.filter((i) => answer.forces[i] > 0).length, null]);
+    }
+    return found;
+  }
+
+  function showNumbers() {
+    const table = at("numbers"), head = element("tr");
+    const derived = tree.outputs.length > 0;
+    head.append(element("th", ""), element("th", "value"));
+    if (derived) tree.names.forEach((name) => head.append(element("th", `by ${name}`)));
+    table.replaceChildren(head);
+    if (!answer.converged) {
+      table.append(element("tr", "There is no answer at these parameters.", { className: "bad" }));
+      return;
+    }
+    for (const [name, value, slopes] of rows()) {
+      const row = element("tr");
+      if (value === null) {
+        row.append(element("td", name, { className: "head", colSpan: derived ? 2 + tree.names.length : 2 }));
+        table.append(row);
+        continue;
+      }
+      row.append(element("td", name), element("td", said(value)));
+      if (derived) tree.names.forEach((_, k) => row.append(element("td", slopes ? said(slopes[k]) : "")));
+      table.append(row);
+    }
+  }
+
+  function aboutError() {
+    const { kind, pressure: worst, points: count } = tree.error;
+    const missing = tree.missing.length ? ` Not on this page: ${tree.missing.join(", ")}.` : "";
+    const known = kind === "exact" ? "Exact: the finite element model itself, with all but contact eliminated."
+      : worst === null ? "Nothing is known of the errors of these answers."
+        : `Pressures are off by at most ${said(100 * worst)} % of the largest one at any of ${count} random points `
+          + `(${kind === "bound" ? "a proved bound" : "an estimate, not proved"}).`;
+    at("error").textContent = `${known} Errors of the mesh and of the model come on top.${missing}`;
+  }
+
+  /* Pressures: along the contact in the plane, on its surface in space. */
+  function alongContact(own) {
+    if (dim === 3) return null;
+    const mean = [0, 1].map((c) => own.reduce((t, i) => t + places[i * dim + c], 0) / own.length);
+    const spread = [0, 1].map((c) => own.reduce((t, i) => t + (places[i * dim + c] - mean[c]) ** 2, 0));
+    const axis = spread[1] > spread[0] ? 1 : 0;
+    return { axis, order: own.slice().sort((a, b) => places[a * dim + axis] - places[b * dim + axis]) };
+  }
+
+  const plots = contacts.map((pair) => {
+    const canvas = element("canvas", "", { className: "plot" });
+    canvas.setAttribute("role", "img");
+    at("plots").append(element("p", contactName(pair), { className: "note" }), canvas);
+    const own = [...pairs.keys()].filter((i) => pairs[i] === pair);
+    return { canvas, own, line: alongContact(own) };
+  });
+
+  function prepared(canvas) {
+    const ratio = window.devicePixelRatio || 1, { clientWidth: width, clientHeight: height } = canvas;
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+    const pen = canvas.getContext("2d");
+    pen.scale(ratio, ratio);
+    pen.font = "12px system-ui, sans-serif";
+    return { pen, width, height };
+  }
+
+  function ticks(low, high, count) {
+    const size = (high - low) / count || 1, power = 10 ** Math.floor(Math.log10(size));
+    const step = [1, 2, 5, 10].find((s) => s * power >= size) * power, found = [];
+    for (let t = Math.ceil(low / step) * step; t <= high + 1e-9 * step; t += step) found.push(t);
+    return found;
+  }
+
+  function drawLine({ canvas, own, line }, values) {
+    const { pen, width, height } = prepared(canvas), [left, bottom, top] = [64, 36, 10];
+    const x = line.order.map((i) => places[i * dim + line.axis]), y = line.order.map((i) => values[i]);
+    const worst = tree.error.pressure || 0, peak = Math.max(0, ...values.filter(Number.isFinite)), band = worst * peak;
+    const high = 1.08 * Math.max(...y.filter(Number.isFinite), 0) + band || 1;
+    const [from, to] = [Math.min(...x), Math.max(...x)];
+    const px = (v) => left + ((v - from) / (to - from || 1)) * (width - left - 12);
+    const py = (v) => height - bottom - (v / high) * (height - bottom - top);
+    pen.strokeStyle = style("--line");
+    pen.fillStyle = style("--faint");
+    pen.lineWidth = 1;
+    for (const t of ticks(0, high, 4)) {
+      pen.beginPath(); pen.moveTo(left, py(t)); pen.lineTo(width - 12, py(t)); pen.stroke();
+      pen.textAlign = "right"; pen.fillText(said(t), left - 6, py(t) + 4);
+    }
+    pen.textAlign = "center";
+    for (const t of ticks(from, to, Math.max(2, Math.floor(width / 110)))) pen.fillText(said(t), px(t), height - bottom + 16);
+    pen.fillText(`${"xyz"[line.axis]}${unit(words.length)}`, (left + width) / 2, height - 4);
+    pen.textAlign = "left";
+    pen.fillText(`pressure${unit(words.stress)}`, left + 4, top + 10);
+    if (band > 0) {
+      pen.fillStyle = style("--band");
+      pen.beginPath();
+      line.order.forEach((i, k) => pen.lineTo(px(x[k]), py(values[i] + band)));
+      line.order.slice().reverse().forEach((i, k) => pen.lineTo(px(x[x.length - 1 - k]), py(Math.max(values[i] - band, 0))));
+      pen.fill();
+    }
+    pen.strokeStyle = style("--force");
+    pen.lineWidth = 2;
+    pen.beginPath();
+    y.forEach((v, k) => (Number.isFinite(v) ? pen.lineTo(px(x[k]), py(v)) : null));
+    pen.stroke();
+    line.order.forEach((i, k) => {
+      pen.fillStyle = style(answer.forces[i] > 0 ? "--force" : "--open");
+      pen.beginPath(); pen.arc(px(x[k]), py(Number.isFinite(values[i]) ? values[i] : 0), 2.5, 0, 2 * Math.PI); pen.fill();
+    });
+    canvas.setAttribute("aria-label", `pressure along ${"xyz"[line.axis]}, at most ${said(Math.max(...y))}`);
+    void own;
+  }
+
+  const colour = (t) => { // dark blue to yellow, even for the colour-blind
+    const stops = [[0, 32, 77], [62, 76, 107], [124, 123, 120], [188, 174, 108], [255, 234, 70]];
+    const s = Math.min(Math.max(t, 0), 1) * 4, k = Math.min(Math.floor(s), 3), f = s - k;
+    return stops[k].map((v, c) => v + (stops[k + 1][c] - v) * f);
+  };
+
+  function drawMap({ canvas, own }, values) {
+    const { pen, width, height } = prepared(canvas), axes = widest(own);
+    const range = axes.map((c) => own.map((i) => places[i * dim + c])).map((v) => [Math.min(...v), Math.max(...v)]);
+    const size = Math.min((width - 40) / (range[0][1] - range[0][0] || 1), (height - 40) / (range[1][1] - range[1][0] || 1));
+    const most = Math.max(1e-300, ...own.map((i) => values[i]).filter(Number.isFinite));
+    for (const i of own) {
+      const x = 20 + (places[i * dim + axes[0]] - range[0][0]) * size, y = height - 24 - (places[i * dim + axes[1]] - range[1][0]) * size;
+      const closed = answer.forces[i] > 0;
+      pen.fillStyle = closed ? `rgb(${colour(values[i] / most)})` : "transparent";
+      pen.strokeStyle = style("--open");
+      pen.beginPath(); pen.arc(x, y, Math.max(3, 0.4 * size * Math.sqrt(areas[i])), 0, 2 * Math.PI); pen.fill();
+      if (!closed) pen.stroke();
+    }
+    pen.fillStyle = style("--faint");
+    pen.fillText(`${"xyz"[axes[0]]}, ${"xyz"[axes[1]]}${unit(words.length)}: yellow ${said(most)}${unit(words.stress)}, rings are open`, 8, height - 6);
+    canvas.setAttribute("aria-label", `pressures on the surface, at most ${said(most)}`);
+  }
+
+  function widest(own) {
+    const spread = [0, 1, 2].map((c) => {
+      const v = own.map((i) => places[i * dim + c]);
+      return Math.max(...v) - Math.min(...v);
+    });
+    return [0, 1, 2].sort((a, b) => spread[b] - spread[a]).slice(0, 2).sort();
+  }
+
+  function showPressures() {
+    const values = pressure();
+    for (const plot of plots) (plot.line ? drawLine : drawMap)(plot, values);
+  }
+
+  /* Displacement: triangles by WebGL, coloured by a component. */
+  const triangles = arrays[scenery.triangles], lines = arrays[scenery.lines], count = points.length / dim;
+  const low = [], high = [];
+  for (let c = 0; c < dim; c++) {
+    low[c] = Infinity; high[c] = -Infinity;
+    for (let i = 0; i < count; i++) { low[c] = Math.min(low[c], points[i * dim + c]); high[c] = Math.max(high[c], points[i * dim + c]); }
+  }
+  const size = Math.hypot(...low.map((l, c) => high[c] - l)) || 1, gl = tree.field ? started() : null;
+
+  function started() {
+    const context = at("field").getContext("webgl", { antialias: true, preserveDrawingBuffer: true });
+    if (!context) return null;
+    context.getExtension("OES_element_index_uint");
+    const program = context.createProgram();
+    const lit = dim === 3 && context.getExtension("OES_standard_derivatives"); // faces by the angle at which they are seen
+    const shaders = [[context.VERTEX_SHADER, `attribute vec3 place; attribute vec3 tint; uniform mat4 turn; varying vec3 hue;
+      varying vec3 spot; void main() { hue = tint; gl_Position = turn * vec4(place, 1.0); spot = gl_Position.xyz; }`],
+    [context.FRAGMENT_SHADER, lit ? `#extension GL_OES_standard_derivatives : enable
+      precision highp float; varying vec3 hue; varying vec3 spot; void main() {
+        vec3 normal = normalize(cross(dFdx(spot), dFdy(spot)));
+        gl_FragColor = vec4(hue * (0.62 + 0.38 * abs(dot(normal, normalize(vec3(0.3, 0.4, 0.87))))), 1.0); }`
+      : "precision mediump float; varying vec3 hue; void main() { gl_FragColor = vec4(hue, 1.0); }"]];
+    for (const [kind, text] of shaders) {
+      const shader = context.createShader(kind);
+      context.shaderSource(shader, text); context.compileShader(shader); context.attachShader(program, shader);
+    }
+    context.linkProgram(program);
+    context.useProgram(program);
+    return { context, program, place: context.createBuffer(), tint: context.createBuffer(), index: context.createBuffer() };
+  }
+
+  function turned(width, height) {
+    const [ct, st, cl, sl] = [Math.cos(view.turn), Math.sin(view.turn), Math.cos(view.tilt), Math.sin(view.tilt)];
+    const rotation = [[ct, -st, 0], [st * cl, ct * cl, -sl], [st * sl, ct * sl, cl]];
+    const extents = [0, 1].map((row) => rotation[row].reduce((t, r, c) => t + Math.abs(r) * (c < dim ? high[c] - low[c] : 0), 0));
+    const scale = (1.8 * view.zoom) / Math.max(extents[0] / width, extents[1] / height), found = new Float32Array(16);
+    const shares = [scale / width, scale / height, -1 / size];
+    const centre = low.map((l, c) => (l + high[c]) / 2);
+    for (let row = 0; row < 3; row++) {
+      let shift = 0;
+      for (let c = 0; c < 3; c++) {
+        found[c * 4 + row] = rotation[row][c] * shares[row];
+        shift += c < dim ? found[c * 4 + row] * centre[c] : 0;
+      }
+      found[12 + row] = -shift;
+    }
+    found[15] = 1;
+    return found;
+  }
+
+  function showField() {
+    if (!gl) return;
+    const moved = model.displacement(answer), canvas = at("field"), chosen = at("component").value;
+    if (!moved) return;
+    const ratio = window.devicePixelRatio || 1, context = gl.context;
+    canvas.width = canvas.clientWidth * ratio; canvas.height = canvas.clientHeight * ratio;
+    const value = new Float32Array(count);
+    let longest = 0, least = Infinity, most = -Infinity;
+    for (let i = 0; i < count; i++) {
+      const own = moved.subarray(i * dim, (i + 1) * dim), length = Math.hypot(...own);
+      value[i] = chosen === "length" ? length : own[Number(chosen)];
+      longest = Math.max(longest, length); least = Math.min(least, value[i]); most = Math.max(most, value[i]);
+    }
+    const share = Number(at("exaggerate").value), times = longest > 0 ? (share * 0.2 * size) / longest : 0;
+    at("times").textContent = times > 0 ? `${said(Number(times.toPrecision(2)))} times` : "not at all";
+    at("least").textContent = said(least); at("most").textContent = `${said(most)}${unit(words.length)}`;
+    const spots = new Float32Array(count * 3), tints = new Float32Array(count * 3);
+    for (let i = 0; i < count; i++) {
+      for (let c = 0; c < dim; c++) spots[i * 3 + c] = points[i * dim + c] + times * moved[i * dim + c];
+      tints.set(colour((value[i] - least) / (most - least || 1)).map((v) => v / 255), i * 3);
+    }
+    context.viewport(0, 0, canvas.width, canvas.height);
+    context.clearColor(0, 0, 0, 0);
+    context.clear(context.COLOR_BUFFER_BIT | context.DEPTH_BUFFER_BIT);
+    if (dim === 3) context.enable(context.DEPTH_TEST); // in the plane one body lies over the other
+    context.uniformMatrix4fv(context.getUniformLocation(gl.program, "turn"), false, turned(canvas.clientWidth, canvas.clientHeight));
+    for (const [name, buffer, values] of [["place", gl.place, spots], ["tint", gl.tint, tints]]) {
+      const where = context.getAttribLocation(gl.program, name);
+      context.bindBuffer(context.ARRAY_BUFFER, buffer);
+      context.bufferData(context.ARRAY_BUFFER, values, context.DYNAMIC_DRAW);
+      context.enableVertexAttribArray(where);
+      context.vertexAttribPointer(where, 3, context.FLOAT, false, 0, 0);
+    }
+    draw(context.TRIANGLES, triangles);
+    if (lines.length) {
+      tints.fill(0.35);
+      context.bindBuffer(context.ARRAY_BUFFER, gl.tint);
+      context.bufferData(context.ARRAY_BUFFER, tints, context.DYNAMIC_DRAW);
+      context.disable(context.DEPTH_TEST);
+      draw(context.LINES, lines);
+    }
+    const bar = at("bar"), pen = bar.getContext("2d");
+    bar.width = 256;
+    for (let k = 0; k < 256; k++) { pen.fillStyle = `rgb(${colour(k / 255)})`; pen.fillRect(k, 0, 1, 14); }
+  }
+
+  function draw(kind, index) {
+    const context = gl.context, wide = index instanceof Uint32Array;
+    context.bindBuffer(context.ELEMENT_ARRAY_BUFFER, gl.index);
+    context.bufferData(context.ELEMENT_ARRAY_BUFFER, index, context.DYNAMIC_DRAW);
+    context.drawElements(kind, index.length, wide ? context.UNSIGNED_INT : context.UNSIGNED_SHORT, 0);
+  }
+
+  /* Once an answer for all that changed since the last picture. */
+  let waiting = false;
+  function changed() {
+    showParameters();
+    if (waiting) return;
+    waiting = true;
+    requestAnimationFrame(() => { waiting = false; solve(); });
+  }
+
+  function solve() {
+    const start = performance.now();
+    answer = model.solve(point.slice());
+    document.documentElement.dataset.ms = (performance.now() - start).toFixed(3);
+    document.documentElement.dataset.converged = answer.converged;
+    showNumbers();
+    showPressures();
+    showField();
+  }
+
+  function turning() {
+    const canvas = at("field"), fingers = new Map();
+    canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); fingers.set(event.pointerId, [event.clientX, event.clientY]); });
+    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
+    canvas.addEventListener("pointermove", (event) => {
+      if (!fingers.has(event.pointerId)) return;
+      const before = fingers.get(event.pointerId), spread = () => { const [a, b] = [...fingers.values()]; return Math.hypot(a[0] - b[0], a[1] - b[1]); };
+      const wide = fingers.size === 2 ? spread() : 0;
+      fingers.set(event.pointerId, [event.clientX, event.clientY]);
+      if (wide) view.zoom *= spread() / wide;
+      else if (dim === 3) { view.turn += (event.clientX - before[0]) / 200; view.tilt += (event.clientY - before[1]) / 200; }
+      showField();
+    });
+    canvas.addEventListener("wheel", (event) => { event.preventDefault(); view.zoom *= Math.exp(-event.deltaY / 500); showField(); }, { passive: false });
+    canvas.addEventListener("keydown", (event) => {
+      const way = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }[event.key];
+      if (event.key === "+" || event.key === "-") view.zoom *= event.key === "+" ? 1.1 : 1 / 1.1;
+      else if (way && dim === 3) { view.turn += way[0]; view.tilt += way[1]; event.preventDefault(); } else return;
+      showField();
+    });
+  }
+
+  /* What stays. */
+  at("about").textContent = [words.hypothesis, `${model.m} contact conditions`, `made ${tree.made}`].join(" · ");
+  at("footer").replaceChildren(...words.bodies.map((line) => element("p", `body ${line}`)),
+    element("p", "This page holds the whole model and asks nobody. Scripts of hhr_dolfinx, licence of the package."));
+  const names = ["length", ..."xyz".slice(0, dim)];
+  names.forEach((name, k) => at("component").append(element("option", k ? `along ${name}` : "its length", { value: k ? k - 1 : "length" })));
+  if (!gl) at("shape").replaceChildren(element("h2", "Displacement"), element("p", tree.field
+    ? "This browser draws no triangles (WebGL is switched off)." : "This model has no displacement for a page.", { className: "note" }));
+  else { turning(); for (const id of ["component", "exaggerate"]) at(id).addEventListener("input", showField); }
+  at("reset").addEventListener("click", () => { point = middle.slice(); changed(); });
+  at("copy").addEventListener("click", async () => {
+    const text = [...tree.names.map((name, k) => [name, point[k]]), ...rows().map(([name, value]) => [name, value ?? ""])].map((row) => row.join("\t")).join("\n");
+    try { await navigator.clipboard.writeText(text); at("said").textContent = "copied"; }
+    catch { at("said").textContent = "this browser copies nothing: select the table"; }
+  });
+  window.addEventListener("hashchange", () => { point = fromAddress(); changed(); });
+  window.addEventListener("resize", () => answer && (showPressures(), showField()));
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => answer && showPressures());
+  aboutError();
+  showParameters();
+  solve();
+  window.page = { model, tree, at: (values) => { point = values; changed(); } };
+})();

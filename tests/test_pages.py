@@ -1,0 +1,212 @@
+"""Pages that answer without Python: the same digits in node as in Python, what is refused, what a page may not hold."""
+
+import dataclasses
+import json
+import re
+import shutil
+import subprocess
+from pathlib import Path
+
+import contract
+import numpy as np
+import pellet_cladding
+import press_fit
+import pytest
+from bare import WAIT
+from mpi4py import MPI
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import FileContentError, NotOfferedError
+from hhr_dolfinx.pages import page
+
+MODEL = Path(page.__file__).with_name("model.js")
+NODE = shutil.which("node")
+in_node = pytest.mark.skipif(NODE is None, reason="node is not there")
+PROGRAM = """
+const fs = require("fs"), hhr = require(process.argv[1]);
+const { page, points, starts } = JSON.parse(fs.readFileSync(0, "utf8"));
+const data = JSON.parse(page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1]);
+const model = new hhr.Model(data.tree, hhr.decoded(data.arrays));
+const found = points.map((point) => {
+  const answer = model.solve(point, starts ? undefined : null), field = model.displacement(answer);
+  return { forces: [...answer.forces], outputs: model.outputs(answer), slopes: model.slopes(answer),
+    converged: answer.converged, field: field && [...field] };
+});
+console.log(JSON.stringify(found));
+"""
+
+
+def answered(text, points, starts=True):
+    """What a page answers in node, point by point."""
+    asked = json.dumps({"page": text, "points": points.tolist(), "starts": starts})
+    words = [NODE, "-e", PROGRAM, str(MODEL)]
+    found = subprocess.run(words, input=asked, capture_output=True, text=True, timeout=WAIT)
+    assert found.returncode == 0, found.stderr
+    return json.loads(found.stdout)
+
+
+def made(scene, **how):
+    """The full model of a scene, its condensed model, and a page."""
+    full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
+    model = hhr.condense(full, **how)
+    return full, model, hhr.scenery_of(full)
+
+
+def outputs_of_pellet():
+    return (
+        hhr.LargestPressure("peak", 0),
+        hhr.ContactForce("push", 0, (1.0, 0.0)),
+        hhr.ContactWidth("width", 0),
+        hhr.DisplacementAt("bulge", (4.1, 0.0), 0, 1),
+        hhr.VonMises("stress", 1),
+    )
+
+
+SCENES = {
+    "partial pressure": lambda: dataclasses.replace(
+        pellet_cladding.scene(**pellet_cladding.QUICK_MESH), outputs=outputs_of_pellet()
+    ),
+    "moduli": lambda: contract.blocks(("E1", "nu"), box=contract.MODULI | {"nu": (0.1, 0.4)}),
+    "formula": lambda: contract.blocks(("E1 * (1 + exp(-2 * E1) / 3) ** 2 - min(0.1, -E1)", 0.3), box=contract.MODULI),
+    "shape": lambda: contract.blocks(box=contract.SHAPE, shapes=(contract.CROWNED,)),
+    "space": lambda: press_fit.scene(around=4, hub_cells=(2, 4), shaft_cells=(2, 4)),
+}
+
+
+@in_node
+@pytest.mark.parametrize("name", SCENES)
+def test_a_page_has_the_digits_of_python(name):
+    full, model, scenery = made(SCENES[name](), fields=True)
+    text = page.page_text(model, scenery)
+    points = model.parameters.random(12, 4)
+    rows = (scenery.nodes[:, None] * model.dimension + np.arange(model.dimension)).ravel()
+    missing = []
+    for point, found in zip(points, answered(text, points), strict=True):
+        answer = model.solve(point, gradient=True)
+        forces = answer.forces()
+        np.testing.assert_allclose(found["forces"], forces, rtol=0, atol=1e-10 * np.abs(forces).max())
+        outputs = answer.outputs()
+        tree = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]
+        missing = tree["missing"]
+        shown = [item["name"] for item in tree["outputs"]]
+        assert sorted([*shown, *missing]) == sorted(outputs)
+        for here, value, slopes in zip(shown, found["outputs"], found["slopes"], strict=True):
+            assert value == pytest.approx(outputs[here], rel=1e-8, abs=1e-12)
+            exact = outputs.gradient[here]
+            # by central differences of a hundred-thousandth of the box
+            np.testing.assert_allclose(slopes, exact, rtol=0, atol=1e-5 * np.abs(exact).max() + 1e-9)
+        if found["field"] is not None:
+            exact = answer.displacement()[rows]
+            assert np.linalg.norm(found["field"] - exact) < 0.02 * np.linalg.norm(exact)
+    assert missing == {"partial pressure": ["stress"]}.get(name, missing)
+    assert full.conditions == len(points[0]) or len(scenery.areas) == model.conditions
+
+
+@in_node
+def test_a_page_starts_from_the_answer_before_and_from_none():
+    _, model, scenery = made(pellet_cladding.scene(**pellet_cladding.QUICK_MESH))
+    text = page.page_text(model, scenery)
+    points = np.vstack([model.parameters.random(20, 5), [model.parameters.lower, model.parameters.upper]])
+    warm, cold = (answered(text, points, starts=starts) for starts in (True, False))
+    for one, other in zip(warm, cold, strict=True):
+        assert one["converged"] and other["converged"]
+        np.testing.assert_allclose(one["forces"], other["forces"], rtol=0, atol=1e-12 * max(map(abs, other["forces"])))
+
+
+@in_node
+@pytest.mark.parametrize(
+    "text",
+    ["2 * a ** 2 - b / 4", "-a + sqrt(b) * pi", "max(a, b) + abs(-a)", "table(a, 0, 1, 2, 5, 10, 6)", "tanh(log(b))"],
+)
+def test_formulas_are_worked_off_as_python_does(text):
+    from hhr_dolfinx.formulas import Scalar
+    from hhr_dolfinx.pages.arrays import steps_of
+
+    scalar = Scalar(text, ("a", "b"))
+    program = "const hhr = require(process.argv[1]); const [s, p] = JSON.parse(process.argv[2]);"
+    program += "console.log(hhr.formula(s, p));"
+    for point in ([1.5, 2.25], [0.25, 9.0]):
+        words = [NODE, "-e", program, str(MODEL), json.dumps([steps_of(scalar), point])]
+        found = subprocess.run(words, capture_output=True, text=True, timeout=WAIT, check=True).stdout
+        assert float(found) == pytest.approx(scalar.value(np.array(point)), rel=1e-14)
+
+
+def test_a_page_needs_nothing_else_and_says_what_it_knows(tmp_path):
+    full, model, scenery = made(contract.blocks(("E1", 0.3), box=contract.MODULI), fields=True)
+    target = hhr.write_model_page(tmp_path / "page.html", model, scenery)
+    text = target.read_text(encoding="utf-8")
+    assert not re.search(r"https?://|<link|src=|@import|import\(|fetch\(|XMLHttp", text)
+    assert "/*DATA*/" not in text and text.count("<script") == 3
+    tree = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]
+    assert tree["error"]["kind"] == "bound" and 0 <= tree["error"]["pressure"] < 1e-3
+    assert tree["scenery"]["words"]["contacts"] == [" and ".join(map(str, full.scene.contacts[0].tags))]
+    assert tree["names"] == list(full.parameters.names)
+
+
+def test_a_name_ends_no_script(tmp_path):
+    peak = hhr.LargestPressure("peak", 0, unit="</script><b>")
+    scene = dataclasses.replace(contract.blocks(), outputs=(peak,))
+    _, model, scenery = made(scene)
+    text = hhr.write_model_page(tmp_path / "page.html", model, scenery).read_text(encoding="utf-8")
+    assert text.count("</script>") == 3
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (
+            lambda: contract.training("constant").build(contract.AS_IT_IS),
+            "ReducedModel with CondensedModel is not of that kind",
+        ),
+        (lambda: hhr.condense(contract.blocks(friction=hhr.Coulomb(0.3))), "friction"),
+        (lambda: contract.training("constant").local(hhr.Clusters(2), recipe=contract.AS_IT_IS), "LocalModels"),
+        (lambda: hhr.condense(contract.blocks(free=True)), "FloatingElimination"),
+    ],
+)
+def test_models_of_other_kinds_are_refused_by_name(make, said):
+    full = contract.training("constant").full_order
+    scenery = hhr.scenery_of(full)
+    model = make()
+    scenery = dataclasses.replace(scenery, areas=np.ones(model.conditions))
+    with pytest.raises(NotOfferedError, match=said):
+        hhr.write_model_page("never.html", model, scenery)
+
+
+def test_a_page_of_another_scene_or_too_large_is_refused(monkeypatch, tmp_path):
+    _, model, scenery = made(contract.blocks())
+    with pytest.raises(NotOfferedError, match="of two scenes or meshes"):
+        hhr.write_model_page(tmp_path / "page.html", model, dataclasses.replace(scenery, areas=np.ones(3)))
+    monkeypatch.setattr(page, "MOST_BYTES", 1000)
+    with pytest.raises(NotOfferedError, match="go by mail"):
+        hhr.write_model_page(tmp_path / "page.html", model, scenery)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_scenery_is_kept_and_checked(tmp_path):
+    _, _, scenery = made(contract.blocks())
+    scenery.write(tmp_path / "scenery.npz")
+    again = hhr.Scenery.read(tmp_path / "scenery.npz")
+    for name in ("points", "nodes", "triangles", "lines", "areas"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(scenery, name))
+    assert again.words == scenery.words
+    dataclasses.replace(scenery, triangles=scenery.triangles + 1000).write(tmp_path / "wrong.npz")
+    with pytest.raises(FileContentError, match="triangles name nodes that are not there"):
+        hhr.Scenery.read(tmp_path / "wrong.npz")
+    (tmp_path / "cut.npz").write_bytes((tmp_path / "scenery.npz").read_bytes()[:-40])
+    with pytest.raises(FileContentError):
+        hhr.Scenery.read(tmp_path / "cut.npz")
+
+
+@pytest.mark.parametrize("name", ["partial pressure", "space"])
+def test_a_scenery_shows_the_whole_surface(name):
+    """Triangles of the plane have its area; in space each edge of the surface is one of two triangles."""
+    _, _, scenery = made(SCENES[name]())
+    if name == "space":
+        edges = np.sort(scenery.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        _, count = np.unique(edges, axis=0, return_counts=True)
+        assert (count == 2).all()
+    else:
+        a, b, c = scenery.points[scenery.triangles].transpose(1, 0, 2)
+        sizes = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
+        assert sizes.min() > 0
+        assert sizes.sum() == pytest.approx(4.1 * 7.0 + 0.6 * 7.0, rel=0.05)
