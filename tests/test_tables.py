@@ -10,7 +10,7 @@ import pytest
 from rich.console import Console
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.online import tables
+from hhr_dolfinx.models import model as base
 from hhr_dolfinx.online.tables import TableRow, answer_table
 
 ROWS = 23
@@ -19,7 +19,7 @@ ROWS = 23
 @pytest.fixture(autouse=True)
 def small_blocks(monkeypatch):
     """Blocks of five rows."""
-    monkeypatch.setattr(tables, "BLOCK", 5)
+    monkeypatch.setattr(base, "ROWS", 5)
 
 
 @pytest.fixture(scope="module")

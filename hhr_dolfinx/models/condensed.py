@@ -26,6 +26,11 @@ from hhr_dolfinx.trained import USUAL, TrainedRange
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Friction
 
+MOST_ROWS = 16_000
+NUMBERS = 8_000_000
+"""Rows of a table that are answered at once at most, and numbers of their answers, 64 MB: on the pellet 1000 rows took
+four times as long for each."""
+
 
 class CondensedModel(KeptModel):
     """Answers parameters with the primal unknown eliminated, once or for each of them.
@@ -118,6 +123,13 @@ class CondensedModel(KeptModel):
     def sizes(self) -> tuple[int, int]:
         """Numbers of unknowns and of conditions of an answer."""
         return self.eliminated(self.known.points[0]).unknown(np.zeros(self._m)).size, self._m
+
+    @property
+    def rows_at_once(self) -> int:
+        """More where rows with the same statuses share factors, as far as their unknowns have room."""
+        if not self.eliminated.shares_factors:
+            return super().rows_at_once
+        return max(super().rows_at_once, min(MOST_ROWS, NUMBERS // sum(self.sizes)))
 
     @property
     def tabulated(self) -> bool:

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
     from hhr_dolfinx.parameters import ParameterSpace
 
 
+ROWS = 1000
+"""Rows of a table that are answered at once by models that solve them one by one."""
 NEAREST = "nearest"
 """Where a search starts if nobody says so."""
 
@@ -99,6 +101,11 @@ class AnsweringModel:
     def sizes(self) -> tuple[int, int]:
         """Numbers of unknowns and of conditions of an answer."""
         return 0, self.own_conditions
+
+    @property
+    def rows_at_once(self) -> int:
+        """Rows of a table to answer at once: more are no quicker, and a run that is killed loses them."""
+        return ROWS
 
     @property
     def flows(self) -> bool:

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
 Progress = Callable[[Iterable], Iterable]
 """Wraps an iteration, for a progress bar."""
 
-BLOCK = 1000
-"""Points answered at once: more are no quicker and take more memory, and a run that is killed loses a few at most."""
 OK = "ok"
 """Status of a row that has an answer."""
 
@@ -115,7 +113,8 @@ def answer_points(
         points = _table(points, model.parameters)
         query = Query(model, outside, displacement, estimates)
         mine = np.array_split(points, size)[rank]
-        blocks = [mine[first : first + BLOCK] for first in range(0, max(len(mine), 1), BLOCK)]
+        count = model.rows_at_once
+        blocks = [mine[first : first + count] for first in range(0, max(len(mine), 1), count)]
         answers = Answers.joined([query(block) for block in progress(blocks)])
     parts = [answers] if comm is None else comm.gather(answers, root=0)
     return None if parts is None else Answers.joined(parts)

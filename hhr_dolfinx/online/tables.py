@@ -25,7 +25,7 @@ from hhr_dolfinx.files import make_folder, replacing
 from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.models.local import LEAF
 from hhr_dolfinx.models.model import AnsweringModel
-from hhr_dolfinx.online.batch import BLOCK, OK, Answers, Query
+from hhr_dolfinx.online.batch import OK, Answers, Query
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.timing import timed
 
@@ -154,7 +154,12 @@ class _Blocks:
     resume: str | None
 
     def __len__(self) -> int:
-        return max(1, -(-len(self.rows) // BLOCK))
+        return max(1, -(-len(self.rows) // self.size))
+
+    @property
+    def size(self) -> int:
+        """Rows of a block."""
+        return self.query.model.rows_at_once
 
     @property
     def folder(self) -> Path:
@@ -164,7 +169,7 @@ class _Blocks:
     def _digest(self) -> str:
         """Changes where the answers would."""
         told = hashlib.sha256(
-            repr((self.resume, self.query.displacement, self.query.estimates, self.query.outside, BLOCK)).encode()
+            repr((self.resume, self.query.displacement, self.query.estimates, self.query.outside, self.size)).encode()
         )
         for row in self.rows:
             told.update(repr(row).encode())
@@ -196,7 +201,7 @@ class _Blocks:
         """Answer the blocks of some numbers that are not there yet."""
         space = self.query.model.parameters
         for number in progress([number for number in numbers if not self._is_whole(number)]):
-            rows = self.rows[number * BLOCK : (number + 1) * BLOCK]
+            rows = self.rows[number * self.size : (number + 1) * self.size]
             parsed = [_numbers(row, space) for row in rows]
             points = np.array([point for point, _ in parsed]).reshape(len(rows), len(space.names))
             answers = self.query(points)
@@ -204,7 +209,7 @@ class _Blocks:
             status = [fault or found for (_, fault), found in zip(parsed, answers.status, strict=True)]
             answers = answers._replace(status=status)
             write_answers(self._file(number, self.path.suffix), space, answers, [row.cells for row in rows])
-            bad = [(number * BLOCK + k, why) for k, why in enumerate(status) if why != OK]
+            bad = [(number * self.size + k, why) for k, why in enumerate(status) if why != OK]
             fallen = 0 if answers.fell_back is None else int(answers.fell_back.sum())
             with replacing(self._file(number, ".json"), text=True) as file:
                 json.dump([bad, fallen, checksum(self._file(number, self.path.suffix))], file)

@@ -46,6 +46,8 @@ class ConstantElimination(Rebuilt, Elimination):
     amplitudes: Amplitudes
     factorise: Factorise = field(default=dense_factors, metadata=CODE)
 
+    shares_factors = True
+
     def __post_init__(self) -> None:
         """One array for slack and unknown, so that one product makes both; ``responses`` look into it."""
         given = self.responses

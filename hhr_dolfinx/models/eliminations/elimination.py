@@ -15,7 +15,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol
 
 import numpy as np
 
@@ -93,7 +93,13 @@ class AnswerTable(Protocol):
 
 
 class Elimination(ABC):
-    """Makes the contact problem of any parameter; what can be shared between parameters is its own business."""
+    """Makes the contact problem of any parameter; what can be shared between parameters is its own business.
+
+    Attributes:
+        shares_factors: whether points with the same statuses share all factors.
+    """
+
+    shares_factors: ClassVar[bool] = False
 
     @abstractmethod
     def __call__(self, point: np.ndarray) -> CondensedContact:
