@@ -95,9 +95,8 @@ def test_a_page_has_the_digits_of_python(name):
             exact = outputs.gradient[here]
             # by central differences of a hundred-thousandth of the box
             np.testing.assert_allclose(slopes, exact, rtol=0, atol=1e-5 * np.abs(exact).max() + 1e-9)
-        if found["field"] is not None:
-            exact = answer.displacement()[rows]
-            assert np.linalg.norm(found["field"] - exact) < 0.02 * np.linalg.norm(exact)
+        exact = answer.displacement()[rows]
+        assert np.linalg.norm(found["field"] - exact) < 0.03 * np.linalg.norm(exact)
     assert missing == {"partial pressure": ["stress"]}.get(name, missing)
     assert full.conditions == len(points[0]) or len(scenery.areas) == model.conditions
 

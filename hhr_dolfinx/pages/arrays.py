@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import ast
 import base64
+import itertools
 from typing import Any
 
 import numpy as np
@@ -22,17 +23,24 @@ from hhr_dolfinx.formulas import FUNCTIONS, Scalar
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.displacement import dense
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
-from hhr_dolfinx.models.eliminations.interpolated import Compliance, Compliances
+from hhr_dolfinx.models.eliminations.interpolated import Compliance, Compliances, InterpolatedFields
 from hhr_dolfinx.models.eliminations.interpolation import Interpolant, leja_points
 from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.models.functionals.kinds import LOADED, Largest, Linear, Loaded
 from hhr_dolfinx.pages.scenery import Scenery
+from hhr_dolfinx.sampling import Sobol
 
 FIELD = 1e-3
 FIELD_NUMBERS = 500_000
 """Part of the displacements that modes of the picture leave out: a picture shows no more. Most numbers of the modes."""
 SEEN = 200
 """Answers that these modes are made of."""
+FITTED = 512
+FORCE_MODES = 20
+DEGREE = 6
+OFF = 0.03
+"""Points to which the picture of a varying model is fitted, modes of forces, highest degree, and how far off it may be
+at half of the points by a fit to the other half."""
 LEVELS = 32767
 """Numbers of a mode of the picture lie on so many levels to either side."""
 _OPERATIONS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "^"}
@@ -254,33 +262,118 @@ def _of_forces(item: Largest | Loaded, number: int, arrays: Packed) -> dict[str,
 
 
 def _field(model: Any, scenery: Scenery, arrays: Packed) -> dict[str, Any]:
-    """The displacement of the nodes that are drawn, in few modes; none where a model has no map of forces to it.
-
-    u = W c,  c = W^T (C θ - K^-1 B^T λ) on these nodes, W from answers over the box.
-    """
+    """The displacement of the nodes that are drawn, in few modes; none where a model has no map of forces to it."""
     fields = model.fields
-    if not isinstance(fields, ExactFields) or fields.floats:
-        return {"field": None}
-    dim = fields.dimension
-    rows = (scenery.nodes[:, None] * dim + np.arange(dim)).ravel()
-    answers = model.solve_many(model.parameters.random(SEEN, 0), raise_on_failure=False)
-    seen = np.array([answer.displacement()[rows] for answer in answers if answer.converged]).T
+    if isinstance(fields, ExactFields) and not fields.floats:
+        return {"field": _exact_field(model, scenery, arrays)}
+    if isinstance(fields, InterpolatedFields) and fields.galerkin is not None:
+        return {"field": fitted_field(model, scenery, arrays)}
+    return {"field": None}
+
+
+def rows_of(model: Any, scenery: Scenery) -> np.ndarray:
+    """Dofs of the nodes that are drawn, node by node."""
+    dim = model.dimension
+    return (scenery.nodes[:, None] * dim + np.arange(dim)).ravel()
+
+
+def _modes(seen: np.ndarray, arrays: Packed) -> tuple[np.ndarray, dict[str, Any]]:
+    """Modes of displacements, (n, S), and what a page holds of them: whole numbers and scales."""
     ways, sizes, _ = np.linalg.svd(seen, full_matrices=False)
     left = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1])
-    count = min(int((left > FIELD * left[0]).sum()), FIELD_NUMBERS // len(rows))
+    count = min(int((left > FIELD * left[0]).sum()), FIELD_NUMBERS // len(seen))
     ways = ways[:, : max(1, count)]
     largest = np.abs(ways).max(axis=0)
     levels = np.round(ways / largest * LEVELS).astype(np.int16)
+    return ways, {"modes": arrays.put("field_modes", levels.T, "<i2"), "scales": (largest / LEVELS).tolist()}
+
+
+def _exact_field(model: Any, scenery: Scenery, arrays: Packed) -> dict[str, Any]:
+    """Where the stiffness is constant: c = W^T (C θ - K^-1 B^T λ) with modes W of answers over the box."""
+    fields = model.fields
+    rows = rows_of(model, scenery)
+    answers = model.solve_many(model.parameters.random(SEEN, 0), raise_on_failure=False)
+    seen = np.array([answer.displacement()[rows] for answer in answers if answer.converged]).T
+    ways, tree = _modes(seen, arrays)
     of_terms = ways.T @ (fields.per_term[rows] + dense(fields.lifts.tocsr()[rows]))
-    return {
-        "field": {
-            "modes": arrays.put("field_modes", levels.T, "<i2"),
-            "scales": (largest / LEVELS).tolist(),
-            "terms": arrays.put("field_terms", of_terms, "<f4"),
-            "forces": arrays.put("field_forces", -(ways.T @ fields.per_force[rows]), "<f4"),
-            "left": float(left[ways.shape[1]] / left[0]) if ways.shape[1] < len(left) else 0.0,
-        }
-    }
+    own = {"terms": arrays.put("field_terms", of_terms, "<f4")}
+    own |= {"forces": arrays.put("field_forces", -(ways.T @ fields.per_force[rows]), "<f4")}
+    return {"kind": "linear"} | tree | own
+
+
+def fitted_field(model: Any, scenery: Scenery, arrays: Packed) -> dict[str, Any] | None:
+    """Where it varies: c = p(μ) + P(μ) Q^T λ, with modes Q of forces and polynomials that are fitted to some points.
+
+    None where the fit is off by more than a picture may be at points that it has not seen, as where a load ends within
+    the box.
+    """
+    fields = model.fields
+    space = model.parameters
+    rows = rows_of(model, scenery)
+    answers = model.solve_many(Sobol(FITTED).points(space), raise_on_failure=False)
+    known = [answer for answer in answers if answer.converged]
+    if len(known) < FITTED // 2:
+        return None
+    seen = np.array([answer.displacement()[rows] for answer in known]).T
+    ways, tree = _modes(seen, arrays)
+    forces = np.array([answer.multipliers for answer in known]).T
+    pushes, sizes, _ = np.linalg.svd(forces, full_matrices=False)
+    pushes = pushes[:, : min(FORCE_MODES, max(1, int((sizes > FIELD * sizes[0]).sum())))]
+    basis = ways.T @ fields.basis[rows]
+    lifts = ways.T @ dense(fields.lifts.tocsr()[rows])
+    values = []
+    for answer in known:
+        contact = fields.galerkin(answer.parameter)
+        free = basis @ contact.unknown(np.zeros(model.conditions)) + lifts @ fields.amplitudes(answer.parameter)
+        values.append(np.column_stack([free, -basis @ contact.pushed(pushes)]))
+    points = np.array([answer.parameter for answer in known])
+    powers = _powers(points.shape[1], len(known) // 3)
+    scaled, axes = _scaled(model, points)
+    features = np.prod(scaled[:, None, :] ** powers, axis=2)
+    train = slice(0, None, 2)
+    flat = np.reshape(values, (len(known), -1))
+    fitted = features @ np.linalg.lstsq(features[train], flat[train], rcond=None)[0]
+    along = fitted.reshape(len(known), *values[0].shape)
+    weights = np.column_stack([np.ones(len(known)), forces.T @ pushes])
+    found = np.einsum("skr,sr->ks", along, weights)
+    off = np.linalg.norm(ways @ found - seen, axis=0)[1::2] / np.linalg.norm(seen, axis=0)[1::2]
+    if np.median(off) > OFF:
+        return None
+    whole = np.linalg.lstsq(features, flat, rcond=None)[0].reshape(len(powers), *values[0].shape)
+    own = {"axes": axes, "powers": powers.tolist(), "pushes": arrays.put("field_pushes", pushes.T, "<f4")}
+    return {"kind": "fitted"} | tree | own | {"fit": arrays.put("field_fit", whole, "<f4")}
+
+
+def _powers(parameters: int, most: int) -> np.ndarray:
+    """Exponents of all monomials up to the highest degree of which there are no more than so many, (F, P)."""
+    found = np.zeros((1, parameters), dtype=int)
+    for degree in range(1, DEGREE + 1):
+        every = itertools.combinations_with_replacement(range(parameters), degree)
+        more = np.array([np.bincount(places, minlength=parameters) for places in every])
+        if len(found) + len(more) > most:
+            break
+        found = np.vstack([found, more])
+    return found
+
+
+def _scaled(model: Any, points: np.ndarray) -> tuple[np.ndarray, list[dict[str, Any]]]:
+    """What monomials are of, about -1 to 1 at some points, (S, P), and how a page makes it of a point.
+
+    Of a parameter that alone makes the modulus of a component its compliance, 1 over the modulus, in which answers are
+    nearly linear; of others themselves.
+    """
+    factors = [part.factor for part in model.eliminated.parts if part.factor is not None]
+    alone = {factor.formula.variables[0]: factor for factor in factors if len(factor.formula.variables) == 1}
+    columns = []
+    axes: list[dict[str, Any]] = []
+    for place, name in enumerate(model.parameters.names):
+        factor = alone.get(name)
+        column = points[:, place] if factor is None else 1 / factor.values(points)
+        low = float(column.min())
+        high = float(column.max())
+        axes.append({"modulus": steps_of(factor), "low": low, "high": high})
+        columns.append(2 * (column - low) / (high - low) - 1)
+    return np.column_stack(columns), axes
 
 
 def drawn(scenery: Scenery) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:

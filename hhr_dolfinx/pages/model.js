@@ -308,14 +308,40 @@ const hhr = (() => {
       const field = this.tree.field;
       if (!field || !answer.converged) return null;
       const modes = this.arrays[field.modes], n = modes.shape[1], found = new Float32Array(n);
-      const terms = this.arrays[field.terms], forces = this.arrays[field.forces];
+      const along = field.kind === "linear" ? this.linear(field, answer) : this.fitted(field, answer);
       field.scales.forEach((scale, k) => {
-        let along = 0;
-        for (let t = 0; t < this.terms; t++) along += terms[k * this.terms + t] * answer.theta[t];
-        for (let i = 0; i < this.m; i++) along += forces[k * this.m + i] * answer.forces[i];
-        along *= scale;
-        for (let i = 0; i < n; i++) found[i] += along * modes[k * n + i];
+        for (let i = 0; i < n; i++) found[i] += scale * along[k] * modes[k * n + i];
       });
+      return found;
+    }
+
+    linear(field, { theta, forces }) {
+      const terms = this.arrays[field.terms], pushed = this.arrays[field.forces], T = this.terms, m = this.m;
+      return field.scales.map((_, k) => {
+        let along = 0;
+        for (let t = 0; t < T; t++) along += terms[k * T + t] * theta[t];
+        for (let i = 0; i < m; i++) along += pushed[k * m + i] * forces[i];
+        return along;
+      });
+    }
+
+    fitted(field, { point, forces }) {
+      const pushes = this.arrays[field.pushes], fit = this.arrays[field.fit], [F, K, R] = fit.shape;
+      const m = this.m, weights = [1];
+      const scaled = field.axes.map(({ modulus, low, high }, k) => {
+        const value = modulus ? 1 / formula(modulus, point) : point[k];
+        return (2 * (value - low)) / (high - low) - 1;
+      });
+      for (let j = 0; j + 1 < R; j++) {
+        let along = 0;
+        for (let i = 0; i < m; i++) along += pushes[j * m + i] * forces[i];
+        weights.push(along);
+      }
+      const found = new Float64Array(K);
+      for (let f = 0; f < F; f++) {
+        const feature = field.powers[f].reduce((product, power, k) => product * scaled[k] ** power, 1);
+        for (let k = 0; k < K; k++) for (let r = 0; r < R; r++) found[k] += feature * fit[(f * K + k) * R + r] * weights[r];
+      }
       return found;
     }
   }
