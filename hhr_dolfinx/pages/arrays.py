@@ -390,4 +390,19 @@ def drawn(scenery: Scenery) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         "pairs": arrays.put("pairs", scenery.pairs, "<i4"),
         "words": scenery.words,
     }
+    if scenery.points.shape[1] == 3:
+        tree["flat"] = arrays.put("flat", _flat(scenery), "<f4")
     return tree, arrays.texts
+
+
+def _flat(scenery: Scenery) -> np.ndarray:
+    """Places of contact along the two directions in which each contact is widest, (m, 2)."""
+    found = np.zeros((len(scenery.areas), 2))
+    for pair in np.unique(scenery.pairs):
+        own = scenery.pairs == pair
+        places = scenery.contact_points[own] - scenery.contact_points[own].mean(axis=0)
+        ways = np.linalg.svd(places, full_matrices=False)[2][:2]
+        # the largest component of each points upwards or to the right
+        ways *= np.sign(ways[np.arange(len(ways)), np.abs(ways).argmax(axis=1)])[:, None]
+        found[own, : len(ways)] = places @ ways.T
+    return found

@@ -108,7 +108,7 @@
     const missing = tree.missing.length ? ` Not on this page: ${tree.missing.join(", ")}.` : "";
     const known = kind === "exact" ? "Exact: the finite element model itself, with all but contact eliminated."
       : worst === null ? "Nothing is known of the errors of these answers."
-        : `Pressures are off by at most ${said(100 * worst)} % of the largest one at any of ${count} random points `
+        : `Pressures are off by at most ${Number((100 * worst).toPrecision(2))} % of the largest one at any of ${count} random points `
           + `(${kind === "bound" ? "a proved bound" : "an estimate, not proved"}).`;
     at("error").textContent = `${known} Errors of the mesh and of the model come on top.${missing}`;
   }
@@ -194,29 +194,22 @@
   };
 
   function drawMap({ canvas, own }, values) {
-    const { pen, width, height } = prepared(canvas), axes = widest(own);
-    const range = axes.map((c) => own.map((i) => places[i * dim + c])).map((v) => [Math.min(...v), Math.max(...v)]);
-    const size = Math.min((width - 40) / (range[0][1] - range[0][0] || 1), (height - 40) / (range[1][1] - range[1][0] || 1));
+    const { pen, width, height } = prepared(canvas), flat = arrays[scenery.flat];
+    const range = [0, 1].map((c) => own.map((i) => flat[i * 2 + c])).map((v) => [Math.min(...v), Math.max(...v)]);
+    const [wide, tall] = range.map(([from, to]) => to - from || 1);
+    const scale = Math.min((width - 40) / wide, (height - 60) / tall);
     const most = Math.max(1e-300, ...own.map((i) => values[i]).filter(Number.isFinite));
     for (const i of own) {
-      const x = 20 + (places[i * dim + axes[0]] - range[0][0]) * size, y = height - 24 - (places[i * dim + axes[1]] - range[1][0]) * size;
+      const x = 20 + (flat[i * 2] - range[0][0]) * scale, y = height - 40 - (flat[i * 2 + 1] - range[1][0]) * scale;
       const closed = answer.forces[i] > 0;
       pen.fillStyle = closed ? `rgb(${colour(values[i] / most)})` : "transparent";
       pen.strokeStyle = style("--open");
-      pen.beginPath(); pen.arc(x, y, Math.max(3, 0.4 * size * Math.sqrt(areas[i])), 0, 2 * Math.PI); pen.fill();
+      pen.beginPath(); pen.arc(x, y, Math.max(3, 0.4 * scale * Math.sqrt(areas[i])), 0, 2 * Math.PI); pen.fill();
       if (!closed) pen.stroke();
     }
     pen.fillStyle = style("--faint");
-    pen.fillText(`${"xyz"[axes[0]]}, ${"xyz"[axes[1]]}${unit(words.length)}: yellow ${said(most)}${unit(words.stress)}, rings are open`, 8, height - 6);
+    pen.fillText(`along the surface; yellow ${said(most)}${unit(words.stress)}, dark 0, rings are open`, 8, height - 6);
     canvas.setAttribute("aria-label", `pressures on the surface, at most ${said(most)}`);
-  }
-
-  function widest(own) {
-    const spread = [0, 1, 2].map((c) => {
-      const v = own.map((i) => places[i * dim + c]);
-      return Math.max(...v) - Math.min(...v);
-    });
-    return [0, 1, 2].sort((a, b) => spread[b] - spread[a]).slice(0, 2).sort();
   }
 
   function showPressures() {
