@@ -41,6 +41,8 @@ DEGREE = 6
 OFF = 0.03
 """Points to which the picture of a varying model is fitted, modes of forces, highest degree, and how far off it may be
 at half of the points by a fit to the other half."""
+FLAT = 0.3
+"""Part of its width that a contact may rise by to be drawn from above."""
 LEVELS = 32767
 """Numbers of a mode of the picture lie on so many levels to either side."""
 _OPERATIONS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "^"}
@@ -396,11 +398,15 @@ def drawn(scenery: Scenery) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
 
 
 def _flat(scenery: Scenery) -> np.ndarray:
-    """Places of contact along the two directions in which each contact is widest, (m, 2)."""
+    """Places of contact along two axes where it hardly leaves their plane, else along its widest directions, (m, 2)."""
     found = np.zeros((len(scenery.areas), 2))
     for pair in np.unique(scenery.pairs):
         own = scenery.pairs == pair
         places = scenery.contact_points[own] - scenery.contact_points[own].mean(axis=0)
+        widths = np.ptp(places, axis=0)
+        if widths.min() < FLAT * widths.max():
+            found[own] = np.delete(places, widths.argmin(), axis=1)
+            continue
         ways = np.linalg.svd(places, full_matrices=False)[2][:2]
         # the largest component of each points upwards or to the right
         ways *= np.sign(ways[np.arange(len(ways)), np.abs(ways).argmax(axis=1)])[:, None]

@@ -208,7 +208,7 @@
       if (!closed) pen.stroke();
     }
     pen.fillStyle = style("--faint");
-    pen.fillText(`along the surface; yellow ${said(most)}${unit(words.stress)}, dark 0, rings are open`, 8, height - 6);
+    pen.fillText(`yellow ${said(most)}${unit(words.stress)}, dark 0, rings open`, 8, height - 6);
     canvas.setAttribute("aria-label", `pressures on the surface, at most ${said(most)}`);
   }
 
