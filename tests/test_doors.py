@@ -107,3 +107,23 @@ def test_a_function_of_openturns(model, exact):
     np.testing.assert_allclose(np.array(function.gradient(point)).T, slopes, rtol=1e-10)
     sample = openturns.Sample(model.parameters.random(20, 1).tolist())
     np.testing.assert_allclose(function(sample), OutputFunction(model)(np.array(sample)), rtol=1e-12)
+
+
+def test_a_model_of_pymor(model, exact):
+    pytest.importorskip("pymor")
+    from hhr_dolfinx.doors.py_mor import PyMORModel
+
+    point, values, slopes = exact
+    made = PyMORModel(model)
+    mu = made.parameters.parse(dict(zip(model.parameters.names, point, strict=True)))
+    assert made.parameters.dim == len(point) and made.dim_output == 2
+    np.testing.assert_allclose(made.output(mu)[:, 0], values, rtol=1e-10)
+    # pyMOR sorts parameters by name
+    order = np.argsort(model.parameters.names)
+    np.testing.assert_allclose(made.output_d_mu(mu).to_numpy()[:, 0], slopes[:, order], rtol=1e-10)
+    answer = model.solve(point)
+    np.testing.assert_array_equal(made.solve(mu).to_numpy().ravel(), answer.displacement())
+    _, known = made.solve(mu, return_error_estimate=True)
+    assert known[0] == pytest.approx(answer.estimate().primal)
+    _, of_outputs = made.output(mu, return_error_estimate=True)
+    assert of_outputs.shape == (2, 1)

@@ -1,7 +1,9 @@
 """hhr.reduce: from a scene and a wished error to a model, held against the full order and norms worked out here."""
 
+import dataclasses
 import json
 import math
+import warnings
 
 import contract
 import numpy as np
@@ -217,3 +219,55 @@ def test_what_is_no_scene_and_paths_that_miss_are_refused():
 def test_a_budget_is_checked(limits):
     with pytest.raises(ParameterError, match="of a budget"):
         hhr.Budget(**limits)
+
+
+def test_an_output_that_is_zero_but_for_round_off_is_no_reason_to_go_on():
+    """A gap that is closed everywhere, and a moment whose terms cancel."""
+    outputs = (*contract.blocks().outputs, hhr.GapAt("gap", 0, (1.5, 1.0)))
+    scene = dataclasses.replace(contract.blocks(box={"push": (0.03, 0.06)}), outputs=outputs)
+    model = hhr.reduce(scene, 0.01, of=("pressure", "gap"))
+    assert model.reduction.met and len(model.reduction.tried) == 1
+    turned = hhr.ContactMoment("moment", 0, about=(1.5, 1.0))
+    scene = contract.blocks(("E1", 0.3), box=contract.MODULI | {"load": (0.0, 1e-9)})
+    scene = dataclasses.replace(scene, outputs=(turned,))
+    assert hhr.reduce(scene, 0.01, of=("forces", "moment")).reduction.met
+
+
+def test_an_interpolation_that_has_not_settled_is_not_believed(varying):
+    """Kinks lie between its nodes, and a check of few points meets none of them."""
+    model = hhr.condense(varying, fields=True)
+    assert search._unresolved(model) == 0.0
+    for known in ({"surpluses": [0.004]}, {"unresolved": 0.004}):
+        model.offline = dataclasses.replace(model.offline, **({"surpluses": [0.0], "unresolved": 0.0} | known))
+        assert search._unresolved(model) == pytest.approx(search.UNRESOLVED * 0.004)
+
+
+@pytest.mark.parametrize("seed", [1, 3])
+def test_a_modulus_with_kinks_is_not_believed_by_luck(seed):
+    """Three of 200 points, near the kinks, are off by a quarter of a per cent: a check of 40 mostly meets none."""
+    young = ("3 * (1 - 1e-3 * T)", "table(T, 20, .3, 300, .33, 600, .4)")
+    full = hhr.FullOrderModel(contract.blocks(young, box={"T": (20.0, 600.0)}), MPI.COMM_SELF)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        model = hhr.reduce(full, 1e-3, of="pressure", seed=seed)
+    if model.reduction.met:
+        assert worst(model, full, 100, ["pressure"])["pressure"] <= 1e-3
+
+
+def test_what_is_never_offered_is_tried_once():
+    """Bodies that contact alone holds, and whose moduli vary, have no condensed model."""
+    scene = contract.blocks(("E1", 0.3), free=True, box={"E1": (2.0, 4.0)})
+    model = hhr.reduce(scene, 0.05, of="forces")
+    refused = [item for item in model.reduction.tried if item.method == "condensed"]
+    assert len(refused) == 1 and refused[0].outcome.startswith("refused: contact alone holds")
+
+
+def test_nothing_that_moves_is_named():
+    """Surfaces that never meet: forces are zero, and displacements those that are imposed."""
+    scene = contract.blocks(("E1", 0.3), box=contract.MODULI)
+    still = dataclasses.replace(
+        scene, loads=(), outputs=(), openings=(hhr.Opening(0, hhr.Amplitude(0.5)),),
+        parameters=hhr.ParameterSpace(("push", "E1"), (0.005, 1.0), (0.06, 6.0)),
+    )  # fmt: skip
+    with pytest.raises(StudyError, match=r"there is no model.*all snapshots are zero"):
+        hhr.reduce(still, 0.01, of="forces")

@@ -143,11 +143,13 @@ def test_a_page_needs_nothing_else_and_says_what_it_knows(tmp_path):
 
 
 def test_a_name_ends_no_script(tmp_path):
-    peak = hhr.LargestPressure("peak", 0, unit="</script><b>")
+    peak = hhr.LargestPressure("peak", 0, unit="</script><!--<script>")
     scene = dataclasses.replace(contract.blocks(), outputs=(peak,))
     _, model, scenery = made(scene)
     text = hhr.write_model_page(tmp_path / "page.html", model, scenery).read_text(encoding="utf-8")
-    assert text.count("</script>") == 3
+    assert text.count("</script>") == 3 and text.count("<script") == 3
+    data = re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1]
+    assert "<" not in data and json.loads(data)["tree"]["outputs"][0]["unit"] == peak.unit
 
 
 @pytest.mark.parametrize(
@@ -175,6 +177,9 @@ def test_a_page_of_another_scene_or_too_large_is_refused(monkeypatch, tmp_path):
     _, model, scenery = made(contract.blocks())
     with pytest.raises(NotOfferedError, match="of two scenes or meshes"):
         hhr.write_model_page(tmp_path / "page.html", model, dataclasses.replace(scenery, areas=np.ones(3)))
+    others = dataclasses.replace(contract.blocks(), bodies=contract.blocks((4.0, 0.3)).bodies)
+    with pytest.raises(NotOfferedError, match="not of the scene of this model"):
+        hhr.write_model_page(tmp_path / "page.html", model, made(others)[2])
     monkeypatch.setattr(page, "MOST_BYTES", 1000)
     with pytest.raises(NotOfferedError, match="go by mail"):
         hhr.write_model_page(tmp_path / "page.html", model, scenery)
@@ -209,3 +214,39 @@ def test_a_scenery_shows_the_whole_surface(name):
         sizes = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
         assert sizes.min() > 0
         assert sizes.sum() == pytest.approx(4.1 * 7.0 + 0.6 * 7.0, rel=0.05)
+
+
+@in_node
+def test_slopes_on_the_border_stay_inside_the_box():
+    """A table ends where the box does: beyond there is no modulus."""
+    scene = contract.blocks(("table(E1, 1, 2, 3, 4, 6, 5)", 0.3), box=contract.MODULI)
+    _, model, scenery = made(scene, fields=True)
+    text = page.page_text(model, scenery)
+    point = np.array([[0.05, 0.02, 6.0]])
+    (found,) = answered(text, point)
+    exact = model.outputs(point[0], gradient=True).gradient
+    for slopes, name in zip(found["slopes"], ("peak", "force"), strict=True):
+        np.testing.assert_allclose(slopes, exact[name], rtol=1e-3)
+
+
+def test_where_shapes_are_parameters_forces_are_shown_and_no_pressures():
+    """Areas are those of one shape, by which forces of another one are no pressures."""
+    _, model, scenery = made(SCENES["shape"](), fields=True)
+    assert scenery.moves
+    text = page.page_text(model, scenery)
+    tree = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]
+    assert tree["scenery"]["moves"] and set(tree["missing"]) == {"peak", "force"}
+    assert not made(contract.blocks())[2].moves
+
+
+def test_a_page_of_what_never_moves(tmp_path):
+    """No displacement, and no picture of one."""
+    space = hhr.ParameterSpace(("gap",), (0.01,), (0.02,))
+    scene = dataclasses.replace(
+        contract.blocks(), parameters=space, loads=(), outputs=(),
+        displacements=tuple(hhr.Displacement(item.tag, item.component) for item in contract.blocks().displacements),
+        openings=(hhr.Opening(0, hhr.Amplitude(slopes={"gap": 1.0})),),
+    )  # fmt: skip
+    _, model, scenery = made(scene, fields=True)
+    text = hhr.write_model_page(tmp_path / "still.html", model, scenery).read_text(encoding="utf-8")
+    assert '"field":null' in text

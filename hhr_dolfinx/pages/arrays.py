@@ -290,12 +290,14 @@ def _modes(seen: np.ndarray, arrays: Packed) -> tuple[np.ndarray, dict[str, Any]
     return ways, {"modes": arrays.put("field_modes", levels.T, "<i2"), "scales": (largest / LEVELS).tolist()}
 
 
-def _exact_field(model: Any, scenery: Scenery, arrays: Packed) -> dict[str, Any]:
+def _exact_field(model: Any, scenery: Scenery, arrays: Packed) -> dict[str, Any] | None:
     """Where the stiffness is constant: c = W^T (C θ - K^-1 B^T λ) with modes W of answers over the box."""
     fields = model.fields
     rows = rows_of(model, scenery)
     answers = model.solve_many(model.parameters.random(SEEN, 0), raise_on_failure=False)
     seen = np.array([answer.displacement()[rows] for answer in answers if answer.converged]).T
+    if not seen.any():
+        return None
     ways, tree = _modes(seen, arrays)
     of_terms = ways.T @ (fields.per_term[rows] + dense(fields.lifts.tocsr()[rows]))
     own = {"terms": arrays.put("field_terms", of_terms, "<f4")}
@@ -314,9 +316,9 @@ def fitted_field(model: Any, scenery: Scenery, arrays: Packed) -> dict[str, Any]
     rows = rows_of(model, scenery)
     answers = model.solve_many(Sobol(FITTED).points(space), raise_on_failure=False)
     known = [answer for answer in answers if answer.converged]
-    if len(known) < FITTED // 2:
-        return None
     seen = np.array([answer.displacement()[rows] for answer in known]).T
+    if len(known) < FITTED // 2 or not seen.any():
+        return None
     ways, tree = _modes(seen, arrays)
     forces = np.array([answer.multipliers for answer in known]).T
     pushes, sizes, _ = np.linalg.svd(forces, full_matrices=False)
@@ -391,6 +393,7 @@ def drawn(scenery: Scenery) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
         "areas": arrays.put("areas", scenery.areas),
         "pairs": arrays.put("pairs", scenery.pairs, "<i4"),
         "words": scenery.words,
+        "moves": scenery.moves,
     }
     if scenery.points.shape[1] == 3:
         tree["flat"] = arrays.put("flat", _flat(scenery), "<f4")

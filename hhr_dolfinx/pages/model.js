@@ -291,13 +291,16 @@ const hhr = (() => {
     slopes(answer) {
       const { lower, upper } = this.tree, found = this.tree.outputs.map(() => []);
       lower.forEach((low, axis) => {
-        const ends = [-1, 1].map((way) => {
+        const step = STEP * (upper[axis] - low), here = answer.point[axis]; // no step leaves the box
+        const places = [Math.max(low, here - step), Math.min(upper[axis], here + step)];
+        const ends = places.map((place) => {
           const point = answer.point.slice();
-          point[axis] += way * STEP * (upper[axis] - low);
+          point[axis] = place;
           const contact = this.contact(point), there = this.equalities(contact, answer.active);
-          return there && this.outputs({ converged: true, forces: there.forces, theta: contact.theta });
+          if (!there || !there.forces.every(Number.isFinite)) return null;
+          return this.outputs({ converged: true, forces: there.forces, theta: contact.theta });
         });
-        const width = 2 * STEP * (upper[axis] - low);
+        const width = places[1] - places[0];
         found.forEach((row, k) => row.push(ends[0] && ends[1] ? (ends[1][k] - ends[0][k]) / width : NaN));
       });
       return found;

@@ -8,16 +8,20 @@ from importlib import resources
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.models.estimates import relative_errors
-from hhr_dolfinx.pages.arrays import drawn, packed
+from hhr_dolfinx.pages.arrays import check_model, drawn, packed
 from hhr_dolfinx.pages.scenery import Scenery
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 
 MOST_BYTES = 3_000_000
 """Of a page: what goes by mail."""
+ALIKE = 0.01
+"""Relative difference of S up to which a model and a scenery are of one scene: S may be interpolated."""
 LOOKED_AT = 100
 """Random points at which a model tells its error to a page."""
 
@@ -42,6 +46,10 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
             f"the scenery is of {len(scenery.areas)} contact conditions and the model of {model.conditions}: they are "
             "of two scenes or meshes"
         )
+    check_model(model)
+    own = np.diagonal(model.contacts()(model.parameters.middle).schur)
+    if not np.allclose(own, scenery.compliance, rtol=ALIKE, atol=0):
+        raise NotOfferedError("the scenery is not of the scene of this model: its contact is stiffer or softer")
     text = page_text(model, scenery)
     if len(text.encode()) > MOST_BYTES:
         raise NotOfferedError(
@@ -60,7 +68,7 @@ def page_text(model: Any, scenery: Scenery) -> str:
     arrays |= of_scenery
     tree["error"] = error_of(model)
     tree["made"] = f"{today()}, hhr_dolfinx {__version__}"
-    data = json.dumps({"tree": tree, "arrays": arrays}, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+    data = json.dumps({"tree": tree, "arrays": arrays}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     parts = {name: _file(name) for name in ("page.html", "page.css", "model.js", "view.js")}
     text = parts["page.html"].replace("TITLE", escape(scenery.words["scene"].replace("_", " ")))
     for mark, part in (("/*CSS*/", "page.css"), ("/*MODEL*/", "model.js"), ("/*VIEW*/", "view.js")):

@@ -17,7 +17,7 @@ from hhr_dolfinx.files import read_arrays, write_arrays
 FORMAT = "hhr scenery"
 VERSION = 1
 NAME = "scenery.npz"
-_ARRAYS = ("points", "nodes", "triangles", "lines", "contact_points", "areas", "pairs")
+_ARRAYS = ("points", "nodes", "triangles", "lines", "contact_points", "areas", "pairs", "compliance")
 
 
 @dataclass(frozen=True)
@@ -32,6 +32,8 @@ class Scenery:
         contact_points: places of the contact conditions, (m, dim).
         areas: of the conditions, (m,).
         pairs: contact of each condition, (m,).
+        compliance: diagonal of S in the middle of the box, (m,), by which a page tells whose model it draws.
+        moves: whether shapes are parameters: areas are then those of the middle of the box alone.
         words: ``scene``, ``contacts`` (a name for each), ``bodies`` (a line for each), ``hypothesis``, ``length`` and
             ``stress`` (units, or nothing).
     """
@@ -43,6 +45,8 @@ class Scenery:
     contact_points: np.ndarray
     areas: np.ndarray
     pairs: np.ndarray
+    compliance: np.ndarray
+    moves: bool
     words: dict[str, Any]
 
     def write(self, path: str | Path) -> None:
@@ -52,7 +56,7 @@ class Scenery:
             FileError: if it cannot be written.
         """
         arrays = {name: getattr(self, name) for name in _ARRAYS}
-        write_arrays(path, {"format": FORMAT, "version": VERSION, "words": self.words}, arrays)
+        write_arrays(path, {"format": FORMAT, "version": VERSION, "words": self.words, "moves": self.moves}, arrays)
 
     @classmethod
     def read(cls, path: str | Path) -> Scenery:
@@ -65,7 +69,9 @@ class Scenery:
         header, arrays = read_arrays(path, FORMAT, VERSION)
         if missing := set(_ARRAYS) - set(arrays):
             raise FileContentError(f"{path} is damaged: {', '.join(sorted(missing))} are missing")
-        found = cls(**{name: arrays[name] for name in _ARRAYS}, words=header.get("words", {}))
+        found = cls(
+            **{name: arrays[name] for name in _ARRAYS}, moves=bool(header.get("moves")), words=header.get("words", {})
+        )
         if fault := found._fault():
             raise FileContentError(f"{path} is damaged: {fault}")
         return found
@@ -84,8 +90,10 @@ class Scenery:
             ):
                 return f"{name} name nodes that are not there"
         m = len(self.areas)
-        if self.contact_points.shape != (m, self.points.shape[1]) or self.pairs.shape != (m,):
+        shapes = self.contact_points.shape, self.pairs.shape, self.compliance.shape
+        if shapes != ((m, self.points.shape[1]), (m,), (m,)):
             return "places of contact do not fit"
-        if not isinstance(self.words, dict) or not isinstance(self.words.get("scene"), str):
+        named = isinstance(self.words, dict) and isinstance(self.words.get("scene"), str)
+        if not named or not isinstance(self.moves, bool):
             return "it has no words"
         return ""

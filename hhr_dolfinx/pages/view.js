@@ -9,6 +9,7 @@
   const pairs = arrays[scenery.pairs], at = (id) => document.getElementById(id);
   const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
   const said = (x) => (Number.isFinite(x) ? Number(x.toPrecision(6)).toString() : "no value");
+  const exactly = (x) => Number(x.toPrecision(15)).toString();
   const unit = (u) => (u ? ` [${u}]` : "");
   const middle = tree.lower.map((low, k) => (low + tree.upper[k]) / 2);
   let point = fromAddress(), answer = null, view = { turn: dim === 3 ? 0.6 : 0, tilt: dim === 3 ? -1.0 : 0, zoom: 1 };
@@ -16,7 +17,7 @@
   function fromAddress() {
     const given = new URLSearchParams(location.hash.slice(1));
     return tree.names.map((name, k) => {
-      const value = given.has(name) ? Number(given.get(name)) : NaN;
+      const value = given.get(name) ? Number(given.get(name)) : NaN;
       return Number.isFinite(value) ? Math.min(Math.max(value, tree.lower[k]), tree.upper[k]) : middle[k];
     });
   }
@@ -46,23 +47,25 @@
       changed();
     };
     range.addEventListener("input", () => take(Number(range.value)));
-    number.addEventListener("change", () => take(Number(number.value)));
+    number.addEventListener("change", () => { take(number.value === "" ? NaN : Number(number.value)); number.value = exactly(point[k]); });
     return { box, number, range };
   });
 
   function showParameters() {
     controls.forEach(({ box, number, range }, k) => {
       range.value = point[k];
-      if (document.activeElement !== number) number.value = said(point[k]);
+      if (document.activeElement !== number) number.value = exactly(point[k]);
       const trained = tree.trained;
       box.classList.toggle("outside", !!trained && (point[k] < trained[0][k] || point[k] > trained[1][k]));
     });
-    const now = new URLSearchParams(tree.names.map((name, k) => [name, said(point[k])]));
+    const now = new URLSearchParams(tree.names.map((name, k) => [name, exactly(point[k])]));
     try { history.replaceState(null, "", `#${now}`); } catch { /* some browsers forbid it for files */ }
   }
 
   /* Numbers. */
-  const pressure = () => Array.from(answer.forces, (force, i) => (areas[i] > 0 ? force / areas[i] : NaN));
+  // where shapes are parameters areas are, and forces of nodes are what is known
+  const what = scenery.moves ? "force of a node" : "pressure", ofStress = scenery.moves ? "" : words.stress;
+  const pressure = () => Array.from(answer.forces, (force, i) => (scenery.moves ? force : areas[i] > 0 ? force / areas[i] : NaN));
   const contacts = [...new Set(pairs)].sort((a, b) => a - b);
   const contactName = (pair) => `contact ${pair}${words.contacts[pair] ? `: ${words.contacts[pair]}` : ""}`;
 
@@ -74,7 +77,7 @@
       const peak = Math.max(...own.map((i) => (Number.isNaN(all[i]) ? -Infinity : all[i])));
       found.push([contactName(pair), null, null]);
       found.push(["sum of forces", sum, null]);
-      if (Number.isFinite(peak)) found.push([`largest pressure${unit(words.stress)}`, peak, null]);
+      if (Number.isFinite(peak)) found.push([`largest ${what}${unit(ofStress)}`, peak, null]);
       found.push([`conditions that touch, of ${own.length}`, own.filter((i) => answer.forces[i] > 0).length, null]);
     }
     return found;
@@ -104,11 +107,11 @@
   }
 
   function aboutError() {
-    const { kind, pressure: worst, points: count } = tree.error;
+    const { kind, points: count } = tree.error, worst = scenery.moves ? tree.error.forces : tree.error.pressure;
     const missing = tree.missing.length ? ` Not on this page: ${tree.missing.join(", ")}.` : "";
     const known = kind === "exact" ? "Exact: the finite element model itself, with all but contact eliminated."
       : worst === null ? "Nothing is known of the errors of these answers."
-        : `Pressures are off by at most ${Number((100 * worst).toPrecision(2))} % of the largest one at any of ${count} random points `
+        : `${scenery.moves ? "Contact forces" : "Pressures"} are off by at most ${Number((100 * worst).toPrecision(2))} % of ${scenery.moves ? "their size" : "the largest one"} at any of ${count} random points `
           + `(${kind === "bound" ? "a proved bound" : "an estimate, not proved"}).`;
     at("error").textContent = `${known} Errors of the mesh and of the model come on top.${missing}`;
   }
@@ -150,7 +153,7 @@
   function drawLine({ canvas, own, line }, values) {
     const { pen, width, height } = prepared(canvas), [left, bottom, top] = [64, 36, 10];
     const x = line.order.map((i) => places[i * dim + line.axis]), y = line.order.map((i) => values[i]);
-    const worst = tree.error.pressure || 0, peak = Math.max(0, ...values.filter(Number.isFinite)), band = worst * peak;
+    const worst = (scenery.moves ? tree.error.forces : tree.error.pressure) || 0, peak = Math.max(0, ...values.filter(Number.isFinite)), band = worst * peak;
     const high = 1.08 * Math.max(...y.filter(Number.isFinite), 0) + band || 1;
     const [from, to] = [Math.min(...x), Math.max(...x)];
     const px = (v) => left + ((v - from) / (to - from || 1)) * (width - left - 12);
@@ -166,7 +169,7 @@
     for (const t of ticks(from, to, Math.max(2, Math.floor(width / 110)))) pen.fillText(said(t), px(t), height - bottom + 16);
     pen.fillText(`${"xyz"[line.axis]}${unit(words.length)}`, (left + width) / 2, height - 4);
     pen.textAlign = "left";
-    pen.fillText(`pressure${unit(words.stress)}`, left + 4, top + 10);
+    pen.fillText(`${what}${unit(ofStress)}`, left + 4, top + 10);
     if (band > 0) {
       pen.fillStyle = style("--band");
       pen.beginPath();
@@ -197,10 +200,10 @@
     const { pen, width, height } = prepared(canvas), flat = arrays[scenery.flat];
     const range = [0, 1].map((c) => own.map((i) => flat[i * 2 + c])).map((v) => [Math.min(...v), Math.max(...v)]);
     const [wide, tall] = range.map(([from, to]) => to - from || 1);
-    const scale = Math.min((width - 40) / wide, (height - 60) / tall);
+    const scale = Math.min((width - 40) / wide, (height - 80) / tall);
     const most = Math.max(1e-300, ...own.map((i) => values[i]).filter(Number.isFinite));
     for (const i of own) {
-      const x = 20 + (flat[i * 2] - range[0][0]) * scale, y = height - 40 - (flat[i * 2 + 1] - range[1][0]) * scale;
+      const x = 20 + (flat[i * 2] - range[0][0]) * scale, y = height - 60 - (flat[i * 2 + 1] - range[1][0]) * scale;
       const closed = answer.forces[i] > 0;
       pen.fillStyle = closed ? `rgb(${colour(values[i] / most)})` : "transparent";
       pen.strokeStyle = style("--open");
@@ -208,7 +211,7 @@
       if (!closed) pen.stroke();
     }
     pen.fillStyle = style("--faint");
-    pen.fillText(`yellow ${said(most)}${unit(words.stress)}, dark 0, rings open`, 8, height - 6);
+    pen.fillText(`yellow ${said(most)}${unit(ofStress)}, dark 0, rings open`, 8, height - 6);
     canvas.setAttribute("aria-label", `pressures on the surface, at most ${said(most)}`);
   }
 
@@ -369,7 +372,7 @@
   names.forEach((name, k) => at("component").append(element("option", k ? `along ${name}` : "its length", { value: k ? k - 1 : "length" })));
   if (!gl) at("shape").replaceChildren(element("h2", "Displacement"), element("p", tree.field
     ? "This browser draws no triangles (WebGL is switched off)." : "This model has no displacement for a page.", { className: "note" }));
-  else { turning(); for (const id of ["component", "exaggerate"]) at(id).addEventListener("input", showField); }
+  else { at("shape").append(element("p", "Drawn by few modes: off by some per cent.", { className: "note" })); turning(); for (const id of ["component", "exaggerate"]) at(id).addEventListener("input", showField); }
   at("reset").addEventListener("click", () => { point = middle.slice(); changed(); });
   at("copy").addEventListener("click", async () => {
     const text = [...tree.names.map((name, k) => [name, point[k]]), ...rows().map(([name, value]) => [name, value ?? ""])].map((row) => row.join("\t")).join("\n");

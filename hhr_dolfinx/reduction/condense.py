@@ -67,6 +67,7 @@ class CondensedRecord:
         settings: how far its grids were to grow.
         evaluations: solutions of the parts of the scene, one number for each grid.
         surpluses: what the terms tried last would have changed, relative.
+        unresolved: what formulas of moduli do between the nodes of the grids, as far as that is seen, relative.
         comparison: what users get beside answers that are known; None where there were none.
         log: seconds of the stages.
     """
@@ -74,6 +75,7 @@ class CondensedRecord:
     settings: GridSettings
     evaluations: list[int]
     surpluses: list[float]
+    unresolved: float
     comparison: Comparison | None
     log: StageLog
 
@@ -153,7 +155,8 @@ def condense(
             comparison = compare_points(full, model, held_out, force_floor(problem, snapshots))
             check_comparison(comparison, TrustLimits(), OF_CONDENSATION)
     numbers = [grid.evaluations for grid in grids], [grid.surplus for grid in grids]
-    model.offline = CondensedRecord(settings, *numbers, comparison, log)
+    unresolved = max((grid.unresolved for grid in grids), default=0.0)
+    model.offline = CondensedRecord(settings, *numbers, unresolved, comparison, log)
     return model
 
 

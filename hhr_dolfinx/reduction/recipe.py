@@ -115,7 +115,10 @@ class Pod(_Truncated):
         columns = columns * _weights(columns) if self.relative else columns
         if not self.by_body:
             return pod(columns, self.tolerance, gram)[0]
-        return np.column_stack([self._of_body(dofs, columns, gram) for dofs in problem.bodies if columns[dofs].any()])
+        found = [self._of_body(dofs, columns, gram) for dofs in problem.bodies if columns[dofs].any()]
+        if not found:
+            raise ReductionError("nothing moves in any answer, so that no displacement is spanned: raise the loads")
+        return np.column_stack(found)
 
     def _of_body(self, dofs: np.ndarray, columns: np.ndarray, gram: Any) -> np.ndarray:
         """Modes that move one body, given by its dofs, (N, k)."""

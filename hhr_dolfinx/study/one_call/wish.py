@@ -8,7 +8,8 @@ Of an answer, or of the steps of a history, k, relative to the exact ones:
     an output       max_k |s_k - s~_k| / max_k |s_k|
 
 Where the exact size is less than a thousandth of the largest one known, as of forces where contact is nearly lost, that
-thousandth takes its place, as in :mod:`hhr_dolfinx.models.estimates`.
+thousandth takes its place, as in :mod:`hhr_dolfinx.models.estimates`. Of an output that is a sum, such as a moment, its
+size is at least a thousandth of what its terms sum up to if none cancels another.
 """
 
 from __future__ import annotations
@@ -25,6 +26,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.estimates import ASKED
+from hhr_dolfinx.models.functionals.kinds import Linear
 from hhr_dolfinx.parameters import is_number, is_whole
 
 DISPLACEMENT = "displacement"
@@ -147,11 +149,13 @@ class Errors:
         self._pressed = _pressed(full.problem)
         self._floors = dict.fromkeys(wish.of, 0.0)
         self._last: tuple[np.ndarray, ContactProblem] | None = None
+        items = () if full.functionals is None else full.functionals.items
+        self._sums = {item.name: item for item in items if isinstance(item, Linear)}
 
     def know(self, exact: Sequence[Exact]) -> None:
         """Take in the sizes of exact answers: errors are over a thousandth of the largest of them at least."""
         for name in self.wish.of:
-            sizes = [self._size(name, answer, self._read(name, answer)) for item in exact for answer in item.answers]
+            sizes = [self._largest(name, answer) for item in exact for answer in item.answers]
             self._floors[name] = max(self._floors[name], FORCE_FLOOR * max(sizes, default=0.0))
 
     def of(self, found: Sequence[Answer], exact: Exact) -> np.ndarray:
@@ -200,6 +204,15 @@ class Errors:
         if self._last is None or not np.array_equal(self._last[0], point):
             self._last = point, self._problem.at(point)
         return self._last[1]
+
+    def _largest(self, name: str, answer: Answer) -> float:
+        """Size of an exact answer, of an output that is a sum with no sign of its terms."""
+        size = self._size(name, answer, self._read(name, answer))
+        item = self._sums.get(name)
+        if item is None:
+            return size
+        moved = abs(item.matrix(self._problem.free.size)) @ np.abs(answer.displacement())
+        return max(size, float(np.abs(item.weights) @ np.abs(answer.forces()[item.conditions]) + moved.sum()))
 
     @property
     def _areas(self) -> np.ndarray:

@@ -40,6 +40,8 @@ def scenery_of(full: Any) -> Scenery:
         np.ascontiguousarray(problem.contact_points),
         problem.contact_areas.copy(),
         problem.contact_pairs.astype(np.int64),
+        np.diagonal(full.schur).copy(),
+        bool(full.scene.shapes),
         _words(full.scene),
     )
 
