@@ -21,6 +21,7 @@ from hhr_dolfinx.pages import page
 
 MODEL = Path(page.__file__).with_name("model.js")
 NODE = shutil.which("node")
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
 in_node = pytest.mark.skipif(NODE is None, reason="node is not there")
 PROGRAM = """
 const fs = require("fs"), hhr = require(process.argv[1]);
@@ -250,3 +251,26 @@ def test_a_page_of_what_never_moves(tmp_path):
     _, model, scenery = made(scene, fields=True)
     text = hhr.write_model_page(tmp_path / "still.html", model, scenery).read_text(encoding="utf-8")
     assert '"field":null' in text
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not there")
+@pytest.mark.parametrize("name", ["partial pressure", "space"])
+def test_a_browser_shows_the_answer_of_its_address(name, tmp_path):
+    """By double click: numbers in the table, a plot for each contact, and parameters out of the box at its border."""
+    _, model, scenery = made(SCENES[name](), fields=True)
+    target = hhr.write_model_page(tmp_path / "page.html", model, scenery)
+    space = model.parameters
+    asked = [*model.parameters.random(1, 8)[0].tolist()]
+    asked[0] = 2 * space.upper[0]  # is taken for the upper end
+    address = "&".join(f"{key}={value!r}" for key, value in zip(space.names, asked, strict=True))
+    words = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--no-first-run"]
+    words += ["--enable-unsafe-swiftshader", f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=3000"]
+    words += ["--dump-dom", f"{target.as_uri()}#{address}"]
+    found = subprocess.run([CHROMIUM, *words], capture_output=True, text=True, timeout=WAIT, check=True).stdout
+    assert 'data-converged="true"' in found
+    assert found.count('class="plot"') == len(set(scenery.pairs.tolist()))
+    asked[0] = space.upper[0]
+    forces = model.solve(asked).forces()
+    for pair in set(scenery.pairs.tolist()):
+        total = forces[scenery.pairs == pair].sum()
+        assert f"<td>sum of forces</td><td>{float(f'{total:.6g}'):.12g}</td>" in found, total
