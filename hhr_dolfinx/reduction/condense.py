@@ -154,10 +154,17 @@ def condense(
         with log.stage("validation"):
             comparison = compare_points(full, model, held_out, force_floor(problem, snapshots))
             check_comparison(comparison, TrustLimits(), OF_CONDENSATION)
+    model.offline = _record(settings, grids, comparison, log)
+    return model
+
+
+def _record(
+    settings: GridSettings, grids: list[GrownGrid], comparison: Comparison | None, log: StageLog
+) -> CondensedRecord:
+    """How a model was made."""
     numbers = [grid.evaluations for grid in grids], [grid.surplus for grid in grids]
     unresolved = max((grid.unresolved for grid in grids), default=0.0)
-    model.offline = CondensedRecord(settings, *numbers, unresolved, comparison, log)
-    return model
+    return CondensedRecord(settings, *numbers, unresolved, comparison, log)
 
 
 def _starts(problem: ContactProblem) -> int:
