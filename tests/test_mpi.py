@@ -330,6 +330,7 @@ def refuse(points, **how):
     raise ParameterError("no answer")
 
 answering = SimpleNamespace(
+    rows_at_once=1000,
     parameters=scene.parameters, dimension=2, conditions=0, fields=ModelFields(), solve=refuse,
     solve_many=refuse,
 )
