@@ -10,6 +10,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import KeptFactors, Status
 from hhr_dolfinx.errors import OutsideTrainingError, OutsideTrainingWarning, ParameterError
 from hhr_dolfinx.linear.dense import LapackLU
+from hhr_dolfinx.models import many as several
 
 
 @pytest.fixture(scope="module", params=["discs", "pellet"])
@@ -105,3 +106,16 @@ def test_kept_factors_forget_what_was_asked_for_longest_ago(monkeypatch):
     factors.of(sets[2], sets[2].tobytes())
     assert factors.of(sets[0], sets[0].tobytes()) is first
     assert factors.of(sets[1], sets[1].tobytes()) is not second
+
+
+def test_many_points_start_from_their_neighbours(training, monkeypatch):
+    """The same answers, and less of a search: most neighbours share their statuses."""
+    model = hhr.exact_condensation(training.full_order, training.snapshots.known_statuses(), field=False)
+    points = model.parameters.random(600, seed=6)
+    far = model.solve_many(points)
+    monkeypatch.setattr(several, "FEWEST", 50)
+    near = model.solve_many(points)
+    assert np.array_equal(near.active, far.active)
+    assert np.abs(near.multipliers - far.multipliers).max() <= 1e-11 * np.abs(far.multipliers).max()
+    assert near.iterations.mean() < far.iterations.mean()
+    assert model.rows_at_once > training.full_order.rows_at_once

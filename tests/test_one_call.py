@@ -242,16 +242,14 @@ def test_an_interpolation_that_has_not_settled_is_not_believed(varying):
         assert search._unresolved(model) == pytest.approx(search.UNRESOLVED * 0.004)
 
 
-@pytest.mark.parametrize("seed", [1, 3])
-def test_a_modulus_with_kinks_is_not_believed_by_luck(seed):
-    """Three of 200 points, near the kinks, are off by a quarter of a per cent: a check of 40 mostly meets none."""
+def test_what_is_expected_of_kinks_is_no_less_than_their_errors():
+    """A table of Poisson's ratios has kinks, by which forces are off where hardly any point of a check lies."""
     young = ("3 * (1 - 1e-3 * T)", "table(T, 20, .3, 300, .33, 600, .4)")
     full = hhr.FullOrderModel(contract.blocks(young, box={"T": (20.0, 600.0)}), MPI.COMM_SELF)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
-        model = hhr.reduce(full, 1e-3, of="pressure", seed=seed)
-    if model.reduction.met:
-        assert worst(model, full, 100, ["pressure"])["pressure"] <= 1e-3
+        model = hhr.condense(full, fields=True)
+    assert search._unresolved(model) >= worst(model, full, 200, ["pressure"])["pressure"] > 1e-5
 
 
 def test_what_is_never_offered_is_tried_once():

@@ -77,7 +77,7 @@ SCENES = {
 @in_node
 @pytest.mark.parametrize("name", SCENES)
 def test_a_page_has_the_digits_of_python(name):
-    full, model, scenery = made(SCENES[name](), fields=True)
+    _, model, scenery = made(SCENES[name](), fields=True)
     text = page.page_text(model, scenery)
     points = model.parameters.random(12, 4)
     rows = (scenery.nodes[:, None] * model.dimension + np.arange(model.dimension)).ravel()
@@ -98,8 +98,9 @@ def test_a_page_has_the_digits_of_python(name):
             np.testing.assert_allclose(slopes, exact, rtol=0, atol=1e-5 * np.abs(exact).max() + 1e-9)
         exact = answer.displacement()[rows]
         assert np.linalg.norm(found["field"] - exact) < 0.03 * np.linalg.norm(exact)
-    assert missing == {"partial pressure": ["stress"]}.get(name, missing)
-    assert full.conditions == len(points[0]) or len(scenery.areas) == model.conditions
+    unread = {"partial pressure": ["stress"], "shape": ["peak", "force"]}
+    unread["space"] = ["torque of a quarter", "largest stress", "lost contact"]
+    assert missing == unread.get(name, [])
 
 
 @in_node

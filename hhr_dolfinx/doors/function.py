@@ -19,7 +19,6 @@ class OutputFunction:
     Attributes:
         names: of the parameters, in their order.
         outputs: names of the outputs, in their order.
-        units: of the outputs.
 
     Raises:
         NotOfferedError: for a model of a scene without outputs.
@@ -36,7 +35,6 @@ class OutputFunction:
         self.outside = outside
         self.names = tuple(model.parameters.names)
         self.outputs = tuple(item.name for item in functionals.items)
-        self.units = tuple(item.unit for item in functionals.items)
 
     def __call__(self, points: Any) -> np.ndarray:
         """Outputs at points, (n, P): (n, K).

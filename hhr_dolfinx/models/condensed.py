@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 
 MOST_ROWS = 16_000
 NUMBERS = 8_000_000
-"""Rows of a table that are answered at once at most, and numbers of their answers, 64 MB: on the pellet 1000 rows took
-four times as long for each."""
+"""Rows of a table that are answered at once at most, and numbers of their answers, 64 MB: 200,000 rows of the pellet
+took 26 s by 1000 and 11 s by 16,000, measured once."""
 
 
 class CondensedModel(KeptModel):

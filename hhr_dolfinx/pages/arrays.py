@@ -88,12 +88,11 @@ def _kind(model: Any) -> str:
 
 
 def packed(model: Any, scenery: Scenery) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-    """A model as a tree and its arrays.
+    """A model that :func:`check_model` has passed as a tree and its arrays.
 
     Raises:
-        NotOfferedError: for a model that no page is built for.
+        NotOfferedError: for an amplitude of a user's own.
     """
-    check_model(model)
     arrays = Packed()
     space = model.parameters
     tree: dict[str, Any] = {
@@ -168,33 +167,28 @@ def _eliminated(eliminated: Any, arrays: Packed) -> dict[str, Any]:
     if isinstance(eliminated, ConstantElimination):
         responses = eliminated.responses
         return {
-            "schur": arrays.put("schur", _half(responses.schur)) if _symmetric(responses.schur) else None,
-            "schur_whole": None if _symmetric(responses.schur) else arrays.put("schur", responses.schur),
+            "schur": arrays.put("schur", _half(responses.schur)),
             "free_slack": arrays.put("free_slack", responses.free_slack),
             "parts": [],
         }
     parts = [_part(part, number, arrays) for number, part in enumerate(eliminated.parts)]
     reshaped = None if eliminated.reshaped is None else _interpolant(eliminated.reshaped, "gaps", arrays)
     return {
-        "schur": None, "schur_whole": None, "free_slack": None, "parts": parts,
+        "schur": None, "free_slack": None, "parts": parts,
         "gaps": arrays.put("gaps", eliminated.gaps), "reshaped": reshaped,
     }  # fmt: skip
 
 
-def _symmetric(schur: np.ndarray) -> bool:
-    return bool(np.abs(schur - schur.T).max() <= 1e-12 * np.abs(schur).max())
-
-
 def _half(matrix: np.ndarray) -> np.ndarray:
-    """Lower half by rows, (m (m + 1) / 2,)."""
-    return matrix[np.tril_indices(len(matrix))]
+    """Lower half by rows of a matrix that is symmetric to round-off, (m (m + 1) / 2,)."""
+    return ((matrix + matrix.T) / 2)[np.tril_indices(len(matrix))]
 
 
 def _part(part: Compliance, number: int, arrays: Packed) -> dict[str, Any]:
     """A connected component."""
     m = part.conditions.size
     modes = part.interpolant.modes.T.reshape(-1, m, m)
-    half = np.array([_half((mode + mode.T) / 2) for mode in modes])
+    half = np.array([_half(mode) for mode in modes])
     tree = _interpolant(part.interpolant, f"part{number}_", arrays, modes=half)
     return tree | {
         "conditions": arrays.put(f"part{number}_conditions", part.conditions, "<i4"),

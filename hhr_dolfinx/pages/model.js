@@ -105,7 +105,7 @@ const hhr = (() => {
         .map((item) => item.kind === "formula" ? 1
           : (arrays[item.positions].length - 1) / item.degree + arrays[item.positions].length)
         .reduce((a, b) => a + b, 0);
-      this.constantSchur = tree.schur ? this.whole(arrays[tree.schur]) : tree.schur_whole ? arrays[tree.schur_whole] : null;
+      this.constantSchur = tree.schur ? this.whole(arrays[tree.schur]) : null;
       this.last = null;
     }
 

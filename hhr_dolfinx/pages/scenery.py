@@ -32,7 +32,7 @@ class Scenery:
         contact_points: places of the contact conditions, (m, dim).
         areas: of the conditions, (m,).
         pairs: contact of each condition, (m,).
-        compliance: diagonal of S in the middle of the box, (m,), by which a page tells whose model it draws.
+        compliance: S times ones in the middle of the box, (m,), by which a page tells whose model it draws.
         moves: whether shapes are parameters: areas are then those of the middle of the box alone.
         words: ``scene``, ``contacts`` (a name for each), ``bodies`` (a line for each), ``hypothesis``, ``length`` and
             ``stress`` (units, or nothing).

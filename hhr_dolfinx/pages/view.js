@@ -150,7 +150,7 @@
     return found;
   }
 
-  function drawLine({ canvas, own, line }, values) {
+  function drawLine({ canvas, line }, values) {
     const { pen, width, height } = prepared(canvas), [left, bottom, top] = [64, 36, 10];
     const x = line.order.map((i) => places[i * dim + line.axis]), y = line.order.map((i) => values[i]);
     const worst = (scenery.moves ? tree.error.forces : tree.error.pressure) || 0, peak = Math.max(0, ...values.filter(Number.isFinite)), band = worst * peak;
@@ -187,7 +187,6 @@
       pen.beginPath(); pen.arc(px(x[k]), py(Number.isFinite(values[i]) ? values[i] : 0), 2.5, 0, 2 * Math.PI); pen.fill();
     });
     canvas.setAttribute("aria-label", `pressure along ${"xyz"[line.axis]}, at most ${said(Math.max(...y))}`);
-    void own;
   }
 
   const colour = (t) => { // dark blue to yellow, even for the colour-blind

@@ -12,8 +12,8 @@ if TYPE_CHECKING:
     from hhr_dolfinx.study.one_call.bench import Bench
 
 MANY = 1000
-"""Contact conditions from which on a hyper-reduced model is tried beside a condensed one that is exact enough: answers
-of condensed ones were quicker below, measured on the scenes of the repository."""
+"""Contact conditions from which on a hyper-reduced model is tried beside a condensed one that is exact enough: a
+choice, since which one is quicker is timed."""
 FEWEST = 32
 MOST = 512
 """Training points of the first and of the last hyper-reduced model; each has twice as many as the one before."""

@@ -125,9 +125,7 @@ class Bench:
                 except HHRError:
                     answers = []
                 rows.append(self.errors.of(answers, item))
-        found = np.array(rows)
-        self.forces_off = self.errors.forces_off(found.max(axis=0))
-        return found
+        return np.array(rows)
 
     def _answers(self, questions: Any, label: str, lost: Lost) -> Iterator[Answer | History]:
         """Exact answers; what has none is told to ``lost``."""

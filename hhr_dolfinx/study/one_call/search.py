@@ -68,7 +68,7 @@ ROOM = 2.0
 """What an error that was seen must leave to the wish: of 200 points the worst is worse than that of 40."""
 UNRESOLVED = 3.0
 """By how much forces are off where S is, of an interpolation that has not settled: kinks lie between its nodes, and few
-of them lie near a point of a check. Of a modulus with kinks both were .0024."""
+of them lie near a point of a check. Of a modulus with kinks both were .0024, measured once."""
 CLOSE = 3.0
 """Factor of the time of an answer within which the more exact model is taken."""
 TIMED = 25
@@ -91,7 +91,7 @@ class Tried:
         query: median seconds of what the wish asks for, of a point or of a history; NaN if it was not timed.
         errors: the worst error that is known, by the names of the wish; none of what was not made.
         known: how errors are known.
-        bytes: size in a file; 0 if it was not written.
+        bytes: size in a file; 0 where no budget asks for it.
         outcome: ``met``, or why not.
     """
 
@@ -322,15 +322,16 @@ def _try(bench: Bench, attempt: Attempt) -> tuple[Any, Tried]:
             warnings.simplefilter("ignore", told)
         model = attempt.make()
     seconds = clock.seconds
-    size = _size(model)
-    made = Tried(attempt.method, attempt.setting, bench.solved, seconds, bytes=size)
     limit = bench.budget.bytes
+    size = 0 if limit is None else _size(model)
+    made = Tried(attempt.method, attempt.setting, bench.solved, seconds, bytes=size)
     if limit is not None and size > limit:
         return None, replace(made, outcome=f"refused: {size / 1e6:.3g} MB in a file, and {limit / 1e6:.3g} are allowed")
     try:
         errors, known = _judged(bench, model)
     except BudgetSpentError as error:
         return model, replace(made, outcome=f"not checked: {error}", known="nothing", full_answers=bench.solved)
+    bench.forces_off = bench.errors.forces_off(errors)
     worst = dict(zip(bench.wish.of, errors.tolist(), strict=True))
     met = bool((errors <= bench.wish.error).all())
     query = _query_time(bench, model)

@@ -110,20 +110,17 @@ def _nodes(found: Any, tag: Any) -> np.ndarray:
 
 
 def _space(found: Any, axes: Any) -> None:
-    from hhr_dolfinx.geometries.cells import CORNERS, FACES, TENSOR
+    from hhr_dolfinx.geometries.cells import CORNERS, TENSOR, outer_faces
 
     discretisation: Any = found.discretisation
     points = discretisation._points()
     owner = discretisation.cell_bodies()
     kind = discretisation.mesh.topology.cell_name()
     cells = discretisation._cell_nodes()[:, : CORNERS[kind]]
-    corners = np.array(FACES[kind])
     for place, body in enumerate(found.scene.bodies):
         own = cells[owner == place]
         own = own[:, TENSOR[kind]] if kind in TENSOR else own
-        every = own[:, corners].reshape(-1, corners.shape[1])
-        _, first, count = np.unique(np.sort(every, axis=1), axis=0, return_index=True, return_counts=True)
-        outer = points[every[first[count == 1]]]
+        outer = points[outer_faces(kind, own)]
         axes.add_collection3d(
             Poly3DCollection(
                 outer, facecolor=f"C{place}", edgecolor="white", linewidth=0.1, alpha=0.25, label=f"body {body.tag}"

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.geometries.cells import CORNERS, FACES, TENSOR
+from hhr_dolfinx.geometries.cells import CORNERS, TENSOR, outer_faces
 from hhr_dolfinx.pages.scenery import Scenery
 from hhr_dolfinx.scene import Scene
 
@@ -25,7 +25,7 @@ def scenery_of(full: Any) -> Scenery:
     cells = discretisation._cell_nodes()[:, : CORNERS[kind]]
     flat = problem.block_size == 2
     cells = cells[:, TENSOR[kind]] if kind in TENSOR else cells  # corners go round
-    outer = _alone(cells[:, np.array(FACES[kind])])
+    outer = outer_faces(kind, cells)
     faces = cells if flat else outer
     triangles = np.concatenate([faces[:, list(corners)] for corners in PARTS[faces.shape[1]]])
     nodes, places = np.unique(triangles, return_inverse=True)
@@ -40,17 +40,10 @@ def scenery_of(full: Any) -> Scenery:
         np.ascontiguousarray(problem.contact_points),
         problem.contact_areas.copy(),
         problem.contact_pairs.astype(np.int64),
-        np.diagonal(full.schur).copy(),
+        problem.contact @ full.pushed_everywhere(np.ones(full.conditions)),
         bool(full.scene.shapes),
         _words(full.scene),
     )
-
-
-def _alone(faces: np.ndarray) -> np.ndarray:
-    """Faces that belong to one cell alone, by their corners: (cells, faces, k) -> (f, k)."""
-    rows = faces.reshape(-1, faces.shape[2])
-    _, first, count = np.unique(np.sort(rows, axis=1), axis=0, return_index=True, return_counts=True)
-    return rows[first[count == 1]]
 
 
 def _words(scene: Scene) -> dict[str, Any]:
