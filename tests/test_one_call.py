@@ -4,6 +4,7 @@ import dataclasses
 import json
 import math
 import warnings
+from types import SimpleNamespace
 
 import contract
 import numpy as np
@@ -12,7 +13,9 @@ from mpi4py import MPI
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, ParameterError, StabilityWarning, StudyError
+from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.study.one_call import attempts, search
+from hhr_dolfinx.study.one_call.wish import Errors, Exact, Wish
 
 PATHS = {"push": 0.0, "load": 0.0}
 
@@ -269,3 +272,18 @@ def test_nothing_that_moves_is_named():
     )  # fmt: skip
     with pytest.raises(StudyError, match=r"there is no model.*all snapshots are zero"):
         hhr.reduce(still, 0.01, of="forces")
+
+
+def test_pressures_of_bodies_whose_shape_varies_are_over_the_areas_of_their_point():
+    wider = ("1 + (x - 1) * (1 + wide * (x - 1))", "y")
+    shapes = tuple(hhr.Shape(body, wider) for body in (two_blocks.FIRST, two_blocks.SECOND))
+    full = hhr.FullOrderModel(contract.blocks(box={"wide": (0.0, 1.0)}, shapes=shapes), MPI.COMM_SELF)
+    exact = full.solve({"push": 0.05, "load": 0.02, "wide": 1.0})
+    shifted = exact.forces() + np.array([0.0, 0.0, 0.01, 0.0])
+    errors = Errors(Wish(0.01, ("pressure",)), full)
+    found = SimpleNamespace(converged=True, parameter=exact.parameter, forces=lambda: shifted)
+    areas = full.problem.at(exact.parameter).contact_areas
+    assert areas[2] > 1.2 * full.problem.contact_areas[2]
+    assert errors.of([found], Exact(exact)) == pytest.approx(
+        0.01 / areas[2] / (exact.forces() / areas).max(), rel=1e-12
+    )

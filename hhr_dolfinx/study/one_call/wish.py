@@ -188,7 +188,11 @@ class Errors:
         if name not in ASKED:
             return np.array(answer.outputs()[name])
         forces = answer.forces()
-        return forces if name != PRESSURE else forces[self._pressed] / self._areas
+        if name != PRESSURE:
+            return forces
+        # the areas of a body whose shape varies are those of the point
+        problem = self._problem if self._problem.reshaped is None else self._at(answer.parameter)
+        return forces[self._pressed] / problem.contact_areas[self._pressed]
 
     def _size(self, name: str, answer: Answer, values: np.ndarray) -> float:
         """Norm of it; energies by the stiffness at the parameter of an answer."""
@@ -213,10 +217,6 @@ class Errors:
             return size
         moved = abs(item.matrix(self._problem.free.size)) @ np.abs(answer.displacement())
         return max(size, float(np.abs(item.weights) @ np.abs(answer.forces()[item.conditions]) + moved.sum()))
-
-    @property
-    def _areas(self) -> np.ndarray:
-        return self._problem.contact_areas[self._pressed]
 
 
 def _pressed(problem: Any) -> np.ndarray:

@@ -333,13 +333,13 @@ def _pressures_of(
     full: FullOrderModel, pair: int, pairs: dict[str, tuple[Answer, Answer]], view: View, method: str
 ) -> Panel:
     """Pressures of one contact: lines of the full order, marks of a reduced model, a closed form where there is one."""
-    problem = full.problem
-    own = problem.pressing_of(pair)
-    where, label = view.along(problem.contact_points[own], pair, full.scene.units)
+    own = full.problem.pressing_of(pair)
+    where, label = view.along(full.problem.contact_points[own], pair, full.scene.units)
     lines = {}
     marks = {}
     closed_forms = {}
     for name, (exact, found) in pairs.items():
+        problem = full.problem.at(exact.parameter)  # areas are those of its shape
         lines[f"full order{name}"] = where, pressures(problem, pair, exact.forces())
         marks[f"{method}{name}"] = where, pressures(problem, pair, found.forces())
         if view.closed_form is not None and pair == (view.pair or 0):
