@@ -5,7 +5,7 @@ export OPENBLAS_NUM_THREADS = 1
 # what is said comes as it is said, into a file or a pipe too
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes lint test quick slow setup
+.PHONY: demo pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes lint test quick slow docs setup
 
 demo: setup
 	.venv/bin/python demos/hertz_half_discs.py
@@ -103,3 +103,9 @@ slow: setup
 
 setup:
 	@sh scripts/setup.sh
+
+# the site in out/site: tutorial, demos, reference; its examples are run, and a warning is an error
+docs: setup
+	.venv/bin/python -c "import furo, myst_nb, sphinx_copybutton" 2>/dev/null || .venv/bin/python -m pip install --quiet --disable-pip-version-check --editable ".[docs]"
+	.venv/bin/python -m sphinx --quiet --keep-going -W --builder html docs out/site
+	@echo "the site: out/site/index.html"

@@ -62,6 +62,10 @@ class Outputs:
         """Names, in the order of the scene."""
         return list(self.values)
 
+    def items(self) -> list[tuple[str, float]]:
+        """Names with values, in the order of the scene."""
+        return list(self.values.items())
+
 
 class _Gradient(dict[str, np.ndarray]):
     """Derivatives by the names of outputs, of those that have any."""

@@ -1,0 +1,105 @@
+"""The site: pages of this folder, one for each demo, and the reference from docstrings; `make docs` builds it."""
+
+import ast
+import os
+import sys
+from pathlib import Path
+from typing import Any
+
+ROOT = Path(__file__).parents[1]
+sys.path[:0] = [str(ROOT / name) for name in ("demos", "benchmarks")]
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # small problems get no faster by more
+
+try:
+    import dolfinx_solver  # noqa: F401  the wheel wants to be first
+except ImportError:
+    pass
+import hhr_dolfinx
+
+project = "hhr_dolfinx"
+author = "The hhr_dolfinx authors"
+release = hhr_dolfinx.__version__
+extensions = ["myst_nb", "sphinx.ext.autodoc", "sphinx.ext.napoleon", "sphinx.ext.viewcode", "sphinx_copybutton"]
+exclude_patterns = ["README.md"]
+
+html_theme = "furo"
+html_title = f"hhr_dolfinx {release}"
+html_static_path: list[str] = []
+html_extra_path = ["../out/site_extra"]  # pages that the tutorial writes
+html_theme_options = {"source_edit_link": "", "top_of_page_buttons": []}
+
+myst_heading_anchors = 3
+nb_execution_mode = "cache"
+nb_execution_cache_path = str(ROOT / "out" / "site_cache")
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+nb_merge_streams = True
+
+autodoc_default_options = {"members": True}
+autodoc_typehints = "none"  # signatures say enough
+autodoc_member_order = "bysource"
+napoleon_use_ivar = True
+python_use_unqualified_type_names = True
+# docstrings name modules that the reference does not list, and single letters of the thesis
+suppress_warnings = ["ref.python", "misc.highlighting_failure"]
+
+
+def write_demo_pages(folder: Path) -> None:
+    """One page for each demo: what it says of itself, its pictures, the tests that hold it to figures, its source."""
+    folder.mkdir(exist_ok=True)
+    tests = {path.name: path.read_text() for path in sorted((ROOT / "tests").glob("test_*.py"))}
+    names = []
+    for path in sorted((ROOT / "demos").glob("*.py")):
+        title, _, rest = ast.get_docstring(ast.parse(path.read_text())).partition("\n")
+        held = [name for name, text in tests.items() if f"import {path.stem}" in text or f"{path.stem}.py" in text]
+        picture = ROOT / "docs" / "pictures" / f"{path.stem}.png"
+        lines = [f"# {title.rstrip('.').replace('_', ' ')}", "", myst(rest), ""]
+        lines += [f"![{title}](../pictures/{picture.name})", ""] if picture.exists() else []
+        lines += [f"Held to figures by {', '.join(f'`tests/{name}`' for name in held)}.", ""] if held else []
+        lines += [
+            "## Source",
+            "",
+            f"`demos/{path.name}`",
+            "",
+            f"```{{literalinclude}} ../../demos/{path.name}",
+            "```",
+            "",
+        ]
+        write_if_new(folder / f"{path.stem}.md", "\n".join(lines))
+        names.append(path.stem)
+    toctree = ["```{toctree}", ":maxdepth: 1", "", *names, "```", ""]
+    said = "Each is a file of `demos/` with its equations; `make` runs most of them by name ([studies](../studies.md))."
+    write_if_new(folder / "index.md", "\n".join(["# Demos", "", said, "", *toctree]))
+
+
+def myst(text: str) -> str:
+    """The text of a docstring as Markdown: blocks that are indented stay as they are."""
+    lines = []
+    fenced = False
+    for line in text.strip("\n").splitlines():
+        indented = line.startswith("    ")
+        if line.strip() and indented != fenced:
+            lines.append("```" if fenced else "```text")
+            fenced = indented
+        lines.append(line[4:] if indented else line.replace("``", "`"))
+    return "\n".join([*lines, "```"] if fenced else lines)
+
+
+def write_if_new(path: Path, text: str) -> None:
+    """Write what has changed, so that a second build reads little."""
+    if not path.exists() or path.read_text() != text:
+        path.write_text(text)
+
+
+def escape_bars(_app: object, _what: str, _name: str, _obj: object, _options: object, lines: list[str]) -> None:
+    """Norms such as |v|_K are no substitutions of reStructuredText."""
+    lines[:] = [line.replace("|", "\\|") for line in lines]
+
+
+def setup(app: Any) -> None:
+    """What Sphinx calls first."""
+    app.connect("autodoc-process-docstring", escape_bars)
+
+
+(ROOT / "out" / "site_extra").mkdir(parents=True, exist_ok=True)
+write_demo_pages(Path(__file__).parent / "demos")

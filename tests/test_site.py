@@ -1,0 +1,77 @@
+"""The site: the reference has all public names, messages all errors, links lead somewhere; the tutorial says what it is told."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx import errors
+
+ROOT = Path(__file__).parents[1]
+DOCS = ROOT / "docs"
+PAGES = sorted([*DOCS.glob("*.md"), *DOCS.glob("reference/*.md")])
+LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")
+
+
+def anchors(page):
+    """What a link may name behind ``#``: headings as GitHub and the site write them."""
+    words = re.findall(r"^#+ (.+)$", page.read_text(), re.MULTILINE)
+    return {re.sub(r"[^\w\- ]", "", word.lower()).replace(" ", "-") for word in words}
+
+
+def test_the_reference_has_every_public_name_once():
+    listed = re.findall(
+        r"^\.\. auto(?:class|function):: hhr_dolfinx\.(\w+)$",
+        "\n".join(page.read_text() for page in DOCS.glob("reference/*.md")),
+        re.MULTILINE,
+    )
+    assert sorted(listed) == sorted(set(hhr.__all__) - {"__version__"})
+
+
+def test_every_error_and_warning_has_a_line_that_says_what_to_do():
+    text = (DOCS / "messages.md").read_text()
+    classes = [name for name, item in vars(errors).items() if isinstance(item, type)]
+    rows = [line for line in text.splitlines() if line.startswith("| `")]
+    missing = [name for name in classes if name != "HHRError" and not any(f"`{name}`" in row for row in rows)]
+    assert len(classes) > 30 and not missing
+
+
+def test_every_page_is_in_the_table_of_contents():
+    named = set(re.findall(r"^[\w/]+$", (DOCS / "index.md").read_text(), re.MULTILINE))
+    assert {page.stem for page in DOCS.glob("*.md")} - {"index"} <= named
+
+
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "README.md"], ids=lambda page: page.stem)
+def test_links_lead_somewhere(page):
+    lost = []
+    for target in LINK.findall(page.read_text()):
+        place, _, anchor = target.partition("#")
+        if "://" in target or place.startswith("demos/") or page.parent.name == "demos":
+            continue  # elsewhere, or a page that the site makes of a demo
+        file = (page.parent / place) if place else page
+        if not file.exists() or (anchor and anchor not in anchors(file)):
+            lost.append(target)
+    assert not lost
+
+
+def test_the_tutorial_says_what_it_is_told(tmp_path, monkeypatch, capsys):
+    """All its cells, as printed, but for the folder; and figures in its words, against what they were told."""
+    pyplot = pytest.importorskip("matplotlib.pyplot")
+    pyplot.switch_backend("Agg")
+    monkeypatch.chdir(tmp_path)
+    cells = re.findall(r"```\{code-cell\} ipython3\n(.*?)```", (DOCS / "tutorial.md").read_text(), re.DOTALL)
+    names: dict = {}
+    for cell in cells:
+        code = re.sub(r"^(:tags:|%cd).*\n", "", cell, flags=re.MULTILINE)
+        exec(code, names)
+    pyplot.close("all")
+    said = capsys.readouterr().out
+    assert "1722 unknowns, 40 contact conditions" in said
+    assert names["model"].reduction.met and names["varying"].reduction.met
+    true = 1e6 * np.abs(names["found"] - names["known"]).max()
+    assert true <= names["reduced"].solve(names["point"]).estimate().pressure <= 1.2 * true
+    slipped = np.array(names["slipped"])
+    assert slipped[-1] == pytest.approx(slipped[20], rel=1e-9) and slipped[20] > 10 * slipped[9]
+    assert (tmp_path / "block.html").stat().st_size < 3e6
