@@ -14,7 +14,7 @@ try:
     import dolfinx_solver  # noqa: F401  the wheel wants to be first
 except ImportError:
     pass
-import hhr_dolfinx
+import hhr_dolfinx  # noqa: E402
 
 project = "hhr_dolfinx"
 author = "The hhr_dolfinx authors"

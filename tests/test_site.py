@@ -1,4 +1,4 @@
-"""The site: the reference has all public names, messages all errors, links lead somewhere; the tutorial says what it is told."""
+"""The site: the reference has all public names, messages all errors, links lead somewhere; the tutorial runs."""
 
 import re
 from pathlib import Path

@@ -68,6 +68,7 @@ NO_ANSWER = 1
 FIELDS = (".vtkhdf", ".vtu")
 TABLES = (".csv", ".parquet")
 DECKS = (".inp",)
+EMBEDDED = (".h", ".fmu")
 PAGES = (".html",)
 PICTURES = (".png", ".pdf", ".svg")
 
@@ -486,6 +487,28 @@ def page(model: Path, scene: str | None, out: Path | None) -> None:
     target = out or model.with_suffix(".html")
     checked_target(target, PAGES)
     click.echo(write_model_page(target, loaded, _scenery_of(model, scene)))
+
+
+@hhr.command(epilog=_examples("hhr embed model.npz --out press.h", "hhr embed model.npz --out press.fmu"))
+@click.argument("model", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), required=True, help="the header, .h, or the unit, .fmu")
+@guarded
+def embed(model: Path, out: Path) -> None:
+    """Write a condensed model as a header of C, or as a unit for co-simulation (FMI 3.0).
+
+    The header holds the numbers of the model and solves the contact problem, without a library. Parameters are inputs
+    of a unit, outputs of the scene its outputs; it is compiled here, for this machine, and holds its sources.
+    """
+    from hhr_dolfinx.command.loading import checked_target
+    from hhr_dolfinx.online.model_file import load_model
+
+    checked_target(out, EMBEDDED)
+    loaded = load_model(model)
+    if out.suffix == ".h":
+        from hhr_dolfinx.doors.c_header import write_c_header as write
+    else:
+        from hhr_dolfinx.doors.fmu import write_fmu as write
+    click.echo(write(out, loaded))
 
 
 def _scenery_of(model: Path, scene: str | None) -> Any:

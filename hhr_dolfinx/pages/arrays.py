@@ -49,37 +49,46 @@ _OPERATIONS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow:
 
 
 class Packed:
-    """Arrays of a page as text, and where each begins is not asked: they are decoded one by one.
+    """Arrays of a model by name, in the kinds of numbers that are kept of them.
 
     Attributes:
-        texts: base64 of little-endian numbers, by name.
+        arrays: little-endian, contiguous.
+        kinds: of their numbers, such as ``<f8``.
     """
 
     def __init__(self) -> None:
-        self.texts: dict[str, dict[str, Any]] = {}
+        self.arrays: dict[str, np.ndarray] = {}
+        self.kinds: dict[str, str] = {}
 
     def put(self, name: str, array: Any, kind: str = "<f8") -> str:
         """Take an array in; returns its name."""
-        plain = np.ascontiguousarray(array, dtype=kind)
-        self.texts[name] = {
-            "kind": kind,
-            "shape": list(plain.shape),
-            "data": base64.b64encode(plain.tobytes()).decode(),
-        }
+        self.arrays[name] = np.ascontiguousarray(array, dtype=kind)
+        self.kinds[name] = kind
         return name
 
+    def texts(self) -> dict[str, dict[str, Any]]:
+        """The same as text, base64."""
+        return {
+            name: {
+                "kind": self.kinds[name],
+                "shape": list(array.shape),
+                "data": base64.b64encode(array.tobytes()).decode(),
+            }
+            for name, array in self.arrays.items()
+        }
 
-def check_model(model: Any) -> None:
-    """Raise NotOfferedError for a model that no page is built for, with what to take instead."""
+
+def check_model(model: Any, what: str = "a page") -> None:
+    """Raise NotOfferedError for a model that ``what`` is not built for, with which one to take instead."""
     if not isinstance(model, CondensedModel) or not isinstance(model.eliminated, ConstantElimination | Compliances):
         raise NotOfferedError(
-            f"a page answers by all contact conditions, and {_kind(model)} is not of that kind: condense the scene, "
+            f"{what} answers by all contact conditions, and {_kind(model)} is not of that kind: condense the scene, "
             "hhr.condense(scene) or hhr train SCENE --model condensed"
         )
     if model.friction is not None:
-        raise NotOfferedError("a page knows no friction yet: its increments are solved in Python alone")
+        raise NotOfferedError(f"{what} knows no friction yet: its increments are solved in Python alone")
     if isinstance(model.eliminated, Compliances) and not model.eliminated.symmetric:
-        raise NotOfferedError("a page solves with a symmetric S, and that of this model is not")
+        raise NotOfferedError(f"{what} solves with a symmetric S, and that of this model is not")
 
 
 def _kind(model: Any) -> str:
@@ -88,12 +97,22 @@ def _kind(model: Any) -> str:
 
 
 def packed(model: Any, scenery: Scenery) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-    """A model that :func:`check_model` has passed as a tree and its arrays.
+    """A model that :func:`check_model` has passed as a tree and its arrays, with what a page draws of it.
 
     Raises:
         NotOfferedError: for an amplitude of a user's own.
     """
     arrays = Packed()
+    tree = contact_tree(model, arrays) | _field(model, scenery, arrays)
+    return tree, arrays.texts()
+
+
+def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
+    """What answers for contact forces and outputs, without Python: a tree of plain values, its arrays by name.
+
+    Raises:
+        NotOfferedError: for an amplitude of a user's own.
+    """
     space = model.parameters
     tree: dict[str, Any] = {
         "names": list(space.names),
@@ -104,10 +123,9 @@ def packed(model: Any, scenery: Scenery) -> tuple[dict[str, Any], dict[str, dict
         "groups": _groups(model, arrays),
     }
     tree |= _eliminated(model.eliminated, arrays)
-    tree |= _field(model, scenery, arrays)
     tree["outputs"], tree["missing"] = _outputs(model, arrays)
     tree["trained"] = None if model.trained is None else [model.trained.lower.tolist(), model.trained.upper.tolist()]
-    return tree, arrays.texts
+    return tree
 
 
 def _groups(model: Any, arrays: Packed) -> str | None:
@@ -391,7 +409,7 @@ def drawn(scenery: Scenery) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     }
     if scenery.points.shape[1] == 3:
         tree["flat"] = arrays.put("flat", _flat(scenery), "<f4")
-    return tree, arrays.texts
+    return tree, arrays.texts()
 
 
 def _flat(scenery: Scenery) -> np.ndarray:

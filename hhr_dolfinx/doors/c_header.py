@@ -1,0 +1,229 @@
+"""A condensed model as one C header: its numbers and a small script that solves the contact problem (C99, libm alone).
+
+The arrays are those of a page, see :mod:`hhr_dolfinx.pages.arrays`; ``kernel.h`` says how they are used.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.errors import NotOfferedError
+from hhr_dolfinx.files import replacing
+from hhr_dolfinx.pages.arrays import Packed, check_model, contact_tree
+
+MOST_NUMBERS = 4_000_000
+"""A compiler takes half a minute and two gigabytes for as many."""
+_SIGNS = {"+": "+", "-": "-", "*": "*", "/": "/"}
+_CALLS = {"^": "pow", "min": "fmin", "max": "fmax", "abs": "fabs"}
+"""Where C has another name for it."""
+
+
+def write_c_header(path: str | Path, model: Any) -> Path:
+    """Write a condensed model as a C header, whose names begin with that of the file.
+
+    Args:
+        path: of the header, ``.h``; its stem has to be an identifier of C.
+        model: that of ``hhr.condense``, ``hhr.reduce`` or a file, elastic and without friction.
+
+    Returns:
+        The path.
+
+    Raises:
+        NotOfferedError: for another kind of model, or one that is too large to be compiled.
+        FileError: if the file cannot be written.
+    """
+    text = c_header(model, Path(path).stem)
+    with replacing(path, text=True) as file:
+        file.write(text)
+    return Path(path)
+
+
+def c_header(model: Any, name: str) -> str:
+    """The header, with ``name`` in the place of ``model``."""
+    if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
+        raise NotOfferedError(f"{name!r} is no identifier of C, from which names of the header are made: name it else")
+    check_model(model, "a header")
+    arrays = Packed()
+    tree = contact_tree(model, arrays)
+    count = sum(array.size for array in arrays.arrays.values())
+    if count > MOST_NUMBERS:
+        raise NotOfferedError(
+            f"a header of {count} numbers takes a compiler too long, {MOST_NUMBERS} are the most: take a coarser mesh"
+        )
+    data = _Data(tree, arrays.arrays).text()
+    kernel = kernel_file("kernel.h").replace("/*DATA*/", data)
+    return re.sub(r"\bmodel_", f"{name}_", kernel.replace("MODEL_TITLE", name)).replace("MODEL_", f"{name.upper()}_")
+
+
+def kernel_file(name: str) -> str:
+    """A file of C that goes along with this one."""
+    return (resources.files(__package__) / name).read_text(encoding="utf-8")
+
+
+def formula(steps: list[Any]) -> str:
+    """Operations of :func:`hhr_dolfinx.pages.arrays.steps_of` as an expression of C, of the parameters ``p``."""
+    stack: list[str] = []
+    for step in steps:
+        if isinstance(step, float):
+            stack.append(f"({step!r})")
+        elif isinstance(step, list) and step[0] == "p":
+            stack.append(f"p[{step[1]}]")
+        elif isinstance(step, list):
+            values = stack[-step[1] :]
+            del stack[-step[1] :]
+            stack.append(f"model_table({step[1]}, (const double[]){{{', '.join(values)}}})")
+        elif step in _SIGNS or step in ("^", "min", "max"):
+            second = stack.pop()
+            first = stack.pop()
+            stack.append(f"({first} {step} {second})" if step in _SIGNS else f"{_CALLS[step]}({first}, {second})")
+        else:
+            only = stack.pop()
+            stack.append(f"(-{only})" if step == "neg" else f"{_CALLS.get(step, step)}({only})")
+    return stack[0]
+
+
+class _Data:
+    """Arrays, formulas and records of a header."""
+
+    def __init__(self, tree: dict[str, Any], arrays: dict[str, np.ndarray]):
+        self.tree = tree
+        self.arrays = arrays
+        self.parts: list[str] = []
+        self.formulas = 0
+
+    def text(self) -> str:
+        """All of it, in an order in which C may read it."""
+        tree = self.tree
+        amplitudes = [self._amplitude(item) for item in tree["amplitudes"]["others"]]
+        components = [self._component(item) for item in tree["parts"]]
+        outputs = [self._output(item) for item in tree["outputs"]]
+        reshaped = self._interpolant(tree["reshaped"]) if tree.get("reshaped") else "{0}"
+        pairs = self.arrays[tree["groups"]] if tree["groups"] else np.zeros(tree["m"], dtype=int)
+        places = np.unique(pairs, return_inverse=True)[1]
+        constant = tree["schur"] is not None
+        own = [
+            self._array("pairs", places),
+            self._array("constant", self.arrays[tree["amplitudes"]["constant"]]),
+            self._array("slopes", self.arrays[tree["amplitudes"]["slopes"]]),
+            self._array("schur", self.arrays[tree["schur"]] if constant else np.zeros(1)),
+            self._array("gaps", self.arrays[tree["free_slack" if constant else "gaps"]]),
+            self._records("amplitude", "others", amplitudes),
+            self._records("part", "parts", components),
+            self._records("output", "outputs", outputs),
+            f"static const model_interpolant model_reshaped = {reshaped};",
+        ]
+        return "\n".join([*self._sizes(places), *self._names(), *self.parts, *own])
+
+    def _sizes(self, places: np.ndarray) -> Iterable[str]:
+        tree = self.tree
+        grids = [*tree["parts"], *([tree["reshaped"]] if tree.get("reshaped") else [])]
+        constant = tree["schur"] is not None
+        sizes = {
+            "PARAMETERS": len(tree["names"]),
+            "CONDITIONS": tree["m"],
+            "OUTPUTS": len(tree["outputs"]),
+            "TERMS": self.arrays[tree["free_slack" if constant else "gaps"]].shape[1],
+            "AFFINE": len(self.arrays[tree["amplitudes"]["constant"]]),
+            "OTHERS": len(tree["amplitudes"]["others"]),
+            "PARTS": len(tree["parts"]),
+            "GROUPS": int(places.max()) + 1,
+            "CONSTANT": int(constant),
+            "LONGEST": max([1, *(len(self.arrays[grid["weights"]]) for grid in grids)]),
+            "NODES": max([1, *(len(grid["nodes"]) for grid in grids)]),
+        }
+        return [f"#define MODEL_{name} {size}" for name, size in sizes.items()]
+
+    def _names(self) -> Iterable[str]:
+        """Names, units and the box: that of the parameters, or what the model was trained on within it."""
+        tree = self.tree
+        lower = np.array(tree["lower"])
+        upper = np.array(tree["upper"])
+        if tree["trained"] is not None:
+            lower = np.maximum(lower, tree["trained"][0])
+            upper = np.minimum(upper, tree["trained"][1])
+        words = {
+            "parameter_names": tree["names"],
+            "output_names": [item["name"] for item in tree["outputs"]],
+            "output_units": [item["unit"] for item in tree["outputs"]],
+        }
+        for name, values in words.items():
+            quoted = ", ".join(_quoted(value) for value in values) or "0"
+            yield f"static const char *const model_{name}[] = {{{quoted}}};"
+        yield self._array("lower", lower)
+        yield self._array("upper", upper)
+
+    def _array(self, name: str, values: np.ndarray) -> str:
+        whole = values.dtype.kind in "iu"
+        numbers = [str(value) if whole else repr(value) for value in values.ravel().tolist()] or ["0"]
+        lines = [", ".join(numbers[k : k + 8]) for k in range(0, len(numbers), 8)]
+        return f"static const {'int' if whole else 'double'} model_{name}[] = {{\n" + ",\n".join(lines) + "};"
+
+    def _put(self, name: str, values: Any = None) -> str:
+        """An array of its own; returns its name in C."""
+        self.parts.append(self._array(name, self.arrays[name] if values is None else np.array(values)))
+        return f"model_{name}"
+
+    def _function(self, steps: list[Any] | None) -> str:
+        """A function of the parameters; returns its name in C."""
+        if steps is None:
+            return "0"
+        name = f"model_formula{self.formulas}"
+        self.formulas += 1
+        self.parts.append(f"static double {name}(const double *p) {{ (void)p; return {formula(steps)}; }}")
+        return name
+
+    def _records(self, kind: str, name: str, records: list[str]) -> str:
+        return f"static const model_{kind} model_{name}[] = {{" + (",\n".join(records) or "{.count = 0}") + "};"
+
+    def _amplitude(self, item: dict[str, Any]) -> str:
+        if item["kind"] == "formula":
+            return f"{{.value = {self._function(item['steps'])}}}"
+        positions = item["positions"]
+        slopes = self._put(f"{positions}_slopes", item["slopes"])
+        return (
+            f"{{.positions = {self._put(positions)}, .slopes = {slopes}, .constant = {item['constant']!r}, "
+            f".count = {self.arrays[positions].size}, .degree = {item['degree']}, .extent = {item['extent']}}}"
+        )
+
+    def _interpolant(self, item: dict[str, Any]) -> str:
+        name = item["levels"].removesuffix("levels")
+        rank, grid = self.arrays[item["weights"]].shape
+        own = {"axes": self._put(f"{name}axes", np.array(item["axes"], dtype=int))}
+        own |= {key: self._put(f"{name}{key}", item[key]) for key in ("lower", "upper", "nodes")}
+        own |= {key: self._put(item[key]) for key in ("levels", "weights", "modes")}
+        fields = ", ".join(f".{key} = {value}" for key, value in own.items())
+        counts = (
+            f".axes_count = {len(item['axes'])}, .nodes_count = {len(item['nodes'])}, .grid = {grid}, .rank = {rank}"
+        )
+        return f"{{{fields}, {counts}}}"
+
+    def _component(self, item: dict[str, Any]) -> str:
+        arrays = ", ".join(f".{key} = {self._put(item[key])}" for key in ("conditions", "terms", "columns"))
+        count, terms = (self.arrays[item[key]].size for key in ("conditions", "terms"))
+        return (
+            f"{{.interpolant = {self._interpolant(item)}, .factor = {self._function(item['factor'])}, {arrays}, "
+            f".count = {count}, .terms_count = {terms}, .forced = {item['forced']}}}"
+        )
+
+    def _output(self, item: dict[str, Any]) -> str:
+        if item["kind"] == "linear":
+            return f"{{.forces = {self._put(item['forces'])}, .terms = {self._put(item['terms'])}}}"
+        own = f"{{.conditions = {self._put(item['conditions'])}, .areas = {self._put(item['areas'])}, "
+        own += f".count = {self.arrays[item['conditions']].size}, "
+        if item["kind"] == "largest":
+            return own + ".largest = 1}"
+        return own + f".offset = {item['offset']!r}, .factor = {item['factor']!r}, .least = {item['least']!r}}}"
+
+
+def _quoted(text: str) -> str:
+    """Text as C has it, in ASCII: others as escapes of their bytes, each in quotes of its own."""
+    found = "".join(
+        chr(byte) if 32 <= byte < 127 and chr(byte) not in '"\\?' else f'\\x{byte:02x}""' for byte in text.encode()
+    )
+    return f'"{found}"'

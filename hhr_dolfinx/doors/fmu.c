@@ -1,0 +1,158 @@
+/* A model of model.h as a unit for co-simulation, FMI 3.0: parameters are inputs, outputs are outputs, and a step is
+   one answer. Value references: 0 the time, 1 ... the inputs, then the outputs. */
+#include <stddef.h>
+#include <stdint.h>
+#include "model.h"
+
+enum { OK = 0, DISCARD = 2, ERROR = 3 };
+typedef uint32_t reference;
+typedef void (*logger)(void *environment, int status, const char *category, const char *message);
+
+typedef struct {
+    model_work *work;
+    void *environment;
+    logger log;
+    double time, point[MODEL_PARAMETERS], outputs[MODEL_OUTPUTS + 1];
+    int known;
+} unit;
+
+#if defined _WIN32
+#define SHARED __declspec(dllexport)
+#else
+#define SHARED __attribute__((visibility("default")))
+#endif
+
+static int complaint(unit *u, int status, const char *message) {
+    if (u->log) u->log(u->environment, status, "logStatusError", message);
+    return status;
+}
+
+static int answered(unit *u) {
+    if (u->known) return OK;
+    const int status = model_solve(u->work, u->point, NULL, u->outputs);
+    if (status == MODEL_OUTSIDE) return complaint(u, DISCARD, "an input is outside of what the model was made for");
+    if (status == MODEL_NO_ANSWER) return complaint(u, DISCARD, "the contact problem has no answer for these inputs");
+    u->known = 1;
+    return OK;
+}
+
+static void at_start(unit *u) {
+    for (int k = 0; k < MODEL_PARAMETERS; k++) u->point[k] = (model_lower[k] + model_upper[k]) / 2;
+    u->time = 0, u->known = 0;
+}
+
+SHARED const char *fmi3GetVersion(void) { return "3.0"; }
+SHARED int fmi3SetDebugLogging(void *instance, _Bool on, size_t count, const char *const categories[]) {
+    (void)instance, (void)on, (void)count, (void)categories;
+    return OK;
+}
+
+SHARED void *fmi3InstantiateCoSimulation(const char *name, const char *token, const char *resources, _Bool visible,
+                                         _Bool logging, _Bool events, _Bool early, const reference wanted[], size_t count,
+                                         void *environment, logger log, void *intermediate) {
+    (void)name, (void)resources, (void)visible, (void)logging, (void)events, (void)early, (void)wanted, (void)count;
+    (void)intermediate;
+    if (!token || strcmp(token, MODEL_TOKEN)) return NULL;
+    unit *u = calloc(1, sizeof *u);
+    if (!u) return NULL;
+    u->environment = environment, u->log = log, u->work = model_new();
+    at_start(u);
+    if (u->work) return u;
+    free(u);
+    return NULL;
+}
+SHARED void fmi3FreeInstance(void *instance) {
+    if (!instance) return;
+    model_free(((unit *)instance)->work);
+    free(instance);
+}
+
+SHARED int fmi3EnterInitializationMode(void *instance, _Bool defined, double tolerance, double start, _Bool stops, double stop) {
+    (void)defined, (void)tolerance, (void)stops, (void)stop;
+    ((unit *)instance)->time = start;
+    return OK;
+}
+SHARED int fmi3ExitInitializationMode(void *instance) { return answered(instance); }
+SHARED int fmi3EnterStepMode(void *instance) { return (void)instance, OK; }
+SHARED int fmi3EnterConfigurationMode(void *instance) { return (void)instance, OK; }
+SHARED int fmi3ExitConfigurationMode(void *instance) { return (void)instance, OK; }
+SHARED int fmi3Terminate(void *instance) { return (void)instance, OK; }
+SHARED int fmi3Reset(void *instance) {
+    at_start(instance);
+    return OK;
+}
+
+SHARED int fmi3SetFloat64(void *instance, const reference which[], size_t count, const double values[], size_t sizes) {
+    unit *u = instance;
+    if (sizes != count) return complaint(u, ERROR, "all variables are scalars");
+    for (size_t k = 0; k < count; k++) {
+        if (which[k] < 1 || which[k] > MODEL_PARAMETERS) return complaint(u, ERROR, "only inputs may be set");
+        u->known = u->known && u->point[which[k] - 1] == values[k];
+        u->point[which[k] - 1] = values[k];
+    }
+    return OK;
+}
+SHARED int fmi3GetFloat64(void *instance, const reference which[], size_t count, double values[], size_t sizes) {
+    unit *u = instance;
+    if (sizes != count) return complaint(u, ERROR, "all variables are scalars");
+    for (size_t k = 0; k < count; k++) {
+        if (which[k] > MODEL_PARAMETERS + MODEL_OUTPUTS) return complaint(u, ERROR, "there is no such variable");
+        if (which[k] > MODEL_PARAMETERS) {
+            const int status = answered(u);
+            if (status) return status;
+            values[k] = u->outputs[which[k] - 1 - MODEL_PARAMETERS];
+        } else {
+            values[k] = which[k] ? u->point[which[k] - 1] : u->time;
+        }
+    }
+    return OK;
+}
+
+/* Derivatives of some outputs along some inputs, times a seed. */
+SHARED int fmi3GetDirectionalDerivative(void *instance, const reference unknowns[], size_t unknown_count,
+                                        const reference knowns[], size_t known_count, const double seed[],
+                                        size_t seed_count, double sensitivity[], size_t sensitivity_count) {
+    unit *u = instance;
+    double slopes[(MODEL_OUTPUTS + 1) * MODEL_PARAMETERS];
+    int status = answered(u);
+    if (status) return status;
+    if (seed_count != known_count || sensitivity_count != unknown_count) return complaint(u, ERROR, "all variables are scalars");
+    if (model_derivatives(u->work, u->point, slopes)) return complaint(u, DISCARD, "there are no derivatives here");
+    for (size_t i = 0; i < unknown_count; i++) {
+        if (unknowns[i] <= MODEL_PARAMETERS || unknowns[i] > MODEL_PARAMETERS + MODEL_OUTPUTS)
+            return complaint(u, ERROR, "an unknown of a derivative is no output");
+        sensitivity[i] = 0;
+        for (size_t k = 0; k < known_count; k++) {
+            if (knowns[k] < 1 || knowns[k] > MODEL_PARAMETERS) return complaint(u, ERROR, "a known of a derivative is no input");
+            sensitivity[i] += slopes[(unknowns[i] - 1 - MODEL_PARAMETERS) * MODEL_PARAMETERS + knowns[k] - 1] * seed[k];
+        }
+    }
+    return OK;
+}
+
+SHARED int fmi3DoStep(void *instance, double time, double size, _Bool no_earlier, _Bool *event, _Bool *terminate,
+                      _Bool *early, double *last) {
+    unit *u = instance;
+    (void)no_earlier;
+    *event = 0, *terminate = 0, *early = 0, *last = time;
+    const int status = answered(u);
+    if (status) return status;
+    *last = u->time = time + size;
+    return OK;
+}
+
+/* What a unit of static answers has not. */
+#define NOTHING(name) SHARED int name(void *instance) { return (void)instance, ERROR; }
+#define BOTH(type) NOTHING(fmi3Get##type) NOTHING(fmi3Set##type)
+SHARED void *fmi3InstantiateModelExchange(void) { return NULL; }
+SHARED void *fmi3InstantiateScheduledExecution(void) { return NULL; }
+BOTH(Float32) BOTH(Int8) BOTH(UInt8) BOTH(Int16) BOTH(UInt16) BOTH(Int32) BOTH(UInt32) BOTH(Int64) BOTH(UInt64)
+BOTH(Boolean) BOTH(String) BOTH(Binary) BOTH(Clock) BOTH(FMUState) BOTH(IntervalDecimal) BOTH(IntervalFraction)
+BOTH(ShiftDecimal) BOTH(ShiftFraction) BOTH(ContinuousStates)
+NOTHING(fmi3GetNumberOfVariableDependencies) NOTHING(fmi3GetVariableDependencies) NOTHING(fmi3FreeFMUState)
+NOTHING(fmi3SerializedFMUStateSize) NOTHING(fmi3SerializeFMUState) NOTHING(fmi3DeserializeFMUState)
+NOTHING(fmi3GetAdjointDerivative) NOTHING(fmi3EnterEventMode) NOTHING(fmi3EvaluateDiscreteStates)
+NOTHING(fmi3UpdateDiscreteStates) NOTHING(fmi3EnterContinuousTimeMode) NOTHING(fmi3CompletedIntegratorStep)
+NOTHING(fmi3SetTime) NOTHING(fmi3GetContinuousStateDerivatives) NOTHING(fmi3GetEventIndicators)
+NOTHING(fmi3GetNominalsOfContinuousStates) NOTHING(fmi3GetNumberOfEventIndicators)
+NOTHING(fmi3GetNumberOfContinuousStates) NOTHING(fmi3GetOutputDerivatives) NOTHING(fmi3ActivateModelPartition)

@@ -1,0 +1,352 @@
+/* MODEL_TITLE: a contact problem, condensed. C99, no libraries but libm; written by hhr_dolfinx.
+
+   The contact forces of a point of parameters are those of the finite element model it was made of, and solve
+
+       S(p) x + s(p) >= 0,  x >= 0,  x . (S(p) x + s(p)) = 0.
+
+       model_work *work = model_new();
+       double point[MODEL_PARAMETERS] = {...}, forces[MODEL_CONDITIONS], outputs[MODEL_OUTPUTS];
+       if (model_solve(work, point, forces, outputs) == MODEL_DONE) ...
+       model_free(work);
+
+   One work for each thread. Include it in one file, or in several: all is static. */
+#ifndef MODEL_H
+#define MODEL_H
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct {
+    double (*value)(const double *); /* a formula, or a pressure up to a parameter: */
+    const double *positions, *slopes;
+    double constant;
+    int count, degree, extent;
+} model_amplitude;
+typedef struct {
+    const int *axes, *levels;
+    const double *lower, *upper, *nodes, *weights, *modes;
+    int axes_count, nodes_count, grid, rank;
+} model_interpolant;
+typedef struct {
+    model_interpolant interpolant;
+    double (*factor)(const double *);
+    const int *conditions, *terms;
+    const double *columns;
+    int count, terms_count, forced;
+} model_part;
+typedef struct {
+    const double *forces, *terms, *areas; /* weights of a linear one; areas of the others */
+    const int *conditions;
+    double offset, factor, least;
+    int count, largest;
+} model_output;
+
+/* A table of pairs (x, y), straight between them: values are what is looked up, and then the pairs. */
+static inline double model_table(int count, const double *values) {
+    for (int k = 1; k + 3 < count; k += 2)
+        if (values[0] >= values[k] && values[0] <= values[k + 2])
+            return values[k + 1] + (values[k + 3] - values[k + 1]) * (values[0] - values[k]) / (values[k + 2] - values[k]);
+    return NAN;
+}
+
+/*DATA*/
+
+enum { MODEL_DONE = 0, MODEL_OUTSIDE = 1, MODEL_NO_ANSWER = 2 };
+
+/* Sizes a contact is told apart from round-off by: pairs[i] is the contact of condition i. */
+#define MODEL_TOLERANCE 1e-11
+#define MODEL_ROUND_OFF 1e-15
+#define MODEL_MOST 1000
+#define MODEL_STEP 1e-5
+#define MODEL_KEPT 64
+
+typedef struct {
+    double *schur, *slack, *theta, *factored, *forces, *left, *along, *sum, *gaps;
+    int *index, *pivots;
+    unsigned char *active, *seen;
+    int started;
+} model_work;
+
+static inline void model_free(model_work *w) {
+    if (!w) return;
+    free(w->schur), free(w->slack), free(w->theta), free(w->factored), free(w->forces), free(w->left);
+    free(w->along), free(w->sum), free(w->gaps), free(w->index), free(w->pivots), free(w->active), free(w->seen), free(w);
+}
+
+/* Room to work in; NULL where there is none. */
+static inline model_work *model_new(void) {
+    const size_t m = MODEL_CONDITIONS, t = MODEL_TERMS;
+    model_work *w = calloc(1, sizeof *w);
+    if (!w) return NULL;
+    w->schur = malloc(m * m * sizeof(double)), w->factored = malloc(m * m * sizeof(double));
+    w->slack = malloc(m * sizeof(double)), w->theta = malloc(t * sizeof(double));
+    w->forces = malloc(m * sizeof(double)), w->left = malloc(m * sizeof(double));
+    w->along = malloc(MODEL_LONGEST * sizeof(double)), w->sum = malloc(m * (m + 1) / 2 * sizeof(double));
+    w->gaps = malloc(m * t * sizeof(double)), w->index = malloc(m * sizeof(int)), w->pivots = malloc(m * sizeof(int));
+    w->active = malloc(m), w->seen = malloc(m * MODEL_KEPT);
+    if (w->schur && w->factored && w->slack && w->theta && w->forces && w->left && w->along && w->sum && w->gaps &&
+        w->index && w->pivots && w->active && w->seen)
+        return w;
+    model_free(w);
+    return NULL;
+}
+
+/* A pressure up to a parameter; returns how many terms it has. */
+static inline int model_coverage(const model_amplitude *item, const double *point, double *out) {
+    const int degree = item->degree, edges = (item->count - 1) / degree;
+    const double *line = item->positions, end = point[item->extent];
+    int edge = 0;
+    while (edge < edges - 1 && line[degree * (edge + 1)] < end) edge++;
+    const double start = line[degree * edge], length = line[degree * (edge + 1)] - start;
+    const double s = fmin(fmax((end - start) / length, 0), 1), cube = 2 * s * s * s / 3;
+    double size = item->constant;
+    for (int k = 0; k < MODEL_PARAMETERS; k++) size += item->slopes[k] * point[k];
+    out[edge] = size;
+    double *part = out + edges + degree * edge;
+    if (degree == 1) {
+        part[0] = size * length * (s - s * s / 2), part[1] = size * length * s * s / 2;
+    } else {
+        part[0] = size * length * (s - 1.5 * s * s + cube), part[1] = size * length * (2 * s * s - 2 * cube);
+        part[2] = size * length * (cube - s * s / 2);
+    }
+    return edges + item->count;
+}
+
+static inline void model_set_theta(model_work *w, const double *point) {
+    memset(w->theta, 0, MODEL_TERMS * sizeof(double));
+    for (int t = 0; t < MODEL_AFFINE; t++) {
+        w->theta[t] = model_constant[t];
+        for (int k = 0; k < MODEL_PARAMETERS; k++) w->theta[t] += model_slopes[t * MODEL_PARAMETERS + k] * point[k];
+    }
+    int place = MODEL_AFFINE;
+    for (int k = 0; k < MODEL_OTHERS; k++) {
+        const model_amplitude *item = &model_others[k];
+        if (item->value) w->theta[place++] = item->value(point);
+        else place += model_coverage(item, point, w->theta + place);
+    }
+}
+
+/* Components of an interpolation along its modes, Newton's form on nested nodes. */
+static inline void model_set_along(const model_interpolant *part, const double *point, double *along) {
+    double tables[MODEL_PARAMETERS][MODEL_NODES + 1];
+    for (int a = 0; a < part->axes_count; a++) {
+        const double x = 2 * (point[part->axes[a]] - part->lower[a]) / (part->upper[a] - part->lower[a]) - 1;
+        for (int k = 0; k < part->nodes_count; k++) {
+            tables[a][k] = 1;
+            for (int j = 0; j < k; j++) tables[a][k] *= (x - part->nodes[j]) / (part->nodes[k] - part->nodes[j]);
+        }
+    }
+    for (int i = 0; i < part->rank; i++) along[i] = 0;
+    for (int j = 0; j < part->grid; j++) {
+        double h = 1;
+        for (int a = 0; a < part->axes_count; a++) h *= tables[a][part->levels[j * part->axes_count + a]];
+        for (int i = 0; i < part->rank; i++) along[i] += part->weights[i * part->grid + j] * h;
+    }
+}
+
+/* What one connected component adds to S and to the free slack. */
+static inline void model_add(model_work *w, const model_part *part, const double *point) {
+    const int m = MODEL_CONDITIONS, c = part->count, half = c * (c + 1) / 2, rank = part->interpolant.rank;
+    const double compliance = part->factor ? 1 / part->factor(point) : 1;
+    model_set_along(&part->interpolant, point, w->along);
+    memset(w->sum, 0, half * sizeof(double));
+    for (int k = 0; k < rank; k++)
+        for (int i = 0; i < half; i++) w->sum[i] += compliance * w->along[k] * part->interpolant.modes[(size_t)k * half + i];
+    for (int i = 0, k = 0; i < c; i++)
+        for (int j = 0; j <= i; j++, k++) {
+            w->schur[part->conditions[i] * m + part->conditions[j]] += w->sum[k];
+            if (i != j) w->schur[part->conditions[j] * m + part->conditions[i]] += w->sum[k];
+        }
+    for (int t = 0; t < part->terms_count; t++) {
+        const double weight = w->theta[part->terms[t]] * (t < part->forced ? compliance : -1);
+        if (weight == 0) continue;
+        for (int i = 0; i < c; i++) {
+            double moved = 0;
+            for (int k = 0; k < rank; k++) moved += part->columns[((size_t)t * c + i) * rank + k] * w->along[k];
+            w->slack[part->conditions[i]] -= weight * moved;
+        }
+    }
+}
+
+/* S and the free slack at a point. */
+static inline void model_set_contact(model_work *w, const double *point) {
+    const int m = MODEL_CONDITIONS, terms = MODEL_TERMS;
+    const double *gaps = model_gaps;
+    model_set_theta(w, point);
+    if (MODEL_CONSTANT && !w->started)
+        for (int i = 0, k = 0; i < m; i++)
+            for (int j = 0; j <= i; j++, k++) w->schur[i * m + j] = w->schur[j * m + i] = model_schur[k];
+    if (!MODEL_CONSTANT) memset(w->schur, 0, sizeof(double) * m * m);
+    if (model_reshaped.rank) {
+        model_set_along(&model_reshaped, point, w->along);
+        memset(w->gaps, 0, sizeof(double) * m * terms);
+        for (int k = 0; k < model_reshaped.rank; k++)
+            for (int i = 0; i < m * terms; i++) w->gaps[i] += w->along[k] * model_reshaped.modes[(size_t)k * m * terms + i];
+        gaps = w->gaps;
+    }
+    for (int i = 0; i < m; i++) {
+        w->slack[i] = 0;
+        for (int t = 0; t < terms; t++) w->slack[i] += gaps[i * terms + t] * w->theta[t];
+    }
+    for (int k = 0; k < MODEL_PARTS; k++) model_add(w, &model_parts[k], point);
+}
+
+/* LU with the largest pivots, in place, and its solution; 0 where it is singular. */
+static inline int model_factored(double *a, int n, int *pivots, double *x) {
+    for (int k = 0; k < n; k++) {
+        int best = k;
+        for (int i = k + 1; i < n; i++)
+            if (fabs(a[i * n + k]) > fabs(a[best * n + k])) best = i;
+        pivots[k] = best;
+        if (!(fabs(a[best * n + k]) > 0)) return 0;
+        if (best != k)
+            for (int j = 0; j < n; j++) {
+                const double swap = a[k * n + j];
+                a[k * n + j] = a[best * n + j], a[best * n + j] = swap;
+            }
+        for (int i = k + 1; i < n; i++) {
+            const double share = (a[i * n + k] /= a[k * n + k]);
+            if (share != 0)
+                for (int j = k + 1; j < n; j++) a[i * n + j] -= share * a[k * n + j];
+        }
+    }
+    for (int k = 0; k < n; k++) {
+        const double swap = x[pivots[k]];
+        x[pivots[k]] = x[k], x[k] = swap;
+    }
+    for (int i = 0; i < n; i++)
+        for (int j = 0; j < i; j++) x[i] -= a[i * n + j] * x[j];
+    for (int i = n - 1; i >= 0; i--) {
+        for (int j = i + 1; j < n; j++) x[i] -= a[i * n + j] * x[j];
+        x[i] /= a[i * n + i];
+    }
+    return 1;
+}
+
+/* Forces and slack where statuses are given; 0 where they make a singular set. */
+static inline int model_equalities(model_work *w) {
+    const int m = MODEL_CONDITIONS;
+    double *x = w->left; /* until the slack is known */
+    int n = 0;
+    for (int i = 0; i < m; i++)
+        if (w->active[i]) w->index[n++] = i;
+    for (int i = 0; i < n; i++) {
+        x[i] = -w->slack[w->index[i]];
+        for (int j = 0; j < n; j++) w->factored[i * n + j] = w->schur[w->index[i] * m + w->index[j]];
+    }
+    if (!model_factored(w->factored, n, w->pivots, x)) return 0;
+    memset(w->forces, 0, m * sizeof(double));
+    for (int i = 0; i < n; i++) w->forces[w->index[i]] = x[i];
+    for (int i = 0; i < m; i++) {
+        w->left[i] = w->slack[i];
+        if (w->active[i]) w->left[i] = 0;
+        else
+            for (int j = 0; j < n; j++) w->left[i] += w->schur[i * m + w->index[j]] * w->forces[w->index[j]];
+    }
+    return 1;
+}
+
+/* Turns round the statuses of conditions that pull or penetrate by more than round-off of their contact, all of them
+   or the first one; returns how many there were. */
+static inline int model_corrected(model_work *w, int one) {
+    const int m = MODEL_CONDITIONS;
+    double force[MODEL_GROUPS], size[MODEL_GROUPS], most = 0, closing = 0;
+    for (int g = 0; g < MODEL_GROUPS; g++) force[g] = -DBL_MAX, size[g] = 0;
+    for (int i = 0; i < m; i++) {
+        const int g = model_pairs[i];
+        force[g] = fmax(force[g], w->forces[i]), size[g] = fmax(size[g], fabs(w->slack[i]));
+        most = fmax(most, w->forces[i]), closing = fmax(closing, -w->slack[i]);
+    }
+    if (MODEL_GROUPS == 1) most = closing = 0;
+    int found = 0;
+    for (int i = 0; i < m; i++) {
+        const int g = model_pairs[i];
+        const double pulling = MODEL_TOLERANCE * force[g] + MODEL_ROUND_OFF * most;
+        const double through = MODEL_TOLERANCE * size[g] + MODEL_ROUND_OFF * closing;
+        if (!(w->forces[i] < -pulling || w->left[i] < -through)) continue;
+        if (!one || !found) w->active[i] ^= 1;
+        found++;
+    }
+    return found;
+}
+
+static inline void model_read(const model_work *w, double *outputs) {
+    for (int k = 0; k < MODEL_OUTPUTS; k++) {
+        const model_output *item = &model_outputs[k];
+        double value = 0, most = -DBL_MAX, loaded = 0;
+        if (item->forces) {
+            for (int i = 0; i < MODEL_CONDITIONS; i++) value += item->forces[i] * w->forces[i];
+            for (int t = 0; t < MODEL_TERMS; t++) value += item->terms[t] * w->theta[t];
+            outputs[k] = value;
+            continue;
+        }
+        for (int i = 0; i < item->count; i++) most = fmax(most, w->forces[item->conditions[i]] / item->areas[i]);
+        for (int i = 0; i < item->count; i++)
+            if (most > 0 && w->forces[item->conditions[i]] / item->areas[i] > item->least * most) loaded += item->areas[i];
+        outputs[k] = item->largest ? most : item->offset + item->factor * loaded;
+    }
+}
+
+static inline int model_finite(const model_work *w) {
+    for (int i = 0; i < MODEL_CONDITIONS; i++)
+        if (!isfinite(w->forces[i])) return 0;
+    return 1;
+}
+
+/* Active set: all wrong statuses at once, and, where sets come back, the first wrong one alone (Murty 1974). */
+static inline int model_settled(model_work *w) {
+    const int m = MODEL_CONDITIONS;
+    int one = 0, kept = 0;
+    for (int iteration = 0; iteration < MODEL_MOST; iteration++) {
+        if (!model_equalities(w)) {
+            if (one) return 0;
+            one = 1, kept = 0;
+            memset(w->active, 0, m);
+            continue;
+        }
+        for (int k = 0; !one && k < kept && k < MODEL_KEPT; k++)
+            if (!memcmp(w->seen + (size_t)k * m, w->active, m)) one = 1;
+        memcpy(w->seen + (size_t)(kept++ % MODEL_KEPT) * m, w->active, m);
+        if (!model_corrected(w, one)) return model_finite(w);
+    }
+    return 0;
+}
+
+/* Contact forces, (MODEL_CONDITIONS), and outputs, (MODEL_OUTPUTS), at a point, (MODEL_PARAMETERS); either may be NULL.
+   It begins with the statuses of the answer before. */
+static inline int model_solve(model_work *w, const double *point, double *forces, double *outputs) {
+    for (int k = 0; k < MODEL_PARAMETERS; k++)
+        if (!(point[k] >= model_lower[k] && point[k] <= model_upper[k])) return MODEL_OUTSIDE;
+    model_set_contact(w, point);
+    if (!w->started)
+        for (int i = 0; i < MODEL_CONDITIONS; i++) w->active[i] = w->slack[i] < 0;
+    w->started = model_settled(w);
+    if (!w->started) return MODEL_NO_ANSWER;
+    if (forces) memcpy(forces, w->forces, MODEL_CONDITIONS * sizeof(double));
+    if (outputs) model_read(w, outputs);
+    return MODEL_DONE;
+}
+
+/* Derivatives of the outputs along the parameters, (MODEL_OUTPUTS, MODEL_PARAMETERS), by central differences on the
+   statuses of the last answer, which was at this point. */
+static inline int model_derivatives(model_work *w, const double *point, double *slopes) {
+    double there[MODEL_PARAMETERS], ends[2][MODEL_OUTPUTS + 1];
+    if (!w->started) return MODEL_NO_ANSWER;
+    memcpy(there, point, sizeof there);
+    for (int k = 0; k < MODEL_PARAMETERS; k++) {
+        const double step = MODEL_STEP * (model_upper[k] - model_lower[k]);
+        const double low = fmax(model_lower[k], point[k] - step), high = fmin(model_upper[k], point[k] + step);
+        for (int end = 0; end < 2; end++) {
+            there[k] = end ? high : low;
+            model_set_contact(w, there);
+            if (!model_equalities(w)) return MODEL_NO_ANSWER;
+            model_read(w, ends[end]);
+        }
+        for (int i = 0; i < MODEL_OUTPUTS; i++)
+            slopes[i * MODEL_PARAMETERS + k] = (ends[1][i] - ends[0][i]) / (high - low);
+        there[k] = point[k];
+    }
+    return MODEL_DONE;
+}
+#endif

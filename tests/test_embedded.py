@@ -1,0 +1,212 @@
+"""A model as a C header and as a unit for co-simulation: compiled and asked here, beside Python; what is refused."""
+
+import ctypes
+import dataclasses
+import platform
+import shutil
+import subprocess
+import zipfile
+from xml.etree import ElementTree
+
+import contract
+import numpy as np
+import pytest
+from test_pages import SCENES, outputs_of_pellet
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.doors import c_header, fmu
+from hhr_dolfinx.errors import MissingPackageError, NotOfferedError
+from hhr_dolfinx.formulas import Scalar
+from hhr_dolfinx.pages.arrays import Packed, contact_tree, steps_of
+
+CC = shutil.which("cc")
+compiled = pytest.mark.skipif(CC is None, reason="there is no C compiler")
+WORDS = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-O2", "-shared", "-fPIC"]
+CALLED = """
+#include "press.h"
+int ask(int count, const double *points, double *forces, double *outputs, double *slopes) {
+    press_work *work = press_new();
+    int status = PRESS_DONE;
+    for (int k = 0; k < count && !status; k++) {
+        const double *point = points + k * PRESS_PARAMETERS;
+        status = press_solve(work, point, forces + k * PRESS_CONDITIONS, outputs + k * PRESS_OUTPUTS);
+        if (!status) status = press_derivatives(work, point, slopes + k * PRESS_OUTPUTS * PRESS_PARAMETERS);
+    }
+    press_free(work);
+    return status;
+}
+"""
+DONE, OUTSIDE = 0, 1
+
+
+def library(folder, model):
+    """A model compiled, without a warning, and called from here: status, forces, outputs, slopes of points, (n, P)."""
+    c_header.write_c_header(folder / "press.h", model)
+    (folder / "press.c").write_text(CALLED)
+    done = subprocess.run([CC, *WORDS, "-o", "press.so", "press.c", "-lm"], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    ask = ctypes.CDLL(str(folder / "press.so")).ask
+    count = len(contact_tree(model, Packed())["outputs"])
+
+    def asked(points):
+        points = np.ascontiguousarray(points, dtype=float)
+        n, p = points.shape
+        found = [np.full(shape, np.nan) for shape in ((n, model.conditions), (n, count), (n, count, p))]
+        status = ask(n, *(ctypes.c_void_p(array.ctypes.data) for array in (points, *found)))
+        return status, *found
+
+    return asked
+
+
+@compiled
+@pytest.mark.parametrize("name", SCENES)
+def test_a_header_has_the_digits_of_python(name, tmp_path):
+    model = hhr.condense(SCENES[name](), fields=True)
+    ends = [model.parameters.lower, model.parameters.upper]
+    points = np.vstack([model.parameters.random(30, 4), ends])
+    status, forces, outputs, slopes = library(tmp_path, model)(points)
+    assert status == DONE
+    many = model.solve_many(points)
+    exact = np.array([answer.forces() for answer in many])
+    np.testing.assert_allclose(forces, exact, rtol=0, atol=1e-10 * np.abs(exact).max())
+    for k, item in enumerate(contact_tree(model, Packed())["outputs"]):
+        known = many.outputs()[item["name"]]
+        np.testing.assert_allclose(outputs[:, k], known, rtol=1e-8, atol=1e-10 * np.abs(known).max())
+        for point, found in zip(points[:5], slopes[:5, k], strict=True):
+            gradient = model.outputs(point, gradient=True).gradient[item["name"]]
+            # by central differences of a hundred-thousandth of the box
+            np.testing.assert_allclose(found, gradient, rtol=0, atol=1e-5 * np.abs(gradient).max() + 1e-9)
+
+
+@compiled
+def test_a_point_outside_of_the_box_is_refused(tmp_path):
+    model = hhr.condense(contract.blocks())
+    asked = library(tmp_path, model)
+    upper = np.array(model.parameters.upper)
+    assert asked([upper])[0] == DONE
+    assert asked([upper * 1.001])[0] == OUTSIDE
+    assert asked([upper * np.nan])[0] == OUTSIDE
+
+
+@compiled
+def test_formulas_of_all_kinds_mean_the_same_in_c(tmp_path):
+    names = ("a", "b")
+    texts = [
+        "a + b - a * b / 3",
+        "-a ** 2 + (-b) ** 2",
+        "sqrt(a) + exp(-b) + log(a) + pi",
+        "sin(a) * cos(b) - tan(a) + tanh(b)",
+    ]
+    texts += [
+        "min(a, b) + 2 * max(a, 0.3) - abs(b - a)",
+        "table(a, 0, 1, 0.5, 3, 2, -1) + table(b, 0, -1, 2, 5)",
+        "a ** b",
+    ]
+    scalars = [Scalar(text, names) for text in texts]
+    own = "\n".join(
+        f"double f{k}(const double *p) {{ return {c_header.formula(steps_of(scalar))}; }}"
+        for k, scalar in enumerate(scalars)
+    )
+    helpers = c_header.kernel_file("kernel.h").partition("/*DATA*/")[0]
+    (tmp_path / "f.c").write_text(f"{helpers}\n{own}\n#endif\n")
+    subprocess.run([CC, "-std=c99", "-shared", "-fPIC", "-o", "f.so", "f.c", "-lm"], cwd=tmp_path, check=True)
+    made = ctypes.CDLL(str(tmp_path / "f.so"))
+    for point in np.random.default_rng(0).uniform(0.1, 1.9, (20, 2)):
+        for k, scalar in enumerate(scalars):
+            call = getattr(made, f"f{k}")
+            call.restype = ctypes.c_double
+            assert call(ctypes.c_void_p(point.ctypes.data)) == pytest.approx(scalar.value(point), rel=1e-13), texts[k]
+
+
+def test_names_are_those_of_the_file_and_of_the_scene(tmp_path):
+    scene = contract.blocks()
+    odd = dataclasses.replace(scene, outputs=(hhr.LargestPressure('a "peak"\\ of ?? µ', 0, unit="N/mm²"),))
+    text = c_header.c_header(hhr.condense(odd), "press")
+    assert "press_solve" in text and "PRESS_DONE" in text and "model_" not in text and "MODEL_" not in text
+    assert text.isascii() and '\\x22""peak\\x22""' in text
+    for name in ("1st", "a b", "läge", ""):
+        with pytest.raises(NotOfferedError, match="identifier"):
+            c_header.c_header(hhr.condense(scene), name)
+
+
+def test_other_models_are_refused_by_name(monkeypatch):
+    rubbing = hhr.condense(contract.blocks(friction=0.3))
+    with pytest.raises(NotOfferedError, match="header knows no friction"):
+        c_header.c_header(rubbing, "press")
+    with pytest.raises(NotOfferedError, match="FullOrderModel"):
+        c_header.c_header(hhr.FullOrderModel(contract.blocks()), "press")
+    model = hhr.condense(contract.blocks())
+    monkeypatch.setattr(c_header, "MOST_NUMBERS", 10)
+    with pytest.raises(NotOfferedError, match="coarser mesh"):
+        c_header.c_header(model, "press")
+
+
+@pytest.fixture(scope="module")
+def unit(tmp_path_factory):
+    """A model and its unit."""
+    if CC is None:
+        pytest.skip("there is no C compiler")
+    scene = dataclasses.replace(SCENES["partial pressure"](), outputs=outputs_of_pellet()[:3])
+    model = hhr.condense(scene)
+    return model, fmu.write_fmu(tmp_path_factory.mktemp("unit") / "press.fmu", model)
+
+
+def test_a_unit_answers_as_python_does(unit, tmp_path):
+    """Called as an importer does, by its functions alone; by fmpy below."""
+    model, path = unit
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(tmp_path)
+    described = ElementTree.parse(tmp_path / "modelDescription.xml").getroot()
+    variables = {item.get("name"): int(item.get("valueReference")) for item in described.find("ModelVariables")}
+    assert list(variables) == ["time", "P1", "h1", "peak", "push", "width"] and list(variables.values()) == [*range(6)]
+    (binary,) = (tmp_path / "binaries").glob("*/model.*")
+    assert binary.parent.name == f"{platform.machine()}-{platform.system().lower()}"
+    made = ctypes.CDLL(str(binary))
+    made.fmi3InstantiateCoSimulation.restype = ctypes.c_void_p
+    rest = [None, False, False, False, False, None, ctypes.c_size_t(0), None, None, None]
+    assert not made.fmi3InstantiateCoSimulation(b"one", b"another token", *rest)
+    token = described.get("instantiationToken").encode()
+    instance = ctypes.c_void_p(made.fmi3InstantiateCoSimulation(b"one", token, *rest))
+    inputs, outputs = (ctypes.c_uint32 * 2)(1, 2), (ctypes.c_uint32 * 3)(3, 4, 5)
+
+    def asked(point):
+        two, three = ctypes.c_size_t(2), ctypes.c_size_t(3)
+        found = (ctypes.c_double * 3)()
+        assert made.fmi3SetFloat64(instance, inputs, two, (ctypes.c_double * 2)(*point), two) == 0
+        return made.fmi3GetFloat64(instance, outputs, three, found, three), np.array(found)
+
+    for point in model.parameters.random(20, 6):
+        status, found = asked(point)
+        assert status == 0
+        np.testing.assert_allclose(found, list(model.outputs(point).values.values()), rtol=1e-10)
+    discard = 2
+    assert asked([1e9, 1.0])[0] == discard
+    made.fmi3FreeInstance(instance)
+
+
+def test_a_unit_runs_in_fmpy(unit):
+    fmpy = pytest.importorskip("fmpy")
+    validation = pytest.importorskip("fmpy.validation")
+    model, path = unit
+    assert validation.validate_fmu(str(path)) == []
+    lower, upper = np.array(model.parameters.lower), np.array(model.parameters.upper)
+    times = np.linspace(0, 1, 11)
+    points = lower + times[:, None] * (upper - lower)
+    kinds = [("time", float), *((name, float) for name in model.parameters.names)]
+    signals = np.array([(time, *point) for time, point in zip(times, points, strict=True)], dtype=kinds)
+    found = fmpy.simulate_fmu(str(path), input=signals, stop_time=1.0, output_interval=0.1)
+    known = model.solve_many(points).outputs()
+    for name in ("peak", "push", "width"):
+        # a step is from a time on: what it ends with is the answer to the inputs that it began with
+        np.testing.assert_allclose(
+            found[name][1:], known[name][:-1], rtol=1e-10, atol=1e-10 * np.abs(known[name]).max()
+        )
+
+
+def test_a_unit_needs_outputs_and_a_compiler(tmp_path):
+    bare = hhr.condense(dataclasses.replace(contract.blocks(), outputs=()))
+    with pytest.raises(NotOfferedError, match="name outputs"):
+        fmu.write_fmu(tmp_path / "press.fmu", bare)
+    with pytest.raises(MissingPackageError, match="no-such-compiler"):
+        fmu.write_fmu(tmp_path / "press.fmu", hhr.condense(contract.blocks()), compiler="no-such-compiler")
+    assert not list(tmp_path.iterdir())
