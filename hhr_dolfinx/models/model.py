@@ -298,8 +298,9 @@ class KeptModel(AnsweringModel):
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """What is wrong with a model whose parts are right, given the sizes that they share."""
         yield from self.fields.amplitudes.faults_for(self.parameters, sizes["terms"])
-        if self.fields.dimension not in (2, 3) or sizes.get("N", 0) % self.fields.dimension:
-            yield f"{sizes.get('N')} dofs are no nodes of dimension {self.fields.dimension}, which must be 2 or 3"
+        # 1 of matrices without a mesh, whose dofs are no nodes
+        if self.fields.dimension not in (1, 2, 3) or sizes.get("N", 0) % self.fields.dimension:
+            yield f"{sizes.get('N')} dofs are no nodes of dimension {self.fields.dimension}, which must be 1, 2 or 3"
         if empty := [name for name in ("N_lambda", "m", "ell") if sizes.get(name, 1) == 0]:
             yield f"sizes {empty} are zero"
         if self.friction is not None and self.friction.tangents.shape[1] != self.fields.dimension:

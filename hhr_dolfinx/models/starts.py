@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated
@@ -10,6 +10,7 @@ from typing import Annotated
 import numpy as np
 
 from hhr_dolfinx.declared import Booleans, Floats
+from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.plain import Rebuilt
 
 BLOCK = 1024
@@ -30,6 +31,14 @@ class KnownStatuses(Rebuilt):
 
     def __post_init__(self) -> None:
         self.active.setflags(write=False)  # answers share them
+
+    @classmethod
+    def of_answers(cls, answers: Iterable[Answer]) -> KnownStatuses | None:
+        """Of those answers that converged; None without any."""
+        found = [answer for answer in answers if answer.converged]
+        if not found:
+            return None
+        return cls(*(np.array([getattr(answer, name) for answer in found]) for name in ("parameter", "active")))
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """No status to start from."""

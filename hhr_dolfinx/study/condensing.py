@@ -67,8 +67,6 @@ def _known_statuses(full: FullOrderModel) -> KnownStatuses:
         return nothing
     model = exact_condensation(full, nothing, field=False)
     points = Sobol(STARTS).points(problem.parameters)
-    answers = [model.solve(point, start=None, raise_on_failure=False) for point in points]
-    found = [answer for answer in answers if answer.converged]
-    if not found:
-        return nothing
-    return KnownStatuses(*(np.array([getattr(answer, name) for answer in found]) for name in ("parameter", "active")))
+    return (
+        KnownStatuses.of_answers(model.solve(point, start=None, raise_on_failure=False) for point in points) or nothing
+    )

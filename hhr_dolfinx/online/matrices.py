@@ -1,0 +1,191 @@
+"""Contact problems of other programs: condensed from their matrices, without DOLFINx, PETSc and a mesh."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+from scipy.sparse import csc_matrix
+from scipy.sparse.linalg import SuperLU, splu
+
+from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
+from hhr_dolfinx.errors import NotSolvableError, SceneError
+from hhr_dolfinx.formulas import Formula
+from hhr_dolfinx.linear.dense import LapackLU
+from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.models.eliminations.constant import ConstantElimination
+from hhr_dolfinx.models.eliminations.elimination import Responses
+from hhr_dolfinx.models.exact import ExactFields
+from hhr_dolfinx.models.functionals.functional import Functional, Functionals
+from hhr_dolfinx.models.functionals.kinds import Largest, Linear
+from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.parameters import ParameterSpace
+
+STARTS = 64
+"""Points at which statuses are solved for beforehand."""
+SYMMETRIC = 1e-10
+"""Part of its largest entry by which a stiffness may differ from its transpose: ten digits, as files have them."""
+
+
+def condense_matrices(
+    parameters: ParameterSpace,
+    stiffness: Any,
+    contact: Any,
+    loads: Any,
+    gaps: Any,
+    amplitudes: Sequence[str | float | Amplitude],
+    *,
+    areas: Any = None,
+    pairs: Any = None,
+    displacement_outputs: Mapping[str, Any] | None = None,
+    force_outputs: Mapping[str, Any] | None = None,
+) -> CondensedModel:
+    """Condense  K u + B^T λ = F(μ),  B u <= g(μ),  λ >= 0,  λ·(B u - g) = 0,  thesis (1.21), whose matrices are given.
+
+    K is constant and without imposed dofs; loads and gaps are sums of columns times amplitudes,
+
+        F(μ) = sum_t a_t(μ) F_t,    g(μ) = sum_t a_t(μ) g_t.
+
+    The model answers as one of ``hhr.condense`` does: exactly, in tables and files, in C, and to other programs.
+
+    Args:
+        parameters: their box.
+        stiffness: K, (N, N), symmetric and positive definite; sparse, or what SciPy makes sparse.
+        contact: B, (m, N), one row for each condition, pointing from the first body to the second.
+        loads: F_t, (N, T).
+        gaps: g_t, (m, T).
+        amplitudes: a_t, (T,): formulas of the parameters as texts, numbers, or amplitudes.
+        areas: of the conditions, (m,); with them the largest pressure is an output, ``peak``.
+        pairs: number of the contact pair of each condition, (m,); None for a single pair.
+        displacement_outputs: rows of the displacement, (N,) each, by name.
+        force_outputs: weights of the contact forces, (m,) each, by name.
+
+    Raises:
+        SceneError: for arrays that do not fit together or are not finite, and amplitudes that are none.
+        NotSolvableError: for a stiffness that is not positive definite, or rows of contact that depend on each other.
+    """
+    matrix = csc_matrix(stiffness, dtype=float)
+    rows = csc_matrix(contact, dtype=float)
+    conditions, size = rows.shape
+    _check(matrix, rows)
+    theta, forces, slack = _terms(parameters, amplitudes, loads, gaps, (size, conditions))
+    factor = _factored(matrix)
+    free = factor.solve(forces)
+    per_force = factor.solve(rows.T.toarray())
+    schur = rows @ per_force
+    schur = (schur + schur.T) / 2
+    _check_definite(schur)
+    items = _outputs(size, conditions, areas, displacement_outputs or {}, force_outputs or {})
+    functionals = Functionals(items, size, theta) if items else None
+    fields = ExactFields(theta, csc_matrix(forces.shape), per_force, free, dimension=1, functionals=functionals)
+    responses = Responses(free[:0], per_force[:0], slack - rows @ free, schur)
+    groups = None if pairs is None else _array("pairs", pairs, (conditions,)).astype(np.int64)
+    return _started(parameters, ConstantElimination(responses, theta, LapackLU), fields, groups)
+
+
+def _started(parameters: ParameterSpace, eliminated: ConstantElimination, fields: Any, pairs: Any) -> CondensedModel:
+    """The model, which starts from statuses that it has found without any."""
+    nothing = KnownStatuses(parameters.middle[None], np.zeros((1, fields.conditions), dtype=bool))
+    model = CondensedModel(parameters, eliminated, nothing, fields, pairs)
+    points = parameters.random(STARTS, 0)
+    known = KnownStatuses.of_answers(model.solve(point, start=None, raise_on_failure=False) for point in points)
+    return CondensedModel(parameters, eliminated, known or nothing, fields, pairs)
+
+
+def _array(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
+    """An array of a shape, finite."""
+    try:
+        found = np.asarray(given, dtype=float)
+    except (TypeError, ValueError):
+        raise SceneError(f"{name} must be numbers, {shape}") from None
+    if found.shape != shape:
+        raise SceneError(f"{name} are {found.shape} and must be {shape}")
+    if not np.isfinite(found).all():
+        raise SceneError(f"{name} hold numbers that are not finite")
+    return found
+
+
+def _check(stiffness: csc_matrix, contact: csc_matrix) -> None:
+    """Raise SceneError for matrices that do not fit together."""
+    conditions, size = contact.shape
+    if stiffness.shape != (size, size):
+        raise SceneError(f"the stiffness is {stiffness.shape} and contact {contact.shape}: they are of {size} dofs")
+    if not conditions or not size:
+        raise SceneError("there must be a contact condition and a dof at least")
+    for name, matrix in (("stiffness", stiffness), ("contact", contact)):
+        if not np.isfinite(matrix.data).all():
+            raise SceneError(f"{name} holds numbers that are not finite")
+    off = abs(stiffness - stiffness.T).max()
+    if off > SYMMETRIC * abs(stiffness).max():
+        raise SceneError(f"the stiffness is not symmetric: it differs from its transpose by {off:.3g}")
+
+
+def _terms(
+    parameters: ParameterSpace, amplitudes: Sequence[Any], loads: Any, gaps: Any, sizes: tuple[int, int]
+) -> tuple[Amplitudes, np.ndarray, np.ndarray]:
+    """Amplitudes as a model has them, and columns of loads and gaps in their order, behind those of the amplitude 1."""
+    theta, order = _collected(amplitudes, parameters)
+    of_loads, of_gaps = (
+        np.pad(_array(name, given, (size, len(amplitudes)))[:, order], ((0, 0), (1, 0)))
+        for name, given, size in zip(("loads", "gaps"), (loads, gaps), sizes, strict=True)
+    )
+    return theta, of_loads, of_gaps
+
+
+def _collected(amplitudes: Sequence[Any], parameters: ParameterSpace) -> tuple[Amplitudes, list[int]]:
+    """Amplitudes as a model has them, affine ones first, and which term each of them was."""
+    made = []
+    for item in amplitudes:
+        number = isinstance(item, int | float) and not isinstance(item, bool)
+        one = Amplitude(float(item)) if number else Formula(item) if isinstance(item, str) else item
+        if not isinstance(one, Amplitude | Formula):
+            raise SceneError(f"an amplitude must be a text, a number or an Amplitude, and {item!r} is none")
+        made.append(bound(one, parameters))
+    order = sorted(range(len(made)), key=lambda place: not isinstance(made[place], Amplitude))
+    return Amplitudes.collect(made, parameters), order
+
+
+def _factored(stiffness: csc_matrix) -> SuperLU:
+    """Factors of K, which show whether it is positive definite: no pivots are exchanged."""
+    try:
+        factor = splu(stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
+    except RuntimeError:
+        factor = None
+    if factor is None or not (factor.U.diagonal() > 0).all():
+        raise NotSolvableError(
+            "the stiffness is not positive definite: leave out dofs that are imposed, and hold all bodies"
+        )
+    return factor
+
+
+def _check_definite(schur: np.ndarray) -> None:
+    """Raise NotSolvableError where rows of B depend on each other."""
+    sizes = np.sqrt(np.diag(schur))
+    try:
+        linalg.cholesky(schur / np.outer(sizes, sizes) if (sizes > 0).all() else schur)
+    except linalg.LinAlgError:
+        raise NotSolvableError(
+            "rows of contact depend on each other, or one of them moves nothing: thesis (1.67); leave those out"
+        ) from None
+
+
+def _outputs(
+    size: int, conditions: int, areas: Any, displacements: Mapping[str, Any], forces: Mapping[str, Any]
+) -> tuple[Functional, ...]:
+    """Outputs by name."""
+    found: list[Functional] = []
+    if areas is not None:
+        given = _array("areas", areas, (conditions,))
+        if not (given > 0).all():
+            raise SceneError("areas must be positive")
+        nowhere = np.zeros(0, dtype=np.int64)
+        found.append(Largest("peak", "", 0, nowhere, nowhere, np.zeros(0), np.arange(conditions), given))
+    for name, row in displacements.items():
+        found.append(Linear.of(name, "", row=csc_matrix(_array(name, row, (size,))[None]).tocsr()))
+    for name, weights in forces.items():
+        found.append(Linear.of(name, "", np.arange(conditions), _array(name, weights, (conditions,))))
+    if len({item.name for item in found}) < len(found):
+        raise SceneError("two outputs have the same name")
+    return tuple(found)
