@@ -17,10 +17,11 @@ from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, PetscLU
 from hhr_dolfinx.models.answer import Answer, Model
 from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.snapshots.records import SnapshotSet
-from hhr_dolfinx.study.measure import Measurement, References, Row
+from hhr_dolfinx.study.measure import Errors, Measurement, References, Row
 from hhr_dolfinx.study.training.growing import fallback_report
 from hhr_dolfinx.study.training.train import Progress, Training
 from hhr_dolfinx.timing import time_queries
@@ -28,6 +29,9 @@ from hhr_dolfinx.timing import time_queries
 COMPARED = ("fom_naive", "fom_best", "condensed")
 TIMED = (*COMPARED, "condensed_full", "online", "online_forces", "online_lapack", "online_full")
 COLD = (*COMPARED, "online", "online_lapack")
+
+SAMPLED = {"displacement": "primal_energy", "forces": "dual_full_floored"}
+"""Errors that a report keeps point by point, by the name that estimates have for them."""
 
 Queries = dict[str, Callable[[np.ndarray], Any]]
 """Queries of a parameter by name."""
@@ -51,7 +55,7 @@ def measure_points(
         "online_full": _everywhere(_twin(model, PetscLU)),
     }
     skipped = []
-    exact = {"fom_best": references.errors(full)}
+    errors = {"fom_best": references.errors(full), "online": references.errors(model)}
     offline = {}
     if full.problem.varies and full.problem.pins is not None:
         why = "contact alone holds bodies, and their elasticity depends on parameters: not built in"
@@ -60,7 +64,7 @@ def measure_points(
         forces_only, condensed = _condensed(training, known)
         models["condensed"] = forces_only
         whole["condensed_full"] = _everywhere(condensed)
-        exact["condensed"] = references.errors(condensed)
+        errors["condensed"] = references.errors(condensed)
         if forces_only.offline is not None:
             offline = {"offline_condensed": dict(forces_only.offline.log.times)}
     naive = settings.naive and full.problem.pins is None
@@ -77,23 +81,37 @@ def measure_points(
 
     if naive:
         # the same statuses by another solver: what differs is round-off, which tests of the full order measure
-        exact["fom_naive"] = exact["fom_best"]
+        errors["fom_naive"] = errors["fom_best"]
     else:
         skipped.append({"stage": "fom_naive", "why": _without_naive(full)})
     report = {
         "times": {**_summaries(warm, TIMED), "cold_start": _summaries(cold, COLD), **offline},
         "ratios": {**_ratios(warm), "cold_start": _ratios(cold)},
         "active_set": _searches(answers),
+        "samples": _samples(points, answers, errors["online"]),
     }
     report |= _mesh_error(full, skipped) | _outputs(full, references.solutions, answers)
     if model.fields.bound is not None:
         report["fallback"] = fallback_report(model, full, fresh, float(np.mean(warm["fom_best"])))
-    own = Row("HHR", "this model", warm["online"], references.errors(model))
+    own = Row("HHR", "this model", warm["online"], errors["online"])
     how = {"condensed": "interpolated"} if offline else {}
-    order = [name for name in ("condensed", "fom_best", "fom_naive") if name in exact]
-    rows = [Row(name, how.get(name, "exact"), warm[name], exact[name]) for name in order]
+    order = [name for name in ("condensed", "fom_best", "fom_naive") if name in errors]
+    rows = [Row(name, how.get(name, "exact"), warm[name], errors[name]) for name in order]
     small = {name: models[name] for name in ("condensed",) if name in models}
     return Measurement(own, rows, beside, report, skipped, models=small)
+
+
+def _samples(points: np.ndarray, answers: list[Answer], errors: Errors) -> dict[str, Any]:
+    """The ``samples`` part of a report: test points, errors there, and what the model said of these, relative."""
+    found: dict[str, Any] = {
+        "points": points.tolist(),
+        "errors": {name: errors.values[key].tolist() for name, key in SAMPLED.items()},
+    }
+    known = Estimates.of([answer.estimate() for answer in answers])
+    if known is not None:
+        bounds = {"displacement": known.primal_relative, "forces": known.forces_euclid_relative}
+        found |= {"kind": known.kind, "bounds": {name: values.tolist() for name, values in bounds.items()}}
+    return found
 
 
 def _mesh_error(full: FullOrderModel, skipped: list[dict[str, str]]) -> dict[str, Any]:

@@ -7,32 +7,19 @@ import json
 import math
 from collections.abc import Mapping, Sequence
 from html import escape
+from importlib import resources
 from pathlib import Path
 from typing import Any
 
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.files import replacing
+from hhr_dolfinx.study.report import charts
 from hhr_dolfinx.study.report.advice import in_words
-
-STYLE = """
-body { font: 16px/1.5 system-ui, sans-serif; color: #222; max-width: 72rem; margin: 2rem auto; padding: 0 1rem; }
-h1 { margin-bottom: 0; } h2 { margin-top: 2.5rem; border-bottom: 1px solid #ccc; }
-.wide { overflow-x: auto; margin: 1rem 0; } table { border-collapse: collapse; }
-td { white-space: nowrap; } td.long { white-space: normal; min-width: 10rem; }
-th, td { padding: .25rem .8rem; text-align: right; }
-th:first-child, td:first-child { text-align: left; } tr:nth-child(even) { background: #f4f4f4; }
-th { border-bottom: 2px solid #888; } .advice { background: #eef6ee; border-left: 4px solid #3a7; padding: .8rem 1rem; }
-figure { margin: 1.5rem 0; } img { max-width: 100%; border: 1px solid #ddd; } figcaption { color: #555; }
-details { margin: .5rem 0; } summary { cursor: pointer; }
-.small { color: #555; font-size: 90%; }
-@media (max-width: 40rem) {
-  body { margin: 1rem auto; padding: 0 .6rem; font-size: 15px; } h1 { font-size: 1.5rem; } h2 { font-size: 1.2rem; }
-  th, td { padding: .2rem .4rem; }
-}
-"""
 
 LONG = 18
 """Letters from which on a cell may break into several lines."""
+MAPPED = 3
+"""Parameters whose neighbours are mapped against each other."""
 FIRST = ("primal_l2", "dual_full_floored", "stress_rr", "plastic_strain")
 """Errors that a reader asks for; the same in other norms, or of a part, are folded."""
 ERRORS = {
@@ -53,6 +40,7 @@ TIMES = {
     "online_forces": "the reduced model, forces on the whole surface",
 }  # fmt: skip
 PICTURES = {
+    "scene.png": "The scene: bodies, contact surfaces, supports and loads.",
     "work_precision.png": "Error against time of one query. What lies on the line is beaten by nothing in both.",
     "pressures.png": "Contact pressures: lines of the full order, marks of the reduced model.",
     "fields.png": "The cells on which the reduced model integrates (RID), and fields beside each other.",
@@ -67,7 +55,7 @@ SIZES = {
 TOLD = {
     "scene", "seed", "date", "parameters", "materials", "units",
     "advice", "outputs", "work_precision", "kkt", "break_even", "skipped", "machine",
-    "versions",
+    "versions", "samples",
 }  # fmt: skip
 """Parts of a report that have a place of their own on the page; the others follow as they are."""
 
@@ -107,14 +95,17 @@ def page_of(report: Mapping[str, Any], folder: Path) -> str:
     parts = [
         f"<h1>{name}</h1>",
         _sizes(_mapping(report.get("sizes"))),
-        _asked(report),
         _advice(report.get("advice")),
+        _asked(report),
+        _figure(folder / "scene.png"),
         _errors(_mapping(report.get("errors"))),
+        _charts(report),
         _times(_mapping(report.get("times"))),
         _break_even(_mapping(report.get("break_even"))),
         _outputs(_mapping(report.get("outputs"))),
         _methods(_mappings(report.get("work_precision"))),
         _pictures(folder),
+        _loading(folder),
         _checks(_mapping(report.get("kkt"))),
         _left_out(_mappings(report.get("skipped"))),
         _others(report),
@@ -124,8 +115,12 @@ def page_of(report: Mapping[str, Any], folder: Path) -> str:
     return (
         f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{name}</title>'
-        f"<style>{STYLE}</style></head>\n<body>\n{body}\n</body></html>\n"
+        f"<style>{_style()}</style></head>\n<body>\n{body}\n</body></html>\n"
     )
+
+
+def _style() -> str:
+    return (resources.files(__package__) / "report.css").read_text(encoding="utf-8")
 
 
 def _mapping(value: Any) -> Mapping[str, Any]:
@@ -280,16 +275,96 @@ def _methods(methods: Sequence[Mapping[str, Any]]) -> str:
     return _section("All methods that were measured", _table(head, rows))
 
 
+def _charts(report: Mapping[str, Any]) -> str:
+    """Errors over times of all methods; of elastic scenes how errors and bounds are spread, and where they lie."""
+    marks = [
+        charts.Mark(
+            " ".join(dict.fromkeys(_text(row.get(key, "")) for key in ("method", "setting"))).strip(),
+            row["online_s"],
+            row["dual_full_floored"],
+            row.get("dual_full_floored_p95"),
+            own=row.get("setting") == "this model",
+        )
+        for row in _mappings(report.get("work_precision"))
+        if _is_number(row.get("online_s")) and _is_number(row.get("dual_full_floored"))
+    ]
+    found = [
+        (
+            charts.work_precision(marks, "error of contact forces"),
+            "Error of the contact forces over the time of a query: half of the answers are below a mark, 95 % below "
+            "the end of its tail. Nothing beats what lies on the dashed line in both.",
+        )
+    ]
+    samples = _mapping(report.get("samples"))
+    errors = _numbers(_mapping(samples.get("errors")).get("forces"))
+    kind = _text(samples.get("kind") or "bound")
+    bounds = _numbers(_mapping(samples.get("bounds")).get("forces"))
+    told = f"Bars: errors of contact forces at {len(errors)} points that no model was trained on."
+    told += f" Line: what the model said beforehand of each, without the full answer ({kind})." if bounds else ""
+    found.append((charts.histogram(errors, bounds, "error of contact forces", f"{kind} of each answer"), told))
+    found += [
+        (chart, "Where errors are large: the redder and larger a point, the larger.") for chart in _maps(report, errors)
+    ]
+    figures = (f"<figure>{svg}<figcaption>{escape(told)}</figcaption></figure>" for svg, told in found if svg)
+    body = "".join(figures)
+    return f'<section class="charts">{body}</section>' if body else ""
+
+
+def _maps(report: Mapping[str, Any], errors: list[float]) -> list[str]:
+    """Errors over each of the first parameters and the next one; none where points are none of these parameters."""
+    box = _mappings(report.get("parameters"))
+    ends: list[Any] = [(row.get("from"), row.get("to")) for row in box]
+    rows = _mapping(report.get("samples")).get("points")
+    points = [_numbers(row) for row in rows] if isinstance(rows, list) else []
+    fits = len(points) == len(errors) and all(len(point) == len(box) for point in points)
+    if not fits or not all(_is_number(low) and _is_number(high) and 0 < high - low < math.inf for low, high in ends):
+        return []
+    return [
+        charts.map_of(
+            [(point[k], point[k + 1]) for point in points],
+            errors,
+            (_text(box[k].get("name")), _text(box[k + 1].get("name"))),
+            ends[k : k + 2],
+        )
+        for k in range(min(len(box) - 1, MAPPED))
+    ]
+
+
+def _numbers(values: Any) -> list[float]:
+    """Numbers of a list, NaN where there is none."""
+    return [float(value) if _is_number(value) else math.nan for value in values] if isinstance(values, list) else []
+
+
+def _figure(path: Path) -> str:
+    """A picture with what it shows; nothing where it is missing."""
+    if not path.is_file():
+        return ""
+    data = base64.b64encode(path.read_bytes()).decode()
+    caption = escape(PICTURES.get(path.name, _words(path.stem)))
+    image = f'<img alt="{caption}" src="data:image/png;base64,{data}">'
+    return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
+
+
 def _pictures(folder: Path) -> str:
     order = {name: place for place, name in enumerate(PICTURES)}
-    found = [path for path in folder.glob("*.png") if path.is_file()]
-    figures = []
-    for path in sorted(found, key=lambda path: (order.get(path.name, len(order)), path.name)):
-        data = base64.b64encode(path.read_bytes()).decode()
-        caption = escape(PICTURES.get(path.name, _words(path.stem)))
-        image = f'<img alt="{caption}" src="data:image/png;base64,{data}">'
-        figures.append(f"<figure>{image}<figcaption>{caption}</figcaption></figure>")
-    return _section("Pictures", *figures)
+    found = [path for path in folder.glob("*.png") if path.name != "scene.png"]
+    found.sort(key=lambda path: (order.get(path.name, len(order)), path.name))
+    return _section("Pictures", *(_figure(path) for path in found))
+
+
+def _loading(folder: Path) -> str:
+    """How the models beside a report are used."""
+    models = [path.name for path in sorted(folder.glob("*.npz")) if path.name in ("model.npz", "condensed.npz")]
+    if not models:
+        return ""
+    lines = ["import hhr_dolfinx as hhr", ""]
+    lines += [f'model = hhr.load_model("{name}")' for name in models]
+    lines += ["answer = model.solve(point)  # parameters by name, or in their order; path: model.march(path)"]
+    lines += ["answer.forces(), answer.displacement(), answer.estimate()"]
+    told = (
+        "It needs NumPy and SciPy, no DOLFINx. A table is answered by <code>hhr answer model.npz questions.csv</code>."
+    )
+    return _section("How is the model used?", f"<pre>{escape(chr(10).join(lines))}</pre>", f"<p>{told}</p>")
 
 
 def _checks(residuals: Mapping[str, Any]) -> str:

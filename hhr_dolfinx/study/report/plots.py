@@ -269,6 +269,7 @@ def draw_study(study: Any, view: View, folder: Path) -> None:
     """
     full = study.training.full_order
     model = study.model
+    _draw_scene(full, folder)
     plot_work_precision(study.report["work_precision"], folder / "work_precision.png")
     if study.measured.drawn:
         exact, found = study.measured.drawn
@@ -287,6 +288,15 @@ def draw_study(study: Any, view: View, folder: Path) -> None:
     pairs = {label: (full.solve(mu), model.solve(mu)) for label, mu in zip(labels, view.points, strict=True)}
     if pairs:
         _draw_answers(full, model, pairs, view, folder)
+
+
+def _draw_scene(full: FullOrderModel, folder: Path) -> None:
+    """The scene as ``hhr check`` draws it."""
+    from hhr_dolfinx.study.scene.check import check_scene
+
+    looked = check_scene(full.scene)
+    if looked.drawable:
+        looked.draw(folder / "scene.png")
 
 
 def _draw_answers(
