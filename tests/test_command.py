@@ -288,7 +288,7 @@ def test_a_study_has_a_page(tmp_path):
     found = run("study", DEMO, "--sobol", "12", "--tests", "6", "--queries", "6", "--out", tmp_path)
     assert found.returncode == 0, found.stderr
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.count("<img ") == len(list(tmp_path.glob("*.png"))) == 3 and (tmp_path / "model.npz").exists()
+    assert page.count("<img ") == len(list(tmp_path.glob("*.png"))) == 4 and (tmp_path / "model.npz").exists()
     (tmp_path / "report.html").unlink()
     code, output = invoke("report", tmp_path)
     assert code == 0 and output == f"{tmp_path / 'report.html'}\n"

@@ -33,7 +33,7 @@ def test_report(quick):
     report = json.loads((quick / "report.json").read_text())
     keys = "scene seed versions machine sizes stability errors times ratios work_precision active_set skipped"
     keys += " recipe refused_before advice advised kkt break_even models fallback units materials parameters date"
-    keys += " discretisation"
+    keys += " discretisation samples"
     assert set(report) == set(keys.split())
     assert report["recipe"]["basis"]["tolerance"] == 1e-13 and report["recipe"]["domain"]["layers"] == 2
     sizes = report["sizes"]
@@ -50,6 +50,10 @@ def test_report(quick):
     assert thesis["dual_full_floored"]["max"] > 0.1
     assert report["active_set"]["cycles"] == 0
     assert 0.0 < report["discretisation"]["energy"] < 0.2 and 0.0 < report["discretisation"]["peak_pressure"] < 0.5
+    samples = report["samples"]
+    bounds = np.array(samples["bounds"]["forces"])
+    assert samples["kind"] == "bound" and np.shape(samples["points"]) == (11, 1) and len(bounds) == 11
+    assert (np.array(samples["errors"]["forces"]) <= bounds).all() and bounds.max() < 1e-7
     assert {item["stage"] for item in report["skipped"]} >= {"tangents", "indicator"}
     assert all(item["why"] for item in report["skipped"])
     # half of what is required of the demo: the machine of a test may be busy

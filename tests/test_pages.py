@@ -14,14 +14,18 @@ import press_fit
 import pytest
 from bare import WAIT
 from mpi4py import MPI
+from test_friction import round_block, rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileContentError, NotOfferedError
+from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
 from hhr_dolfinx.pages import page
+from hhr_dolfinx.pages.scenery import thinned
 
 MODEL = Path(page.__file__).with_name("model.js")
 NODE = shutil.which("node")
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+FRICTION = MODEL.with_name("friction.js")
 in_node = pytest.mark.skipif(NODE is None, reason="node is not there")
 PROGRAM = """
 const fs = require("fs"), hhr = require(process.argv[1]);
@@ -161,7 +165,7 @@ def test_a_name_ends_no_script(tmp_path):
             lambda: contract.training("constant").build(contract.AS_IT_IS),
             "ReducedModel with CondensedModel is not of that kind",
         ),
-        (lambda: hhr.condense(contract.blocks(friction=hhr.Coulomb(0.3))), "friction"),
+        (lambda: hhr.condense(rubbing(dimension=3, cells=2)), "friction in the plane alone"),
         (lambda: contract.training("constant").local(hhr.Clusters(2), recipe=contract.AS_IT_IS), "LocalModels"),
         (lambda: hhr.condense(contract.blocks(free=True)), "FloatingElimination"),
     ],
@@ -275,3 +279,111 @@ def test_a_browser_shows_the_answer_of_its_address(name, tmp_path):
     for pair in set(scenery.pairs.tolist()):
         total = forces[scenery.pairs == pair].sum()
         assert f"<td>sum of forces</td><td>{float(f'{total:.6g}'):.12g}</td>" in found, total
+
+
+ALONG = """
+const fs = require("fs"), hhr = require(process.argv[1]);
+require(process.argv[2]);
+const { page, path, points } = JSON.parse(fs.readFileSync(0, "utf8"));
+const data = JSON.parse(page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1]);
+const model = new hhr.Model(data.tree, hhr.decoded(data.arrays)), sliding = new hhr.Sliding(model);
+const found = [];
+let state = sliding.rest(path[0]);
+for (const point of path.slice(1)) {
+  state = sliding.reached(state, point);
+  const names = ["forces", "position", "path", "work", "wear", "statuses"];
+  const plain = Object.fromEntries(names.map((name) => [name, [...state[name]]]));
+  found.push({ ...plain, outputs: model.outputs(state), field: [...model.displacement(state)] });
+}
+console.log(JSON.stringify({ found, loaded: points.map((point) => [...sliding.proportional(point).forces]) }));
+"""
+RUBBING = {
+    "Coulomb": lambda: rubbing(geometry=round_block, pairing=None),
+    "formula and limit": lambda: rubbing(
+        hhr.Coulomb("f * (1 + f)", limit=0.02), geometry=round_block, box={"f": (0.0, 0.8)}
+    ),
+    "Tresca": lambda: rubbing(hhr.Tresca(0.01), geometry=round_block),
+    "slave nodes": lambda: rubbing(
+        pairing=hhr.NodeToSurface(side(SECOND, 1, False), side(FIRST, 1, True), (0.0, -1.0), friction=0.4),
+        geometry=round_block,
+    ),
+}
+TOUR = [
+    (0.0, 0.0),
+    (0.03, 0.0),
+    (0.03, 0.02),
+    (0.04, 0.06),
+    (0.02, 0.0),
+    (0.002, -0.06),
+    (0.05, -0.02),
+    (0.05, 0.1),
+    (0.01, 0.1),
+]
+"""Pressed, sheared, turned round, let go, and pressed again."""
+
+
+@in_node
+@pytest.mark.parametrize("name", RUBBING)
+def test_increments_with_friction_are_those_of_python(name):
+    outputs = (hhr.LargestPressure("peak", 0), hhr.ContactForce("pull", 0, (1.0, 0.0)))
+    _, model, scenery = made(dataclasses.replace(RUBBING[name](), outputs=outputs))
+    rest = (0.5,) * (len(model.parameters.names) - 2)
+    tour = [np.array([*point, *rest]) for point in TOUR]
+    points = model.parameters.random(6, 3)
+    text = page.page_text(model, scenery)
+    asked = json.dumps({"page": text, "path": [point.tolist() for point in tour], "points": points.tolist()})
+    words = [NODE, "-e", ALONG, str(MODEL), str(FRICTION)]
+    done = subprocess.run(words, input=asked, capture_output=True, text=True, timeout=WAIT)
+    assert done.returncode == 0, done.stderr
+    given = json.loads(done.stdout)
+    history = model.march(list(enumerate(tour)))
+    assert history.cuts == 0
+    statuses = set()
+    largest = max(np.abs(answer.multipliers).max() for answer in history.answers)
+    rows = (scenery.nodes[:, None] * 2 + np.arange(2)).ravel()
+    for found, answer in zip(given["found"], history.answers, strict=True):
+        np.testing.assert_allclose(found["forces"], answer.multipliers, rtol=0, atol=1e-10 * largest)
+        for kind in ("position", "path", "work", "wear"):
+            known = getattr(answer.slip, kind)
+            np.testing.assert_allclose(found[kind], known, rtol=1e-8, atol=1e-10 * max(np.abs(known).max(), 1e-6))
+        assert found["statuses"] == answer.slip.statuses.tolist()
+        statuses |= set(found["statuses"])
+        np.testing.assert_allclose(found["outputs"], list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11)
+        exact = answer.displacement()[rows]
+        assert np.linalg.norm(np.array(found["field"]) - exact) < 0.03 * max(np.linalg.norm(exact), 0.05)
+    assert statuses == {0, 1, 2}
+    for forces, point in zip(given["loaded"], points, strict=True):
+        known = model.solve(point).multipliers
+        # both cut increments until forces change by a thousandth, in their own ways
+        assert np.linalg.norm(forces - known) < 0.02 * np.linalg.norm(known)
+
+
+def test_a_mesh_that_is_finer_than_a_screen_is_thinned():
+    points = np.stack(np.meshgrid(np.linspace(0, 2, 81), np.linspace(0, 1, 41), indexing="ij"), axis=-1).reshape(-1, 2)
+    number = np.arange(len(points)).reshape(81, 41)
+    corners = [number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]]
+    triangles = np.concatenate(
+        [np.stack([corners[k] for k in some], axis=-1).reshape(-1, 3) for some in ((0, 1, 2), (0, 2, 3))]
+    )
+    border = np.concatenate([number[0], number[-1], number[:, 0], number[:, -1]])
+    pieces = (number[0], number[-1], number[:, 0], number[:, -1])
+    lines = np.concatenate([np.column_stack([line[:-1], line[1:]]) for line in pieces])
+    # two bodies that touch along x = 2: their nodes there are no neighbours
+    both = {
+        "points": np.vstack([points, points + np.array([2.0, 0.0])]),
+        "nodes": np.arange(2 * len(points)) + 7,
+        "triangles": np.vstack([triangles, triangles + len(points)]),
+        "lines": np.vstack([lines, lines + len(points)]),
+    }
+    _, _, scenery = made(contract.blocks())
+    whole = dataclasses.replace(scenery, **both)
+    assert thinned(whole, 10_000) is whole
+    found = thinned(whole, 900)
+    assert 500 < len(found.points) <= 900
+    assert (found.points == whole.points[found.nodes - 7]).all()
+    area = lambda item: np.abs(np.linalg.det(np.diff(item.points[item.triangles], axis=1))).sum() / 2  # noqa: E731
+    assert area(found) == pytest.approx(area(whole), rel=0.03)
+    outline = np.isin(found.nodes[found.lines] - 7, [*border, *(border + len(points))])
+    assert outline.all() and len(found.lines) > 100
+    bodies = found.nodes[found.triangles] - 7 >= len(points)
+    assert (bodies.all(axis=1) | ~bodies.any(axis=1)).all() and bodies.any() and not bodies.all()

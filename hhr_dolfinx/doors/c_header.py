@@ -48,7 +48,7 @@ def c_header(model: Any, name: str) -> str:
     """The header, with ``name`` in the place of ``model``."""
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
         raise NotOfferedError(f"{name!r} is no identifier of C, from which names of the header are made: name it else")
-    check_model(model, "a header")
+    check_model(model, "a header", rubs=False)
     arrays = Packed()
     tree = contact_tree(model, arrays)
     count = sum(array.size for array in arrays.arrays.values())

@@ -13,13 +13,16 @@ from __future__ import annotations
 import ast
 import base64
 import itertools
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
 
 from hhr_dolfinx.amplitudes import Amplitudes, Coverage
+from hhr_dolfinx.contact.friction import Friction
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.formulas import FUNCTIONS, Scalar
+from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.displacement import dense
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
@@ -78,15 +81,17 @@ class Packed:
         }
 
 
-def check_model(model: Any, what: str = "a page") -> None:
-    """Raise NotOfferedError for a model that ``what`` is not built for, with which one to take instead."""
+def check_model(model: Any, what: str = "a page", *, rubs: bool = True) -> None:
+    """Raise NotOfferedError for a model that ``what``, which may know friction, is not built for; says what to take."""
     if not isinstance(model, CondensedModel) or not isinstance(model.eliminated, ConstantElimination | Compliances):
         raise NotOfferedError(
             f"{what} answers by all contact conditions, and {_kind(model)} is not of that kind: condense the scene, "
             "hhr.condense(scene) or hhr train SCENE --model condensed"
         )
-    if model.friction is not None:
-        raise NotOfferedError(f"{what} knows no friction yet: its increments are solved in Python alone")
+    if model.friction is not None and not rubs:
+        raise NotOfferedError(f"{what} knows no friction: its increments are solved in Python, and on pages")
+    if model.friction is not None and np.bincount(model.friction.owner, minlength=1).max() > 1:
+        raise NotOfferedError(f"{what} knows friction in the plane alone: in space its increments are solved in Python")
     if isinstance(model.eliminated, Compliances) and not model.eliminated.symmetric:
         raise NotOfferedError(f"{what} solves with a symmetric S, and that of this model is not")
 
@@ -121,6 +126,7 @@ def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
         "amplitudes": _amplitudes(model.eliminated.amplitudes, arrays),
         "m": model.conditions,
         "groups": _groups(model, arrays),
+        "friction": None if model.friction is None else _friction(model.friction, arrays),
     }
     tree |= _eliminated(model.eliminated, arrays)
     tree["outputs"], tree["missing"] = _outputs(model, arrays)
@@ -131,6 +137,18 @@ def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
 def _groups(model: Any, arrays: Packed) -> str | None:
     """Contact of each condition, by which round-off is told from forces."""
     return None if model.pairs is None else arrays.put("groups", model.pairs, "<i4")
+
+
+def _friction(friction: Friction, arrays: Packed) -> dict[str, Any]:
+    """Rows of friction in the plane, and their laws."""
+    tree: dict[str, Any] = {
+        name: arrays.put(f"friction_{name}", getattr(friction, name), "<i4")
+        for name in ("normal", "tangential", "owner", "law", "twice")
+    }
+    tree["area"] = arrays.put("friction_area", friction.area)
+    tree["fixed"] = friction.fixed.tolist()
+    tree["laws"] = [[steps_of(law.coefficient), steps_of(law.limit)] for law in friction.laws]
+    return tree
 
 
 def _amplitudes(amplitudes: Amplitudes, arrays: Packed) -> dict[str, Any]:
@@ -306,8 +324,7 @@ def _exact_field(model: Any, scenery: Scenery, arrays: Packed) -> dict[str, Any]
     """Where the stiffness is constant: c = W^T (C θ - K^-1 B^T λ) with modes W of answers over the box."""
     fields = model.fields
     rows = rows_of(model, scenery)
-    answers = model.solve_many(model.parameters.random(SEEN, 0), raise_on_failure=False)
-    seen = np.array([answer.displacement()[rows] for answer in answers if answer.converged]).T
+    seen = np.array([answer.displacement()[rows] for answer in _seen(model) if answer.converged]).T
     if not seen.any():
         return None
     ways, tree = _modes(seen, arrays)
@@ -315,6 +332,15 @@ def _exact_field(model: Any, scenery: Scenery, arrays: Packed) -> dict[str, Any]
     own = {"terms": arrays.put("field_terms", of_terms, "<f4")}
     own |= {"forces": arrays.put("field_forces", -(ways.T @ fields.per_force[rows]), "<f4")}
     return {"kind": "linear"} | tree | own
+
+
+def _seen(model: Any) -> Iterable[Answer]:
+    """Answers over the box; with friction those along a path through it, whose laws are those of its middle."""
+    points = model.parameters.random(SEEN, 0)
+    if model.friction is None:
+        return model.solve_many(points, raise_on_failure=False)
+    points[:, model.friction.fixed] = model.parameters.middle[model.friction.fixed]
+    return model.march(list(enumerate(points.astype(float)))).answers
 
 
 def fitted_field(model: Any, scenery: Scenery, arrays: Packed) -> dict[str, Any] | None:

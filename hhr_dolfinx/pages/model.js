@@ -349,7 +349,7 @@ const hhr = (() => {
     }
   }
 
-  return { decoded, Model, formula };
+  return { decoded, Model, formula, factor, solved };
 })();
 
 if (typeof module !== "undefined") module.exports = hhr;

@@ -14,7 +14,7 @@ from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.models.estimates import relative_errors
 from hhr_dolfinx.pages.arrays import check_model, drawn, packed
-from hhr_dolfinx.pages.scenery import Scenery
+from hhr_dolfinx.pages.scenery import Scenery, thinned
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 
@@ -22,6 +22,8 @@ MOST_BYTES = 3_000_000
 """Of a page: what goes by mail."""
 ALIKE = 0.01
 """Relative difference of S up to which a model and a scenery are of one scene: S may be interpolated."""
+DRAWN = 12_000
+"""Nodes of the mesh that are drawn at most."""
 LOOKED_AT = 100
 """Random points at which a model tells its error to a page."""
 
@@ -31,7 +33,7 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
 
     Args:
         path: of the page, ``.html``.
-        model: that of ``hhr.condense``, ``hhr.reduce`` or a file, elastic and without friction.
+        model: that of ``hhr.condense``, ``hhr.reduce`` or a file, elastic; with friction in the plane alone.
         scenery: what is drawn, see :func:`hhr_dolfinx.study.scene.scenery.scenery_of`.
 
     Returns:
@@ -63,16 +65,18 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
 
 def page_text(model: Any, scenery: Scenery) -> str:
     """The page."""
+    scenery = thinned(scenery, DRAWN)
     tree, arrays = packed(model, scenery)
     tree["scenery"], of_scenery = drawn(scenery)
     arrays |= of_scenery
     tree["error"] = error_of(model)
     tree["made"] = f"{today()}, hhr_dolfinx {__version__}"
     data = json.dumps({"tree": tree, "arrays": arrays}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    parts = {name: _file(name) for name in ("page.html", "page.css", "model.js", "view.js")}
+    parts = {name: _file(name) for name in ("page.html", "page.css", "model.js", "path.js", "view.js")}
+    parts["friction.js"] = "" if model.friction is None else _file("friction.js")
     text = parts["page.html"].replace("TITLE", escape(scenery.words["scene"].replace("_", " ")))
-    for mark, part in (("/*CSS*/", "page.css"), ("/*MODEL*/", "model.js"), ("/*VIEW*/", "view.js")):
-        text = text.replace(mark, parts[part])
+    for part in ("page.css", "model.js", "friction.js", "path.js", "view.js"):
+        text = text.replace(f"/*{part}*/", parts[part])
     return text.replace("/*DATA*/", data)
 
 

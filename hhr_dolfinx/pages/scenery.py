@@ -5,11 +5,13 @@ A model in a file knows no mesh. Its scenery lies beside it, ``scenery.npz``: pl
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.files import read_arrays, write_arrays
@@ -97,3 +99,50 @@ class Scenery:
         if not named or not isinstance(self.moves, bool):
             return "it has no words"
         return ""
+
+
+def thinned(scenery: Scenery, most: int) -> Scenery:
+    """The same with some of its nodes in the place of all, no more than ``most``: finer meshes than a screen shows.
+
+    Nodes of one body that lie in the same square (cube) become one of them, on the outline if any is.
+    """
+    if len(scenery.points) <= most:
+        return scenery
+    bodies = _bodies(scenery)
+    low = scenery.points.min(axis=0)
+    size = float(np.ptp(scenery.points, axis=0).max())
+    count = int(4 * most**0.5)  # squares across, fewer of them until few enough hold a node
+    while True:
+        places = np.floor((scenery.points - low) / size * count).astype(np.int64)
+        _, square = np.unique(np.column_stack([bodies, places]), axis=0, return_inverse=True)
+        if square.max() < most:
+            break
+        count = int(0.9 * count)
+    inner = np.ones(len(square), dtype=bool)
+    inner[scenery.lines.ravel()] = False
+    first = np.lexsort([inner, square])
+    kept = first[np.unique(square[first], return_index=True)[1]]
+    return replace(
+        scenery,
+        points=scenery.points[kept],
+        nodes=scenery.nodes[kept],
+        triangles=_whole(square[scenery.triangles]),
+        lines=_whole(square[scenery.lines]),
+    )
+
+
+def _bodies(scenery: Scenery) -> np.ndarray:
+    """Number of the connected part of each node, (n,)."""
+    count = len(scenery.points)
+    begin, middle, end = scenery.triangles.T
+    rows = np.concatenate([begin, middle])
+    columns = np.concatenate([middle, end])
+    graph = coo_matrix((np.ones(len(rows)), (rows, columns)), shape=(count, count))
+    return connected_components(graph, directed=False)[1]
+
+
+def _whole(pieces: np.ndarray) -> np.ndarray:
+    """Triangles or lines whose corners are still different ones, each once."""
+    ordered = np.sort(pieces, axis=1)
+    different = (np.diff(ordered, axis=1) > 0).all(axis=1)
+    return pieces[different][np.unique(ordered[different], axis=0, return_index=True)[1]]

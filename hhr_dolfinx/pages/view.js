@@ -12,7 +12,9 @@
   const exactly = (x) => Number(x.toPrecision(15)).toString();
   const unit = (u) => (u ? ` [${u}]` : "");
   const middle = tree.lower.map((low, k) => (low + tree.upper[k]) / 2);
-  let point = fromAddress(), answer = null, view = { turn: dim === 3 ? 0.6 : 0, tilt: dim === 3 ? -1.0 : 0, zoom: 1 };
+  const sliding = tree.friction ? new hhr.Sliding(model) : null, past = new ways.Past();
+  const presses = (i) => !sliding || sliding.pressing[i];
+  let point = fromAddress(), answer = null, state = null, view = { turn: dim === 3 ? 0.6 : 0, tilt: dim === 3 ? -1.0 : 0, zoom: 1 };
 
   function fromAddress() {
     const given = new URLSearchParams(location.hash.slice(1));
@@ -65,27 +67,40 @@
   /* Numbers. */
   // where shapes are parameters areas are, and forces of nodes are what is known
   const what = scenery.moves ? "force of a node" : "pressure", ofStress = scenery.moves ? "" : words.stress;
-  const pressure = () => Array.from(answer.forces, (force, i) => (scenery.moves ? force : areas[i] > 0 ? force / areas[i] : NaN));
+  const stressOf = (force, i) => (scenery.moves ? force : areas[i] > 0 ? force / areas[i] : NaN);
+  const pressure = () => Array.from(answer.forces, stressOf);
+  const ownOf = (pair) => [...pairs.keys()].filter((i) => pairs[i] === pair && presses(i));
   const contacts = [...new Set(pairs)].sort((a, b) => a - b);
   const contactName = (pair) => `contact ${pair}${words.contacts[pair] ? `: ${words.contacts[pair]}` : ""}`;
 
   function rows() {
-    const found = [], all = pressure(), values = model.outputs(answer), slopes = model.slopes(answer);
+    const found = [], all = pressure(), values = model.outputs(answer), slopes = sliding ? [] : model.slopes(answer);
     tree.outputs.forEach((item, k) => found.push([`${item.name}${unit(item.unit)}`, values[k], slopes[k]]));
     for (const pair of contacts) {
-      const own = [...pairs.keys()].filter((i) => pairs[i] === pair), sum = own.reduce((t, i) => t + answer.forces[i], 0);
+      const own = ownOf(pair), sum = own.reduce((t, i) => t + answer.forces[i], 0);
       const peak = Math.max(...own.map((i) => (Number.isNaN(all[i]) ? -Infinity : all[i])));
       found.push([contactName(pair), null, null]);
       found.push(["sum of forces", sum, null]);
       if (Number.isFinite(peak)) found.push([`largest ${what}${unit(ofStress)}`, peak, null]);
       found.push([`conditions that touch, of ${own.length}`, own.filter((i) => answer.forces[i] > 0).length, null]);
+      if (sliding) found.push(...rubbing(pair));
     }
     return found;
   }
 
+  function rubbing(pair) {
+    const contact = [...sliding.normal.keys()].filter((k) => pairs[sliding.normal[k]] === pair);
+    const total = (values) => contact.reduce((t, k) => t + values[k], 0);
+    const along = [...sliding.tangential.keys()].filter((k) => contact.includes(sliding.owner[k]));
+    return [["sum of tangential forces", along.reduce((t, k) => t - answer.forces[sliding.tangential[k]], 0), null],
+      ["conditions that stick", contact.filter((k) => answer.statuses[k] === 1).length, null],
+      ["conditions that slip", contact.filter((k) => answer.statuses[k] === 2).length, null],
+      ["dissipated work", total(answer.work), null], [`longest way slipped${unit(words.length)}`, Math.max(0, ...contact.map((k) => answer.path[k])), null]];
+  }
+
   function showNumbers() {
     const table = at("numbers"), head = element("tr");
-    const derived = tree.outputs.length > 0;
+    const derived = tree.outputs.length > 0 && !sliding;
     head.append(element("th", ""), element("th", "value"));
     if (derived) tree.names.forEach((name) => head.append(element("th", `by ${name}`)));
     table.replaceChildren(head);
@@ -109,7 +124,7 @@
   function aboutError() {
     const { kind, points: count } = tree.error, worst = scenery.moves ? tree.error.forces : tree.error.pressure;
     const missing = tree.missing.length ? ` Not on this page: ${tree.missing.join(", ")}.` : "";
-    const known = kind === "exact" ? "Exact: the finite element model itself, with all but contact eliminated."
+    const known = kind === "exact" ? `Exact: the finite element model itself, with all but contact eliminated.${sliding ? " Each increment slips in a straight line." : ""}`
       : worst === null ? "Nothing is known of the errors of these answers."
         : `${scenery.moves ? "Contact forces" : "Pressures"} are off by at most ${Number((100 * worst).toPrecision(2))} % of ${scenery.moves ? "their size" : "the largest one"} at any of ${count} random points `
           + `(${kind === "bound" ? "a proved bound" : "an estimate, not proved"}).`;
@@ -128,8 +143,9 @@
   const plots = contacts.map((pair) => {
     const canvas = element("canvas", "", { className: "plot" });
     canvas.setAttribute("role", "img");
-    at("plots").append(element("p", contactName(pair), { className: "note" }), canvas);
-    const own = [...pairs.keys()].filter((i) => pairs[i] === pair);
+    const legend = sliding ? "; blue: traction along it; dots: orange sticks, green slips, grey is open" : "";
+    at("plots").append(element("p", contactName(pair) + legend, { className: "note" }), canvas);
+    const own = ownOf(pair);
     return { canvas, own, line: alongContact(own) };
   });
 
@@ -150,18 +166,33 @@
     return found;
   }
 
+  /* Tangential tractions on the slave surface, by conditions; none without friction. */
+  const contactOf = new Map(sliding ? Array.from(sliding.normal, (row, k) => [row, k]) : []);
+  const tangentOf = new Map(sliding ? Array.from(sliding.owner, (contact, k) => [contact, sliding.tangential[k]]) : []);
+  function tractions(order) {
+    if (!sliding) return [];
+    return order.map((i) => { const row = tangentOf.get(contactOf.get(i)); return row === undefined ? 0 : -stressOf(answer.forces[row], i); });
+  }
+
+  /* From where to where a contact is drawn: what touches and as much on either side, if that is a small part. */
+  function shown(x, order) {
+    const [first, last] = [Math.min(...x), Math.max(...x)], touched = x.filter((_, k) => answer.forces[order[k]] > 0);
+    const [low, high] = [Math.min(...touched), Math.max(...touched)], wide = high - low;
+    return wide > 0 && 6 * wide < last - first ? [Math.max(first, low - wide), Math.min(last, high + wide)] : [first, last];
+  }
+
   function drawLine({ canvas, line }, values) {
-    const { pen, width, height } = prepared(canvas), [left, bottom, top] = [64, 36, 10];
+    const { pen, width, height } = prepared(canvas), [left, bottom, top] = [64, 36, 24];
     const x = line.order.map((i) => places[i * dim + line.axis]), y = line.order.map((i) => values[i]);
-    const worst = (scenery.moves ? tree.error.forces : tree.error.pressure) || 0, peak = Math.max(0, ...values.filter(Number.isFinite)), band = worst * peak;
-    const high = 1.08 * Math.max(...y.filter(Number.isFinite), 0) + band || 1;
-    const [from, to] = [Math.min(...x), Math.max(...x)];
+    const worst = (scenery.moves ? tree.error.forces : tree.error.pressure) || 0, peak = Math.max(0, ...y.filter(Number.isFinite)), band = worst * peak;
+    const high = 1.08 * peak + band || 1, along = tractions(line.order), low = Math.min(0, 1.08 * Math.min(0, ...along));
+    const [from, to] = shown(x, line.order);
     const px = (v) => left + ((v - from) / (to - from || 1)) * (width - left - 12);
-    const py = (v) => height - bottom - (v / high) * (height - bottom - top);
+    const py = (v) => height - bottom - ((v - low) / (Math.max(high, 1.08 * Math.max(0, ...along)) - low)) * (height - bottom - top);
     pen.strokeStyle = style("--line");
     pen.fillStyle = style("--faint");
     pen.lineWidth = 1;
-    for (const t of ticks(0, high, 4)) {
+    for (const t of ticks(low, high, 4)) {
       pen.beginPath(); pen.moveTo(left, py(t)); pen.lineTo(width - 12, py(t)); pen.stroke();
       pen.textAlign = "right"; pen.fillText(said(t), left - 6, py(t) + 4);
     }
@@ -169,7 +200,8 @@
     for (const t of ticks(from, to, Math.max(2, Math.floor(width / 110)))) pen.fillText(said(t), px(t), height - bottom + 16);
     pen.fillText(`${"xyz"[line.axis]}${unit(words.length)}`, (left + width) / 2, height - 4);
     pen.textAlign = "left";
-    pen.fillText(`${what}${unit(ofStress)}`, left + 4, top + 10);
+    pen.fillText(`${what}${unit(ofStress)}`, left, top - 12);
+    pen.beginPath(); pen.rect(left - 4, 0, width - left, height - bottom + 4); pen.save(); pen.clip();
     if (band > 0) {
       pen.fillStyle = style("--band");
       pen.beginPath();
@@ -177,15 +209,19 @@
       line.order.slice().reverse().forEach((i, k) => pen.lineTo(px(x[x.length - 1 - k]), py(Math.max(values[i] - band, 0))));
       pen.fill();
     }
-    pen.strokeStyle = style("--force");
-    pen.lineWidth = 2;
-    pen.beginPath();
-    y.forEach((v, k) => (Number.isFinite(v) ? pen.lineTo(px(x[k]), py(v)) : null));
-    pen.stroke();
+    for (const [curve, colour] of [[y, "--force"], [along, "--accent"]]) {
+      pen.strokeStyle = style(colour);
+      pen.lineWidth = 2;
+      pen.beginPath();
+      curve.forEach((v, k) => (Number.isFinite(v) ? pen.lineTo(px(x[k]), py(v)) : null));
+      pen.stroke();
+    }
     line.order.forEach((i, k) => {
-      pen.fillStyle = style(answer.forces[i] > 0 ? "--force" : "--open");
+      const slips = sliding && answer.statuses[contactOf.get(i)] === 2;
+      pen.fillStyle = style(!(answer.forces[i] > 0) ? "--open" : slips ? "--slips" : "--force");
       pen.beginPath(); pen.arc(px(x[k]), py(Number.isFinite(values[i]) ? values[i] : 0), 2.5, 0, 2 * Math.PI); pen.fill();
     });
+    pen.restore();
     canvas.setAttribute("aria-label", `pressure along ${"xyz"[line.axis]}, at most ${said(Math.max(...y))}`);
   }
 
@@ -322,23 +358,98 @@
     context.drawElements(kind, index.length, wide ? context.UNSIGNED_INT : context.UNSIGNED_SHORT, 0);
   }
 
-  /* Once an answer for all that changed since the last picture. */
-  let waiting = false;
+  /* Once a picture for all that changed since the last one; with friction an increment for each. */
+  let waiting = false, asked = [];
   function changed() {
     showParameters();
+    asked.push(point.slice());
     if (waiting) return;
     waiting = true;
     requestAnimationFrame(() => { waiting = false; solve(); });
   }
 
+  /* With friction an increment from where the path is; laws that change begin it anew. */
+  function rubbed(next) {
+    const goes = state && sliding.fixed.every((k) => state.point[k] === next[k]);
+    if (!goes) past.clear();
+    const found = goes ? sliding.reached(state, next) : sliding.proportional(next);
+    state = found ?? state;
+    return found ?? { ...model.nothing(next), statuses: [] };
+  }
+
   function solve() {
     const start = performance.now();
-    answer = model.solve(point.slice());
+    const points = sliding && asked.length ? asked : [point.slice()];
+    asked = [];
+    for (const next of points) {
+      answer = sliding ? rubbed(next) : model.solve(next);
+      past.add(next, answer.converged && sliding ? rows().filter(([, value]) => value !== null) : []);
+    }
     document.documentElement.dataset.ms = (performance.now() - start).toFixed(3);
     document.documentElement.dataset.converged = answer.converged;
     showNumbers();
     showPressures();
     showField();
+    showWay();
+  }
+
+  /* The path: a pad of two parameters, and with friction what has been, over a parameter or the number of an increment. */
+  function showWay() {
+    if (tree.names.length > 1) {
+      const { pen, width, height } = prepared(at("pad"));
+      ways.trace(pen, width, height, past.points, point, [Number(at("across").value), Number(at("up").value)], tree, style);
+    }
+    if (sliding) showLoop();
+  }
+
+  function showLoop() {
+    const named = past.numbers.find((numbers) => numbers.length) ?? [], chosen = at("drawn");
+    if (!chosen.options.length) named.forEach(([name], k) => chosen.append(element("option", name, { value: k })));
+    const { pen, width, height } = prepared(at("loop")), [left, bottom, top] = [64, 30, 10], axis = at("over").value;
+    const kept = past.numbers.map((numbers, k) => [axis === "" ? k : past.points[k][Number(axis)], numbers[Number(chosen.value)]?.[1]]).filter(([, y]) => Number.isFinite(y));
+    if (!kept.length) return;
+    const [xs, ys] = [0, 1].map((c) => { const own = kept.map((p) => p[c]); return [Math.min(...own), Math.max(...own)]; });
+    const px = (v) => left + ((v - xs[0]) / (xs[1] - xs[0] || 1)) * (width - left - 14);
+    const py = (v) => height - bottom - ((v - ys[0]) / (ys[1] - ys[0] || 1)) * (height - bottom - top);
+    pen.fillStyle = style("--faint");
+    pen.strokeStyle = style("--line");
+    for (const t of ticks(ys[0], ys[1], 4)) { pen.beginPath(); pen.moveTo(left, py(t)); pen.lineTo(width - 14, py(t)); pen.stroke(); pen.textAlign = "right"; pen.fillText(said(t), left - 6, py(t) + 4); }
+    pen.textAlign = "center";
+    for (const t of ticks(xs[0], xs[1], 5)) pen.fillText(said(t), px(t), height - bottom + 16);
+    pen.strokeStyle = style("--accent");
+    pen.lineWidth = 2;
+    pen.beginPath();
+    kept.forEach(([x, y]) => pen.lineTo(px(x), py(y)));
+    pen.stroke();
+    pen.fillStyle = style("--force");
+    const [x, y] = kept[kept.length - 1];
+    pen.beginPath(); pen.arc(px(x), py(y), 4, 0, 2 * Math.PI); pen.fill();
+  }
+
+  function readyWay() {
+    if (tree.names.length < 2 && !sliding) return;
+    if (sliding) at("way").hidden = false;
+    else at("asked").append(...at("way").querySelectorAll(":scope > .row, #pad")); // no past to show: a pad beside the sliders
+    for (const [id, first] of [["across", 0], ["up", 1]]) {
+      tree.names.forEach((name, k) => at(id).append(element("option", name, { value: k, selected: k === first })));
+      at(id).addEventListener("input", showWay);
+    }
+    at("pad").hidden = tree.names.length < 2;
+    ways.pad(at("pad"), { across: at("across"), up: at("up"), lower: tree.lower, upper: tree.upper, point: () => point,
+      moved: (next) => { point = next; changed(); } });
+    at("memory").textContent = sliding ? "What has slipped is remembered: each move is an increment from where the path is. An address, and laws that change, begin anew, loaded in proportion." : "";
+    if (!sliding) return;
+    for (const id of ["past", "anew", "keep"]) at(id).hidden = false;
+    at("over").append(element("option", "increments", { value: "" }));
+    tree.names.forEach((name, k) => at("over").append(element("option", name, { value: k })));
+    for (const id of ["over", "drawn"]) at(id).addEventListener("input", showWay);
+    at("anew").addEventListener("click", () => { state = null; changed(); });
+    at("keep").addEventListener("click", () => copied(past.table(tree.names)));
+  }
+
+  async function copied(text) {
+    try { await navigator.clipboard.writeText(text); at("said").textContent = "copied"; }
+    catch { at("said").textContent = "this browser copies nothing: select the table"; }
   }
 
   function turning() {
@@ -375,14 +486,14 @@
   at("reset").addEventListener("click", () => { point = middle.slice(); changed(); });
   at("copy").addEventListener("click", async () => {
     const text = [...tree.names.map((name, k) => [name, point[k]]), ...rows().map(([name, value]) => [name, value ?? ""])].map((row) => row.join("\t")).join("\n");
-    try { await navigator.clipboard.writeText(text); at("said").textContent = "copied"; }
-    catch { at("said").textContent = "this browser copies nothing: select the table"; }
+    await copied(text);
   });
-  window.addEventListener("hashchange", () => { point = fromAddress(); changed(); });
-  window.addEventListener("resize", () => answer && (showPressures(), showField()));
+  window.addEventListener("hashchange", () => { point = fromAddress(); state = null; changed(); });
+  window.addEventListener("resize", () => answer && (showPressures(), showField(), showWay()));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => answer && showPressures());
+  readyWay();
   aboutError();
   showParameters();
   solve();
-  window.page = { model, tree, at: (values) => { point = values; changed(); } };
+  window.page = { model, tree, sliding, past, at: (values) => { point = values; changed(); } };
 })();

@@ -1,0 +1,206 @@
+"use strict";
+/* Increments with friction in the plane, one tangent for each contact: statuses and directions by a semi-smooth Newton
+   method, the same as contact.sliding_set in Python; what it does not settle is brought nearer by sweeps over single
+   contacts. Needs model.js. */
+
+((hhr) => {
+  const TOLERANCE = 1e-11, ROUND_OFF = 1e-15, PROBES = [0.2, 1, 0.01], NEWTON = 40, GIVES = 1e-4, HALVED = 8;
+  const FEWEST = 4, MOST = 256, SETTLED = 1e-3;
+  const SWEEPS = [10, 30, 100, 300, 1000, 3000];
+  const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
+
+  class Sliding {
+    constructor(model) {
+      const { friction } = model.tree;
+      this.model = model;
+      this.laws = friction.laws;
+      this.fixed = friction.fixed;
+      for (const name of ["normal", "tangential", "owner", "area", "law", "twice"]) this[name] = model.arrays[friction[name]];
+      this.pressing = new Uint8Array(model.m).fill(1);
+      this.tangential.forEach((row) => { this.pressing[row] = 0; });
+    }
+
+    /* Undeformed bodies at a point, of which nothing has slipped. */
+    rest(point) {
+      const count = this.normal.length, none = () => new Float64Array(count);
+      return { point, forces: new Float64Array(this.model.m), position: new Float64Array(this.tangential.length),
+        path: none(), work: none(), wear: none(), pressure: none(), bound: none(), statuses: new Uint8Array(count) };
+    }
+
+    /* Coefficient and largest tangential force of each contact at a point; infinite where there is none. */
+    bounds(point) {
+      const laws = this.laws.map((pair) => pair.map((steps) => (steps ? hhr.formula(steps, point) : Infinity)));
+      return { coefficient: Array.from(this.law, (law) => laws[law][0]),
+        limit: Array.from(this.law, (law, k) => laws[law][1] * (laws[law][1] === Infinity ? 1 : this.area[k])) };
+    }
+
+    bound({ coefficient, limit }, contact, force) {
+      const carried = coefficient[contact] === Infinity ? Infinity : coefficient[contact] * Math.max(force, 0);
+      return Math.min(carried, limit[contact]);
+    }
+
+    /* Where an increment from a state to a point leads; null where it does not settle. */
+    increment(before, point) {
+      const contact = this.model.contact(point), slack = contact.slack, given = this.bounds(point);
+      this.tangential.forEach((row, k) => { slack[row] -= before.position[k]; });
+      const found = this.settled(this.softened(contact.schur), slack, given, before.forces);
+      return found && this.after(before, { ...found, point, given, theta: contact.theta });
+    }
+
+    /* The same, cut into halves where it has to be. */
+    reached(before, point, depth = 0) {
+      const whole = this.increment(before, point);
+      if (whole || depth === HALVED) return whole;
+      const half = this.reached(before, before.point.map((x, k) => (x + point[k]) / 2), depth + 1);
+      return half && this.reached(half, point, depth + 1);
+    }
+
+    /* Loaded in proportion from where the box is nearest to zero, in increments that are cut until forces stay. */
+    proportional(point) {
+      const { lower, upper } = this.model.tree;
+      const from = point.map((x, k) => (this.fixed.includes(k) ? x : Math.min(Math.max(0, lower[k]), upper[k])));
+      let before = null;
+      for (let steps = FEWEST; steps <= MOST; steps *= 2) {
+        let state = this.rest(from);
+        for (let step = 1; state && step <= steps; step++) state = this.reached(state, from.map((x, k) => x + ((point[k] - x) * step) / steps));
+        const off = state && before ? largest(state.forces.map((x, i) => x - before.forces[i])) : Infinity;
+        if (!state || off <= SETTLED * largest(state.forces)) return state;
+        before = state;
+      }
+      return before;
+    }
+
+    /* What is remembered after an increment: bounds and pressures along a slip are the means of both ends. */
+    after(before, { forces, slack, at, point, given, theta }) {
+      const { normal, tangential } = this, state = Object.assign(this.rest(point), { forces, theta, converged: true });
+      const slipped = new Float64Array(normal.length), slides = new Uint8Array(normal.length);
+      tangential.forEach((row, k) => {
+        state.position[k] = before.position[k] + slack[row];
+        slipped[this.owner[k]] = Math.abs(slack[row]);
+        slides[this.owner[k]] = at.slips[row] ? 1 : 0;
+      });
+      normal.forEach((row, k) => {
+        const pressure = Math.max(forces[row], 0), bound = this.bound(given, k, forces[row]);
+        const closed = 0.5 * ((before.pressure[k] > 0) + (pressure > 0)), mean = 0.5 * (before.pressure[k] + pressure);
+        state.pressure[k] = pressure;
+        state.bound[k] = bound;
+        state.path[k] = before.path[k] + slipped[k] * closed;
+        state.work[k] = before.work[k] + 0.5 * (before.bound[k] + bound) * slipped[k];
+        state.wear[k] = before.wear[k] + (this.area[k] > 0 ? mean / this.area[k] : 0) * slipped[k];
+        state.statuses[k] = !at.acting[row] ? 0 : slides[k] ? 2 : 1;
+      });
+      return state;
+    }
+
+    /* Rows that other conditions say too give a little. */
+    softened(schur) {
+      if (!this.twice.length) return schur;
+      if (this.last?.given === schur) return this.last.found;
+      const found = Float64Array.from(schur);
+      this.twice.forEach((row) => { found[row * this.model.m + row] *= 1 + GIVES; });
+      this.last = { given: schur, found };
+      return found;
+    }
+
+    settled(schur, slack, given, start) {
+      const m = this.model.m, stiffness = Float64Array.from(slack, (_, i) => 1 / Math.abs(schur[i * m + i]));
+      let found = null, forces = start;
+      for (const sweeps of [0, ...SWEEPS]) {
+        if (sweeps) forces = this.swept(schur, slack, given, stiffness, forces, sweeps);
+        for (const probe of PROBES) if ((found = this.newton(schur, slack, given, stiffness, forces, probe))) return found;
+      }
+      return null;
+    }
+
+    newton(schur, slack, given, stiffness, start, probe) {
+      const m = this.model.m, noise = ROUND_OFF * largest(slack.map((s, i) => stiffness[i] * s)), seen = new Set();
+      let forces = start, least = Infinity;
+      for (let iteration = 0; iteration <= NEWTON; iteration++) {
+        const left = this.left(schur, slack, forces), at = this.projected(given, stiffness, forces, left, probe);
+        if (at.worst <= TOLERANCE * largest(forces) + noise) {
+          forces = forces.map((x, i) => (at.acting[i] ? x : 0));
+          return { forces, at, slack: left.map((s, i) => (at.acting[i] && !at.slips[i] ? 0 : s)) };
+        }
+        const key = at.acting.join("") + at.slips.join("") + at.limited.join("");
+        if (seen.has(key) && !(at.worst < 0.5 * least)) return null;
+        seen.add(key);
+        least = Math.min(least, at.worst);
+        forces = this.solved(schur, slack, given, at);
+        if (!forces || !forces.every(Number.isFinite)) return null;
+      }
+      return null;
+    }
+
+    left(schur, slack, forces) {
+      const m = this.model.m, found = Float64Array.from(slack);
+      for (let j = 0; j < m; j++) if (forces[j] !== 0) for (let i = 0; i < m; i++) found[i] += schur[i * m + j] * forces[j];
+      return found;
+    }
+
+    /* What forces and slacks say of statuses, and how far they are from a solution; slips has the direction, 1 or -1. */
+    projected(given, stiffness, forces, left, probe) {
+      const m = this.model.m, acting = new Uint8Array(m), slips = new Int8Array(m), limited = new Uint8Array(m);
+      const y = forces.map((x, i) => x - stiffness[i] * left[i]);
+      let worst = 0;
+      for (let i = 0; i < m; i++) if (this.pressing[i]) {
+        acting[i] = y[i] > 0 ? 1 : 0;
+        worst = Math.max(worst, Math.abs(forces[i] - Math.max(y[i], 0)));
+      }
+      this.tangential.forEach((row, k) => {
+        const contact = this.owner[k], normal = this.normal[contact], bound = this.bound(given, contact, y[normal]);
+        worst = Math.max(worst, Math.abs(forces[row] - Math.min(Math.max(y[row], -bound), bound)));
+        const pushed = forces[row] + probe * (y[row] - forces[row]);
+        acting[row] = acting[normal] || bound > 0 ? 1 : 0;
+        limited[row] = bound >= given.limit[contact] ? 1 : 0;
+        slips[row] = acting[row] && Math.abs(pushed) > bound ? Math.sign(pushed) : 0;
+      });
+      return { acting, slips, limited, worst };
+    }
+
+    /* Forces on some statuses; null where they are undetermined. What slips follows its pressure, or is at its limit. */
+    solved(schur, slack, given, { acting, slips, limited }) {
+      const m = this.model.m, index = [], place = new Int32Array(m).fill(-1), forces = new Float64Array(m);
+      for (let i = 0; i < m; i++) if (acting[i] && !slips[i]) place[i] = index.push(i) - 1;
+      const n = index.length, a = new Float64Array(n * n), x = new Float64Array(n), known = new Float64Array(m);
+      index.forEach((i, r) => {
+        x[r] = -slack[i];
+        for (let c = 0; c < n; c++) a[r * n + c] = schur[i * m + index[c]];
+      });
+      this.tangential.forEach((row, k) => {
+        if (!slips[row]) return;
+        const contact = this.owner[k], normal = this.normal[contact], column = place[normal];
+        if (limited[row]) {
+          known[row] = slips[row] * given.limit[contact];
+          index.forEach((i, r) => { x[r] -= schur[i * m + row] * known[row]; });
+        } else if (column >= 0) {
+          const share = slips[row] * given.coefficient[contact];
+          index.forEach((i, r) => { a[r * n + column] += share * schur[i * m + row]; });
+        }
+      });
+      const pivots = new Int32Array(n);
+      if (!hhr.factor(a, n, pivots)) return null;
+      hhr.solved(a, n, pivots, x);
+      index.forEach((i, r) => { forces[i] = x[r]; });
+      this.tangential.forEach((row, k) => {
+        if (slips[row]) forces[row] = limited[row] ? known[row] : slips[row] * given.coefficient[this.owner[k]] * forces[this.normal[this.owner[k]]];
+      });
+      return forces;
+    }
+
+    /* Projections of single rows, one after another. */
+    swept(schur, slack, given, stiffness, start, count) {
+      const m = this.model.m, forces = Float64Array.from(start, (x) => (Number.isFinite(x) ? x : 0));
+      const gap = (i) => { let s = slack[i]; for (let j = 0; j < m; j++) s += schur[i * m + j] * forces[j]; return s; };
+      for (let sweep = 0; sweep < count; sweep++) {
+        for (let i = 0; i < m; i++) if (this.pressing[i]) forces[i] = Math.max(0, forces[i] - stiffness[i] * gap(i));
+        this.tangential.forEach((row, k) => {
+          const bound = this.bound(given, this.owner[k], forces[this.normal[this.owner[k]]]);
+          forces[row] = Math.min(Math.max(forces[row] - stiffness[row] * gap(row), -bound), bound);
+        });
+      }
+      return forces;
+    }
+  }
+
+  hhr.Sliding = Sliding;
+})(typeof module !== "undefined" ? require("./model.js") : hhr);

@@ -1,0 +1,64 @@
+"use strict";
+/* Paths on a page: a pad on which two parameters are drawn, and, with friction, what has been along the way. */
+
+const ways = (() => {
+  const MOST = 2000, KEY = 0.02;
+
+  /* Lines of increments: what was asked, and numbers by name. */
+  class Past {
+    constructor() { this.clear(); }
+
+    clear() { this.points = []; this.numbers = []; }
+
+    add(point, numbers) {
+      this.points.push(point);
+      this.numbers.push(numbers);
+      if (this.points.length > MOST) { this.points.shift(); this.numbers.shift(); }
+    }
+
+    /* As a table that `model.march` takes: a time and the parameters of each line. */
+    table(names) {
+      return [["time", ...names], ...this.points.map((point, k) => [k, ...point])].map((row) => row.join("\t")).join("\n");
+    }
+  }
+
+  /* A pad over two parameters; `moved` is told of each point. */
+  function pad(canvas, { across, up, lower, upper, point, moved }) {
+    const axes = () => [Number(across.value), Number(up.value)];
+    const to = (event) => {
+      const box = canvas.getBoundingClientRect(), next = point().slice(), [a, b] = axes();
+      const share = [(event.clientX - box.left) / box.width, 1 - (event.clientY - box.top) / box.height];
+      [a, b].forEach((axis, k) => { next[axis] = lower[axis] + Math.min(Math.max(share[k], 0), 1) * (upper[axis] - lower[axis]); });
+      moved(next);
+    };
+    canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); to(event); });
+    canvas.addEventListener("pointermove", (event) => { if (event.buttons) to(event); });
+    canvas.addEventListener("keydown", (event) => {
+      const way = { ArrowLeft: [0, -1], ArrowRight: [0, 1], ArrowUp: [1, 1], ArrowDown: [1, -1] }[event.key];
+      if (!way) return;
+      event.preventDefault();
+      const axis = axes()[way[0]], next = point().slice();
+      next[axis] = Math.min(Math.max(next[axis] + way[1] * KEY * (upper[axis] - lower[axis]), lower[axis]), upper[axis]);
+      moved(next);
+    });
+  }
+
+  /* What was drawn on a pad, and where it is. */
+  function trace(pen, width, height, points, now, [a, b], { lower, upper }, style) {
+    const place = (p) => [a, b].map((axis, k) => {
+      const share = (p[axis] - lower[axis]) / (upper[axis] - lower[axis]);
+      return k ? (1 - share) * (height - 12) + 6 : share * (width - 12) + 6;
+    });
+    pen.strokeStyle = style("--line");
+    pen.strokeRect(6, 6, width - 12, height - 12);
+    pen.strokeStyle = style("--accent");
+    pen.lineWidth = 1.5;
+    pen.beginPath();
+    points.forEach((p) => pen.lineTo(...place(p)));
+    pen.stroke();
+    pen.fillStyle = style("--force");
+    pen.beginPath(); pen.arc(...place(now), 6, 0, 2 * Math.PI); pen.fill();
+  }
+
+  return { Past, pad, trace };
+})();
