@@ -39,6 +39,7 @@ def scene(**mesh_options: Any) -> hhr.Scene:
         bodies=tuple(hhr.Body(tag, young=15.0, poisson=0.35) for tag in (geometry.LOWER, geometry.UPPER)),
         contacts=(hhr.NodeToNode(geometry.LOWER_ARC, geometry.UPPER_ARC, normal=(0.0, 1.0)),),
         parameters=hhr.ParameterSpace(("mu",), (0.15,), (0.45,)),
+        parameter_units={"mu": "m"},
         displacements=tuple(
             hhr.Displacement(tag, component, amplitude)
             for tag, slope in towards.items()

@@ -44,6 +44,7 @@ def scene(bottom: str = "obstacle", **mesh_options: Any) -> hhr.Scene:
         bodies=(hhr.Body(geometry.PELLET, 190e3, 0.3), hhr.Body(geometry.CLADDING, 78e3, 0.34)),
         contacts=(side, support) if bottom == "obstacle" else (side,),
         parameters=hhr.ParameterSpace(("P1", "h1"), (5.0, 0.6), (200.0, 6.0)),
+        parameter_units={"P1": "MPa", "h1": "mm"},
         displacements=(
             hhr.Displacement(geometry.PELLET_AXIS, component=0),
             *(hhr.Displacement(tag, component=1) for tag in held),

@@ -29,6 +29,7 @@ NEW_RHO = f"({RADIUS} + {INSIDE} * wall + (1 - {INSIDE}) * crown * (z / {LENGTH}
 HUB_SHAPE = (f"x * {NEW_RHO} / {RHO}", f"y * {NEW_RHO} / {RHO}", "z")
 NAMES = ("interference", "wall", "crown", "E_hub", "speed")
 LOWER, UPPER = (0.01, 8.0, 0.0, 70e3, 0.0), (0.03, 14.0, 0.02, 210e3, 2000.0)
+UNITS = {"interference": "mm", "wall": "mm", "crown": "mm", "E_hub": "MPa", "speed": "rad/s"}
 RECIPE = hhr.Recipe(basis=hhr.Pod(1e-10, relative=True, by_body=True))
 VIEW = hhr.View(((0.02, 10.0, 0.0, 210e3, 0.0), (0.02, 10.0, 0.015, 100e3, 1500.0)),
                 lambda places: places[:, 2], "z [mm]", (2, "u_z [mm]"), "MPa")  # fmt: skip
@@ -46,6 +47,7 @@ def scene(**mesh_options: Any) -> hhr.Scene:
         bodies=(hhr.Body(geometry.HUB, "E_hub", 0.3), hhr.Body(geometry.SHAFT, SHAFT_E, 0.3)),
         contacts=(hhr.Mortar(geometry.HUB_BORE, geometry.SHAFT_OUTSIDE),),
         parameters=hhr.ParameterSpace(NAMES, LOWER, UPPER),
+        parameter_units=UNITS,
         displacements=tuple(hhr.Displacement(tag, axis) for axis, tags in geometry.PLANES.items() for tag in tags),
         loads=tuple(hhr.Centrifugal(tag, *turning) for tag in (geometry.HUB, geometry.SHAFT)),
         openings=(hhr.Opening(0, hhr.Amplitude(slopes={"interference": -1.0})),),

@@ -47,6 +47,7 @@ def scene(pairing: Callable[..., Any] = hhr.Mortar, **mesh_options: Any) -> hhr.
         bodies=tuple(hhr.Body(tag, young, POISSON) for tag, young in YOUNG.items()),
         contacts=(pairing(geometry.SPHERE_BOTTOM, geometry.BLOCK_TOP, normal=(0.0, 0.0, -1.0)),),
         parameters=hhr.ParameterSpace(("push", "squeeze"), (0.05, 0.0), (0.25, 200.0)),
+        parameter_units={"push": "mm", "squeeze": "MPa"},
         displacements=(*held, hhr.Displacement(geometry.BLOCK_BOTTOM, 2), push),
         loads=(hhr.Pressure(geometry.BLOCK_SIDE, hhr.Amplitude(slopes={"squeeze": 1.0})),),
     )

@@ -48,6 +48,7 @@ def scene(mesh: Path | str = MESH) -> hhr.Scene:
         ),
         openings=(hhr.Opening(1, hhr.Amplitude(slopes={"lowered": 1.0})),),
         parameters=hhr.ParameterSpace(("travel", "lowered"), (0.05, 0.0), (1.0, 0.3)),
+        parameter_units={"travel": "mm", "lowered": "mm"},
         outputs=(
             hhr.ContactForce("force on the roller", contact=0, direction=(0.0, 1.0), unit="N/mm"),
             hhr.LargestPressure("pressure on the stop", contact=1, unit="MPa"),

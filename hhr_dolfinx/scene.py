@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
-from dataclasses import dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -126,6 +126,7 @@ class Scene:
         units: of lengths and stresses, for labels and materials by name; None where they are not said.
         order: degree of the displacement, 1 or 2; None takes that of the cells of the mesh. With 2 on a mesh of first
             order sides stay straight.
+        parameter_units: units of parameters by name, for labels: ``{"push": "MPa"}``.
     """
 
     name: str
@@ -141,6 +142,7 @@ class Scene:
     outputs: tuple[Output, ...] = ()
     units: Units | None = None
     order: int | None = None
+    parameter_units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self):
         if self.order is not None and not (is_whole(self.order, 1) and self.order <= 2):
@@ -164,6 +166,7 @@ class Scene:
             )
         if not isinstance(self.parameters, ParameterSpace):
             raise SceneError(f"parameters = {self.parameters!r} must be a ParameterSpace")
+        self._check_parameter_units()
         for name, what, fits in _PARTS:
             items = as_tuple(f"Scene.{name}", getattr(self, name))
             object.__setattr__(self, name, items)
@@ -186,6 +189,16 @@ class Scene:
         self._check_places()
         self._check_names()
         self._check_friction()
+
+    def _check_parameter_units(self) -> None:
+        """Raise SceneError for units of what is no parameter, or that are no texts."""
+        given = self.parameter_units
+        if not isinstance(given, Mapping) or not all(isinstance(unit, str) for unit in given.values()):
+            raise SceneError(f"parameter_units = {given!r} must be texts by the names of parameters, {{'push': 'MPa'}}")
+        if unknown := [name for name in given if name not in self.parameters.names]:
+            raise SceneError(
+                f"parameter_units name {unknown}, the parameters are {self.parameters.names}: leave those out"
+            )
 
     def opened(self, contact: int, point: np.ndarray) -> float:
         """What openings add to the gaps of a contact pair, by its place, at a point, (P,)."""

@@ -273,7 +273,7 @@ def test_a_deck_is_written(tmp_path, full):
     (tmp_path / "closed.py").write_text(
         "from dataclasses import replace\nimport hhr_dolfinx as hhr\nimport your_scene\n"
         "box = hhr.ParameterSpace(('travel',), (0.05,), (1.0,))\n"
-        "scene = replace(your_scene.scene(), openings=(), parameters=box)\n"
+        "scene = replace(your_scene.scene(), openings=(), parameters=box, parameter_units={})\n"
     )
     path = tmp_path / "decks" / "closed.inp"
     code, output = invoke("export", tmp_path / "closed.py", "--at", "travel=0.5", "--out", path)

@@ -37,7 +37,7 @@ class Scenery:
         compliance: S times ones in the middle of the box, (m,), by which a page tells whose model it draws.
         moves: whether shapes are parameters: areas are then those of the middle of the box alone.
         words: ``scene``, ``contacts`` (a name for each), ``bodies`` (a line for each), ``hypothesis``, ``length`` and
-            ``stress`` (units, or nothing).
+            ``stress`` (units, or nothing), ``units`` of parameters by name.
     """
 
     points: np.ndarray

@@ -11,6 +11,7 @@
   const said = (x) => (Number.isFinite(x) ? Number(x.toPrecision(6)).toString() : "no value");
   const exactly = (x) => Number(x.toPrecision(15)).toString();
   const unit = (u) => (u ? ` [${u}]` : "");
+  const labels = tree.names.map((name) => name + unit((words.units ?? {})[name]));
   const middle = tree.lower.map((low, k) => (low + tree.upper[k]) / 2);
   const sliding = tree.friction ? new hhr.Sliding(model) : null, past = new ways.Past();
   const presses = (i) => !sliding || sliding.pressing[i];
@@ -32,7 +33,7 @@
 
   /* Parameters. */
   const controls = tree.names.map((name, k) => {
-    const box = element("div", "", { className: "slider" }), label = element("label", name);
+    const box = element("div", "", { className: "slider" }), label = element("label", labels[k]);
     const [low, high] = [tree.lower[k], tree.upper[k]];
     const number = element("input", "", { type: "number", min: low, max: high, step: "any" });
     const range = element("input", "", { type: "range", min: low, max: high, step: (high - low) / 1000 });
@@ -431,7 +432,7 @@
     if (sliding) at("way").hidden = false;
     else at("asked").append(...at("way").querySelectorAll(":scope > .row, #pad")); // no past to show: a pad beside the sliders
     for (const [id, first] of [["across", 0], ["up", 1]]) {
-      tree.names.forEach((name, k) => at(id).append(element("option", name, { value: k, selected: k === first })));
+      labels.forEach((name, k) => at(id).append(element("option", name, { value: k, selected: k === first })));
       at(id).addEventListener("input", showWay);
     }
     at("pad").hidden = tree.names.length < 2;
@@ -441,7 +442,7 @@
     if (!sliding) return;
     for (const id of ["past", "anew", "keep"]) at(id).hidden = false;
     at("over").append(element("option", "increments", { value: "" }));
-    tree.names.forEach((name, k) => at("over").append(element("option", name, { value: k })));
+    labels.forEach((name, k) => at("over").append(element("option", name, { value: k })));
     for (const id of ["over", "drawn"]) at(id).addEventListener("input", showWay);
     at("anew").addEventListener("click", () => { state = null; changed(); });
     at("keep").addEventListener("click", () => copied(past.table(tree.names)));

@@ -198,7 +198,9 @@ def _sizes(sizes: Mapping[str, Any]) -> str:
 
 def _asked(report: Mapping[str, Any]) -> str:
     """Parameters, materials and units of the scene."""
-    box = [[_text(row.get(name)) for name in ("name", "from", "to")] for row in _mappings(report.get("parameters"))]
+    box = [
+        [_named(row), *(_text(row.get(name)) for name in ("from", "to"))] for row in _mappings(report.get("parameters"))
+    ]
     given = _mappings(report.get("materials"))
     names = list(dict.fromkeys(name for row in given for name in row))
     materials = [[_text(row.get(name, "")) for name in names] for row in given]
@@ -210,6 +212,12 @@ def _asked(report: Mapping[str, Any]) -> str:
         _table([MATERIALS.get(name, _words(name)) for name in names], materials),
         f'<p class="small">{escape(told)}</p>' if told else "",
     )
+
+
+def _named(row: Mapping[str, Any]) -> str:
+    """A parameter with its unit."""
+    unit = row.get("unit")
+    return _text(row.get("name")) + (f" [{_text(unit)}]" if unit else "")
 
 
 def _advice(text: Any) -> str:
@@ -323,7 +331,7 @@ def _maps(report: Mapping[str, Any], errors: list[float]) -> list[str]:
         charts.map_of(
             [(point[k], point[k + 1]) for point in points],
             errors,
-            (_text(box[k].get("name")), _text(box[k + 1].get("name"))),
+            (_named(box[k]), _named(box[k + 1])),
             ends[k : k + 2],
         )
         for k in range(min(len(box) - 1, MAPPED))

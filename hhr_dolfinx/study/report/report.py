@@ -187,7 +187,7 @@ def _asked(scene: Scene) -> dict[str, Any]:
     units = scene.units
     return {
         "parameters": [
-            {"name": name, "from": low, "to": high}
+            {"name": name, "from": low, "to": high, "unit": scene.parameter_units.get(name, "")}
             for name, low, high in zip(box.names, box.lower, box.upper, strict=True)
         ],
         "materials": [

@@ -55,6 +55,7 @@ def _words(scene: Scene) -> dict[str, Any]:
         bodies.append(f"{body.tag}: E = {_said(body.young)}, nu = {_said(body.poisson)}{law}")
     return {
         "scene": scene.name,
+        "units": dict(scene.parameter_units),
         "hypothesis": scene.hypothesis.replace("_", " "),
         "bodies": bodies,
         "contacts": [" and ".join(map(str, item.tags)) for item in scene.contacts],
