@@ -287,3 +287,15 @@ def test_pressures_of_bodies_whose_shape_varies_are_over_the_areas_of_their_poin
     assert errors.of([found], Exact(exact)) == pytest.approx(
         0.01 / areas[2] / (exact.forces() / areas).max(), rel=1e-12
     )
+
+
+def test_a_folder_keeps_the_model_of_one_scene(tmp_path):
+    scene = contract.blocks()
+    hhr.reduce(scene, folder=tmp_path)
+    before = (tmp_path / "model.npz").read_bytes()
+    with pytest.raises(StudyError, match="holds a model of scene 'contract': choose another one for 'other'"):
+        hhr.reduce(dataclasses.replace(scene, name="other"), folder=tmp_path)
+    assert (tmp_path / "model.npz").read_bytes() == before
+    hhr.reduce(scene, of="forces", folder=tmp_path)  # the same one anew
+    with pytest.raises(StudyError, match="has no name"):
+        hhr.reduce(scene, folder="")

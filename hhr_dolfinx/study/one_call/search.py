@@ -213,7 +213,7 @@ def reduce(
     wish = Wish.checked(error, of, full)
     if fallback and len(wish.of) > 1:
         raise NotOfferedError(f"a model falls back by one error, and not by {', '.join(wish.of)}: give one as of=")
-    kept = None if folder is None else checked_folder(folder)
+    kept = None if folder is None else _free_folder(folder, full.scene.name)
     store = None if kept is None else SnapshotStore(kept / "snapshots", full)
     model, reduction = _searched(Bench(full, wish, budget, paths, store, seed, progress))
     if not reduction.met:
@@ -242,6 +242,20 @@ def keep(folder: Path, model: Any, reduction: Reduction, full: FullOrderModel) -
     scenery_of(full).write(folder / NAME)
     with replacing(folder / KEPT, text=True) as file:
         json.dump(reduction.described(), file, indent=1)
+
+
+def _free_folder(folder: str | Path, scene: str) -> Path:
+    """A folder that holds no model of another scene."""
+    if not str(folder):
+        raise StudyError("folder='' has no name: give one, or None to keep nothing")
+    path = checked_folder(folder)
+    try:
+        other = json.loads((path / KEPT).read_text(encoding="utf-8")).get("scene")
+    except (OSError, ValueError, AttributeError):
+        return path
+    if other not in (None, scene):
+        raise StudyError(f"the folder {path} holds a model of scene '{other}': choose another one for '{scene}'")
+    return path
 
 
 def _full_model(scene: Any) -> FullOrderModel:
