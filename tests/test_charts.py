@@ -59,6 +59,9 @@ def test_a_histogram_counts_every_answer_once():
 def test_a_map_has_points_where_parameters_are_and_the_worst_on_top():
     points = [(0.0, 10.0), (1.0, 20.0), (0.5, 15.0)]
     svg = charts.map_of(points, [1e-6, 1e-2, math.nan], ("a", "b"), [(0.0, 1.0), (10.0, 20.0)])
+    svg = charts.map_of(
+        [*points, (math.nan, 12.0)], [1e-6, 1e-2, math.nan, 1e-3], ("a", "b"), [(0.0, 1.0), (10.0, 20.0)]
+    )
     low, high = drawn(svg, "circle")
     assert (low.get("class"), high.get("class")) == ("shade0", "shade5")
     assert (float(low.get("cx")), float(low.get("cy"))) == (charts.LEFT, charts.HEIGHT - charts.BOTTOM)
@@ -72,6 +75,6 @@ def test_nothing_is_drawn_of_no_numbers():
 
 
 def test_equal_numbers_and_zeros_have_an_axis():
-    for errors in ([0.0, 0.0], [1e-3] * 5, [1e300, 1e-300]):
+    for errors in ([0.0, 0.0], [1e-3] * 5, [1e300, 1e-300], [1.7e308, 1.7e308]):
         ElementTree.fromstring(charts.histogram(errors, errors, "error", "bound"))
         ElementTree.fromstring(charts.work_precision([charts.Mark("a", 1.0, error) for error in errors], "error"))

@@ -15,7 +15,7 @@ from test_pages import SCENES, outputs_of_pellet
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.doors import c_header, fmu
-from hhr_dolfinx.errors import MissingPackageError, NotOfferedError
+from hhr_dolfinx.errors import MissingPackageError, ModelFileWarning, NotOfferedError
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.pages.arrays import Packed, contact_tree, steps_of
 
@@ -36,7 +36,7 @@ int ask(int count, const double *points, double *forces, double *outputs, double
     return status;
 }
 """
-DONE, OUTSIDE = 0, 1
+DONE, OUTSIDE, NO_ANSWER = 0, 1, 2
 
 
 def library(folder, model):
@@ -107,6 +107,9 @@ def test_formulas_of_all_kinds_mean_the_same_in_c(tmp_path):
         f"double f{k}(const double *p) {{ return {c_header.formula(steps_of(scalar))}; }}"
         for k, scalar in enumerate(scalars)
     )
+    texts.append("min(1, sqrt(a - 1))")
+    scalars.append(Scalar(texts[-1], names))
+    own += f"\ndouble f{len(texts) - 1}(const double *p) {{ return {c_header.formula(steps_of(scalars[-1]))}; }}"
     helpers = c_header.kernel_file("kernel.h").partition("/*DATA*/")[0]
     (tmp_path / "f.c").write_text(f"{helpers}\n{own}\n#endif\n")
     subprocess.run([CC, "-std=c99", "-shared", "-fPIC", "-o", "f.so", "f.c", "-lm"], cwd=tmp_path, check=True)
@@ -115,7 +118,48 @@ def test_formulas_of_all_kinds_mean_the_same_in_c(tmp_path):
         for k, scalar in enumerate(scalars):
             call = getattr(made, f"f{k}")
             call.restype = ctypes.c_double
-            assert call(ctypes.c_void_p(point.ctypes.data)) == pytest.approx(scalar.value(point), rel=1e-13), texts[k]
+            with np.errstate(invalid="ignore"):
+                known = pytest.approx(scalar.value(point), rel=1e-13, nan_ok=True)
+            assert call(ctypes.c_void_p(point.ctypes.data)) == known, texts[k]
+
+
+@compiled
+def test_what_is_not_finite_has_no_answer(tmp_path, monkeypatch):
+    """A formula that nobody has looked at; Python says the same."""
+    monkeypatch.setattr("hhr_dolfinx.online.matrices.check_over_box", lambda *_: None)
+    space = hhr.ParameterSpace(("a", "b"), (0.0, -1.0), (1.0, 1.0))
+    given = {"stiffness": [[2.0, -1.0], [-1.0, 2.0]], "contact": [[0.0, 1.0]], "gaps": [[0.1, 0.0]], "areas": [1.0]}
+    for number, text in enumerate(("sqrt(b)", "1 / b", "min(1, sqrt(b))", "exp(1000 * b)", "table(b, 0, 1, 1, 2)")):
+        made = hhr.condense_matrices(space, loads=[[0.0, 1.0], [0.0, 0.0]], amplitudes=[1.0, text], **given)
+        folder = tmp_path / str(number)  # a library is loaded once by its path
+        folder.mkdir()
+        asked = library(folder, made)
+        bad = [0.5, 1.0 if "exp" in text else 0.0 if "/" in text else -0.5]
+        assert asked([bad])[0] == NO_ANSWER, text
+        status, forces, *_ = asked([[0.5, 0.5]])
+        assert status == DONE and forces[0] == pytest.approx(made.solve([0.5, 0.5]).forces(), rel=1e-12)
+
+
+def test_outputs_that_stay_out_are_named():
+    scene = dataclasses.replace(SCENES["partial pressure"](), outputs=outputs_of_pellet())
+    with pytest.warns(ModelFileWarning, match="stress stay out of C"):
+        text = c_header.c_header(hhr.condense(scene), "press")
+    assert "#define PRESS_OUTPUTS 4" in text
+    shaped = hhr.condense(SCENES["shape"]())
+    with (
+        pytest.warns(ModelFileWarning, match="peak, force stay out"),
+        pytest.raises(NotOfferedError, match="no outputs for it: peak, force"),
+    ):
+        fmu.write_fmu("never.fmu", shaped)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("time", "there twice"), ("push", "there twice"), ("pe\x01ak", "printed"), ("pe\nak", "printed")]
+)
+def test_names_that_fmi_does_not_know_are_refused(name, said, tmp_path):
+    scene = dataclasses.replace(contract.blocks(), outputs=(hhr.LargestPressure(name, 0),))
+    with pytest.raises(NotOfferedError, match=said):
+        fmu.write_fmu(tmp_path / "press.fmu", hhr.condense(scene))
 
 
 def test_names_are_those_of_the_file_and_of_the_scene(tmp_path):
@@ -123,6 +167,9 @@ def test_names_are_those_of_the_file_and_of_the_scene(tmp_path):
     odd = dataclasses.replace(scene, outputs=(hhr.LargestPressure('a "peak"\\ of ?? µ', 0, unit="N/mm²"),))
     text = c_header.c_header(hhr.condense(odd), "press")
     assert "press_solve" in text and "PRESS_DONE" in text and "model_" not in text and "MODEL_" not in text
+    kept = dataclasses.replace(scene, outputs=(hhr.LargestPressure("model_MODEL_peak", 0),))
+    text_of_kept = c_header.c_header(hhr.condense(kept), "my_model")
+    assert '"model_MODEL_peak"' in text_of_kept and "my_model_solve" in text_of_kept
     assert text.isascii() and '\\x22""peak\\x22""' in text
     for name in ("1st", "a b", "läge", ""):
         with pytest.raises(NotOfferedError, match="identifier"):
@@ -205,7 +252,7 @@ def test_a_unit_runs_in_fmpy(unit):
 
 def test_a_unit_needs_outputs_and_a_compiler(tmp_path):
     bare = hhr.condense(dataclasses.replace(contract.blocks(), outputs=()))
-    with pytest.raises(NotOfferedError, match="name outputs"):
+    with pytest.raises(NotOfferedError, match="has no outputs"):
         fmu.write_fmu(tmp_path / "press.fmu", bare)
     with pytest.raises(MissingPackageError, match="no-such-compiler"):
         fmu.write_fmu(tmp_path / "press.fmu", hhr.condense(contract.blocks()), compiler="no-such-compiler")

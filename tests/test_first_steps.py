@@ -114,7 +114,9 @@ def test_on_two_ranks_one_speaks_and_both_end(tmp_path):
         "            options = cli.parse(cli.demo_parser('talk', 'A demo that only talks.'))\n"
         "            options.console.print('folder is good')\n"
         "        except SystemExit as end:\n"
-        "            print('ended with', end.code, flush=True)\n"
+        # in one piece, or what the ranks say gets mixed
+        "            sys.stdout.write(f'ended with {end.code}\\n')\n"
+        "            sys.stdout.flush()\n"
     )
     (tmp_path / "file").write_text("")
     printed = launch(2, ["-c", program], cwd=tmp_path)

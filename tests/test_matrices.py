@@ -13,6 +13,7 @@ from scipy import sparse
 import hhr_dolfinx as hhr
 from hhr_dolfinx.doors.c_header import c_header
 from hhr_dolfinx.errors import NotSolvableError, OutsideTrainingError, ParameterError, SceneError
+from hhr_dolfinx.online.matrices import _factored
 
 
 @pytest.fixture(scope="module")
@@ -108,13 +109,62 @@ def twice(given):
         (lambda given: {"amplitudes": ["push", "lod"]}, SceneError, "lod"),
         (lambda given: {"amplitudes": ["push", None]}, SceneError, "must be a text"),
         (lambda given: {"areas": [1, 1, 1, 0]}, SceneError, "areas must be positive"),
-        (lambda given: {"pairs": ["a", "b", "c", "d"]}, SceneError, "pairs must be numbers"),
+        (lambda given: {"pairs": ["a", "b", "c", "d"]}, SceneError, "pairs must be real numbers"),
+        (lambda given: {"pairs": [0.5, 0, 1, 1]}, SceneError, "pairs must be whole"),
+        (lambda given: {"pairs": [0, 1e30, 1, 1]}, SceneError, "pairs must be whole"),
+        (lambda given: {"pairs": [0, -1, 1, 1]}, SceneError, "pairs must be whole"),
+        (lambda given: {"stiffness": given["stiffness"] * 1j}, SceneError, "stiffness must be a matrix of real"),
+        (lambda given: {"stiffness": "abc"}, SceneError, "stiffness must be a matrix"),
+        (lambda given: {"stiffness": None}, SceneError, "stiffness must be a matrix"),
+        (lambda given: {"stiffness": np.ones((2, 2, 2))}, SceneError, "stiffness must be a matrix"),
+        (lambda given: {"contact": np.ones(47)}, SceneError, "contact must be a matrix"),
+        (lambda given: {"loads": given["loads"] * 1j}, SceneError, "loads must be real"),
+        (lambda given: {"parameters": ("push", "load")}, SceneError, "must be a ParameterSpace"),
+        (lambda given: {"amplitudes": None}, SceneError, "amplitudes must be a tuple"),
+        (lambda given: {"amplitudes": ["push", "sqrt(load - 0.05)"]}, SceneError, "finite everywhere in the box"),
+        (lambda given: {"amplitudes": ["push", "min(1, sqrt(load - 0.05))"]}, SceneError, "finite everywhere"),
+        (lambda given: {"amplitudes": ["push", "table(load, 0, 0, 0.01, 1)"]}, SceneError, "amplitude = table"),
+        (lambda given: {"force_outputs": [np.ones(4)]}, SceneError, "arrays by name"),
+        (lambda given: {"force_outputs": {3: np.ones(4)}}, SceneError, "arrays by name"),
         (lambda given: {"areas": np.ones(4), "force_outputs": {"peak": np.ones(4)}}, SceneError, "same name"),
     ],
 )
 def test_what_does_not_fit_is_refused(given, wrong, error, words):
     with pytest.raises(error, match=words):
         hhr.condense_matrices(**given | wrong(given))
+
+
+@pytest.mark.parametrize("seed", range(40))
+def test_only_positive_definite_matrices_are_taken(seed):
+    """By their eigenvalues; of small whole numbers, so that pivots vanish now and then."""
+    rng = np.random.default_rng(seed)
+    taken = []
+    for _ in range(50):
+        half = np.tril(rng.integers(-3, 5, (3, 3)))
+        matrix = half + np.tril(half, -1).T + np.diag(rng.integers(0, 6, 3))
+        definite = np.linalg.eigvalsh(matrix).min() > 1e-9
+        try:
+            _factored(sparse.csc_matrix(matrix.astype(float)))
+            taken.append((True, definite))
+        except NotSolvableError:
+            taken.append((False, definite))
+    assert all(found == known for found, known in taken)
+
+
+def test_numbers_and_matrices_of_any_kind_are_taken(given):
+    model = hhr.condense_matrices(**given)
+    point = {"push": 0.05, "load": 0.05}
+    kinds = {
+        "stiffness": given["stiffness"].toarray().tolist(),
+        "contact": sparse.coo_array(given["contact"]),
+        "loads": sparse.csr_matrix(given["loads"]),
+        "gaps": given["gaps"].tolist(),
+    }
+    other = hhr.condense_matrices(**given | kinds, pairs=[1, 0, 0, 1])
+    np.testing.assert_allclose(other.solve(point).forces(), model.solve(point).forces(), rtol=1e-10)
+    fixed = {name: np.column_stack([given[name] * (0.05, 0.05)]) for name in ("loads", "gaps")}
+    constant = hhr.condense_matrices(**given | fixed | {"amplitudes": [np.float32(1), np.int64(1)]})
+    np.testing.assert_allclose(constant.solve(point).forces(), model.solve(point).forces(), rtol=1e-10)
 
 
 def test_a_point_outside_of_the_box_is_refused(given):

@@ -453,7 +453,7 @@ def answer(
     checked_target(out, TABLES)
     target = out or Path("answers.csv")
     target = target if part is None else target.with_name(f"{target.stem}.{part[0]}of{part[1]}{target.suffix}")
-    if target.exists() and target.samefile(table):
+    if target.exists() and table.exists() and target.samefile(table):
         raise click.UsageError(f"{target} holds the questions, which its answers would replace: give another --out")
     console, progress = spoken()
     loaded: Any = load_model(model)

@@ -6,6 +6,7 @@ The arrays are those of a page, see :mod:`hhr_dolfinx.pages.arrays`; ``kernel.h`
 from __future__ import annotations
 
 import re
+import warnings
 from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
@@ -13,14 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.errors import NotOfferedError
+from hhr_dolfinx.errors import ModelFileWarning, NotOfferedError
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.pages.arrays import Packed, check_model, contact_tree
 
 MOST_NUMBERS = 4_000_000
 """A compiler takes half a minute and two gigabytes for as many."""
 _SIGNS = {"+": "+", "-": "-", "*": "*", "/": "/"}
-_CALLS = {"^": "pow", "min": "fmin", "max": "fmax", "abs": "fabs"}
+_CALLS = {"^": "pow", "min": "model_min", "max": "model_max", "abs": "fabs"}
 """Where C has another name for it."""
 
 
@@ -37,6 +38,9 @@ def write_c_header(path: str | Path, model: Any) -> Path:
     Raises:
         NotOfferedError: for another kind of model, or one that is too large to be compiled.
         FileError: if the file cannot be written.
+
+    Warns:
+        ModelFileWarning: if some outputs are not read in C.
     """
     text = c_header(model, Path(path).stem)
     with replacing(path, text=True) as file:
@@ -56,9 +60,18 @@ def c_header(model: Any, name: str) -> str:
         raise NotOfferedError(
             f"a header of {count} numbers takes a compiler too long, {MOST_NUMBERS} are the most: take a coarser mesh"
         )
-    data = _Data(tree, arrays.arrays).text()
-    kernel = kernel_file("kernel.h").replace("/*DATA*/", data)
-    return re.sub(r"\bmodel_", f"{name}_", kernel.replace("MODEL_TITLE", name)).replace("MODEL_", f"{name.upper()}_")
+    if tree["missing"]:
+        warnings.warn(
+            f"{', '.join(tree['missing'])} stay out of C: outputs that read displacements where stiffness or shape "
+            "varies, areas where shapes do, or squares of stress and strain are read in Python alone",
+            ModelFileWarning,
+            stacklevel=3,
+        )
+    data = _Data(tree, arrays.arrays)
+    text = kernel_file("kernel.h").replace("MODEL_TITLE", name).replace("/*DATA*/", data.text())
+    own = {"model_": f"{name}_", "MODEL_": f"{name.upper()}_"}
+    # what is quoted are words of the scene
+    return re.sub(r'"[^"\n]*"|\b(?:model_|MODEL_)', lambda found: own.get(found[0], found[0]), text)
 
 
 def kernel_file(name: str) -> str:
@@ -224,6 +237,7 @@ class _Data:
 def _quoted(text: str) -> str:
     """Text as C has it, in ASCII: others as escapes of their bytes, each in quotes of its own."""
     found = "".join(
-        chr(byte) if 32 <= byte < 127 and chr(byte) not in '"\\?' else f'\\x{byte:02x}""' for byte in text.encode()
+        chr(byte) if 32 <= byte < 127 and chr(byte) not in '"\\?' else f'\\x{byte:02x}""'
+        for byte in text.encode(errors="replace")
     )
     return f'"{found}"'

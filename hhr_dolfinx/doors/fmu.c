@@ -135,6 +135,7 @@ SHARED int fmi3DoStep(void *instance, double time, double size, _Bool no_earlier
     unit *u = instance;
     (void)no_earlier;
     *event = 0, *terminate = 0, *early = 0, *last = time;
+    if (!(size >= 0)) return complaint(u, ERROR, "a step must not go back");
     const int status = answered(u);
     if (status) return status;
     *last = u->time = time + size;

@@ -43,8 +43,7 @@ def write_fmu(path: str | Path, model: Any, compiler: str = "cc") -> Path:
     """
     header = c_header(model, IDENTIFIER)
     tree = contact_tree(model, Packed())
-    if not tree["outputs"]:
-        raise NotOfferedError("a unit hands out numbers: name outputs in the scene, Scene(..., outputs=(...,))")
+    _check_names(tree)
     token = hashlib.sha256(header.encode()).hexdigest()[:32]
     sources = {"fmu.c": f'#define MODEL_TOKEN "{token}"\n' + kernel_file("fmu.c"), "model.h": header}
     system, ending = _system()
@@ -55,6 +54,21 @@ def write_fmu(path: str | Path, model: Any, compiler: str = "cc") -> Path:
             archive.writestr(f"sources/{name}", text)
         archive.writestr(f"binaries/{system}/{IDENTIFIER}{ending}", _compiled(sources, compiler))
     return Path(path)
+
+
+def _check_names(tree: dict[str, Any]) -> None:
+    """Raise NotOfferedError where there is no output, or names are none of FMI."""
+    if not tree["outputs"]:
+        why = f": {', '.join(tree['missing'])} are read in Python alone" if tree["missing"] else ""
+        raise NotOfferedError(
+            f"a unit hands out numbers, and this model has no outputs for it{why}. Name some in Scene(..., outputs=...)"
+        )
+    names = ["time", *tree["names"], *(item["name"] for item in tree["outputs"])]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise NotOfferedError(f"variables of a unit have names of their own, and {twice} are there twice: rename them")
+    words = names + [item["unit"] for item in tree["outputs"]]
+    if odd := [word for word in words if word and not word.isprintable()]:
+        raise NotOfferedError(f"names of a unit are printed, and {odd} cannot be: rename them")
 
 
 def description(tree: dict[str, Any], name: str, token: str) -> bytes:

@@ -42,6 +42,10 @@ typedef struct {
     int count, largest;
 } model_output;
 
+/* The smaller and the larger one of two numbers; none where either is none. */
+static inline double model_min(double a, double b) { return a != a || b != b ? NAN : a < b ? a : b; }
+static inline double model_max(double a, double b) { return a != a || b != b ? NAN : a > b ? a : b; }
+
 /* A table of pairs (x, y), straight between them: values are what is looked up, and then the pairs. */
 static inline double model_table(int count, const double *values) {
     for (int k = 1; k + 3 < count; k += 2)
@@ -169,14 +173,14 @@ static inline void model_add(model_work *w, const model_part *part, const double
     }
 }
 
-/* S and the free slack at a point. */
-static inline void model_set_contact(model_work *w, const double *point) {
+/* S and the free slack at a point; 0 where these are not finite. */
+static inline int model_set_contact(model_work *w, const double *point) {
     const int m = MODEL_CONDITIONS, terms = MODEL_TERMS;
     const double *gaps = model_gaps;
     model_set_theta(w, point);
     if (MODEL_CONSTANT && !w->started)
         for (int i = 0, k = 0; i < m; i++)
-            for (int j = 0; j <= i; j++, k++) w->schur[i * m + j] = w->schur[j * m + i] = model_schur[k];
+            for (int j = 0; j <= i; j++, k++) w->schur[i * m + j] = model_schur[k], w->schur[j * m + i] = model_schur[k];
     if (!MODEL_CONSTANT) memset(w->schur, 0, sizeof(double) * m * m);
     if (model_reshaped.rank) {
         model_set_along(&model_reshaped, point, w->along);
@@ -190,6 +194,11 @@ static inline void model_set_contact(model_work *w, const double *point) {
         for (int t = 0; t < terms; t++) w->slack[i] += gaps[i * terms + t] * w->theta[t];
     }
     for (int k = 0; k < MODEL_PARTS; k++) model_add(w, &model_parts[k], point);
+    for (int t = 0; t < terms; t++)
+        if (!isfinite(w->theta[t])) return 0;
+    for (int i = 0; i < m; i++)
+        if (!isfinite(w->slack[i]) || !isfinite(w->schur[i * m + i])) return 0;
+    return 1;
 }
 
 /* LU with the largest pivots, in place, and its solution; 0 where it is singular. */
@@ -318,7 +327,10 @@ static inline int model_settled(model_work *w) {
 static inline int model_solve(model_work *w, const double *point, double *forces, double *outputs) {
     for (int k = 0; k < MODEL_PARAMETERS; k++)
         if (!(point[k] >= model_lower[k] && point[k] <= model_upper[k])) return MODEL_OUTSIDE;
-    model_set_contact(w, point);
+    if (!model_set_contact(w, point)) {
+        w->started = 0;
+        return MODEL_NO_ANSWER;
+    }
     if (!w->started)
         for (int i = 0; i < MODEL_CONDITIONS; i++) w->active[i] = w->slack[i] < 0;
     w->started = model_settled(w);
@@ -329,7 +341,7 @@ static inline int model_solve(model_work *w, const double *point, double *forces
 }
 
 /* Derivatives of the outputs along the parameters, (MODEL_OUTPUTS, MODEL_PARAMETERS), by central differences on the
-   statuses of the last answer, which was at this point. */
+   statuses of the last answer, which was at this point; where a status is about to change they hold on one side. */
 static inline int model_derivatives(model_work *w, const double *point, double *slopes) {
     double there[MODEL_PARAMETERS], ends[2][MODEL_OUTPUTS + 1];
     if (!w->started) return MODEL_NO_ANSWER;
@@ -339,8 +351,7 @@ static inline int model_derivatives(model_work *w, const double *point, double *
         const double low = fmax(model_lower[k], point[k] - step), high = fmin(model_upper[k], point[k] + step);
         for (int end = 0; end < 2; end++) {
             there[k] = end ? high : low;
-            model_set_contact(w, there);
-            if (!model_equalities(w)) return MODEL_NO_ANSWER;
+            if (!model_set_contact(w, there) || !model_equalities(w)) return MODEL_NO_ANSWER;
             model_read(w, ends[end]);
         }
         for (int i = 0; i < MODEL_OUTPUTS; i++)

@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 from scipy import linalg
-from scipy.sparse import csc_matrix
+from scipy.sparse import csc_matrix, issparse
 from scipy.sparse.linalg import SuperLU, splu
 
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
 from hhr_dolfinx.errors import NotSolvableError, SceneError
-from hhr_dolfinx.formulas import Formula
+from hhr_dolfinx.formulas import Formula, Scalar, check_over_box
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
@@ -21,10 +21,12 @@ from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.models.functionals.functional import Functional, Functionals
 from hhr_dolfinx.models.functionals.kinds import Largest, Linear
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace, as_tuple, is_number
 
 STARTS = 64
 """Points at which statuses are solved for beforehand."""
+PIVOT = 1e-14
+"""Part of an entry of the diagonal that elimination leaves of it in a matrix that is singular to round-off."""
 SYMMETRIC = 1e-10
 """Part of its largest entry by which a stiffness may differ from its transpose: ten digits, as files have them."""
 
@@ -66,8 +68,10 @@ def condense_matrices(
         SceneError: for arrays that do not fit together or are not finite, and amplitudes that are none.
         NotSolvableError: for a stiffness that is not positive definite, or rows of contact that depend on each other.
     """
-    matrix = csc_matrix(stiffness, dtype=float)
-    rows = csc_matrix(contact, dtype=float)
+    if not isinstance(parameters, ParameterSpace):
+        raise SceneError(f"parameters = {parameters!r} must be a ParameterSpace")
+    matrix = _matrix("stiffness", stiffness)
+    rows = _matrix("contact", contact)
     conditions, size = rows.shape
     _check(matrix, rows)
     theta, forces, slack = _terms(parameters, amplitudes, loads, gaps, (size, conditions))
@@ -77,11 +81,11 @@ def condense_matrices(
     schur = rows @ per_force
     schur = (schur + schur.T) / 2
     _check_definite(schur)
-    items = _outputs(size, conditions, areas, displacement_outputs or {}, force_outputs or {})
+    items = _outputs(size, conditions, areas, displacement_outputs, force_outputs)
     functionals = Functionals(items, size, theta) if items else None
     fields = ExactFields(theta, csc_matrix(forces.shape), per_force, free, dimension=1, functionals=functionals)
     responses = Responses(free[:0], per_force[:0], slack - rows @ free, schur)
-    groups = None if pairs is None else _array("pairs", pairs, (conditions,)).astype(np.int64)
+    groups = None if pairs is None else _pairs(pairs, conditions)
     return _started(parameters, ConstantElimination(responses, theta, LapackLU), fields, groups)
 
 
@@ -94,12 +98,34 @@ def _started(parameters: ParameterSpace, eliminated: ConstantElimination, fields
     return CondensedModel(parameters, eliminated, known or nothing, fields, pairs)
 
 
+def _matrix(name: str, given: Any) -> csc_matrix:
+    """A sparse matrix of real numbers; whatever SciPy makes one of."""
+    try:
+        found = csc_matrix(given)
+        if np.ndim(given) not in (0, 2) or given is None or found.dtype.kind not in "fiub":
+            raise ValueError
+        return csc_matrix(found, dtype=float)
+    except (TypeError, ValueError):
+        raise SceneError(f"{name} must be a matrix of real numbers, sparse or dense") from None
+
+
+def _pairs(given: Any, conditions: int) -> np.ndarray:
+    """Numbers of contact pairs, whole and not negative, (m,)."""
+    found = _array("pairs", given, (conditions,))
+    if (found != np.floor(found)).any() or found.min() < 0 or found.max() >= conditions:
+        raise SceneError(f"pairs must be whole numbers from 0 on, one for each condition, and less than {conditions}")
+    return found.astype(np.int64)
+
+
 def _array(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
     """An array of a shape, finite."""
     try:
-        found = np.asarray(given, dtype=float)
+        plain = np.asarray(given.toarray() if issparse(given) else given)
+        if plain.dtype.kind == "c":
+            raise TypeError
+        found = plain.astype(float)
     except (TypeError, ValueError):
-        raise SceneError(f"{name} must be numbers, {shape}") from None
+        raise SceneError(f"{name} must be real numbers, {shape}") from None
     if found.shape != shape:
         raise SceneError(f"{name} are {found.shape} and must be {shape}")
     if not np.isfinite(found).all():
@@ -137,12 +163,14 @@ def _terms(
 def _collected(amplitudes: Sequence[Any], parameters: ParameterSpace) -> tuple[Amplitudes, list[int]]:
     """Amplitudes as a model has them, affine ones first, and which term each of them was."""
     made = []
-    for item in amplitudes:
-        number = isinstance(item, int | float) and not isinstance(item, bool)
-        one = Amplitude(float(item)) if number else Formula(item) if isinstance(item, str) else item
+    for item in as_tuple("amplitudes", amplitudes):
+        one = Amplitude(float(item)) if is_number(item) else Formula(item) if isinstance(item, str) else item
         if not isinstance(one, Amplitude | Formula):
             raise SceneError(f"an amplitude must be a text, a number or an Amplitude, and {item!r} is none")
         made.append(bound(one, parameters))
+        if isinstance(made[-1], Scalar):
+            remedy = "it must be finite everywhere in the box: change the formula, or narrow the box"
+            check_over_box(made[-1], parameters, "an amplitude", -np.inf, np.inf, remedy)
     order = sorted(range(len(made)), key=lambda place: not isinstance(made[place], Amplitude))
     return Amplitudes.collect(made, parameters), order
 
@@ -151,13 +179,21 @@ def _factored(stiffness: csc_matrix) -> SuperLU:
     """Factors of K, which show whether it is positive definite: no pivots are exchanged."""
     try:
         factor = splu(stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
-    except RuntimeError:
+    except RuntimeError:  # a column of zeros
         factor = None
-    if factor is None or not (factor.U.diagonal() > 0).all():
+    if factor is None or not _is_definite(stiffness, factor):
         raise NotSolvableError(
             "the stiffness is not positive definite: leave out dofs that are imposed, and hold all bodies"
         )
     return factor
+
+
+def _is_definite(stiffness: csc_matrix, factor: SuperLU) -> bool:
+    """Whether no row was exchanged, as one with a pivot of zero is, and all pivots are more than round-off."""
+    sizes = np.empty(stiffness.shape[0])
+    sizes[factor.perm_c] = stiffness.diagonal()
+    exchanged = (factor.perm_r != factor.perm_c).any()
+    return not exchanged and bool((factor.U.diagonal() > PIVOT * np.abs(sizes)).all())
 
 
 def _check_definite(schur: np.ndarray) -> None:
@@ -171,10 +207,13 @@ def _check_definite(schur: np.ndarray) -> None:
         ) from None
 
 
-def _outputs(
-    size: int, conditions: int, areas: Any, displacements: Mapping[str, Any], forces: Mapping[str, Any]
-) -> tuple[Functional, ...]:
+def _outputs(size: int, conditions: int, areas: Any, displacements: Any, forces: Any) -> tuple[Functional, ...]:
     """Outputs by name."""
+    displacements = {} if displacements is None else displacements
+    forces = {} if forces is None else forces
+    for given in (displacements, forces):
+        if not isinstance(given, Mapping) or not all(isinstance(name, str) and name for name in given):
+            raise SceneError(f"outputs must be arrays by name, {{'force': [1.0, ...]}}, and are {given!r}")
     found: list[Functional] = []
     if areas is not None:
         given = _array("areas", areas, (conditions,))

@@ -232,6 +232,7 @@ const hhr = (() => {
     /* Active set: all wrong statuses at once, and, where sets come back, the first wrong one alone (Murty 1974). */
     solve(point, start = this.last) {
       const contact = this.contact(point);
+      if (!contact.slack.every(Number.isFinite)) return this.nothing(point);
       let active = start ? Uint8Array.from(start) : Uint8Array.from(contact.slack, (s) => (s < 0 ? 1 : 0)), one = false;
       const seen = new Set();
       for (let iteration = 1; iteration <= MOST; iteration++) {

@@ -16,7 +16,8 @@ TOP = 14
 BOTTOM = 46
 """Its margins."""
 LEAST = 1e-16
-"""Values below are drawn here: there is no logarithm of zero."""
+MOST = 1e16
+"""Values below and above are drawn here: there is no logarithm of zero, and such numbers are none of a report."""
 BINS = 24
 SHADES = 6
 """Bins of a histogram; steps of colour of a map."""
@@ -44,14 +45,14 @@ class _Axis:
     """A logarithmic axis from ``low`` to ``high``, drawn from ``begin`` to ``end``."""
 
     def __init__(self, values: Sequence[float], begin: float, end: float):
-        logs = [math.log10(max(value, LEAST)) for value in values]
+        logs = [math.log10(min(max(value, LEAST), MOST)) for value in values]
         self.low = math.floor(min(logs) - 0.05)
         self.high = max(math.ceil(max(logs) + 0.05), self.low + 1)
         self.begin = begin
         self.end = end
 
     def __call__(self, value: float) -> float:
-        part = (math.log10(max(value, LEAST)) - self.low) / (self.high - self.low)
+        part = (math.log10(min(max(value, LEAST), MOST)) - self.low) / (self.high - self.low)
         return self.begin + part * (self.end - self.begin)
 
     def ticks(self) -> list[int]:
@@ -190,7 +191,7 @@ def map_of(
     box: Sequence[tuple[float, float]],
 ) -> str:
     """Errors of answers over two parameters: the darker and larger a point, the larger its error."""
-    known = [(x, y, error) for (x, y), error in zip(points, errors, strict=True) if math.isfinite(error)]
+    known = [(x, y, error) for (x, y), error in zip(points, errors, strict=True) if math.isfinite(x + y + error)]
     if not known:
         return ""
     ends = [math.log10(max(pick(error for *_, error in known), LEAST)) for pick in (min, max)]
