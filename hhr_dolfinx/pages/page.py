@@ -24,6 +24,8 @@ ALIKE = 0.01
 """Relative difference of S up to which a model and a scenery are of one scene: S may be interpolated."""
 DRAWN = 12_000
 """Nodes of the mesh that are drawn at most."""
+PARTS = ("page.css", "model.js", "friction.js", "path.js", "drawing.js", "field.js", "view.js")
+"""Files that stand in ``page.html`` where they are named there."""
 LOOKED_AT = 100
 """Random points at which a model tells its error to a page."""
 
@@ -72,11 +74,10 @@ def page_text(model: Any, scenery: Scenery) -> str:
     tree["error"] = error_of(model)
     tree["made"] = f"{today()}, hhr_dolfinx {__version__}"
     data = json.dumps({"tree": tree, "arrays": arrays}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    parts = {name: _file(name) for name in ("page.html", "page.css", "model.js", "path.js", "view.js")}
-    parts["friction.js"] = "" if model.friction is None else _file("friction.js")
-    text = parts["page.html"].replace("TITLE", escape(scenery.words["scene"].replace("_", " ")))
-    for part in ("page.css", "model.js", "friction.js", "path.js", "view.js"):
-        text = text.replace(f"/*{part}*/", parts[part])
+    text = _file("page.html").replace("TITLE", escape(scenery.words["scene"].replace("_", " ")))
+    for part in PARTS:
+        left_out = part == "friction.js" and model.friction is None
+        text = text.replace(f"/*{part}*/", "" if left_out else _file(part))
     return text.replace("/*DATA*/", data)
 
 

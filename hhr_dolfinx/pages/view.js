@@ -2,20 +2,17 @@
 /* What a page shows: sliders, numbers, pressures along contact with their error, displacement of the mesh. */
 
 (() => {
+  const { style, said, exactly, unit, element, prepared, ticks, colour } = drawing;
   const data = JSON.parse(document.getElementById("data").textContent);
   const arrays = hhr.decoded(data.arrays), tree = data.tree, model = new hhr.Model(tree, arrays);
   const scenery = tree.scenery, words = scenery.words, dim = scenery.dim;
   const points = arrays[scenery.points], places = arrays[scenery.contact_points], areas = arrays[scenery.areas];
   const pairs = arrays[scenery.pairs], at = (id) => document.getElementById(id);
-  const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
-  const said = (x) => (Number.isFinite(x) ? Number(x.toPrecision(6)).toString() : "no value");
-  const exactly = (x) => Number(x.toPrecision(15)).toString();
-  const unit = (u) => (u ? ` [${u}]` : "");
   const labels = tree.names.map((name) => name + unit((words.units ?? {})[name]));
   const middle = tree.lower.map((low, k) => (low + tree.upper[k]) / 2);
   const sliding = tree.friction ? new hhr.Sliding(model) : null, past = new ways.Past();
   const presses = (i) => !sliding || sliding.pressing[i];
-  let point = fromAddress(), answer = null, state = null, view = { turn: dim === 3 ? 0.6 : 0, tilt: dim === 3 ? -1.0 : 0, zoom: 1 };
+  let point = fromAddress(), answer = null, state = null;
 
   function fromAddress() {
     const given = new URLSearchParams(location.hash.slice(1));
@@ -23,12 +20,6 @@
       const value = given.get(name) ? Number(given.get(name)) : NaN;
       return Number.isFinite(value) ? Math.min(Math.max(value, tree.lower[k]), tree.upper[k]) : middle[k];
     });
-  }
-
-  function element(kind, text = "", properties = {}) {
-    const made = Object.assign(document.createElement(kind), properties);
-    made.textContent = text;
-    return made;
   }
 
   /* Parameters. */
@@ -150,23 +141,6 @@
     return { canvas, own, line: alongContact(own) };
   });
 
-  function prepared(canvas) {
-    const ratio = window.devicePixelRatio || 1, { clientWidth: width, clientHeight: height } = canvas;
-    canvas.width = Math.round(width * ratio);
-    canvas.height = Math.round(height * ratio);
-    const pen = canvas.getContext("2d");
-    pen.scale(ratio, ratio);
-    pen.font = "12px system-ui, sans-serif";
-    return { pen, width, height };
-  }
-
-  function ticks(low, high, count) {
-    const size = (high - low) / count || 1, power = 10 ** Math.floor(Math.log10(size));
-    const step = [1, 2, 5, 10].find((s) => s * power >= size) * power, found = [];
-    for (let t = Math.ceil(low / step) * step; t <= high + 1e-9 * step; t += step) found.push(t);
-    return found;
-  }
-
   /* Tangential tractions on the slave surface, by conditions; none without friction. */
   const contactOf = new Map(sliding ? Array.from(sliding.normal, (row, k) => [row, k]) : []);
   const tangentOf = new Map(sliding ? Array.from(sliding.owner, (contact, k) => [contact, sliding.tangential[k]]) : []);
@@ -226,12 +200,6 @@
     canvas.setAttribute("aria-label", `pressure along ${"xyz"[line.axis]}, at most ${said(Math.max(...y))}`);
   }
 
-  const colour = (t) => { // dark blue to yellow, even for the colour-blind
-    const stops = [[0, 32, 77], [62, 76, 107], [124, 123, 120], [188, 174, 108], [255, 234, 70]];
-    const s = Math.min(Math.max(t, 0), 1) * 4, k = Math.min(Math.floor(s), 3), f = s - k;
-    return stops[k].map((v, c) => v + (stops[k + 1][c] - v) * f);
-  };
-
   function drawMap({ canvas, own }, values) {
     const { pen, width, height } = prepared(canvas), flat = arrays[scenery.flat];
     const range = [0, 1].map((c) => own.map((i) => flat[i * 2 + c])).map((v) => [Math.min(...v), Math.max(...v)]);
@@ -256,107 +224,19 @@
     for (const plot of plots) (plot.line ? drawLine : drawMap)(plot, values);
   }
 
-  /* Displacement: triangles by WebGL, coloured by a component. */
-  const triangles = arrays[scenery.triangles], lines = arrays[scenery.lines], count = points.length / dim;
-  const low = [], high = [];
-  for (let c = 0; c < dim; c++) {
-    low[c] = Infinity; high[c] = -Infinity;
-    for (let i = 0; i < count; i++) { low[c] = Math.min(low[c], points[i * dim + c]); high[c] = Math.max(high[c], points[i * dim + c]); }
-  }
-  const size = Math.hypot(...low.map((l, c) => high[c] - l)) || 1, gl = tree.field ? started() : null;
-
-  function started() {
-    const context = at("field").getContext("webgl", { antialias: true, preserveDrawingBuffer: true });
-    if (!context) return null;
-    context.getExtension("OES_element_index_uint");
-    const program = context.createProgram();
-    const lit = dim === 3 && context.getExtension("OES_standard_derivatives"); // faces by the angle at which they are seen
-    const shaders = [[context.VERTEX_SHADER, `attribute vec3 place; attribute vec3 tint; uniform mat4 turn; varying vec3 hue;
-      varying vec3 spot; void main() { hue = tint; gl_Position = turn * vec4(place, 1.0); spot = gl_Position.xyz; }`],
-    [context.FRAGMENT_SHADER, lit ? `#extension GL_OES_standard_derivatives : enable
-      precision highp float; varying vec3 hue; varying vec3 spot; void main() {
-        vec3 normal = normalize(cross(dFdx(spot), dFdy(spot)));
-        gl_FragColor = vec4(hue * (0.62 + 0.38 * abs(dot(normal, normalize(vec3(0.3, 0.4, 0.87))))), 1.0); }`
-      : "precision mediump float; varying vec3 hue; void main() { gl_FragColor = vec4(hue, 1.0); }"]];
-    for (const [kind, text] of shaders) {
-      const shader = context.createShader(kind);
-      context.shaderSource(shader, text); context.compileShader(shader); context.attachShader(program, shader);
-    }
-    context.linkProgram(program);
-    context.useProgram(program);
-    return { context, program, place: context.createBuffer(), tint: context.createBuffer(), index: context.createBuffer() };
-  }
-
-  function turned(width, height) {
-    const [ct, st, cl, sl] = [Math.cos(view.turn), Math.sin(view.turn), Math.cos(view.tilt), Math.sin(view.tilt)];
-    const rotation = [[ct, -st, 0], [st * cl, ct * cl, -sl], [st * sl, ct * sl, cl]];
-    const extents = [0, 1].map((row) => rotation[row].reduce((t, r, c) => t + Math.abs(r) * (c < dim ? high[c] - low[c] : 0), 0));
-    const scale = (1.8 * view.zoom) / Math.max(extents[0] / width, extents[1] / height), found = new Float32Array(16);
-    const shares = [scale / width, scale / height, -1 / size];
-    const centre = low.map((l, c) => (l + high[c]) / 2);
-    for (let row = 0; row < 3; row++) {
-      let shift = 0;
-      for (let c = 0; c < 3; c++) {
-        found[c * 4 + row] = rotation[row][c] * shares[row];
-        shift += c < dim ? found[c * 4 + row] * centre[c] : 0;
-      }
-      found[12 + row] = -shift;
-    }
-    found[15] = 1;
-    return found;
-  }
+  /* Displacement of the mesh. */
+  const field = tree.field ? new Field(at("field"), { points, triangles: arrays[scenery.triangles], lines: arrays[scenery.lines], dim }) : null;
+  const draws = field !== null && field.gl !== null;
 
   function showField() {
-    if (!gl) return;
-    const moved = model.displacement(answer), canvas = at("field"), chosen = at("component").value;
+    const moved = draws ? model.displacement(answer) : null;
     if (!moved) return;
-    const ratio = window.devicePixelRatio || 1, context = gl.context;
-    canvas.width = canvas.clientWidth * ratio; canvas.height = canvas.clientHeight * ratio;
-    const value = new Float32Array(count);
-    let longest = 0, least = Infinity, most = -Infinity;
-    for (let i = 0; i < count; i++) {
-      const own = moved.subarray(i * dim, (i + 1) * dim), length = Math.hypot(...own);
-      value[i] = chosen === "length" ? length : own[Number(chosen)];
-      longest = Math.max(longest, length); least = Math.min(least, value[i]); most = Math.max(most, value[i]);
-    }
-    const share = Number(at("exaggerate").value), times = longest > 0 ? (share * 0.2 * size) / longest : 0;
+    const { least, most, times } = field.show(moved, at("component").value, Number(at("exaggerate").value));
     at("times").textContent = times > 0 ? `${said(Number(times.toPrecision(2)))} times` : "not at all";
     at("least").textContent = said(least); at("most").textContent = `${said(most)}${unit(words.length)}`;
-    const spots = new Float32Array(count * 3), tints = new Float32Array(count * 3);
-    for (let i = 0; i < count; i++) {
-      for (let c = 0; c < dim; c++) spots[i * 3 + c] = points[i * dim + c] + times * moved[i * dim + c];
-      tints.set(colour((value[i] - least) / (most - least || 1)).map((v) => v / 255), i * 3);
-    }
-    context.viewport(0, 0, canvas.width, canvas.height);
-    context.clearColor(0, 0, 0, 0);
-    context.clear(context.COLOR_BUFFER_BIT | context.DEPTH_BUFFER_BIT);
-    if (dim === 3) context.enable(context.DEPTH_TEST); // in the plane one body lies over the other
-    context.uniformMatrix4fv(context.getUniformLocation(gl.program, "turn"), false, turned(canvas.clientWidth, canvas.clientHeight));
-    for (const [name, buffer, values] of [["place", gl.place, spots], ["tint", gl.tint, tints]]) {
-      const where = context.getAttribLocation(gl.program, name);
-      context.bindBuffer(context.ARRAY_BUFFER, buffer);
-      context.bufferData(context.ARRAY_BUFFER, values, context.DYNAMIC_DRAW);
-      context.enableVertexAttribArray(where);
-      context.vertexAttribPointer(where, 3, context.FLOAT, false, 0, 0);
-    }
-    draw(context.TRIANGLES, triangles);
-    if (lines.length) {
-      tints.fill(0.35);
-      context.bindBuffer(context.ARRAY_BUFFER, gl.tint);
-      context.bufferData(context.ARRAY_BUFFER, tints, context.DYNAMIC_DRAW);
-      context.disable(context.DEPTH_TEST);
-      draw(context.LINES, lines);
-    }
     const bar = at("bar"), pen = bar.getContext("2d");
     bar.width = 256;
     for (let k = 0; k < 256; k++) { pen.fillStyle = `rgb(${colour(k / 255)})`; pen.fillRect(k, 0, 1, 14); }
-  }
-
-  function draw(kind, index) {
-    const context = gl.context, wide = index instanceof Uint32Array;
-    context.bindBuffer(context.ELEMENT_ARRAY_BUFFER, gl.index);
-    context.bufferData(context.ELEMENT_ARRAY_BUFFER, index, context.DYNAMIC_DRAW);
-    context.drawElements(kind, index.length, wide ? context.UNSIGNED_INT : context.UNSIGNED_SHORT, 0);
   }
 
   /* Once a picture for all that changed since the last one; with friction an increment for each. */
@@ -453,37 +333,15 @@
     catch { at("said").textContent = "this browser copies nothing: select the table"; }
   }
 
-  function turning() {
-    const canvas = at("field"), fingers = new Map();
-    canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); fingers.set(event.pointerId, [event.clientX, event.clientY]); });
-    for (const end of ["pointerup", "pointercancel"]) canvas.addEventListener(end, (event) => fingers.delete(event.pointerId));
-    canvas.addEventListener("pointermove", (event) => {
-      if (!fingers.has(event.pointerId)) return;
-      const before = fingers.get(event.pointerId), spread = () => { const [a, b] = [...fingers.values()]; return Math.hypot(a[0] - b[0], a[1] - b[1]); };
-      const wide = fingers.size === 2 ? spread() : 0;
-      fingers.set(event.pointerId, [event.clientX, event.clientY]);
-      if (wide) view.zoom *= spread() / wide;
-      else if (dim === 3) { view.turn += (event.clientX - before[0]) / 200; view.tilt += (event.clientY - before[1]) / 200; }
-      showField();
-    });
-    canvas.addEventListener("wheel", (event) => { event.preventDefault(); view.zoom *= Math.exp(-event.deltaY / 500); showField(); }, { passive: false });
-    canvas.addEventListener("keydown", (event) => {
-      const way = { ArrowLeft: [-0.1, 0], ArrowRight: [0.1, 0], ArrowUp: [0, -0.1], ArrowDown: [0, 0.1] }[event.key];
-      if (event.key === "+" || event.key === "-") view.zoom *= event.key === "+" ? 1.1 : 1 / 1.1;
-      else if (way && dim === 3) { view.turn += way[0]; view.tilt += way[1]; event.preventDefault(); } else return;
-      showField();
-    });
-  }
-
   /* What stays. */
   at("about").textContent = [words.hypothesis, `${model.m} contact conditions`, `made ${tree.made}`].join(" · ");
   at("footer").replaceChildren(...words.bodies.map((line) => element("p", `body ${line}`)),
     element("p", "This page holds the whole model and asks nobody. Scripts of hhr_dolfinx, licence of the package."));
   const names = ["length", ..."xyz".slice(0, dim)];
   names.forEach((name, k) => at("component").append(element("option", k ? `along ${name}` : "its length", { value: k ? k - 1 : "length" })));
-  if (!gl) at("shape").replaceChildren(element("h2", "Displacement"), element("p", tree.field
+  if (!draws) at("shape").replaceChildren(element("h2", "Displacement"), element("p", tree.field
     ? "This browser draws no triangles (WebGL is switched off)." : "This model has no displacement for a page.", { className: "note" }));
-  else { at("shape").append(element("p", "Drawn by few modes: off by some per cent.", { className: "note" })); turning(); for (const id of ["component", "exaggerate"]) at(id).addEventListener("input", showField); }
+  else { at("shape").append(element("p", "Drawn by few modes: off by some per cent.", { className: "note" })); field.turning(showField); for (const id of ["component", "exaggerate"]) at(id).addEventListener("input", showField); }
   at("reset").addEventListener("click", () => { point = middle.slice(); changed(); });
   at("copy").addEventListener("click", async () => {
     const text = [...tree.names.map((name, k) => [name, point[k]]), ...rows().map(([name, value]) => [name, value ?? ""])].map((row) => row.join("\t")).join("\n");

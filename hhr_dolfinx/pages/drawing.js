@@ -1,0 +1,40 @@
+"use strict";
+/* Numbers in words, elements, pens, ticks and colours: what all parts of a page draw with. */
+
+const drawing = (() => {
+  const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
+  const said = (x) => (Number.isFinite(x) ? Number(x.toPrecision(6)).toString() : "no value");
+  const exactly = (x) => Number(x.toPrecision(15)).toString();
+  const unit = (u) => (u ? ` [${u}]` : "");
+
+  function element(kind, text = "", properties = {}) {
+    const made = Object.assign(document.createElement(kind), properties);
+    made.textContent = text;
+    return made;
+  }
+
+  function prepared(canvas) {
+    const ratio = window.devicePixelRatio || 1, { clientWidth: width, clientHeight: height } = canvas;
+    canvas.width = Math.round(width * ratio);
+    canvas.height = Math.round(height * ratio);
+    const pen = canvas.getContext("2d");
+    pen.scale(ratio, ratio);
+    pen.font = "12px system-ui, sans-serif";
+    return { pen, width, height };
+  }
+
+  function ticks(low, high, count) {
+    const size = (high - low) / count || 1, power = 10 ** Math.floor(Math.log10(size));
+    const step = [1, 2, 5, 10].find((s) => s * power >= size) * power, found = [];
+    for (let t = Math.ceil(low / step) * step; t <= high + 1e-9 * step; t += step) found.push(t);
+    return found;
+  }
+
+  const colour = (t) => { // dark blue to yellow, even for the colour-blind
+    const stops = [[0, 32, 77], [62, 76, 107], [124, 123, 120], [188, 174, 108], [255, 234, 70]];
+    const s = Math.min(Math.max(t, 0), 1) * 4, k = Math.min(Math.floor(s), 3), f = s - k;
+    return stops[k].map((v, c) => v + (stops[k + 1][c] - v) * f);
+  };
+
+  return { style, said, exactly, unit, element, prepared, ticks, colour };
+})();
