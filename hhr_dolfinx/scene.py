@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 import math
 import re
 from collections.abc import Callable, Mapping
@@ -126,7 +127,7 @@ class Scene:
         units: of lengths and stresses, for labels and materials by name; None where they are not said.
         order: degree of the displacement, 1 or 2; None takes that of the cells of the mesh. With 2 on a mesh of first
             order sides stay straight.
-        parameter_units: units of parameters by name, for labels: ``{"push": "MPa"}``.
+        parameter_units: units of parameters by name, for labels: ``{"push": "MPa"}``; of others they mean nothing.
     """
 
     name: str
@@ -191,14 +192,15 @@ class Scene:
         self._check_friction()
 
     def _check_parameter_units(self) -> None:
-        """Raise SceneError for units of what is no parameter, or that are no texts."""
+        """Raise SceneError for units that are no texts, and for misspelt names."""
         given = self.parameter_units
         if not isinstance(given, Mapping) or not all(isinstance(unit, str) for unit in given.values()):
             raise SceneError(f"parameter_units = {given!r} must be texts by the names of parameters, {{'push': 'MPa'}}")
-        if unknown := [name for name in given if name not in self.parameters.names]:
-            raise SceneError(
-                f"parameter_units name {unknown}, the parameters are {self.parameters.names}: leave those out"
-            )
+        bare = [name for name in self.parameters.names if name not in given]
+        for name in given:  # a scene with other parameters than the one that it was made of may have units left over
+            near = [] if name in self.parameters.names else difflib.get_close_matches(str(name), bare, n=1)
+            if near:
+                raise SceneError(f"parameter_units name '{name}', which is no parameter: is '{near[0]}' meant?")
 
     def opened(self, contact: int, point: np.ndarray) -> float:
         """What openings add to the gaps of a contact pair, by its place, at a point, (P,)."""

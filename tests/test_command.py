@@ -8,6 +8,7 @@ import sys
 import time
 from pathlib import Path
 
+import contract
 import numpy as np
 import pytest
 from bare import WAIT
@@ -269,11 +270,28 @@ def test_ranks_refuse_as_one(tmp_path):
     assert found.returncode == 3 and found.stderr.count("error: there is no file") == 1
 
 
+def test_a_condensed_model_beside_a_refused_one_is_named(tmp_path, full):
+    hhr.save_model(tmp_path / "model.npz", contract.training("constant").build(contract.AS_IT_IS))
+    for words in (("page", tmp_path / "model.npz"), ("embed", tmp_path / "model.npz", "--out", tmp_path / "m.h")):
+        code, said = invoke(*words)
+        assert code == 3 and "condensed.npz" not in said
+    hhr.save_model(tmp_path / "condensed.npz", hhr.condense(contract.blocks()))
+    code, said = invoke("embed", tmp_path / "model.npz", "--out", tmp_path / "m.h")
+    assert code == 3 and str(tmp_path / "condensed.npz") in said.replace("\n", "")
+
+
+def test_a_check_takes_the_middle_for_what_is_not_named(tmp_path):
+    code, said = invoke("check", DEMO, "--at", "travel=0.5", "--picture", tmp_path / "scene.png")
+    assert code == 0 and "no value is given" not in said
+    code, said = invoke("check", DEMO, "--at", "travl=0.5", "--picture", tmp_path / "scene.png")
+    assert code == 3 and "no parameter" in said
+
+
 def test_a_deck_is_written(tmp_path, full):
     (tmp_path / "closed.py").write_text(
         "from dataclasses import replace\nimport hhr_dolfinx as hhr\nimport your_scene\n"
         "box = hhr.ParameterSpace(('travel',), (0.05,), (1.0,))\n"
-        "scene = replace(your_scene.scene(), openings=(), parameters=box, parameter_units={})\n"
+        "scene = replace(your_scene.scene(), openings=(), parameters=box)\n"
     )
     path = tmp_path / "decks" / "closed.inp"
     code, output = invoke("export", tmp_path / "closed.py", "--at", "travel=0.5", "--out", path)

@@ -12,7 +12,14 @@ import pytest
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import NotOfferedError, ParameterError, StabilityWarning, StudyError
+from hhr_dolfinx.errors import (
+    NotOfferedError,
+    ParameterError,
+    SceneWarning,
+    SmallStrainWarning,
+    StabilityWarning,
+    StudyError,
+)
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.study.one_call import attempts, search
 from hhr_dolfinx.study.one_call.wish import Errors, Exact, Wish
@@ -271,7 +278,16 @@ def test_nothing_that_moves_is_named():
         parameters=hhr.ParameterSpace(("push", "E1"), (0.005, 1.0), (0.06, 6.0)),
     )  # fmt: skip
     with pytest.raises(StudyError, match=r"there is no model.*all snapshots are zero"):
-        hhr.reduce(still, 0.01, of="forces")
+        with pytest.warns(SceneWarning, match="nothing touches in any of 36 answers of the full model"):
+            hhr.reduce(still, 0.01, of="forces")
+
+
+@pytest.mark.parametrize("push", [0.5, 5.0])
+def test_large_strains_are_told_of(push):
+    """No bound knows of them."""
+    box = hhr.ParameterSpace(("push", "load"), (0.9 * push, 0.0), (push, 0.1))
+    with pytest.warns(SmallStrainWarning, match="strain"):
+        hhr.reduce(dataclasses.replace(contract.blocks(), parameters=box), 0.01, of="forces")
 
 
 def test_pressures_of_bodies_whose_shape_varies_are_over_the_areas_of_their_point():

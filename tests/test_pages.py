@@ -295,7 +295,8 @@ for (const point of path.slice(1)) {
   const plain = Object.fromEntries(names.map((name) => [name, [...state[name]]]));
   found.push({ ...plain, outputs: model.outputs(state), field: [...model.displacement(state)] });
 }
-console.log(JSON.stringify({ found, loaded: points.map((point) => [...sliding.proportional(point).forces]) }));
+const loaded = points.map((point) => sliding.proportional(point));
+console.log(JSON.stringify({ found, loaded: loaded.map(({ state, path }) => ({ forces: [...state.forces], path })) }));
 """
 RUBBING = {
     "Coulomb": lambda: rubbing(geometry=round_block, pairing=None),
@@ -352,10 +353,42 @@ def test_increments_with_friction_are_those_of_python(name):
         exact = answer.displacement()[rows]
         assert np.linalg.norm(np.array(found["field"]) - exact) < 0.03 * max(np.linalg.norm(exact), 0.05)
     assert statuses == {0, 1, 2}
-    for forces, point in zip(given["loaded"], points, strict=True):
-        known = model.solve(point).multipliers
-        # both cut increments until forces change by a thousandth, in their own ways
-        assert np.linalg.norm(forces - known) < 0.02 * np.linalg.norm(known)
+    for found, point in zip(given["loaded"], points, strict=True):
+        known = model.solve(point)
+        # both halve increments until forces and work change by a thousandth of the largest
+        size = np.linalg.norm(known.multipliers)
+        assert np.linalg.norm(found["forces"] - known.multipliers) < 1e-9 * size
+        # the path that a page copies is all of it
+        along = model.march(list(enumerate(map(np.array, found["path"])))).answers[-1]
+        assert np.linalg.norm(found["forces"] - along.multipliers) < 1e-9 * size
+
+
+TICKS = """
+const drawing = require(process.argv[1]), found = [];
+for (const [low, high] of JSON.parse(process.argv[2])) found.push(drawing.ticks(low, high, 4));
+console.log(JSON.stringify(found));
+"""
+
+
+@in_node
+def test_axes_have_a_few_round_numbers_whatever_their_range():
+    """One of a last digit would go on for ever."""
+    ranges = [
+        (0, 1),
+        (-3, 7),
+        (1.6191466698074306, 1.6191466698074308),
+        (5, 5),
+        (0, 0),
+        (-1e-300, 0),
+        (1e9, 1.00000001e9),
+    ]
+    words = [NODE, "-e", TICKS, str(MODEL.with_name("drawing.js")), json.dumps(ranges)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=20)
+    assert done.returncode == 0, done.stderr
+    for (low, high), ticks in zip(ranges, json.loads(done.stdout), strict=True):
+        assert len(ticks) <= 10 and ticks == sorted(ticks), (low, high)
+    first, second, *_ = json.loads(done.stdout)
+    assert first == pytest.approx([0, 0.5, 1]) and second == pytest.approx([0, 5])
 
 
 def test_a_mesh_that_is_finer_than_a_screen_is_thinned():

@@ -266,7 +266,7 @@ MISTAKES: dict[str, tuple[Change, str]] = {
                  r"body spring: .*'aluminum', is 'aluminium' meant\?"),
     "Steel": (lambda scene: hhr.Body.of("spring", "Steel", UNITS), r"body spring: .*'Steel', is 'steel' meant\?"),
     "Mpa": (lambda scene: hhr.Units("mm", "Mpa"), r"'Mpa' of stress is unknown: take one of Pa, kPa, MPa"),
-    "units of no parameter": (of(parameter_units={"psh": "MPa"}), r"parameter_units name \['psh'\]"),
+    "units of no parameter": (of(parameter_units={"travl": "mm"}), r"is 'travel' meant\?"),
     "a unit that is no text": (of(parameter_units={"travel": 1e6}), r"must be texts by the names of parameters"),
     "units as text": (of(units="mm"), r"units = 'mm' must be Units, such as Units\('mm', 'MPa'\)"),
     "a mesh in metres": (mesh(lambda raw: replace(raw, points=raw.points * 1e-3)),

@@ -48,8 +48,13 @@ def beside(name: str, attribute: str) -> Any:
         return None
 
 
-def point_of(words: Iterable[str], space: ParameterSpace) -> dict[str, float]:
+def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) -> dict[str, float]:
     """A point from ``name=value`` words, one or several in each, separated by commas.
+
+    Args:
+        words: as they were given.
+        space: the box.
+        others: values of the parameters that are not named, (P,); None where all must be.
 
     Raises:
         ParameterError: for a word without a number, or a name that is not there or is there twice.
@@ -68,7 +73,9 @@ def point_of(words: Iterable[str], space: ParameterSpace) -> dict[str, float]:
                                  f"{', '.join(space.names)}")  # fmt: skip
         found[name] = value
     missing = [name for name in space.names if name not in found]
-    if missing:
+    if others is not None:
+        found |= {name: float(value) for name, value in zip(space.names, others, strict=True) if name in missing}
+    elif missing:
         bounds = ", ".join(
             f"{name} in [{low:g}, {high:g}]"
             for name, low, high in zip(space.names, space.lower, space.upper, strict=True)

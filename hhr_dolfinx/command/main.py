@@ -9,7 +9,8 @@ from __future__ import annotations
 import logging
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -148,7 +149,7 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
     made = scene_of(scene)
     picture = picture or Path(f"{made.name}_check.png")
     checked_target(picture, PICTURES)
-    point = point_of(words, made.parameters) if words else None
+    point = point_of(words, made.parameters, others=made.parameters.middle) if words else None
     found = check_scene(made, point)
     if mesh_error and not found.mistakes:
         from hhr_dolfinx.study.scene.mesh import look_at_mesh_error
@@ -373,6 +374,11 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     elif duration is not None:
         raise click.UsageError("nothing flows: leave out --duration")
     answer = model.solve(point, **step)
+    if not is_model(what):
+        from hhr_dolfinx.certify.strains import check_small_strains
+        from hhr_dolfinx.snapshots.records import SnapshotSet
+
+        check_small_strains(model, SnapshotSet.of_answers([answer]))
     rows = {"seconds of one step from rest": step["duration"]} if step else {}
     scene = None if is_model(what) else model.scene
     pairs = None if is_model(what) else model.problem.contact_pairs[model.problem.pressing]
@@ -486,7 +492,8 @@ def page(model: Path, scene: str | None, out: Path | None) -> None:
     loaded = load_model(model)
     target = out or model.with_suffix(".html")
     checked_target(target, PAGES)
-    click.echo(write_model_page(target, loaded, _scenery_of(model, scene)))
+    with _naming_condensed(model):
+        click.echo(write_model_page(target, loaded, _scenery_of(model, scene)))
 
 
 @hhr.command(epilog=_examples("hhr embed model.npz --out press.h", "hhr embed model.npz --out press.fmu"))
@@ -508,7 +515,22 @@ def embed(model: Path, out: Path) -> None:
         from hhr_dolfinx.doors.c_header import write_c_header as write
     else:
         from hhr_dolfinx.doors.fmu import write_fmu as write
-    click.echo(write(out, loaded))
+    with _naming_condensed(model):
+        click.echo(write(out, loaded))
+
+
+@contextmanager
+def _naming_condensed(model: Path) -> Iterator[None]:
+    """Of a model that is refused, say where a condensed one lies."""
+    from hhr_dolfinx.errors import NotOfferedError
+
+    other = model.with_name("condensed.npz")
+    try:
+        yield
+    except NotOfferedError as error:
+        if model.name == other.name or not other.exists():
+            raise
+        raise NotOfferedError(f"{error}. A condensed model lies beside it: {other}") from error
 
 
 def _scenery_of(model: Path, scene: str | None) -> Any:

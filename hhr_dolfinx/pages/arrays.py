@@ -88,8 +88,8 @@ def check_model(model: Any, what: str = "a page", *, rubs: bool = True) -> None:
     """Raise NotOfferedError for a model that ``what``, which may know friction, is not built for; says what to take."""
     if not isinstance(model, CondensedModel) or not isinstance(model.eliminated, ConstantElimination | Compliances):
         raise NotOfferedError(
-            f"{what} answers by all contact conditions, and {_kind(model)} is not of that kind: condense the scene, "
-            "hhr.condense(scene) or hhr train SCENE --model condensed"
+            f"{what} answers by all contact conditions of bodies that something holds, and {_kind(model)} is not of "
+            "that kind: condense the scene, hhr.condense(scene) or hhr train SCENE --model condensed"
         )
     if model.friction is not None and not rubs:
         raise NotOfferedError(f"{what} knows no friction: its increments are solved in Python, and on pages")
@@ -149,6 +149,7 @@ def _friction(friction: Friction, arrays: Packed) -> dict[str, Any]:
         for name in ("normal", "tangential", "owner", "law", "twice")
     }
     tree["area"] = arrays.put("friction_area", friction.area)
+    tree["tangents"] = arrays.put("friction_tangents", friction.tangents)
     tree["fixed"] = friction.fixed.tolist()
     tree["laws"] = [[steps_of(law.coefficient), steps_of(law.limit)] for law in friction.laws]
     return tree
@@ -301,7 +302,8 @@ def _field(model: Any, scenery: Scenery, arrays: Packed) -> dict[str, Any]:
     fields = model.fields
     if isinstance(fields, ExactFields) and not fields.floats:
         return {"field": _exact_field(model, scenery, arrays)}
-    if isinstance(fields, InterpolatedFields) and fields.galerkin is not None:
+    # with friction a fit would take as many paths as points
+    if isinstance(fields, InterpolatedFields) and fields.galerkin is not None and model.friction is None:
         return {"field": fitted_field(model, scenery, arrays)}
     return {"field": None}
 

@@ -23,11 +23,18 @@ const drawing = (() => {
     return { pen, width, height };
   }
 
+  /* Round numbers in a range, which is none where it is round-off. */
   function ticks(low, high, count) {
-    const size = (high - low) / count || 1, power = 10 ** Math.floor(Math.log10(size));
-    const step = [1, 2, 5, 10].find((s) => s * power >= size) * power, found = [];
-    for (let t = Math.ceil(low / step) * step; t <= high + 1e-9 * step; t += step) found.push(t);
-    return found;
+    const [from, to] = widened(low, high), size = (to - from) / count, power = 10 ** Math.floor(Math.log10(size));
+    const step = [1, 2, 5, 10].find((s) => s * power >= size) * power, first = Math.ceil(from / step);
+    const number = Math.min(2 * count + 2, Math.floor(to / step + 1e-9) - first + 1);
+    return Array.from({ length: Math.max(0, number) }, (_, k) => (first + k) * step);
+  }
+
+  /* A range that is more than round-off. */
+  function widened(low, high) {
+    const least = 1e-9 * Math.max(Math.abs(low), Math.abs(high)) || 1e-300;
+    return high - low > least ? [low, high] : [low - 1e3 * least, high + 1e3 * least];
   }
 
   const colour = (t) => { // dark blue to yellow, even for the colour-blind
@@ -36,5 +43,7 @@ const drawing = (() => {
     return stops[k].map((v, c) => v + (stops[k + 1][c] - v) * f);
   };
 
-  return { style, said, exactly, unit, element, prepared, ticks, colour };
+  return { style, said, exactly, unit, element, prepared, ticks, widened, colour };
 })();
+
+if (typeof module !== "undefined") module.exports = drawing;

@@ -11,6 +11,7 @@ class Field {
       this.low.push(along.reduce((a, b) => Math.min(a, b), Infinity));
       this.high.push(along.reduce((a, b) => Math.max(a, b), -Infinity));
     }
+    this.most = 0.2; // part of the size of the mesh that its largest displacement is drawn by at most
     this.size = Math.hypot(...this.low.map((l, c) => this.high[c] - l)) || 1;
     this.gl = this.started();
   }
@@ -69,7 +70,7 @@ class Field {
       value[i] = component === "length" ? length : own[Number(component)];
       longest = Math.max(longest, length); least = Math.min(least, value[i]); most = Math.max(most, value[i]);
     }
-    const times = longest > 0 ? (exaggerated * 0.2 * this.size) / longest : 0;
+    const times = longest > 0 ? (exaggerated * this.most * this.size) / longest : 0;
     const spots = new Float32Array(count * 3), tints = new Float32Array(count * 3);
     for (let i = 0; i < count; i++) {
       for (let c = 0; c < dim; c++) spots[i * 3 + c] = points[i * dim + c] + times * moved[i * dim + c];
@@ -96,6 +97,12 @@ class Field {
       this.draw(context.LINES, lines);
     }
     return { least, most, times };
+  }
+
+  longest(moved) {
+    let found = 0;
+    for (let i = 0; i < this.count; i++) found = Math.max(found, Math.hypot(...moved.subarray(i * this.dim, (i + 1) * this.dim)));
+    return found;
   }
 
   draw(kind, index) {

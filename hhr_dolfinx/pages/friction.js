@@ -5,7 +5,7 @@
 
 ((hhr) => {
   const TOLERANCE = 1e-11, ROUND_OFF = 1e-15, PROBES = [0.2, 1, 0.01], NEWTON = 40, GIVES = 1e-4, HALVED = 8;
-  const FEWEST = 4, MOST = 256, SETTLED = 1e-3;
+  const FEWEST = 4, CUTS = 12, SETTLED = 1e-3, WORK = 1e-3, APART = 1e-9;
   const SWEEPS = [10, 30, 100, 300, 1000, 3000];
   const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
 
@@ -15,16 +15,17 @@
       this.model = model;
       this.laws = friction.laws;
       this.fixed = friction.fixed;
-      for (const name of ["normal", "tangential", "owner", "area", "law", "twice"]) this[name] = model.arrays[friction[name]];
+      for (const name of ["normal", "tangential", "owner", "area", "law", "twice", "tangents"]) this[name] = model.arrays[friction[name]];
       this.pressing = new Uint8Array(model.m).fill(1);
       this.tangential.forEach((row) => { this.pressing[row] = 0; });
     }
 
     /* Undeformed bodies at a point, of which nothing has slipped. */
     rest(point) {
-      const count = this.normal.length, none = () => new Float64Array(count);
+      const count = this.normal.length, none = () => new Float64Array(count), free = this.model.contact(point).slack;
+      const gap = Float64Array.from(this.normal, (row) => free[row]);
       return { point, forces: new Float64Array(this.model.m), position: new Float64Array(this.tangential.length),
-        path: none(), work: none(), wear: none(), pressure: none(), bound: none(), statuses: new Uint8Array(count) };
+        path: none(), work: none(), wear: none(), pressure: none(), bound: none(), gap, energy: 0, statuses: new Uint8Array(count) };
     }
 
     /* Coefficient and largest tangential force of each contact at a point; infinite where there is none. */
@@ -55,24 +56,57 @@
       return half && this.reached(half, point, depth + 1);
     }
 
-    /* Loaded in proportion from where the box is nearest to zero, in increments that are cut until forces stay. */
+    /* Loaded in proportion from where the box is nearest to zero: the state, and the path that leads to it. Increments are
+       halved until that changes little, as in models.histories.sliding. */
     proportional(point) {
-      const { lower, upper } = this.model.tree;
+      const { lower, upper } = this.model.tree, path = [];
       const from = point.map((x, k) => (this.fixed.includes(k) ? x : Math.min(Math.max(0, lower[k]), upper[k])));
-      let before = null;
-      for (let steps = FEWEST; steps <= MOST; steps *= 2) {
-        let state = this.rest(from);
-        for (let step = 1; state && step <= steps; step++) state = this.reached(state, from.map((x, k) => x + ((point[k] - x) * step) / steps));
-        const off = state && before ? largest(state.forces.map((x, i) => x - before.forces[i])) : Infinity;
-        if (!state || off <= SETTLED * largest(state.forces)) return state;
-        before = state;
+      let state = this.rest(from);
+      const scale = { forces: 0, energy: 0 };
+      path.push(from);
+      for (let step = 1; state && step <= FEWEST; step++) {
+        const next = step === FEWEST ? point : from.map((x, k) => x + ((point[k] - x) * step) / FEWEST);
+        state = this.careful(state, next, path, scale, 0);
       }
-      return before;
+      return { state, path };
+    }
+
+    careful(before, point, path, scale, depth) {
+      const middle = before.point.map((x, k) => (x + point[k]) / 2), whole = this.increment(before, point);
+      const half = this.increment(before, middle), second = half && this.increment(half, point);
+      if (whole && second) {
+        const off = this.difference(before, half, second, whole, scale);
+        if (off <= SETTLED || depth >= CUTS) { path.push(middle, point); return second; }
+      } else if (depth >= CUTS) return null;
+      const first = this.careful(before, middle, path, scale, depth + 1);
+      return first && this.careful(first, point, path, scale, depth + 1);
+    }
+
+    /* What an increment in two halves is off: forces by the largest of the path, dissipated work by that of the path. */
+    difference(before, half, second, whole, scale) {
+      const norm = (values) => Math.hypot(...values), sum = (values) => values.reduce((t, x) => t + x, 0);
+      for (const state of [half, second]) scale.forces = Math.max(scale.forces, norm(state.forces));
+      scale.energy = Math.max(scale.energy, second.energy);
+      const closing = Math.hypot(this.held(before, half), this.held(half, second)), work = sum(second.work);
+      const off = norm(second.forces.map((x, i) => x - whole.forces[i])) + closing;
+      return Math.max(off / (scale.forces || 1), Math.abs(work - sum(whole.work)) / (work + WORK * scale.energy || 1));
+    }
+
+    /* Friction of contacts that closed in an increment, which sticks them to where they had been before. */
+    held(before, after) {
+      const apart = APART * largest(before.gap);
+      let square = 0;
+      this.tangential.forEach((row, k) => {
+        const contact = this.owner[k];
+        if (after.pressure[contact] > 0 && before.gap[contact] > apart) square += after.forces[row] ** 2;
+      });
+      return Math.sqrt(square);
     }
 
     /* What is remembered after an increment: bounds and pressures along a slip are the means of both ends. */
-    after(before, { forces, slack, at, point, given, theta }) {
+    after(before, { forces, slack, pushed, at, point, given, theta }) {
       const { normal, tangential } = this, state = Object.assign(this.rest(point), { forces, theta, converged: true });
+      state.energy = 0.5 * forces.reduce((t, x, i) => t + x * pushed[i], 0);
       const slipped = new Float64Array(normal.length), slides = new Uint8Array(normal.length);
       tangential.forEach((row, k) => {
         state.position[k] = before.position[k] + slack[row];
@@ -82,6 +116,7 @@
       normal.forEach((row, k) => {
         const pressure = Math.max(forces[row], 0), bound = this.bound(given, k, forces[row]);
         const closed = 0.5 * ((before.pressure[k] > 0) + (pressure > 0)), mean = 0.5 * (before.pressure[k] + pressure);
+        state.gap[k] = slack[row];
         state.pressure[k] = pressure;
         state.bound[k] = bound;
         state.path[k] = before.path[k] + slipped[k] * closed;
@@ -119,7 +154,7 @@
         const left = this.left(schur, slack, forces), at = this.projected(given, stiffness, forces, left, probe);
         if (at.worst <= TOLERANCE * largest(forces) + noise) {
           forces = forces.map((x, i) => (at.acting[i] ? x : 0));
-          return { forces, at, slack: left.map((s, i) => (at.acting[i] && !at.slips[i] ? 0 : s)) };
+          return { forces, at, pushed: left.map((s, i) => s - slack[i]), slack: left.map((s, i) => (at.acting[i] && !at.slips[i] ? 0 : s)) };
         }
         const key = at.acting.join("") + at.slips.join("") + at.limited.join("");
         if (seen.has(key) && !(at.worst < 0.5 * least)) return null;

@@ -45,12 +45,12 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
         NotOfferedError: for another kind of model, one of another scene, or one that is too large for a page.
         FileError: if the file cannot be written.
     """
+    check_model(model)
     if len(scenery.areas) != model.conditions:
         raise NotOfferedError(
             f"the scenery is of {len(scenery.areas)} contact conditions and the model of {model.conditions}: they are "
             "of two scenes or meshes"
         )
-    check_model(model)
     own = model.contacts()(model.parameters.middle).schur.sum(axis=1)
     if not np.linalg.norm(own - scenery.compliance) <= ALIKE * np.linalg.norm(own):
         raise NotOfferedError("the scenery is not of the scene of this model: its contact is stiffer or softer")
@@ -85,7 +85,7 @@ def error_of(model: Any) -> dict[str, Any]:
     """What a page says of errors: their kind, and the largest known ones at random points of the box, relative."""
     if model.fields.exact:
         return {"kind": "exact", "pressure": 0.0, "forces": 0.0, "points": 0}
-    if model.fields.bound is None:
+    if model.fields.bound is None or model.friction is not None:  # nothing is known of errors of increments
         return {"kind": "none", "pressure": None, "forces": None, "points": 0}
     many = model.solve_many(model.parameters.random(LOOKED_AT, 1), raise_on_failure=False)
     found: dict[str, Any] = {"kind": model.fields.bound.kind, "points": LOOKED_AT}

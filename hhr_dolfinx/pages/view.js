@@ -2,7 +2,7 @@
 /* What a page shows: sliders, numbers, pressures along contact with their error, displacement of the mesh. */
 
 (() => {
-  const { style, said, exactly, unit, element, prepared, ticks, colour } = drawing;
+  const { style, said, exactly, unit, element, prepared, ticks, widened, colour } = drawing;
   const data = JSON.parse(document.getElementById("data").textContent);
   const arrays = hhr.decoded(data.arrays), tree = data.tree, model = new hhr.Model(tree, arrays);
   const scenery = tree.scenery, words = scenery.words, dim = scenery.dim;
@@ -80,12 +80,15 @@
     return found;
   }
 
+  /* Force of friction on the surface whose nodes carry the contact, along an axis, of a tangential row. */
+  const onSlave = (k, axis) => -answer.forces[sliding.tangential[k]] * sliding.tangents[2 * k + axis];
+
   function rubbing(pair) {
     const contact = [...sliding.normal.keys()].filter((k) => pairs[sliding.normal[k]] === pair);
     const total = (values) => contact.reduce((t, k) => t + values[k], 0);
     const along = [...sliding.tangential.keys()].filter((k) => contact.includes(sliding.owner[k]));
-    return [["sum of tangential forces", along.reduce((t, k) => t - answer.forces[sliding.tangential[k]], 0), null],
-      ["conditions that stick", contact.filter((k) => answer.statuses[k] === 1).length, null],
+    const sums = [0, 1].map((c) => [`friction on the first surface, along ${"xy"[c]}`, along.reduce((t, k) => t + onSlave(k, c), 0), null]);
+    return [...sums, ["conditions that stick", contact.filter((k) => answer.statuses[k] === 1).length, null],
       ["conditions that slip", contact.filter((k) => answer.statuses[k] === 2).length, null],
       ["dissipated work", total(answer.work), null], [`longest way slipped${unit(words.length)}`, Math.max(0, ...contact.map((k) => answer.path[k])), null]];
   }
@@ -143,10 +146,10 @@
 
   /* Tangential tractions on the slave surface, by conditions; none without friction. */
   const contactOf = new Map(sliding ? Array.from(sliding.normal, (row, k) => [row, k]) : []);
-  const tangentOf = new Map(sliding ? Array.from(sliding.owner, (contact, k) => [contact, sliding.tangential[k]]) : []);
-  function tractions(order) {
+  const tangentOf = new Map(sliding ? Array.from(sliding.owner, (contact, k) => [contact, k]) : []);
+  function tractions({ axis, order }) {
     if (!sliding) return [];
-    return order.map((i) => { const row = tangentOf.get(contactOf.get(i)); return row === undefined ? 0 : -stressOf(answer.forces[row], i); });
+    return order.map((i) => { const k = tangentOf.get(contactOf.get(i)); return k === undefined ? 0 : stressOf(onSlave(k, axis), i); });
   }
 
   /* From where to where a contact is drawn: what touches and as much on either side, if that is a small part. */
@@ -160,7 +163,7 @@
     const { pen, width, height } = prepared(canvas), [left, bottom, top] = [64, 36, 24];
     const x = line.order.map((i) => places[i * dim + line.axis]), y = line.order.map((i) => values[i]);
     const worst = (scenery.moves ? tree.error.forces : tree.error.pressure) || 0, peak = Math.max(0, ...y.filter(Number.isFinite)), band = worst * peak;
-    const high = 1.08 * peak + band || 1, along = tractions(line.order), low = Math.min(0, 1.08 * Math.min(0, ...along));
+    const high = 1.08 * peak + band || 1, along = tractions(line), low = Math.min(0, 1.08 * Math.min(0, ...along));
     const [from, to] = shown(x, line.order);
     const px = (v) => left + ((v - from) / (to - from || 1)) * (width - left - 12);
     const py = (v) => height - bottom - ((v - low) / (Math.max(high, 1.08 * Math.max(0, ...along)) - low)) * (height - bottom - top);
@@ -224,13 +227,19 @@
     for (const plot of plots) (plot.line ? drawLine : drawMap)(plot, values);
   }
 
-  /* Displacement of the mesh. */
+  /* Displacement of the mesh; where it can be seen as it is it is drawn so, lest bodies go through each other. */
+  const SEEN = 0.02;
   const field = tree.field ? new Field(at("field"), { points, triangles: arrays[scenery.triangles], lines: arrays[scenery.lines], dim }) : null;
   const draws = field !== null && field.gl !== null;
 
   function showField() {
     const moved = draws ? model.displacement(answer) : null;
     if (!moved) return;
+    if (at("exaggerate").dataset.ready === undefined) {
+      const part = field.longest(moved) / field.size;
+      if (part > SEEN) at("exaggerate").value = Math.min(1, part / field.most);
+      at("exaggerate").dataset.ready = "";
+    }
     const { least, most, times } = field.show(moved, at("component").value, Number(at("exaggerate").value));
     at("times").textContent = times > 0 ? `${said(Number(times.toPrecision(2)))} times` : "not at all";
     at("least").textContent = said(least); at("most").textContent = `${said(most)}${unit(words.length)}`;
@@ -252,8 +261,13 @@
   /* With friction an increment from where the path is; laws that change begin it anew. */
   function rubbed(next) {
     const goes = state && sliding.fixed.every((k) => state.point[k] === next[k]);
-    if (!goes) past.clear();
-    const found = goes ? sliding.reached(state, next) : sliding.proportional(next);
+    let found = goes ? sliding.reached(state, next) : null;
+    if (!goes) {
+      const loaded = sliding.proportional(next); // its steps are part of the path
+      past.clear();
+      loaded.path.slice(0, -1).forEach((step) => past.add(step, []));
+      found = loaded.state;
+    }
     state = found ?? state;
     return found ?? { ...model.nothing(next), statuses: [] };
   }
@@ -264,7 +278,7 @@
     asked = [];
     for (const next of points) {
       answer = sliding ? rubbed(next) : model.solve(next);
-      past.add(next, answer.converged && sliding ? rows().filter(([, value]) => value !== null) : []);
+      if (answer.converged) past.add(next, sliding ? rows().filter(([, value]) => value !== null) : []);
     }
     document.documentElement.dataset.ms = (performance.now() - start).toFixed(3);
     document.documentElement.dataset.converged = answer.converged;
@@ -289,9 +303,9 @@
     const { pen, width, height } = prepared(at("loop")), [left, bottom, top] = [64, 30, 10], axis = at("over").value;
     const kept = past.numbers.map((numbers, k) => [axis === "" ? k : past.points[k][Number(axis)], numbers[Number(chosen.value)]?.[1]]).filter(([, y]) => Number.isFinite(y));
     if (!kept.length) return;
-    const [xs, ys] = [0, 1].map((c) => { const own = kept.map((p) => p[c]); return [Math.min(...own), Math.max(...own)]; });
-    const px = (v) => left + ((v - xs[0]) / (xs[1] - xs[0] || 1)) * (width - left - 14);
-    const py = (v) => height - bottom - ((v - ys[0]) / (ys[1] - ys[0] || 1)) * (height - bottom - top);
+    const [xs, ys] = [0, 1].map((c) => { const own = kept.map((p) => p[c]); return widened(Math.min(...own), Math.max(...own)); });
+    const px = (v) => left + ((v - xs[0]) / (xs[1] - xs[0])) * (width - left - 14);
+    const py = (v) => height - bottom - ((v - ys[0]) / (ys[1] - ys[0])) * (height - bottom - top);
     pen.fillStyle = style("--faint");
     pen.strokeStyle = style("--line");
     for (const t of ticks(ys[0], ys[1], 4)) { pen.beginPath(); pen.moveTo(left, py(t)); pen.lineTo(width - 14, py(t)); pen.stroke(); pen.textAlign = "right"; pen.fillText(said(t), left - 6, py(t) + 4); }
@@ -315,7 +329,7 @@
       labels.forEach((name, k) => at(id).append(element("option", name, { value: k, selected: k === first })));
       at(id).addEventListener("input", showWay);
     }
-    at("pad").hidden = tree.names.length < 2;
+    if (tree.names.length < 2) for (const id of ["pad", "across", "up"]) (at(id).closest("label") ?? at(id)).hidden = true;
     ways.pad(at("pad"), { across: at("across"), up: at("up"), lower: tree.lower, upper: tree.upper, point: () => point,
       moved: (next) => { point = next; changed(); } });
     at("memory").textContent = sliding ? "What has slipped is remembered: each move is an increment from where the path is. An address, and laws that change, begin anew, loaded in proportion." : "";
@@ -330,7 +344,7 @@
 
   async function copied(text) {
     try { await navigator.clipboard.writeText(text); at("said").textContent = "copied"; }
-    catch { at("said").textContent = "this browser copies nothing: select the table"; }
+    catch { at("said").replaceChildren("this browser copies nothing, so select it: ", element("textarea", text, { readOnly: true, rows: 4 })); }
   }
 
   /* What stays. */
@@ -349,7 +363,7 @@
   });
   window.addEventListener("hashchange", () => { point = fromAddress(); state = null; changed(); });
   window.addEventListener("resize", () => answer && (showPressures(), showField(), showWay()));
-  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => answer && showPressures());
+  matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => answer && (showPressures(), showWay()));
   readyWay();
   aboutError();
   showParameters();

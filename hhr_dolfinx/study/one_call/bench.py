@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.certify.compare import retraced
-from hhr_dolfinx.errors import ConvergenceError, HHRError, OutsideTrainingWarning
+from hhr_dolfinx.certify.strains import check_small_strains
+from hhr_dolfinx.errors import (
+    ConvergenceError,
+    HHRError,
+    OutsideTrainingWarning,
+    ReductionError,
+    SceneWarning,
+    SmallStrainWarning,
+)
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, compute_snapshots
@@ -49,6 +57,7 @@ class Bench:
         solved: number of answers of the full model, those found in the store among them.
         checks: number of checks.
         held_out: answers of checks, beside which models that are built afterwards are compared.
+        looked: whether answers of the full model were looked at by themselves.
         forces_off: whether contact forces of the last model that was checked were off by more than is wished; they are
             where nothing is known of them.
     """
@@ -66,6 +75,7 @@ class Bench:
     checks: int = 0
     held_out: list[Exact] = field(default_factory=list)
     forces_off: bool = True
+    looked: bool = False
     _known: dict[bytes, Answer | History | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -89,7 +99,9 @@ class Bench:
             space = self.full.parameters
             questions = Sobol(count, self.seed, corners=len(space.names) <= CORNERS).points(space)
         lost = Lost()
-        snapshots = _set_of(self._answers(questions, "training", lost))
+        answers = list(self._answers(questions, "training", lost))
+        self._look([Exact(item) for item in answers])
+        snapshots = _set_of(answers)
         lost.warn(len(questions), (len(questions) + 1) // 2, "training queries")
         return Training(self.full, snapshots, self.checked, StageLog())
 
@@ -111,8 +123,26 @@ class Bench:
         lost = Lost()
         found = [Exact(item) for item in self._answers(questions, "fresh answers", lost)]
         lost.warn(len(questions), 1, "fresh queries")
+        self._look(found)
         self.errors.know(found)
         return found
+
+    def _look(self, found: Sequence[Exact]) -> None:
+        """Tell of what no check of a model finds: strains that are not small, nothing that touches. Once."""
+        if self.looked or not found:
+            return
+        self.looked = True
+        try:
+            check_small_strains(self.full, _set_of(item.full for item in found))
+        except ReductionError as error:
+            warnings.warn(str(error), SmallStrainWarning, stacklevel=3)
+        if not any(answer.forces().any() for item in found for answer in item.answers):
+            warnings.warn(
+                f"nothing touches in any of {len(found)} answers of the full model: look at gaps and at the signs of "
+                "loads and displacements, hhr check",
+                SceneWarning,
+                stacklevel=3,
+            )
 
     def errors_of(self, model: Any, exact: Iterable[Exact]) -> np.ndarray:
         """Errors of a model at known answers, (n, norms of the wish); infinite where it has no answer."""

@@ -55,7 +55,7 @@ SIZES = {
 TOLD = {
     "scene", "seed", "date", "parameters", "materials", "units",
     "advice", "outputs", "work_precision", "kkt", "break_even", "skipped", "machine",
-    "versions", "samples",
+    "versions", "samples", "discretisation",
 }  # fmt: skip
 """Parts of a report that have a place of their own on the page; the others follow as they are."""
 
@@ -98,7 +98,7 @@ def page_of(report: Mapping[str, Any], folder: Path) -> str:
         _advice(report.get("advice")),
         _asked(report),
         _figure(folder / "scene.png"),
-        _errors(_mapping(report.get("errors"))),
+        _errors(_mapping(report.get("errors")), _mapping(report.get("discretisation"))),
         _charts(report),
         _times(_mapping(report.get("times"))),
         _break_even(_mapping(report.get("break_even"))),
@@ -224,7 +224,7 @@ def _advice(text: Any) -> str:
     return f'<p class="advice">{escape(str(text))}</p>' if text else ""
 
 
-def _errors(errors: Mapping[str, Any]) -> str:
+def _errors(errors: Mapping[str, Any], mesh: Mapping[str, Any]) -> str:
     head = ["error of", "half of the answers below", "95 % below", "worst seen"]
     rows = {
         key: [ERRORS.get(key, _words(key)), *(_percent(figures.get(name)) for name in ("median", "p95", "max"))]
@@ -235,7 +235,12 @@ def _errors(errors: Mapping[str, Any]) -> str:
     rest = [row for row in rows.values() if row not in main]
     note = "<p class='small'>Relative to the full order, at parameters that no model was trained on.</p>"
     table = _table(head, main)
-    return _section("How large are the errors?", table and table + note, _folded("in other norms", _table(head, rest)))
+    told = (
+        f"<p>Beside these, the mesh: its stress is off by some {_percent(mesh.get('energy'))} in energy, its peak "
+        f"pressure by {_percent(mesh.get('peak_pressure'))}, as estimated at one answer. All models here share it.</p>"
+    )
+    parts = [table and table + note, _folded("in other norms", _table(head, rest)), told if mesh else ""]
+    return _section("How large are the errors?", *parts)
 
 
 def _times(times: Mapping[str, Any]) -> str:
@@ -377,7 +382,13 @@ def _loading(folder: Path) -> str:
 
 def _checks(residuals: Mapping[str, Any]) -> str:
     rows = [[_words(name), f"{value:.2g}"] for name, value in residuals.items() if _is_number(value)]
-    return _section("What is left of the equations", _table(["residual of what is handed out", "largest"], rows))
+    told = (
+        "<p class='small'>Equilibrium: forces that are out of balance node by node, over the contact forces, which "
+        "says little of the error of a displacement; penetration: of the largest gap or motion; sign: pull, of the "
+        "largest force.</p>"
+    )
+    table = _table(["residual of what is handed out, relative", "largest"], rows)
+    return _section("What is left of the equations", table and table + told)
 
 
 def _left_out(items: Sequence[Mapping[str, Any]]) -> str:

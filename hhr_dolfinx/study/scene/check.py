@@ -144,7 +144,10 @@ def _rubs(law: Law | None) -> str:
 
 def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None:
     """Distances of the surfaces beside the sag of their facets."""
-    gaps = problem.gaps @ problem.amplitudes(point)
+    theta = problem.amplitudes(point)
+    gaps = problem.gaps @ theta
+    # before imposed displacements close them
+    still = gaps if problem.whole_contact is None else gaps + problem.whole_contact @ (problem.lifts @ theta)
     unit = found.length
     for place, (surfaces, _) in enumerate(found.pairs):
         rows = problem.pressing_of(place)
@@ -160,7 +163,7 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
             f"contact {place} of {names}: {own.size} conditions, gaps from {own.min():.3g} to {own.max():.3g}{unit}, "
             f"facets sag by {sag:.2g}{unit}{_rubs(found.scene.friction[place])}",
         )
-        _overlap(found, place, -float(own.min()), sag, point)
+        _overlap(found, place, -float(still[rows].min()), sag, point)
         small = [float(own.min()), _least_gap(problem, rows)]
         small = [gap for gap in small if TOUCHING * sag < gap < SMALL_GAP * sag]
         if small:
