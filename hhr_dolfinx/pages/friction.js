@@ -22,10 +22,16 @@
 
     /* Undeformed bodies at a point, of which nothing has slipped. */
     rest(point) {
-      const count = this.normal.length, none = () => new Float64Array(count), free = this.model.contact(point).slack;
-      const gap = Float64Array.from(this.normal, (row) => free[row]);
-      return { point, forces: new Float64Array(this.model.m), position: new Float64Array(this.tangential.length),
-        path: none(), work: none(), wear: none(), pressure: none(), bound: none(), gap, energy: 0, statuses: new Uint8Array(count) };
+      const state = this.blank(point), { slack } = this.model.contact(point);
+      this.normal.forEach((row, k) => { state.gap[k] = slack[row]; });
+      return state;
+    }
+
+    /* What is remembered of contacts, of nothing yet. */
+    blank(point) {
+      const count = this.normal.length, none = () => new Float64Array(count);
+      return { point, forces: new Float64Array(this.model.m), position: new Float64Array(this.tangential.length), path: none(),
+        work: none(), wear: none(), pressure: none(), bound: none(), gap: none(), energy: 0, statuses: new Uint8Array(count) };
     }
 
     /* Coefficient and largest tangential force of each contact at a point; infinite where there is none. */
@@ -105,7 +111,7 @@
 
     /* What is remembered after an increment: bounds and pressures along a slip are the means of both ends. */
     after(before, { forces, slack, pushed, at, point, given, theta }) {
-      const { normal, tangential } = this, state = Object.assign(this.rest(point), { forces, theta, converged: true });
+      const { normal, tangential } = this, state = Object.assign(this.blank(point), { forces, theta, converged: true });
       state.energy = 0.5 * forces.reduce((t, x, i) => t + x * pushed[i], 0);
       const slipped = new Float64Array(normal.length), slides = new Uint8Array(normal.length);
       tangential.forEach((row, k) => {
