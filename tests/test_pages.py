@@ -5,6 +5,7 @@ import json
 import re
 import shutil
 import subprocess
+from functools import cache
 from pathlib import Path
 
 import contract
@@ -57,6 +58,12 @@ def made(scene, **how):
     return full, model, hhr.scenery_of(full)
 
 
+@cache
+def known(name):
+    """The same of one of the scenes below, with displacements."""
+    return made(SCENES[name](), fields=True)
+
+
 def outputs_of_pellet():
     return (
         hhr.LargestPressure("peak", 0),
@@ -81,7 +88,7 @@ SCENES = {
 @in_node
 @pytest.mark.parametrize("name", SCENES)
 def test_a_page_has_the_digits_of_python(name):
-    _, model, scenery = made(SCENES[name](), fields=True)
+    _, model, scenery = known(name)
     text = page.page_text(model, scenery)
     points = model.parameters.random(12, 4)
     rows = (scenery.nodes[:, None] * model.dimension + np.arange(model.dimension)).ravel()
@@ -210,7 +217,7 @@ def test_a_scenery_is_kept_and_checked(tmp_path):
 @pytest.mark.parametrize("name", ["partial pressure", "space"])
 def test_a_scenery_shows_the_whole_surface(name):
     """Triangles of the plane have its area; in space each edge of the surface is one of two triangles."""
-    _, _, scenery = made(SCENES[name]())
+    _, _, scenery = known(name)
     if name == "space":
         edges = np.sort(scenery.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
         _, count = np.unique(edges, axis=0, return_counts=True)
@@ -237,7 +244,7 @@ def test_slopes_on_the_border_stay_inside_the_box():
 
 def test_where_shapes_are_parameters_forces_are_shown_and_no_pressures():
     """Areas are those of one shape, by which forces of another one are no pressures."""
-    _, model, scenery = made(SCENES["shape"](), fields=True)
+    _, model, scenery = known("shape")
     assert scenery.moves
     text = page.page_text(model, scenery)
     tree = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]
@@ -262,7 +269,7 @@ def test_a_page_of_what_never_moves(tmp_path):
 @pytest.mark.parametrize("name", ["partial pressure", "space"])
 def test_a_browser_shows_the_answer_of_its_address(name, tmp_path):
     """By double click: numbers in the table, a plot for each contact, and parameters out of the box at its border."""
-    _, model, scenery = made(SCENES[name](), fields=True)
+    _, model, scenery = known(name)
     target = hhr.write_model_page(tmp_path / "page.html", model, scenery)
     space = model.parameters
     asked = [*model.parameters.random(1, 8)[0].tolist()]
