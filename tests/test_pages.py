@@ -282,6 +282,8 @@ def test_a_browser_shows_the_answer_of_its_address(name, tmp_path):
     assert 'data-converged="true"' in found
     assert found.count('class="plot"') == len(set(scenery.pairs.tolist()))
     asked[0] = space.upper[0]
+    assert f"does not know: {space.names[0]} = {2 * space.upper[0]!r}." in found
+    assert f"at {space.names[0]} = {space.upper[0]:.15g}, {space.names[1]} = " in found
     forces = model.solve(asked).forces()
     for pair in set(scenery.pairs.tolist()):
         total = forces[scenery.pairs == pair].sum()

@@ -15,7 +15,12 @@
   let point = fromAddress(), answer = null, state = null;
 
   function fromAddress() {
-    const given = new URLSearchParams(location.hash.slice(1));
+    const given = new URLSearchParams(location.hash.slice(1)), wrong = [...given.keys()].filter((name) => !tree.names.includes(name));
+    tree.names.forEach((name, k) => {
+      const value = Number(given.get(name));
+      if (given.get(name) !== null && !(value >= tree.lower[k] && value <= tree.upper[k])) wrong.push(`${name} = ${given.get(name)}`);
+    });
+    at("wrong").textContent = wrong.length ? `The address asks for what this page does not know: ${wrong.join(", ")}. What is shown is at the parameters below.` : "";
     return tree.names.map((name, k) => {
       const value = given.get(name) ? Number(given.get(name)) : NaN;
       return Number.isFinite(value) ? Math.min(Math.max(value, tree.lower[k]), tree.upper[k]) : middle[k];
@@ -38,6 +43,7 @@
     const take = (value) => {
       if (!Number.isFinite(value)) return;
       point[k] = Math.min(Math.max(value, low), high);
+      at("wrong").textContent = "";
       changed();
     };
     range.addEventListener("input", () => take(Number(range.value)));
@@ -103,6 +109,7 @@
       table.append(element("tr", "There is no answer at these parameters.", { className: "bad" }));
       return;
     }
+    at("where").textContent = `at ${tree.names.map((name, k) => `${name} = ${exactly(answer.point[k])}`).join(", ")}`;
     for (const [name, value, slopes] of rows()) {
       const row = element("tr");
       if (value === null) {
@@ -331,7 +338,7 @@
     }
     if (tree.names.length < 2) for (const id of ["pad", "across", "up"]) (at(id).closest("label") ?? at(id)).hidden = true;
     ways.pad(at("pad"), { across: at("across"), up: at("up"), lower: tree.lower, upper: tree.upper, point: () => point,
-      moved: (next) => { point = next; changed(); } });
+      moved: (next) => { point = next; at("wrong").textContent = ""; changed(); } });
     at("memory").textContent = sliding ? "What has slipped is remembered: each move is an increment from where the path is. An address, and laws that change, begin anew, loaded in proportion." : "";
     if (!sliding) return;
     for (const id of ["past", "anew", "keep"]) at(id).hidden = false;
