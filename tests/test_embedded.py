@@ -143,7 +143,7 @@ def test_what_is_not_finite_has_no_answer(tmp_path, monkeypatch):
 def test_outputs_that_stay_out_are_named():
     scene = dataclasses.replace(SCENES["partial pressure"](), outputs=outputs_of_pellet())
     with pytest.warns(ModelFileWarning, match="stress stay out of C"):
-        text = c_header.c_header(hhr.condense(scene), "press")
+        text, _ = c_header.c_header(hhr.condense(scene), "press")
     assert "#define PRESS_OUTPUTS 4" in text
     shaped = hhr.condense(SCENES["shape"]())
     with (
@@ -165,10 +165,10 @@ def test_names_that_fmi_does_not_know_are_refused(name, said, tmp_path):
 def test_names_are_those_of_the_file_and_of_the_scene(tmp_path):
     scene = contract.blocks()
     odd = dataclasses.replace(scene, outputs=(hhr.LargestPressure('a "peak"\\ of ?? µ', 0, unit="N/mm²"),))
-    text = c_header.c_header(hhr.condense(odd), "press")
+    text, _ = c_header.c_header(hhr.condense(odd), "press")
     assert "press_solve" in text and "PRESS_DONE" in text and "model_" not in text and "MODEL_" not in text
     kept = dataclasses.replace(scene, outputs=(hhr.LargestPressure("model_MODEL_peak", 0),))
-    text_of_kept = c_header.c_header(hhr.condense(kept), "my_model")
+    text_of_kept, _ = c_header.c_header(hhr.condense(kept), "my_model")
     assert '"model_MODEL_peak"' in text_of_kept and "my_model_solve" in text_of_kept
     assert text.isascii() and '\\x22""peak\\x22""' in text
     for name in ("1st", "a b", "läge", ""):
@@ -257,3 +257,15 @@ def test_a_unit_needs_outputs_and_a_compiler(tmp_path):
     with pytest.raises(MissingPackageError, match="no-such-compiler"):
         fmu.write_fmu(tmp_path / "press.fmu", hhr.condense(contract.blocks()), compiler="no-such-compiler")
     assert not list(tmp_path.iterdir())
+
+
+def test_a_unit_keeps_to_what_was_trained_within_the_box():
+    """As the header that it is compiled of does, which refuses the rest."""
+    tree = contact_tree(hhr.condense(contract.blocks()), Packed())
+    assert tree["names"] == ["push", "load"]
+    tree |= {"lower": [0.0, 0.0], "upper": [1.0, 1.0], "trained": [[0.25, -1.0], [2.0, 0.5]]}
+    found = ElementTree.fromstring(fmu.description(tree, "press", "token")).find("ModelVariables")
+    ends = {
+        item.get("name"): [float(item.get(key)) for key in ("min", "max", "start")] for item in found if item.get("min")
+    }
+    assert ends == {"push": [0.25, 1.0, 0.625], "load": [0.0, 0.5, 0.25]}

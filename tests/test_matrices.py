@@ -65,8 +65,8 @@ def test_answers_are_those_of_the_full_order(full, given, tmp_path):
     assert pressed > 40
     many = model.solve_many(full.parameters.random(40, 1)).outputs()["peak"]
     assert many[-1] == pytest.approx(outputs["peak"], rel=1e-12)
-    assert model.known_error.startswith("exact") or "no reduction error" in model.known_error
-    assert "press_solve" in c_header(model, "press")
+    assert "no reduction error" in model.known_error
+    assert "press_solve" in c_header(model, "press")[0]
 
 
 def test_terms_may_be_formulas_in_any_order(full, given):

@@ -42,14 +42,14 @@ def write_c_header(path: str | Path, model: Any) -> Path:
     Warns:
         ModelFileWarning: if some outputs are not read in C.
     """
-    text = c_header(model, Path(path).stem)
+    text, _ = c_header(model, Path(path).stem)
     with replacing(path, text=True) as file:
         file.write(text)
     return Path(path)
 
 
-def c_header(model: Any, name: str) -> str:
-    """The header, with ``name`` in the place of ``model``."""
+def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
+    """The header, with ``name`` in the place of ``model``, and the tree that it was made of."""
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
         raise NotOfferedError(f"{name!r} is no identifier of C, from which names of the header are made: name it else")
     check_model(model, "a header", rubs=False)
@@ -71,7 +71,16 @@ def c_header(model: Any, name: str) -> str:
     text = kernel_file("kernel.h").replace("MODEL_TITLE", name).replace("/*DATA*/", data.text())
     own = {"model_": f"{name}_", "MODEL_": f"{name.upper()}_"}
     # what is quoted are words of the scene
-    return re.sub(r'"[^"\n]*"|\b(?:model_|MODEL_)', lambda found: own.get(found[0], found[0]), text)
+    return re.sub(r'"[^"\n]*"|\b(?:model_|MODEL_)', lambda found: own.get(found[0], found[0]), text), tree
+
+
+def box_of(tree: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of the box, (P,) each: that of the parameters, or what the model was trained on within it."""
+    lower = np.array(tree["lower"])
+    upper = np.array(tree["upper"])
+    if tree["trained"] is None:
+        return lower, upper
+    return np.maximum(lower, tree["trained"][0]), np.minimum(upper, tree["trained"][1])
 
 
 def kernel_file(name: str) -> str:
@@ -153,13 +162,9 @@ class _Data:
         return [f"#define MODEL_{name} {size}" for name, size in sizes.items()]
 
     def _names(self) -> Iterable[str]:
-        """Names, units and the box: that of the parameters, or what the model was trained on within it."""
+        """Names, units and the box."""
         tree = self.tree
-        lower = np.array(tree["lower"])
-        upper = np.array(tree["upper"])
-        if tree["trained"] is not None:
-            lower = np.maximum(lower, tree["trained"][0])
-            upper = np.minimum(upper, tree["trained"][1])
+        lower, upper = box_of(tree)
         words = {
             "parameter_names": tree["names"],
             "output_names": [item["name"] for item in tree["outputs"]],

@@ -12,10 +12,9 @@ from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
 
-from hhr_dolfinx.doors.c_header import c_header, kernel_file
+from hhr_dolfinx.doors.c_header import box_of, c_header, kernel_file
 from hhr_dolfinx.errors import MissingPackageError, NotOfferedError
 from hhr_dolfinx.files import replacing
-from hhr_dolfinx.pages.arrays import Packed, contact_tree
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 
@@ -41,8 +40,7 @@ def write_fmu(path: str | Path, model: Any, compiler: str = "cc") -> Path:
         MissingPackageError: without a compiler.
         FileError: if the file cannot be written.
     """
-    header = c_header(model, IDENTIFIER)
-    tree = contact_tree(model, Packed())
+    header, tree = c_header(model, IDENTIFIER)
     _check_names(tree)
     token = hashlib.sha256(header.encode()).hexdigest()[:32]
     sources = {"fmu.c": f'#define MODEL_TOKEN "{token}"\n' + kernel_file("fmu.c"), "model.h": header}
@@ -73,7 +71,7 @@ def _check_names(tree: dict[str, Any]) -> None:
 
 def description(tree: dict[str, Any], name: str, token: str) -> bytes:
     """The file modelDescription.xml."""
-    lower, upper = tree["trained"] or (tree["lower"], tree["upper"])
+    lower, upper = (ends.tolist() for ends in box_of(tree))
     root = ElementTree.Element(
         "fmiModelDescription",
         fmiVersion="3.0",

@@ -149,9 +149,8 @@ def checked_points(space: ParameterSpace, table: Any) -> np.ndarray:
     return space.points(table)
 
 
-@threadpool_limits.wrap(
-    limits=1, user_api="blas"
-)  # blocks of a hundred conditions: two threads beside another process took 20 times as long, measured once
+# blocks of a hundred conditions: two threads beside another process took 20 times as long, measured once
+@threadpool_limits.wrap(limits=1, user_api="blas")
 def answers_by_statuses(
     model: Any, amplitudes: Amplitudes, responses: Responses, response: np.ndarray, points: np.ndarray, **how: Any
 ) -> ManyAnswers:

@@ -2,18 +2,18 @@
 /* Paths on a page: a pad on which two parameters are drawn, and, with friction, what has been along the way. */
 
 const ways = (() => {
-  const MOST = 2000, KEY = 0.02;
+  const KEY = 0.02;
 
-  /* Lines of increments: what was asked, and numbers by name. */
+  /* Lines of increments: what was asked, and numbers by name; the last ones where there are more than the most. */
   class Past {
-    constructor() { this.clear(); }
+    constructor(most) { this.most = most; this.clear(); }
 
     clear() { this.points = []; this.numbers = []; }
 
     add(point, numbers) {
       this.points.push(point);
       this.numbers.push(numbers);
-      if (this.points.length > MOST) { this.points.shift(); this.numbers.shift(); }
+      if (this.points.length > this.most) { this.points.shift(); this.numbers.shift(); }
     }
 
     /* As a table that `model.march` takes: a time and the parameters of each line. */

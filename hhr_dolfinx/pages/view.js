@@ -10,7 +10,7 @@
   const pairs = arrays[scenery.pairs], at = (id) => document.getElementById(id);
   const labels = tree.names.map((name) => name + unit((words.units ?? {})[name]));
   const middle = tree.lower.map((low, k) => (low + tree.upper[k]) / 2);
-  const sliding = tree.friction ? new hhr.Sliding(model) : null, past = new ways.Past();
+  const sliding = tree.friction ? new hhr.Sliding(model) : null, past = new ways.Past(sliding ? Infinity : 500); // a path that forgets its beginning is another one
   const presses = (i) => !sliding || sliding.pressing[i];
   let point = fromAddress(), answer = null, state = null;
 
