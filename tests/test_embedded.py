@@ -17,7 +17,8 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.doors import c_header, fmu
 from hhr_dolfinx.errors import MissingPackageError, ModelFileWarning, NotOfferedError
 from hhr_dolfinx.formulas import Scalar
-from hhr_dolfinx.pages.arrays import Packed, contact_tree, steps_of
+from hhr_dolfinx.pages.arrays import contact_tree
+from hhr_dolfinx.pages.packing import Packed, steps_of
 
 CC = shutil.which("cc")
 compiled = pytest.mark.skipif(CC is None, reason="there is no C compiler")

@@ -141,7 +141,7 @@ def test_elasticity_must_not_change_along_a_path(full):
     changing = path()
     changing[3][1][3] = 180e3
     for model in (full,):
-        with pytest.raises(ParameterError, match=r"E changes from 200000 to 180000 in step 3 .*78e3 \* w, E"):
+        with pytest.raises(ParameterError, match=r"E changes from 200000 to 180000 in step 3 .*depends on it \(E\)"):
             model.march(changing)
     # a single step from rest has the elasticity of its end
     answer = full.solve({"P1": 100.0, "h1": 0.9, "gap": 5e-3, "E": 170e3, "w": 0.9})
@@ -176,7 +176,7 @@ def test_a_material_has_the_numbers_of_a_point():
     assert elastic.groups[0].law == law and whole.groups[0].law == hhr.Plasticity(7.0, 2.0)
     expected = Material([Group(np.arange(2), 6.0, 0.3, law), Group(np.arange(2, 4), 5.0, 0.2, None)], 4, names)
     assert np.array_equal(elastic.elastic, expected.elastic) and np.array_equal(whole.elastic, expected.elastic)
-    assert material.axes == [0] and elastic.axes == [] and elastic.moduli_at(-point) is elastic
+    assert elastic.moduli_at(-point) is elastic
     assert material.moduli_at(np.array([3.0, 8.0])) is elastic and material.at(point) is whole
     assert material.constants(point) == [{"young": 6.0, "yield_stress": 7.0}, {}]
     assert material.at(np.array([4.0, 7.0])).groups[0].young == 8.0

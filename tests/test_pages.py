@@ -132,7 +132,7 @@ def test_a_page_starts_from_the_answer_before_and_from_none():
 )
 def test_formulas_are_worked_off_as_python_does(text):
     from hhr_dolfinx.formulas import Scalar
-    from hhr_dolfinx.pages.arrays import steps_of
+    from hhr_dolfinx.pages.packing import steps_of
 
     scalar = Scalar(text, ("a", "b"))
     program = "const hhr = require(process.argv[1]); const [s, p] = JSON.parse(process.argv[2]);"
@@ -265,6 +265,14 @@ def test_a_page_of_what_never_moves(tmp_path):
     assert '"field":null' in text
 
 
+def dumped(target, address, folder):
+    """A page with an address as a browser has it in the end."""
+    words = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--no-first-run"]
+    words += ["--enable-unsafe-swiftshader", f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=3000"]
+    words += ["--dump-dom", f"{target.as_uri()}#{address}"]
+    return subprocess.run([CHROMIUM, *words], capture_output=True, text=True, timeout=WAIT, check=True).stdout
+
+
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not there")
 @pytest.mark.parametrize("name", ["partial pressure", "space"])
 def test_a_browser_shows_the_answer_of_its_address(name, tmp_path):
@@ -275,10 +283,7 @@ def test_a_browser_shows_the_answer_of_its_address(name, tmp_path):
     asked = [*model.parameters.random(1, 8)[0].tolist()]
     asked[0] = 2 * space.upper[0]  # is taken for the upper end
     address = "&".join(f"{key}={value!r}" for key, value in zip(space.names, asked, strict=True))
-    words = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--no-first-run"]
-    words += ["--enable-unsafe-swiftshader", f"--user-data-dir={tmp_path / 'profile'}", "--virtual-time-budget=3000"]
-    words += ["--dump-dom", f"{target.as_uri()}#{address}"]
-    found = subprocess.run([CHROMIUM, *words], capture_output=True, text=True, timeout=WAIT, check=True).stdout
+    found = dumped(target, address, tmp_path)
     assert 'data-converged="true"' in found
     assert found.count('class="plot"') == len(set(scenery.pairs.tolist()))
     asked[0] = space.upper[0]
@@ -304,8 +309,9 @@ for (const point of path.slice(1)) {
   const plain = Object.fromEntries(names.map((name) => [name, [...state[name]]]));
   found.push({ ...plain, outputs: model.outputs(state), field: [...model.displacement(state)] });
 }
-const loaded = points.map((point) => sliding.proportional(point));
-console.log(JSON.stringify({ found, loaded: loaded.map(({ state, path }) => ({ forces: [...state.forces], path })) }));
+const loaded = points.map((point) => sliding.begun(point));
+const told = (states) => ({ forces: [...states.at(-1).forces], path: states.map(({ point }) => point) });
+console.log(JSON.stringify({ found, loaded: loaded.map(told) }));
 """
 RUBBING = {
     "Coulomb": lambda: rubbing(geometry=round_block, pairing=None),

@@ -16,7 +16,8 @@ import numpy as np
 
 from hhr_dolfinx.errors import ModelFileWarning, NotOfferedError
 from hhr_dolfinx.files import replacing
-from hhr_dolfinx.pages.arrays import Packed, check_model, contact_tree
+from hhr_dolfinx.pages.arrays import check_model, contact_tree
+from hhr_dolfinx.pages.packing import Packed
 
 MOST_NUMBERS = 4_000_000
 """Of a header: 80 MB of text, such as S of 2,800 conditions."""
@@ -52,7 +53,7 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
     """The header, with ``name`` in the place of ``model``, and the tree that it was made of."""
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
         raise NotOfferedError(f"{name!r} is no identifier of C, from which names of the header are made: name it else")
-    check_model(model, "a header", rubs=False)
+    check_model(model, "a header", on_page=False)
     arrays = Packed()
     tree = contact_tree(model, arrays)
     count = sum(array.size for array in arrays.arrays.values())
@@ -89,7 +90,7 @@ def kernel_file(name: str) -> str:
 
 
 def formula(steps: list[Any]) -> str:
-    """Operations of :func:`hhr_dolfinx.pages.arrays.steps_of` as an expression of C, of the parameters ``p``."""
+    """Operations of :func:`hhr_dolfinx.pages.packing.steps_of` as an expression of C, of the parameters ``p``."""
     stack: list[str] = []
     for step in steps:
         if isinstance(step, float):

@@ -118,6 +118,7 @@ class FullEquilibrium:
         linear = (problem.own_stiffness, full._solver), full.equalities, self._pushed
         self.elastic = self._linearisation(*linear, self._unchanged.tangents)
         self.material = gauss.material
+        self.young = tuple(modulus.factor for modulus in gauss.moduli)
         self._middle = self
         self._only_part = _only_part(problem)
         self._last: tuple[np.ndarray, FullEquilibrium] | None = None

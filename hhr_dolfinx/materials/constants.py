@@ -129,9 +129,6 @@ class ModuliOfParameters:
         texts: the formulas by the number of their body or group.
         names: of the parameters, in the order of a point.
 
-    Attributes:
-        axes: places of the parameters on which they depend, increasing.
-
     Raises:
         SceneError: for a text that is no formula, or one that names what is no parameter.
     """
@@ -142,8 +139,6 @@ class ModuliOfParameters:
 
         self._names = tuple(names)
         self._scalars = {number: Scalar(text, self._names) for number, text in texts.items()}
-        named = {name for scalar in self._scalars.values() for name in scalar.formula.variables}
-        self.axes = [place for place, name in enumerate(self._names) if name in named]
 
     def values(self, point: np.ndarray) -> dict[int, float]:
         """The moduli at a point, (P,), by number.

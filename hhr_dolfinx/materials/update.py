@@ -154,11 +154,6 @@ class Material:
         return self._elastic
 
     @property
-    def axes(self) -> list[int]:
-        """Places of the parameters on which elasticity depends."""
-        return [] if self._moduli is None else self._moduli.axes
-
-    @property
     def flows(self) -> bool:
         """Whether any body can flow."""
         return any(group.law is not None for group in self.groups)

@@ -111,6 +111,7 @@ class LocalEquilibrium:
         self.amplitudes = first.amplitudes
         self.fields = first.fields
         self.material = first.material
+        self.young = first.young
         self.points = first.points
         self.per_cell = first.per_cell
         self.size = first.size

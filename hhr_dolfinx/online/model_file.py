@@ -159,6 +159,8 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
     if isinstance(known, type | str) or not isinstance(known, Iterable):
         raise ModelFileError(f"known = {known!r} must be a list of classes, load_model(path, known=[MyLaw])")
     kinds = Kinds(known)
+    if Path(path).suffix == ".py":
+        raise ModelFileError(f"{path} is a program, as scenes are, and no model: make one, hhr reduce {path}")
     try:
         header, arrays = read_arrays(path, FORMAT, VERSION)
     except FileNotFoundError:

@@ -58,16 +58,16 @@ class Field {
     return found;
   }
 
-  /* Draws displacements, (n, dim), by their length or a component; returns what was drawn: least, most, and how many
+  /* Draws displacements, (n, dim), by their length, a component or values of the nodes; returns what was drawn: least, most, and how many
      times as large as they are. */
-  show(moved, component, exaggerated) {
+  show(moved, component, exaggerated, values = null) {
     const { canvas, count, dim, points, lines, gl } = this, ratio = window.devicePixelRatio || 1, context = gl.context;
     canvas.width = canvas.clientWidth * ratio; canvas.height = canvas.clientHeight * ratio;
     const value = new Float32Array(count);
     let longest = 0, least = Infinity, most = -Infinity;
     for (let i = 0; i < count; i++) {
       const own = moved.subarray(i * dim, (i + 1) * dim), length = Math.hypot(...own);
-      value[i] = component === "length" ? length : own[Number(component)];
+      value[i] = values ? values[i] : component === "length" ? length : own[Number(component)];
       longest = Math.max(longest, length); least = Math.min(least, value[i]); most = Math.max(most, value[i]);
     }
     const times = longest > 0 ? (exaggerated * this.most * this.size) / longest : 0;

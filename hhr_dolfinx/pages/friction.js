@@ -62,30 +62,35 @@
       return half && this.reached(half, point, depth + 1);
     }
 
-    /* Loaded in proportion from where the box is nearest to zero: the state, and the path that leads to it. Increments are
-       halved until that changes little, as in models.histories.sliding. */
-    proportional(point) {
-      const { lower, upper } = this.model.tree, path = [];
-      const from = point.map((x, k) => (this.fixed.includes(k) ? x : Math.min(Math.max(0, lower[k]), upper[k])));
-      let state = this.rest(from);
-      const scale = { forces: 0, energy: 0 };
-      path.push(from);
-      for (let step = 1; state && step <= FEWEST; step++) {
-        const next = step === FEWEST ? point : from.map((x, k) => x + ((point[k] - x) * step) / FEWEST);
-        state = this.careful(state, next, path, scale, 0);
-      }
-      return { state, path };
+    /* What an increment from a state leads to; nothing where it does not settle. */
+    went(before, point) {
+      const state = this.reached(before, point);
+      return state ? [state] : [];
     }
 
-    careful(before, point, path, scale, depth) {
+    /* Loaded in proportion from where the box is nearest to zero: states from rest on. Increments are halved until that
+       changes little, as in models.histories.sliding. */
+    begun(point) {
+      const { lower, upper } = this.model.tree;
+      const from = point.map((x, k) => (this.fixed.includes(k) ? x : Math.min(Math.max(0, lower[k]), upper[k])));
+      const states = [this.rest(from)], scale = { forces: 0, energy: 0 };
+      let state = states[0];
+      for (let step = 1; state && step <= FEWEST; step++) {
+        const next = step === FEWEST ? point : from.map((x, k) => x + ((point[k] - x) * step) / FEWEST);
+        state = this.careful(state, next, states, scale, 0);
+      }
+      return states;
+    }
+
+    careful(before, point, states, scale, depth) {
       const middle = before.point.map((x, k) => (x + point[k]) / 2), whole = this.increment(before, point);
       const half = this.increment(before, middle), second = half && this.increment(half, point);
       if (whole && second) {
         const off = this.difference(before, half, second, whole, scale);
-        if (off <= SETTLED || depth >= CUTS) { path.push(middle, point); return second; }
+        if (off <= SETTLED || depth >= CUTS) { states.push(half, second); return second; }
       } else if (depth >= CUTS) return null;
-      const first = this.careful(before, middle, path, scale, depth + 1);
-      return first && this.careful(first, point, path, scale, depth + 1);
+      const first = this.careful(before, middle, states, scale, depth + 1);
+      return first && this.careful(first, point, states, scale, depth + 1);
     }
 
     /* What an increment in two halves is off: forces by the largest of the path, dissipated work by that of the path. */

@@ -229,16 +229,22 @@ const hhr = (() => {
       return found;
     }
 
-    /* Active set: all wrong statuses at once, and, where sets come back, the first wrong one alone (Murty 1974). */
+    /* The answer at a point; statuses are searched from those of the last one. */
     solve(point, start = this.last) {
-      const contact = this.contact(point);
-      if (!contact.slack.every(Number.isFinite)) return this.nothing(point);
+      const contact = this.contact(point), found = this.touched(contact, start);
+      this.last = found && found.active;
+      return found ? { point, theta: contact.theta, converged: true, ...found } : this.nothing(point);
+    }
+
+    /* Active set: all wrong statuses at once, and, where sets come back, the first wrong one alone (Murty 1974). */
+    touched(contact, start) {
+      if (!contact.slack.every(Number.isFinite)) return null;
       let active = start ? Uint8Array.from(start) : Uint8Array.from(contact.slack, (s) => (s < 0 ? 1 : 0)), one = false;
       const seen = new Set();
       for (let iteration = 1; iteration <= MOST; iteration++) {
         const found = this.equalities(contact, active);
         if (!found) {
-          if (one) return this.nothing(point);
+          if (one) return null;
           one = true;
           active = new Uint8Array(this.m);
           seen.clear();
@@ -246,14 +252,12 @@ const hhr = (() => {
         }
         const wrong = this.wrong(found.forces, found.left, contact.slack);
         if (!wrong.length) {
-          if (!found.forces.every(Number.isFinite)) return this.nothing(point);
-          this.last = active;
-          return { point, active, forces: found.forces, slack: found.left, theta: contact.theta, iterations: iteration,
-            converged: true };
+          if (!found.forces.every(Number.isFinite)) return null;
+          return { active, forces: found.forces, slack: found.left, iterations: iteration };
         }
         const key = active.join("");
         if (seen.has(key)) {
-          if (one) return this.nothing(point);
+          if (one) return null;
           one = true;
           seen.clear();
         }
@@ -261,7 +265,7 @@ const hhr = (() => {
         active = Uint8Array.from(active);
         for (const i of one ? wrong.slice(0, 1) : wrong) active[i] ^= 1;
       }
-      return this.nothing(point);
+      return null;
     }
 
     nothing(point) {
@@ -274,10 +278,11 @@ const hhr = (() => {
       return this.tree.outputs.map((item) => (answer.converged ? this.output(item, answer) : NaN));
     }
 
-    output(item, { forces, theta }) {
+    output(item, answer) {
+      const { forces, theta } = answer;
       if (item.kind === "linear") {
         const sum = (weights, values) => weights.reduce((total, weight, k) => total + weight * values[k], 0);
-        return sum(this.arrays[item.forces], forces) + sum(this.arrays[item.terms], theta);
+        return sum(this.arrays[item.forces], forces) + sum(this.arrays[item.terms], theta) + (item.moved ? this.flow.along(item.moved, answer)[0] : 0);
       }
       const places = this.arrays[item.conditions], areas = this.arrays[item.areas];
       let most = -Infinity;
@@ -312,7 +317,8 @@ const hhr = (() => {
       const field = this.tree.field;
       if (!field || !answer.converged) return null;
       const modes = this.arrays[field.modes], n = modes.shape[1], found = new Float32Array(n);
-      const along = field.kind === "linear" ? this.linear(field, answer) : this.fitted(field, answer);
+      const along = field.kind === "linear" ? this.linear(field, answer) : field.kind === "fitted" ? this.fitted(field, answer)
+        : this.flow.along({ ...field, modes: field.modes_of_flow }, answer);
       field.scales.forEach((scale, k) => {
         for (let i = 0; i < n; i++) found[i] += scale * along[k] * modes[k * n + i];
       });

@@ -13,7 +13,7 @@ import numpy as np
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.models.estimates import relative_errors
-from hhr_dolfinx.pages.arrays import check_model, drawn, packed
+from hhr_dolfinx.pages.arrays import check_model, drawn, flows, packed
 from hhr_dolfinx.pages.scenery import Scenery, thinned
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
@@ -24,7 +24,7 @@ ALIKE = 0.01
 """Relative difference of S up to which a model and a scenery are of one scene: S may be interpolated."""
 DRAWN = 12_000
 """Nodes of the mesh that are drawn at most."""
-PARTS = ("page.css", "model.js", "friction.js", "path.js", "drawing.js", "field.js", "view.js")
+PARTS = ("page.css", "model.js", "friction.js", "flow.js", "path.js", "drawing.js", "field.js", "view.js")
 """Files that stand in ``page.html`` where they are named there."""
 LOOKED_AT = 100
 """Random points at which a model tells its error to a page."""
@@ -35,7 +35,8 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
 
     Args:
         path: of the page, ``.html``.
-        model: that of ``hhr.condense``, ``hhr.reduce`` or a file, elastic; with friction in the plane alone.
+        model: that of ``hhr.condense``, ``hhr.train`` or a file: elastic, with friction in the plane alone, or of
+            condensed flow.
         scenery: what is drawn, see :func:`hhr_dolfinx.study.scene.scenery.scenery_of`.
 
     Returns:
@@ -51,18 +52,34 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
             f"the scenery is of {len(scenery.areas)} contact conditions and the model of {model.conditions}: they are "
             "of two scenes or meshes"
         )
-    own = model.contacts()(model.parameters.middle).schur.sum(axis=1)
+    own = _compliance(model).sum(axis=1)
     if not np.linalg.norm(own - scenery.compliance) <= ALIKE * np.linalg.norm(own):
         raise NotOfferedError("the scenery is not of the scene of this model: its contact is stiffer or softer")
     text = page_text(model, scenery)
     if len(text.encode()) > MOST_BYTES:
         raise NotOfferedError(
             f"a page of {len(text) / 1e6:.1f} MB is more than the {MOST_BYTES / 1e6:g} that go by mail: "
-            f"{model.conditions} contact conditions are too many. Take a coarser mesh for the page"
+            f"{_size(model)} are too many. Take a coarser mesh for the page"
+            + (", or a model with fewer modes: a larger error, or fewer paths" if flows(model) else "")
         )
     with replacing(path, text=True) as file:
         file.write(text)
     return Path(path)
+
+
+def _compliance(model: Any) -> np.ndarray:
+    """S in the middle of the box, (m, m)."""
+    middle = model.parameters.middle
+    return model.equilibrium.at(middle).schur if flows(model) else model.contacts()(middle).schur
+
+
+def _size(model: Any) -> str:
+    """What makes a page large, in words."""
+    conditions = f"{model.conditions} contact conditions"
+    if not flows(model):
+        return conditions
+    flow = model.flow
+    return f"{conditions}, {len(flow.per_mode)} modes and {flow.points.size} points at which laws are evaluated"
 
 
 def page_text(model: Any, scenery: Scenery) -> str:
@@ -75,14 +92,16 @@ def page_text(model: Any, scenery: Scenery) -> str:
     tree["made"] = f"{today()}, hhr_dolfinx {__version__}"
     data = json.dumps({"tree": tree, "arrays": arrays}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     text = _file("page.html").replace("TITLE", escape(scenery.words["scene"].replace("_", " ")))
+    needed = {"friction.js": model.friction is not None, "flow.js": flows(model)}
     for part in PARTS:
-        left_out = part == "friction.js" and model.friction is None
-        text = text.replace(f"/*{part}*/", "" if left_out else _file(part))
+        text = text.replace(f"/*{part}*/", _file(part) if needed.get(part, True) else "")
     return text.replace("/*DATA*/", data)
 
 
 def error_of(model: Any) -> dict[str, Any]:
     """What a page says of errors: their kind, and the largest known ones at random points of the box, relative."""
+    if flows(model):  # each answer has an estimate of its own
+        return {"kind": "history", "pressure": None, "forces": None, "points": 0}
     if model.fields.exact:
         return {"kind": "exact", "pressure": 0.0, "forces": 0.0, "points": 0}
     if model.fields.bound is None or model.friction is not None:  # nothing is known of errors of increments

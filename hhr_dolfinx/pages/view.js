@@ -10,7 +10,8 @@
   const pairs = arrays[scenery.pairs], at = (id) => document.getElementById(id);
   const labels = tree.names.map((name) => name + unit((words.units ?? {})[name]));
   const middle = tree.lower.map((low, k) => (low + tree.upper[k]) / 2);
-  const sliding = tree.friction ? new hhr.Sliding(model) : null, past = new ways.Past(sliding ? Infinity : 500); // a path that forgets its beginning is another one
+  const sliding = tree.friction ? new hhr.Sliding(model) : null, flowing = tree.flow ? new hhr.Flowing(model) : null;
+  const marching = sliding ?? flowing, past = new ways.Past(marching ? Infinity : 500); // a path that forgets its beginning is another one
   const presses = (i) => !sliding || sliding.pressing[i];
   let point = fromAddress(), answer = null, state = null;
 
@@ -72,7 +73,7 @@
   const contactName = (pair) => `contact ${pair}${words.contacts[pair] ? `: ${words.contacts[pair]}` : ""}`;
 
   function rows() {
-    const found = [], all = pressure(), values = model.outputs(answer), slopes = sliding ? [] : model.slopes(answer);
+    const found = [], all = pressure(), values = model.outputs(answer), slopes = marching ? [] : model.slopes(answer);
     tree.outputs.forEach((item, k) => found.push([`${item.name}${unit(item.unit)}`, values[k], slopes[k]]));
     for (const pair of contacts) {
       const own = ownOf(pair), sum = own.reduce((t, i) => t + answer.forces[i], 0);
@@ -83,6 +84,7 @@
       found.push([`conditions that touch, of ${own.length}`, own.filter((i) => answer.forces[i] > 0).length, null]);
       if (sliding) found.push(...rubbing(pair));
     }
+    if (flowing) found.push(["largest cumulated plastic strain where the law is evaluated", Math.max(0, ...answer.cumulated), null]);
     return found;
   }
 
@@ -101,7 +103,7 @@
 
   function showNumbers() {
     const table = at("numbers"), head = element("tr");
-    const derived = tree.outputs.length > 0 && !sliding;
+    const derived = tree.outputs.length > 0 && !marching;
     head.append(element("th", ""), element("th", "value"));
     if (derived) tree.names.forEach((name) => head.append(element("th", `by ${name}`)));
     table.replaceChildren(head);
@@ -123,13 +125,15 @@
     }
   }
 
+  const POOR = 0.05; // an indicator that nobody wants, as trained.TOLD in Python
   function aboutError() {
     const { kind, points: count } = tree.error, worst = scenery.moves ? tree.error.forces : tree.error.pressure;
     const missing = tree.missing.length ? ` Not on this page: ${tree.missing.join(", ")}.` : "";
-    const known = kind === "exact" ? `Exact: the finite element model itself, with all but contact eliminated.${sliding ? " Each increment slips in a straight line." : ""}`
+    const known = kind === "history" ? `What flows is approximated by few modes: an indicator, not proved, says ${answer.converged ? Number((100 * flowing.estimate(answer)).toPrecision(2)) : "nothing"} % of the stress for this answer.` : kind === "exact" ? `Exact: the finite element model itself, with all but contact eliminated.${sliding ? " Each increment slips in a straight line." : ""}`
       : worst === null ? "Nothing is known of the errors of these answers."
         : `${scenery.moves ? "Contact forces" : "Pressures"} are off by at most ${Number((100 * worst).toPrecision(2))} % of ${scenery.moves ? "their size" : "the largest one"} at any of ${count} random points `
           + `(${kind === "bound" ? "a proved bound" : "an estimate, not proved"}).`;
+    if (flowing) at("error").className = answer.converged && flowing.estimate(answer) > POOR ? "bad" : "";
     at("error").textContent = `${known} Errors of the mesh and of the model come on top.${missing}`;
   }
 
@@ -225,7 +229,7 @@
       if (!closed) pen.stroke();
     }
     pen.fillStyle = style("--faint");
-    pen.fillText(`yellow ${said(most)}${unit(ofStress)}, dark 0, rings open`, 8, height - 6);
+    pen.fillText(most > 1e-300 ? `yellow ${said(most)}${unit(ofStress)}, dark 0, rings open` : "nothing touches", 8, height - 6);
     canvas.setAttribute("aria-label", `pressures on the surface, at most ${said(most)}`);
   }
 
@@ -247,15 +251,16 @@
       if (part > SEEN) at("exaggerate").value = Math.min(1, part / field.most);
       at("exaggerate").dataset.ready = "";
     }
-    const { least, most, times } = field.show(moved, at("component").value, Number(at("exaggerate").value));
+    const component = at("component").value, values = component === "plastic" ? flowing.strained(answer) : null;
+    const { least, most, times } = field.show(moved, component, Number(at("exaggerate").value), values);
     at("times").textContent = times > 0 ? `${said(Number(times.toPrecision(2)))} times` : "not at all";
-    at("least").textContent = said(least); at("most").textContent = `${said(most)}${unit(words.length)}`;
+    at("least").textContent = said(least); at("most").textContent = `${said(most)}${values ? "" : unit(words.length)}`;
     const bar = at("bar"), pen = bar.getContext("2d");
     bar.width = 256;
     for (let k = 0; k < 256; k++) { pen.fillStyle = `rgb(${colour(k / 255)})`; pen.fillRect(k, 0, 1, 14); }
   }
 
-  /* Once a picture for all that changed since the last one; with friction an increment for each. */
+  /* Once a picture for all that changed since the last one; of what remembers increments for each. */
   let waiting = false, asked = [];
   function changed() {
     showParameters();
@@ -265,31 +270,35 @@
     requestAnimationFrame(() => { waiting = false; solve(); });
   }
 
-  /* With friction an increment from where the path is; laws that change begin it anew. */
-  function rubbed(next) {
-    const goes = state && sliding.fixed.every((k) => state.point[k] === next[k]);
-    let found = goes ? sliding.reached(state, next) : null;
-    if (!goes) {
-      const loaded = sliding.proportional(next); // its steps are part of the path
-      past.clear();
-      loaded.path.slice(0, -1).forEach((step) => past.add(step, []));
-      found = loaded.state;
+  /* Increments from where the path is; laws that change begin it anew, with increments from rest that are part of it. */
+  function marched(next) {
+    const goes = state && marching.fixed.every((k) => state.point[k] === next[k]);
+    if (!goes) past.clear();
+    for (answer of goes ? marching.went(state, next) : marching.begun(next)) {
+      state = answer;
+      past.add(answer.point, answer.converged ? rows().filter(([, value]) => value !== null) : []);
     }
-    state = found ?? state;
-    return found ?? { ...model.nothing(next), statuses: [] };
+    if (!state || next.some((x, k) => state.point[k] !== x)) answer = { ...model.nothing(next), statuses: [] };
+  }
+
+  /* The last of what was asked for that begins anew: what was before it is forgotten. */
+  function beginning() {
+    const other = (next, k) => k > 0 && marching.fixed.some((axis) => next[axis] !== asked[k - 1][axis]);
+    return Math.max(0, asked.findLastIndex(other));
   }
 
   function solve() {
     const start = performance.now();
-    const points = sliding && asked.length ? asked : [point.slice()];
+    const points = marching && asked.length ? asked.slice(beginning()) : [point.slice()];
     asked = [];
     for (const next of points) {
-      answer = sliding ? rubbed(next) : model.solve(next);
-      if (answer.converged) past.add(next, sliding ? rows().filter(([, value]) => value !== null) : []);
+      if (marching) marched(next);
+      else if ((answer = model.solve(next)).converged) past.add(next, []);
     }
     document.documentElement.dataset.ms = (performance.now() - start).toFixed(3);
     document.documentElement.dataset.converged = answer.converged;
     showNumbers();
+    aboutError();
     showPressures();
     showField();
     showWay();
@@ -297,11 +306,11 @@
 
   /* The path: a pad of two parameters, and with friction what has been, over a parameter or the number of an increment. */
   function showWay() {
-    if (tree.names.length > 1) {
+    if (at("up").options.length > 1) {
       const { pen, width, height } = prepared(at("pad"));
       ways.trace(pen, width, height, past.points, point, [Number(at("across").value), Number(at("up").value)], tree, style);
     }
-    if (sliding) showLoop();
+    if (marching) showLoop();
   }
 
   function showLoop() {
@@ -329,21 +338,23 @@
   }
 
   function readyWay() {
-    if (tree.names.length < 2 && !sliding) return;
-    if (sliding) at("way").hidden = false;
+    if (tree.names.length < 2 && !marching) return;
+    if (marching) at("way").hidden = false;
     else at("asked").append(...at("way").querySelectorAll(":scope > .row, #pad")); // no past to show: a pad beside the sliders
+    const drawn = [...labels.keys()].filter((k) => !marching?.fixed.includes(k)); // what begins anew is no path
     for (const [id, first] of [["across", 0], ["up", 1]]) {
-      labels.forEach((name, k) => at(id).append(element("option", name, { value: k, selected: k === first })));
+      drawn.forEach((axis, k) => at(id).append(element("option", labels[axis], { value: axis, selected: k === first })));
       at(id).addEventListener("input", showWay);
     }
-    if (tree.names.length < 2) for (const id of ["pad", "across", "up"]) (at(id).closest("label") ?? at(id)).hidden = true;
+    if (drawn.length < 2) for (const id of ["pad", "across", "up"]) (at(id).closest("label") ?? at(id)).hidden = true;
     ways.pad(at("pad"), { across: at("across"), up: at("up"), lower: tree.lower, upper: tree.upper, point: () => point,
       moved: (next) => { point = next; at("wrong").textContent = ""; changed(); } });
-    at("memory").textContent = sliding ? "What has slipped is remembered: each move is an increment from where the path is. An address, and laws that change, begin anew, loaded in proportion." : "";
-    if (!sliding) return;
+    at("memory").textContent = marching ? `What has ${sliding ? "slipped" : "flowed"} is remembered: each move goes on from where the path is${flowing ? ", in increments of a fortieth of the box" : ""}. An address, and laws that change, begin anew, loaded in proportion.` : "";
+    if (!marching) return;
     for (const id of ["past", "anew", "keep"]) at(id).hidden = false;
     at("over").append(element("option", "increments", { value: "" }));
     labels.forEach((name, k) => at("over").append(element("option", name, { value: k })));
+    if (drawn.length === 1) at("over").value = drawn[0];
     for (const id of ["over", "drawn"]) at(id).addEventListener("input", showWay);
     at("anew").addEventListener("click", () => { state = null; changed(); });
     at("keep").addEventListener("click", () => copied(past.table(tree.names)));
@@ -360,6 +371,7 @@
     element("p", "This page holds the whole model and asks nobody. Scripts of hhr_dolfinx, licence of the package."));
   const names = ["length", ..."xyz".slice(0, dim)];
   names.forEach((name, k) => at("component").append(element("option", k ? `along ${name}` : "its length", { value: k ? k - 1 : "length" })));
+  if (flowing) at("component").append(element("option", "cumulated plastic strain", { value: "plastic" }));
   if (!draws) at("shape").replaceChildren(element("h2", "Displacement"), element("p", tree.field
     ? "This browser draws no triangles (WebGL is switched off)." : "This model has no displacement for a page.", { className: "note" }));
   else { at("shape").append(element("p", "Drawn by few modes: off by some per cent.", { className: "note" })); field.turning(showField); for (const id of ["component", "exaggerate"]) at(id).addEventListener("input", showField); }
@@ -372,8 +384,7 @@
   window.addEventListener("resize", () => answer && (showPressures(), showField(), showWay()));
   matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => answer && (showPressures(), showWay()));
   readyWay();
-  aboutError();
   showParameters();
   solve();
-  window.page = { model, tree, sliding, past, at: (values) => { point = values; changed(); } };
+  window.page = { model, tree, marching, past, at: (values) => { point = values; changed(); } };
 })();

@@ -9,7 +9,7 @@ Griebel, Computing 71, 2003; A. Chkifa, A. Cohen and C. Schwab, Found. Comput. M
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Annotated
 
@@ -165,6 +165,11 @@ class GrownGrid:
     surplus: float
     evaluations: int
     unresolved: float = 0.0
+
+    def without_modes(self) -> GrownGrid:
+        """The same without values."""
+        modes = np.zeros((0, len(self.interpolant.weights)))
+        return replace(self, interpolant=replace(self.interpolant, modes=modes))
 
 
 def grow(

@@ -123,22 +123,22 @@ class PlasticFields:
         What is left at points to which the modes were fitted, (I - H) ε_p, is far less than what is left elsewhere:
         each point is predicted without itself, by (I - H_ii)^-1.
         """
-        left = plastic - (self._shown @ (self.plastic.fit @ plastic.ravel())).reshape(plastic.shape)
-        return np.einsum("nij,nj->ni", self._without, left)
+        left = plastic - (self.shown @ (self.plastic.fit @ plastic.ravel())).reshape(plastic.shape)
+        return np.einsum("nij,nj->ni", self.without, left)
 
     @cached_property
-    def _shown(self) -> np.ndarray:
+    def shown(self) -> np.ndarray:
         """The modes of the plastic strain where laws are evaluated, (n components, modes)."""
         rows = np.searchsorted(self.flowed, self.points)
         modes = self.plastic.modes.reshape(self.flowed.size, self.strain.components, -1)
         return modes[rows].reshape(rows.size * self.strain.components, -1)
 
     @cached_property
-    def _without(self) -> np.ndarray:
+    def without(self) -> np.ndarray:
         """2 μ (I - H_ii)^-1 of each point, (n, components, components); where next to nothing is open, as of LEAST."""
         count = self.points.size
         components = self.strain.components
-        shown = self._shown.reshape(count, components, -1)
+        shown = self.shown.reshape(count, components, -1)
         own = np.einsum("nik,knj->nij", shown, self.plastic.fit.reshape(-1, count, components))
         open_, ways = np.linalg.eigh(np.eye(components) - (own + own.swapaxes(1, 2)) / 2)
         ways *= np.sqrt(self.moduli[self.points, 1, None] / np.maximum(open_, LEAST))[:, None]

@@ -143,6 +143,7 @@ class CondensedEquilibrium:
         self.fields = fields
         self.lock = nullcontext()  # histories share nothing that is written to
         self.material = Material(flow.groups, flow.components, parameters.names)
+        self.young = tuple(modulus.factor for modulus in flow.factors.moduli)
         self.points = flow.points
         self.per_cell = flow.per_cell
         self.modes = len(flow.per_mode)

@@ -107,10 +107,12 @@ class Stepping(Protocol):
         per_cell: Gauss points of a cell of the full model.
         size, conditions: number of unknowns and of contact conditions.
         friction: which of the conditions are tangential; None without friction.
+        young: formulas of Young's moduli of all bodies, those without Gauss points in the model too.
     """
 
     parameters: ParameterSpace
     material: Material
+    young: tuple[str, ...]
     points: np.ndarray
     per_cell: int
     size: int

@@ -69,7 +69,7 @@ def march(
         TimeStepWarning: if the estimated error of the time steps is large, and no tolerance was given.
     """
     check_settings(settings)
-    check_elasticity(model.material, path)
+    check_elasticity(model.young, model.parameters.names, path)
     if settings.gradient and model.friction is not None:
         raise NotOfferedError(
             "derivatives of histories in which bodies flow and contacts rub are not built in: take differences of "

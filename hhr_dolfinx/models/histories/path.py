@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -13,9 +13,6 @@ from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, NotSolvableErr
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Model, Path
 from hhr_dolfinx.models.histories.equilibrium import Equilibrium, MarchSettings
 from hhr_dolfinx.parameters import ParameterSpace
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.materials.update import Material
 
 
 def check_settings(settings: Any) -> None:
@@ -51,21 +48,33 @@ def checked_path(parameters: ParameterSpace, path: Iterable[tuple[float, Any]]) 
     return checked
 
 
-def check_elasticity(material: Material, path: Path) -> None:
-    """Refuse a checked path along which a modulus of elasticity changes.
+def elastic_axes(young: Sequence[str], names: Sequence[str]) -> dict[int, list[str]]:
+    """Formulas of Young's moduli by the place of each parameter on which they depend."""
+    if not young:
+        return {}
+    # here, since most moduli are numbers, and then nothing of formulas is loaded
+    from hhr_dolfinx.formulas import formula_of
+
+    variables = {text: formula_of(text, "young").variables for text in sorted(set(young))}
+    found = {place: [text for text, own in variables.items() if name in own] for place, name in enumerate(names)}
+    return {place: texts for place, texts in found.items() if texts}
+
+
+def check_elasticity(young: Sequence[str], names: Sequence[str], path: Path) -> None:
+    """Refuse a checked path along which a modulus of elasticity changes, by its formulas and the parameters' names.
 
     Raises:
         ParameterError: with the parameter on which it depends.
     """
-    for place in material.axes:
+    for place, texts in elastic_axes(young, names).items():
         values = np.array([point[place] for _, point in path])
         if np.ptp(values) > 0:
+            name = names[place]
             step = int(np.flatnonzero(values != values[0])[0])
-            texts = sorted({group.young for group in material.groups if isinstance(group.young, str)})
             raise ParameterError(
-                f"{material.names[place]} changes from {values[0]:g} to {values[step]:g} in step {step} of the path, "
+                f"{name} changes from {values[0]:g} to {values[step]:g} in step {step} of the path, "
                 f"and Young's modulus depends on it ({', '.join(texts)}): elasticity must be the same along a history. "
-                f"Keep {material.names[place]} as it is along the path, or let constants of laws alone depend on it"
+                f"Keep {name} as it is along the path, or let constants of laws alone depend on it"
             )
 
 
@@ -126,7 +135,7 @@ def one_step(
     space = model.parameters
     target = space.point(mu)
     start = np.clip(0.0, space.lower, space.upper)
-    axes = model.equilibrium.material.axes
+    axes = list(elastic_axes(model.equilibrium.young, space.names))
     start[axes] = target[axes]  # elasticity is the same along a history
     if model.friction is not None:  # and so is friction: of parts of a step that is cut it would be too small
         start[model.friction.fixed] = target[model.friction.fixed]

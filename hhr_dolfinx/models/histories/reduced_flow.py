@@ -108,6 +108,7 @@ class ProjectedEquilibrium:
     def __init__(self, problem: ReducedProblem, material: Material, parameters: ParameterSpace, fields: Reconstruction):
         self.problem = problem
         self.material = material
+        self.young = () if problem.terms is None else tuple(modulus.factor for modulus in problem.terms.moduli)
         self.parameters = parameters
         self.fields = fields
         self.lock = nullcontext()  # histories share no factors here
