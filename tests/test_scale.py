@@ -16,7 +16,7 @@ from scipy.sparse import csc_matrix
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError
 from hhr_dolfinx.full_order import full as full_order
-from hhr_dolfinx.linear import sparse
+from hhr_dolfinx.linear import schur, sparse
 from hhr_dolfinx.models.bounds import output_bound, varying_bound
 from hhr_dolfinx.models.exact import SolvedFields
 from hhr_dolfinx.models.starts import KnownStatuses
@@ -151,29 +151,43 @@ def test_columns_that_are_asked_for_are_told_of(monkeypatch, caplog):
 
 
 class Counted:
-    """Columns that factors were asked for."""
+    """Columns that factors were asked for, and inverses between dofs that were eliminated last."""
 
     def __init__(self, monkeypatch):
         self.count = 0
+        self.inverses = 0
         plain = sparse.FreeCholesky.solved_blocks
+        between = sparse.FreeCholesky.between_last
 
         def counted(factors, columns, *given, **how):
             self.count += columns.shape[1]
             return plain(factors, columns, *given, **how)
 
+        def counted_between(factors, rows):
+            found = between(factors, rows)
+            self.inverses += found is not None
+            return found
+
         monkeypatch.setattr(sparse.FreeCholesky, "solved_blocks", counted)
+        monkeypatch.setattr(sparse.FreeCholesky, "between_last", counted_between)
 
 
-def test_s_is_made_once(monkeypatch):
+@pytest.mark.parametrize("by_columns", [True, False])
+def test_s_is_made_once(monkeypatch, by_columns):
     """When it is first asked for; by a model with moduli, its bound and the full order together."""
+    if by_columns:
+        monkeypatch.setattr(schur, "_library", lambda: None)
     kept, lean = both(lambda: pressed_sphere(moduli=True), monkeypatch)
     counted = Counted(monkeypatch)
     lean = hhr.FullOrderModel(pressed_sphere(moduli=True), MPI.COMM_SELF)
     mu = kept.parameters.middle
-    assert counted.count == 0
+    assert counted.count == counted.inverses == 0
     forces = hhr.condense(lean, fields=False).solve(mu).forces()
     conditions, loads = lean.conditions, lean.problem.loads.shape[1]
-    assert conditions <= counted.count <= conditions + 2 * loads
+    least = conditions if by_columns else 0
+    assert least <= counted.count <= least + 2 * loads
+    inverses = 0 if by_columns else len(lean.problem.bodies)
+    assert counted.inverses == inverses
     before = counted.count
     model = hhr.condense(lean, fields=True)
     answer = model.solve(mu)
@@ -184,6 +198,7 @@ def test_s_is_made_once(monkeypatch):
     lean.solve(mu)
     # fields, a solution for each start and body, and random forces; not S once more
     assert counted.count - before < 2 * condense.STARTS + 50 and lean._columns is None
+    assert counted.inverses == inverses
 
 
 def test_a_check_says_what_a_large_scene_takes(tmp_path):
@@ -245,7 +260,8 @@ def test_refinement_that_gets_nowhere_is_no_answer(told_to_compress):
 def test_bounds_know_what_compressed_factors_leave_out(part, monkeypatch):
     """Random forces probe S: the bound of a condensed model is larger than its error, and goes with it.
 
-    MUMPS compresses nothing of so small a problem: in its place blocks that are not refined are too soft by a part.
+    MUMPS compresses nothing of so small a problem: in its place S, by blocks that are not refined or by what is
+    eliminated last, is too soft by a part.
     """
     make = lambda: pressed_sphere(cells=12, moduli=True)  # noqa: E731
     whole = hhr.FullOrderModel(make(), MPI.COMM_SELF)
@@ -255,7 +271,9 @@ def test_bounds_know_what_compressed_factors_leave_out(part, monkeypatch):
         for place, block in plain(factors, columns, *given, refined=refined, **how):
             yield place, block if refined else block * (1 + part)
 
+    between = sparse.FreeCholesky.between_last
     monkeypatch.setattr(sparse.FreeCholesky, "solved_blocks", softer)
+    monkeypatch.setattr(sparse.FreeCholesky, "between_last", lambda *given: between(*given) * (1 + part))
     monkeypatch.setattr(full_order, "KEPT_BYTES", 0)
     model = hhr.condense(hhr.FullOrderModel(make(), MPI.COMM_SELF), fields=True)
     for point in whole.parameters.random(4, 0):

@@ -10,6 +10,7 @@ import numpy as np
 
 from hhr_dolfinx.contact.floating import FloatingEqualities
 from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.full_order.at_hand import AtHand
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Floating, answer_of
 
@@ -28,8 +29,8 @@ class FullStiffness:
             all parameters, whose factors serve all of them.
         point: the parameter, (P,).
         free: unknown without contact forces, (own dofs,).
-        per_force: K^-1 B^T, (own dofs, m); None where it is that of the full model, times the scale.
         schur, free_slack: S, (m, m), and the slack without contact forces, (m,).
+        known: the stiffness that was factored; None where it is that of the full model, times the scale.
         scale: what K is beside the one that is factored, on own dofs, (own dofs,); 1 where it is that one.
     """
 
@@ -37,9 +38,9 @@ class FullStiffness:
     problem: ContactProblem
     point: np.ndarray
     free: np.ndarray
-    per_force: np.ndarray | None
     schur: np.ndarray
     free_slack: np.ndarray
+    known: AtHand | None
     scale: np.ndarray | float = 1.0
 
     @classmethod
@@ -51,14 +52,14 @@ class FullStiffness:
         rows = problem.rows
         contact = problem.contact[:, rows]
         if full.problem.varies:
-            per_force, schur = full.condensed_at(problem, point)
+            known = full.condensed_at(problem, point)
         else:
-            per_force = None
-            schur = full.schur
+            known = None
+        schur = full.schur if known is None else known.schur
         theta = problem.amplitudes(point)
         free = full.solve_stiffness(problem.loads[rows] @ theta)
         slack = problem.gaps @ theta - full.spread.allreduce(contact @ free)
-        return cls(full, problem, point, free, per_force, schur, slack)
+        return cls(full, problem, point, free, schur, slack, known)
 
     @classmethod
     def _scaled(cls, full: Any, point: np.ndarray) -> FullStiffness:
@@ -72,7 +73,7 @@ class FullStiffness:
         free = full.solve_stiffness(problem.loads_at(point, theta) / scale)
         schur = np.tensordot(1 / scales, full.schur_parts, 1)
         slack = problem.gaps @ theta - problem.contact @ free
-        return cls(full, problem, point, free, None, schur, slack, scale)
+        return cls(full, problem, point, free, schur, slack, None, scale)
 
     def contact(self) -> CondensedContact:
         """What is left once the displacement is eliminated, on all ranks."""
@@ -84,8 +85,17 @@ class FullStiffness:
 
     def pushed(self, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T times forces, (m,) or (m, k), on all dofs, (N,) or (N, k)."""
-        own = self.full.pushed(forces) if self.per_force is None else self.per_force @ forces
+        own = self._pushed(forces)
         return np.concatenate(self.full.spread.allgather((own.T / self.scale).T))
+
+    def _pushed(self, forces: np.ndarray) -> np.ndarray:
+        """The same on own dofs, and without the scale."""
+        known = self.known
+        if known is None:
+            return self.full.pushed(forces)
+        if known.per_force is not None:
+            return known.per_force @ forces
+        return self.full.pushed_at(known.stiffness, self.problem.contact[:, self.problem.rows], forces)
 
     def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K U' = -R', where R is the residual K U + B^T lambda - F; and the slack that goes with it."""

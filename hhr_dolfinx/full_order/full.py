@@ -16,6 +16,7 @@ from hhr_dolfinx import ranks
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
 from hhr_dolfinx.contact.problem import ScaledBodies
 from hhr_dolfinx.errors import NotOfferedError, SceneError
+from hhr_dolfinx.full_order.at_hand import AtHand
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
@@ -132,18 +133,21 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self.parameters = problem.parameters
         self.friction = problem.friction
         self._own = problem.rows
-        self._at_hand: tuple[np.ndarray, csr_matrix, np.ndarray, np.ndarray] | None = None
-        # a stiffness factored for each query, with a solve for each condition: at 14,140 dofs and 162 conditions MUMPS
-        # takes 24 + 138 ms, nd 45 + 272 ms, qmd 70 + 308 ms; that of bodies that flow serves whole histories
+        self._at_hand: AtHand | None = None
+        # a stiffness factored for each query: at 14,140 dofs and 162 conditions MUMPS takes 24 ms, nd 45, qmd 70, and a
+        # solution for each condition 138, 272, 308 ms, which Schur complements save; that of bodies that flow serves
+        # whole histories
         anew = problem.varies and all(body.law is None for body in self.scene.bodies) and self.scaled is None
-        self._solver = self.factors_of(problem.own_stiffness, "mumps" if anew else "qmd")
+        self.keeps_columns = self._has_room()
+        # what is solved for once for each query, or does not keep its columns, asks for S alone
+        asked = np.unique(problem.contact.indices) if anew or not self.keeps_columns else None
+        self._solver = self.factors_of(problem.own_stiffness, "mumps" if anew else "qmd", asked)
         check_regular(problem, lambda rhs: self._gather(self._solver.solve(rhs)), self.scene.name)
         contact = problem.contact[:, self._own]
         self._own_loads = problem.loads[self._own]
         self._contact = contact
         self._columns: np.ndarray | None = None
         self._schur: np.ndarray | None = None
-        self.keeps_columns = self._has_room()
         if self.keeps_columns:
             self._columns = self.solved_columns(contact.T)
         self._pairs = Pairs.of(problem.contact_pairs)
@@ -169,6 +173,10 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """S of columns of K^-1 B^T that are kept, or by blocks of columns that are dropped."""
         if self._columns is not None:
             return self.spread.allreduce(self._contact @ self._columns)
+        self._solver.refactor(self.problem.own_stiffness)
+        known = self._solver.between_last(self._contact)
+        if known is not None:
+            return known
         conditions = self._contact.shape[0]
         _log.info(
             "K^-1 B^T would take %.1f GB: S is made of blocks of it, and a displacement takes one more solution",
@@ -176,7 +184,6 @@ class FullOrderModel(AnsweringModel, ModelFields):
         )
         found = np.empty((conditions, conditions))
         touched, contact = self._at_contact()
-        self._solver.refactor(self.problem.own_stiffness)
         for part, block in self._solver.solved_blocks(self._contact.T, touched):
             found[:, part] = contact @ block
         return self.spread.allreduce(found)
@@ -245,15 +252,20 @@ class FullOrderModel(AnsweringModel, ModelFields):
         assert self.scaled is not None
         if self._columns is not None:
             return self.scaled.parts(self._columns)
-        count = len(self.problem.gaps)
-        found = np.empty((len(self.problem.bodies), count, count))
-        touched, contact = self._at_contact()
-        of_body = [np.isin(touched, body) for body in self.problem.bodies]
+        masks = [np.bincount(body, minlength=len(self.problem.free)) > 0 for body in self.problem.bodies]
         with self.factors.lock:
             self._solver.refactor(self.problem.own_stiffness)
+            parts = (self._solver.between_last(csr_matrix(self._contact.multiply(mask))) for mask in masks)
+            known = [part for part in parts if part is not None]
+            if len(known) == len(masks):
+                return np.stack(known)
+            count = len(self.problem.gaps)
+            found = np.empty((len(masks), count, count))
+            touched, contact = self._at_contact()
             for part, block in self._solver.solved_blocks(self._contact.T, touched):
-                for number, own in enumerate(of_body):
-                    found[number][:, part] = contact[:, own] @ block[own]
+                for number, mask in enumerate(masks):
+                    here = mask[touched]
+                    found[number][:, part] = contact[:, here] @ block[here]
         return found
 
     @cached_property
@@ -295,24 +307,34 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """Number of contact conditions, N_lambda."""
         return len(self.problem.gaps)
 
-    def condensed_at(self, problem: ContactProblem, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """K^-1 B^T and S of the problem at a point, whose stiffness is factored unless it is the one at hand.
+    def condensed_at(self, problem: ContactProblem, point: np.ndarray) -> AtHand:
+        """S of the problem at a point, whose stiffness is factored unless it is the one at hand.
 
         Along a path mostly loads change, and moduli stay.
         """
         weights = self.problem.weights(point)
         known = self._at_hand
-        if self.problem.reshaped is None and known is not None and np.array_equal(weights, known[0]):
-            self._solver.refactor(known[1])  # no work, unless whoever reduces or checks has put others in their place
-            return known[2:]
+        if self.problem.reshaped is None and known is not None and np.array_equal(weights, known.weights):
+            self._solver.refactor(known.stiffness)  # no work, unless another one was put in its place
+            return known
         self._at_hand = None
         stiffness = problem.own_stiffness
         self._solver.refactor(stiffness)
         contact = problem.contact[:, problem.rows]
-        per_force = self.solved_columns(contact.T)
-        schur = self.spread.allreduce(contact @ per_force)
-        self._at_hand = weights, stiffness, per_force, schur
-        return per_force, schur
+        per_force = None
+        schur = self._solver.between_last(contact)
+        if schur is None:
+            per_force = self.solved_columns(contact.T)
+            schur = self.spread.allreduce(contact @ per_force)
+        self._at_hand = AtHand(weights, stiffness, per_force, schur)
+        return self._at_hand
+
+    def pushed_at(self, stiffness: csr_matrix, contact: csr_matrix, forces: np.ndarray) -> np.ndarray:
+        """K^-1 B^T times forces, (N_lambda,) or (N_lambda, k), of a stiffness, which is factored unless it is."""
+        with self._solver.lock:
+            self._solver.refactor(stiffness)
+            loads = contact.T @ forces
+            return self.solve_stiffness(loads) if loads.ndim == 1 else self.solved_columns(csc_matrix(loads))
 
     @property
     def factors(self) -> FreeCholesky | SharedCholesky:
@@ -357,8 +379,10 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
         return ShapedArrays(self.discretisation, self.problem)
 
-    def factors_of(self, stiffness: csr_matrix, plane: str) -> FreeCholesky | SharedCholesky:
-        """Factors of own rows of a stiffness, with an ordering for problems in the plane."""
+    def factors_of(
+        self, stiffness: csr_matrix, plane: str, last: np.ndarray | None = None
+    ) -> FreeCholesky | SharedCholesky:
+        """Factors of own rows of a stiffness, with an ordering for problems in the plane; ``last`` as these have it."""
         problem = self.problem
         ordering = ordering_of(problem.block_size, plane)
         low_rank = low_rank_of(problem.block_size, problem.free.size)
@@ -369,7 +393,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
             return SharedCholesky(stiffness, problem.held, self.scene.name, self.comm, low_rank)
         given = stiffness, problem.held, self._own, self.scene.name, ordering, self.comm
-        return FreeCholesky(*given, low_rank=low_rank)
+        return FreeCholesky(*given, low_rank=low_rank, last=last)
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
         """A full model knows no nearest statuses: ``nearest`` starts where the free slack is negative."""

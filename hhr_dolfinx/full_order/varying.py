@@ -42,9 +42,10 @@ def stiffness_terms(discretisation: DiscreteSpace) -> tuple[tuple[csr_matrix, ..
     for part, members in groups:
         matrices.append(discretisation.own_rows(_assembled(discretisation, members)))
         moduli.append(Modulus(part.factor, part.rest, names))
-    if discretisation.common_pattern is None:
-        discretisation.common_pattern = CommonPattern(matrices)
-    return discretisation.common_pattern.filled(matrices), tuple(moduli) if varying else ()
+    pattern = discretisation.common_pattern or CommonPattern(matrices)
+    if scene.shapes:  # which assemble again
+        discretisation.common_pattern = pattern
+    return pattern.filled(matrices), tuple(moduli) if varying else ()
 
 
 class CommonPattern:
@@ -61,7 +62,7 @@ class CommonPattern:
         every = every[np.append(True, np.diff(every) > 0)]
         self._indptr = np.searchsorted(every, np.arange(rows + 1) * columns).astype(np.int32)
         self._indices = (every % columns).astype(np.int32)
-        self._places = [np.searchsorted(every, own) for own in keys]
+        self._places = [np.searchsorted(every, own).astype(np.int32) for own in keys]
 
     def filled(self, matrices: list[csr_matrix]) -> tuple[csr_matrix, ...]:
         """The matrices in the common pattern."""

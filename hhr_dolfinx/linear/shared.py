@@ -52,6 +52,9 @@ class SharedCholesky:
         self._factors.refactor(stiffness[self._rows])
         self._factored = stiffness
 
+    def between_last(self, rows: csr_matrix) -> None:
+        """See :class:`FreeCholesky`: takes solutions."""
+
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solution for a right-hand side, (N,)."""
         return self._whole(self._factors.solve(rhs[self._rows]))

@@ -77,7 +77,7 @@ class Solves(Protocol):
 def interpolated_compliances(
     problem: ContactProblem, solvers: Sequence[Solves], settings: GridSettings, own: Sequence[GridSettings] = ()
 ) -> tuple[Compliances, list[GrownGrid], list[dict[str, np.ndarray]]]:
-    """Solve for and interpolate all that contact needs of a full model, on one rank, and the modes of each part.
+    """Solve for and interpolate all that contact needs of a full model, on one rank, and the modes of what is besides.
 
     ``settings`` hold for all, unless each part has its ``own``.
     """
@@ -88,8 +88,9 @@ def interpolated_compliances(
         part = solver.component.part
         grid, modes = grown(solver, problem.parameters, part.axes, how, part)
         parts.append(compliance_of(part, grid, modes, None))
-        grids.append(grid)
-        others.append(modes)
+        # S is large, and one of it is enough
+        grids.append(grid.without_modes())
+        others.append({name: values for name, values in modes.items() if name not in ("schur", "columns")})
     reshaped = None
     if problem.reshaped is not None:
         axes = np.array(problem.reshaped.axes, dtype=np.int64)
@@ -116,6 +117,7 @@ class Solver:
         self._full = full
         self._factors: FreeCholesky | None = None
         self._known: dict[bytes, dict[str, np.ndarray]] = {}
+        self._work: dict[bytes, np.ndarray] = {}
 
     def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
         """S_c, (m_c, m_c), and B K^-1 F above B K^-1 K lift, (T, m_c), for the factor 1.
@@ -134,17 +136,33 @@ class Solver:
         return found
 
     def _solved(self, point: np.ndarray) -> dict[str, np.ndarray]:
-        """By columns of K^-1 B^T: as K^-1 is symmetric loads, of which there may be more, take no solution."""
+        """By factors that eliminate contact last, or columns of K^-1 B^T: as K^-1 is symmetric loads take none."""
         problem = self.problem.at(point)
         part = self.component.part
         rows = csr_matrix(problem.contact[part.conditions])
         acting = csr_matrix(self.acting(problem).T)
+        factors = self._factored(problem)
+        known = factors.between_last(csr_matrix(rows.multiply(self.component.dofs)))
+        if known is not None:
+            moved = factors.solve_columns(acting.T)
+            columns = (rows @ moved).T
+            self._work[point[part.axes].tobytes()] = acting @ moved
+            return self._normed(known, columns, part.factor_at(point))
         schur = np.empty((rows.shape[0],) * 2)
         columns = np.empty((acting.shape[0], rows.shape[0]))
-        for places, block in self._factored(problem).solved_blocks(rows.T):
+        for places, block in factors.solved_blocks(rows.T):
             schur[:, places] = rows @ block
             columns[:, places] = acting @ block
         return self._normed(schur, columns, part.factor_at(point))
+
+    def work(self, point: np.ndarray) -> np.ndarray:
+        """Loads on the component, and K times its lifts, times K^-1 of them, (T, T): at hand where it was factored."""
+        found = self._work.get(point[self.component.part.axes].tobytes())
+        if found is None or self._full.scaled is not None:
+            problem = self.with_stiffness(point)
+            loads = self.acting(problem)
+            found = loads.T @ self.solved_columns(problem, point, loads)
+        return found
 
     def _scaled(self) -> dict[str, np.ndarray]:
         """From S of the full model in the middle of the box."""
@@ -175,12 +193,22 @@ class Solver:
         return self.solved_columns(problem, point, hstack([pushed, loads], format="csc"))
 
     def fields_under(self, point: np.ndarray, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """Displacements under the loads at some points, (k, P), and contact forces, (k, m), and lifts: (N, k + T)."""
-        problem = self.problem.at(point)
+        """Displacements under the loads at some points, (k, P), and contact forces, (k, m), at another one: (N, k)."""
+        problem = self.with_stiffness(point)
         loaded = np.stack([problem.external @ problem.amplitudes(one) for one in points], axis=1)
-        drawn = problem.own_stiffness @ problem.lifts[:, self.component.part.lifted]
-        columns = csc_matrix(hstack([csc_matrix(loaded - problem.contact.T @ forces.T), drawn]))
-        return self.solved_columns(problem, point, columns)
+        return self.solved_columns(problem, point, csc_matrix(loaded - problem.contact.T @ forces.T))
+
+    def fields_of_lifts(self, point: np.ndarray) -> np.ndarray:
+        """Displacements under K times its lifts, (N, T)."""
+        problem = self.with_stiffness(point)
+        drawn = csc_matrix(problem.own_stiffness @ problem.lifts[:, self.component.part.lifted])
+        if self._full.scaled is not None:
+            drawn *= self._full.scaled.at(point)[self.component.number]
+        return self.solved_columns(problem, point, drawn)
+
+    def with_stiffness(self, point: np.ndarray) -> ContactProblem:
+        """The problem at a point; that of the middle where K of the component is a multiple of the one there."""
+        return self.problem.at(point) if self._full.scaled is None else self.problem
 
     def solved_columns(self, problem: ContactProblem, point: np.ndarray, columns: spmatrix) -> np.ndarray:
         """K^-1 of the component times columns, (N, k), with the problem at this point."""
@@ -198,7 +226,8 @@ class Solver:
             how = slice(0, problem.free.size), full.scene.name, full.block_ordering, full.comm
             dofs = self.component.dofs
             low_rank = low_rank_of(problem.block_size, int(np.count_nonzero(dofs)))
-            self._factors = FreeCholesky(problem.own_stiffness, dofs, *how, low_rank=low_rank)
+            last = np.unique(problem.contact[self.component.part.conditions].indices)
+            self._factors = FreeCholesky(problem.own_stiffness, dofs, *how, low_rank=low_rank, last=last)
         else:
             self._factors.refactor(problem.own_stiffness)
         return self._factors

@@ -56,7 +56,8 @@ _INTERPOLATED = (
 ADVICE: Mapping[Status, str] = MappingProxyType({Status.CYCLING: _INTERPOLATED, Status.SINGULAR: _INTERPOLATED})
 OF_FRICTION = "the moduli of bodies with friction vary, and how far interpolated forces are off is not bounded there"
 ALONG_NODES = 16
-"""Nodes of a grid at which fields are solved for that no snapshot tells of."""
+TOGETHER = 16
+"""Nodes of a grid at which fields are solved for that no snapshot tells of, and how many fields at once."""
 
 
 @dataclass(frozen=True)
@@ -133,7 +134,7 @@ def condense(
     log = StageLog()
     solvers = solvers_of(full)
     with log.stage("compliances"):
-        compliances, grids, _ = interpolated_compliances(problem, solvers, settings)
+        compliances, grids = interpolated_compliances(problem, solvers, settings)[:2]
     _warn_of_budget(full, grids, settings)
     with log.stage("starts"):
         known, forces = starts_of(compliances, Sobol(_starts(problem)).points(problem.parameters), problem)
@@ -141,8 +142,7 @@ def condense(
         if not fields:
             made = _no_fields(full, settings)
         else:
-            seen = _spanning(compliances, solvers, known, forces, snapshots, along=along)
-            made = _fields(full, np.column_stack(seen), settings)
+            made = _fields(full, _spanning(compliances, solvers, known, forces, snapshots, along=along), settings)
     if fields:
         made = _bounded(full, made, forces.T if snapshots is None else snapshots.forces, log, solvers, wanted=bound)
     log.say(known_error(made))
@@ -198,10 +198,13 @@ def _no_fields(full: Any, settings: GridSettings) -> InterpolatedFields:
     )
 
 
-def _fields(full: Any, displacements: np.ndarray, settings: GridSettings) -> InterpolatedFields:
-    """Galerkin's method on what displacements span, body by body."""
+def _fields(full: Any, seen: list[np.ndarray], settings: GridSettings) -> InterpolatedFields:
+    """Galerkin's method on what displacements span, (N, k) each, body by body; the list is empty behind it."""
     problem: ContactProblem = full.problem
+    displacements = np.column_stack(seen)
+    seen.clear()  # as large as all else of a model
     basis = Pod(FIELD_TOLERANCE, relative=True, by_body=True).of_columns(problem, displacements)
+    del displacements
     if problem.reshaped is not None:
         basis = _of_energy(basis, problem)
     every = np.flatnonzero(problem.free)
@@ -294,10 +297,10 @@ def _fields_along(
             point = solver.problem.middle
             share = slice(first, count, len(nodes))
             point[part.interpolant.axes] = node
-            columns = solver.fields_under(point, points[share], forces[share])
-            own = len(points[share])
-            moved[:, share] += columns[:, :own]
-            found.append(columns[:, own:].copy())  # not the columns of all points with them
+            own = np.arange(count)[share]
+            for few in np.array_split(own, -(-own.size // TOGETHER)):
+                moved[:, few] += solver.fields_under(point, points[few], forces[few])
+            found.append(solver.fields_of_lifts(point))
     return found
 
 

@@ -11,9 +11,10 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix, diags, issparse
 
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
@@ -39,28 +40,45 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
         )
     rows = problem.contact[sets.A_lambda]
     support = np.union1d(sets.A, sets.I)
-    test = basis[sets.A]
+    tested = _tested(basis, sets.A)
 
     def projected(stiffness: csr_matrix) -> np.ndarray:
         if 2 * sets.A.size <= len(basis):
-            return test.T @ (stiffness[sets.A][:, support] @ basis[support])
+            return basis[sets.A].T @ (stiffness[sets.A][:, support] @ basis[support])
         # of most of a mesh rows and columns of K are not copied
         cut = np.zeros(len(basis), dtype=bool)
         cut[support] = True
         parts = [slice(k, k + PANEL) for k in range(0, basis.shape[1], PANEL)]
-        return np.hstack([test.T @ (stiffness @ (cut[:, None] * basis[:, part]))[sets.A] for part in parts])
+        return np.hstack([tested(stiffness @ (cut[:, None] * basis[:, part])) for part in parts])
 
     reduced = ReducedProblem(
         stiffness=projected(problem.stiffness),
         contact_test=rows[:, sets.A_c] @ basis[sets.A_c],
         contact_trial=rows[:, sets.A_c_tilde] @ basis[sets.A_c_tilde],
-        loads=test.T @ problem.loads[sets.A],
+        loads=tested(problem.loads),
         gaps=problem.gaps[sets.A_lambda] + 0.0,  # files keep zeros with a sign
         pairs=problem.contact_pairs[sets.A_lambda],
         motions=0 if problem.rigid is None else problem.rigid.shape[1],
-        terms=_terms(problem, projected, lambda columns: test.T @ columns[sets.A]) if problem.moduli else None,
+        terms=_terms(problem, projected, tested) if problem.moduli else None,
     )
     return reduced if problem.rigid is None else _balanced(problem, basis, sets, reduced)
+
+
+def _tested(basis: np.ndarray, rows: np.ndarray) -> Callable[[Any], np.ndarray]:
+    """What tests columns of dofs, dense or sparse, by modes on some rows; of most rows no modes are copied."""
+    if 2 * rows.size <= len(basis):
+        test = basis[rows]
+        return lambda columns: test.T @ columns[rows]
+    outside = np.ones(len(basis), dtype=bool)
+    outside[rows] = False
+    inside = diags((~outside).astype(float))
+
+    def tested(columns: Any) -> np.ndarray:
+        if issparse(columns):
+            return np.ascontiguousarray((csr_matrix((inside @ columns).T) @ basis).T)
+        return basis.T @ np.where(outside[:, None], 0.0, columns)
+
+    return tested
 
 
 def _balanced(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem) -> ReducedProblem:

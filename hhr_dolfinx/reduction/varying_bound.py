@@ -196,15 +196,16 @@ def probed(solvers: Sequence[Solver], compliances: Compliances, problem: Contact
     counts more than the stiffest one, beside the middle of the box.
     """
     middle = problem.middle
-    whole = compliances(middle).schur
-    lower = cholesky(whole + NOISE * whole.diagonal().mean() * np.eye(len(whole)), lower=True)
+    lower = compliances(middle).schur.copy()
+    lower[np.diag_indices(len(lower))] += NOISE * lower.diagonal().mean()
+    lower = cholesky(lower, lower=True, overwrite_a=True)  # S may be as large as a tenth of all memory
     error = 0.0
     for solver, part in zip(solvers, compliances.parts, strict=True):
         if part.interpolant.axes.size:
             continue
         rows = csr_matrix(problem.contact[part.conditions])
         schur = part.compliance(middle) * part.schur(part.interpolant.along_modes(middle))
-        images = np.random.default_rng(PROBES).standard_normal((len(whole), PROBES))
+        images = np.random.default_rng(PROBES).standard_normal((len(lower), PROBES))
         for _ in range(POWERS):
             own = solve_triangular(lower, images, lower=True, trans="T")[part.conditions]
             off = np.zeros(images.shape)
@@ -250,14 +251,14 @@ class EnergySolver:
     def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
         """See :class:`Solver`, with the arrays of :class:`PartEnergy`."""
         found = self.solver(point)
-        problem = self.solver.problem.at(point)
+        problem = self.solver.with_stiffness(point)
         part = self.component.part
         body = self.component.body
         factor = part.factor_at(point)
         loads = self.solver.acting(problem)
         # loads move a body the more the softer it is, lifts by themselves
         scales = np.append(np.full(part.forced.size, factor**0.5), np.full(part.lifted.size, factor**-0.5))
-        work = scales[:, None] * (loads.T @ self.solver.solved_columns(problem, point, loads)) * scales
+        work = scales[:, None] * self.solver.work(point) * scales
         own = csc_matrix(problem.lifts[:, part.lifted])[body]
         pulls = loads[:, part.forced.size :]
         return found | {"work": (work + work.T) / 2, "lifted": (own.T @ pulls[body]).toarray() / factor}

@@ -1,0 +1,115 @@
+"""K^-1 between a few dofs by Schur complements: that of solutions, after other values too, and what cannot be had."""
+
+import contract
+import numpy as np
+import pytest
+from mpi4py import MPI
+from scipy.sparse import csr_matrix, identity, kron
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import NotSolvableError
+from hhr_dolfinx.linear import schur, sparse
+
+pytestmark = pytest.mark.skipif(schur._library() is None, reason="PETSc has no Schur complements here")
+SIDE = 7
+
+
+def stiffness():
+    """A Laplacian on a cube, (343, 343), and the dofs that are free, all but one side."""
+    line = csr_matrix(2 * np.eye(SIDE) - np.eye(SIDE, k=1) - np.eye(SIDE, k=-1))
+    one = identity(SIDE, format="csr")
+    parts = (kron(kron(line, one), one), kron(kron(one, line), one), kron(kron(one, one), line))
+    free = np.ones(SIDE**3, dtype=bool)
+    free[:: SIDE**2] = False
+    return csr_matrix(sum(parts)), free
+
+
+def factors(matrix, free, last, **how):
+    """By MUMPS, with some dofs eliminated last."""
+    return sparse.FreeCholesky(matrix, free, slice(0, len(free)), "cube", "mumps", MPI.COMM_SELF, last=last, **how)
+
+
+def rows_at(places, size, seed=0):
+    """Rows of which each has entries at two of some dofs."""
+    rng = np.random.default_rng(seed)
+    dense = np.zeros((9, size))
+    for row in dense:
+        row[rng.choice(places, 2, replace=False)] = rng.standard_normal(2)
+    return csr_matrix(dense)
+
+
+@pytest.mark.parametrize("low_rank", [None, 1e-10])
+def test_the_inverse_between_dofs_is_that_of_solutions(low_rank):
+    matrix, free = stiffness()
+    last = np.arange(40, 90)  # some of them are imposed
+    made = factors(matrix, free, last, low_rank=low_rank)
+    plain = factors(matrix, free, None)
+    assert made.last is not None and free[made.last].all() and plain.last is None
+    rows = rows_at(last, len(free))
+    for times in (1.0, 4.0):
+        given = csr_matrix(times * matrix)
+        made.refactor(given)
+        plain.refactor(given)
+        found = made.between_last(rows)
+        exact = rows @ plain.solve_columns(rows.T.tocsc())
+        np.testing.assert_allclose(found, exact, rtol=0, atol=1e-12 * np.abs(exact).max())
+        rhs = np.random.default_rng(1).standard_normal(len(free))
+        np.testing.assert_allclose(
+            made.solve(rhs), plain.solve(rhs), rtol=0, atol=1e-12 * np.abs(plain.solve(rhs)).max()
+        )
+
+
+def test_rows_that_reach_beyond_take_solutions():
+    matrix, free = stiffness()
+    made = factors(matrix, free, np.arange(40, 90))
+    assert made.between_last(rows_at(np.arange(200, 210), len(free))) is None
+    assert factors(matrix, free, None).between_last(rows_at(np.arange(40, 90), len(free))) is None
+
+
+def test_a_matrix_that_is_singular_between_them_is_refused():
+    """Its singular direction is left to the Schur complement, of which the factorisation before says nothing."""
+    matrix, free = stiffness()
+    values = matrix.toarray()
+    values[60:80] = values[:, 60:80] = 0.0
+    values[60:80, 60:80] = 1.0
+    with pytest.raises(NotSolvableError, match="singular"):
+        factors(csr_matrix(values), free, np.arange(55, 85))
+
+
+def test_without_the_functions_of_petsc_answers_are_the_same(monkeypatch):
+    make = lambda: contract.blocks((3.0, "n"), box={"n": (0.1, 0.4)})  # noqa: E731
+    with_them = hhr.FullOrderModel(make(), MPI.COMM_SELF)
+    with monkeypatch.context() as patch:
+        patch.setattr(schur, "_library", lambda: None)
+        without = hhr.FullOrderModel(make(), MPI.COMM_SELF)
+    assert with_them._solver.last is not None and without._solver.last is None
+    for point in with_them.parameters.random(3, 0):
+        one, other = (full.solve(point, gradient=True) for full in (with_them, without))
+        for pick in (
+            lambda answer: answer.forces(),
+            lambda answer: answer.displacement(),
+            lambda answer: answer.gradient.multipliers,
+            lambda answer: answer.gradient.unknown,
+        ):
+            scale = np.abs(pick(other)).max()
+            np.testing.assert_allclose(pick(one), pick(other), rtol=0, atol=1e-10 * scale)
+
+
+def test_an_answer_is_completed_after_another_point_was_factored():
+    """What contact forces push takes a solution by factors of its own point, whoever has put others in their place."""
+    full = hhr.FullOrderModel(contract.blocks((3.0, "n"), box={"n": (0.1, 0.4)}), MPI.COMM_SELF)
+    first, second = full.parameters.random(2, 1)
+    alone = full.solve(first).displacement()
+    contacts = full.contacts()
+    contact, _ = contacts(first), contacts(second)
+    forces = full.solve(first).multipliers
+    full.solve(second)
+    pushed = contact.pushed(forces)
+    field = full.solve(first)
+    np.testing.assert_allclose(field.displacement(), alone, rtol=0, atol=1e-12 * np.abs(alone).max())
+    problem = full.problem.at(first)
+    free = problem.held
+    exact = np.zeros(len(free))
+    load = (problem.contact.T @ forces)[free]
+    exact[free] = np.linalg.solve(problem.stiffness[free][:, free].toarray(), load)
+    np.testing.assert_allclose(pushed, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
