@@ -140,12 +140,8 @@ class ParameterSpace:
             ParameterError: for a wrong length, a missing name, NaN, or a value outside the box.
         """
         if not isinstance(mu, np.ndarray) and isinstance(mu, Mapping):  # the second question takes its time
-            missing = set(self.names) ^ set(mu)
-            if missing:
-                raise ParameterError(
-                    f"parameters {sorted(missing, key=str)} do not match {self.names}: give each of the latter a "
-                    "value, and no other"
-                )
+            if set(self.names) ^ set(mu):
+                raise ParameterError(self._misnamed(mu))
             mu = [mu[name] for name in self.names]
         try:
             point = np.array(mu, dtype=float, ndmin=1)
@@ -159,6 +155,13 @@ class ParameterSpace:
             if not low <= value <= high:  # NaN fails too
                 raise ParameterError(self._complaint(point))
         return point
+
+    def _misnamed(self, given: Mapping) -> str:
+        """What is missing and what is too much of values by name."""
+        missing = [f"{name!r} is missing" for name in self.names if name not in given]
+        unknown = [f"{name!r} is unknown" for name in sorted(given, key=str) if name not in self.names]
+        told = ", ".join(missing + unknown)
+        return f"{told}: the names do not match {self.names}: give each of these a value, and no other"
 
     def _complaint(self, point):
         strange = [f"{name} = {value:g}" for name, value in zip(self.names, point, strict=True)
@@ -198,8 +201,11 @@ class ParameterSpace:
             raise ParameterError(
                 f"points have the shape {points.shape}: give one row per point and one column for each of {self.names}"
             )
-        for point in points:
-            self.point(point)
+        for row, point in enumerate(points):
+            try:
+                self.point(point)
+            except ParameterError as error:
+                raise ParameterError(f"row {row}: {error}") from None
         return points
 
     def grid(self, counts: Sequence[int]) -> np.ndarray:

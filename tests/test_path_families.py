@@ -167,11 +167,11 @@ def test_legs_that_are_none(given, message):
     ("path", [20.0, 0.0, 0.0], r"family of paths 'down': gap = 20 is outside \[5, 15\]"),
     ("path", [np.nan, 0.0, 0.0], "gap = nan is not finite"),
     ("path", [10.0], "'down': expected 3 parameters"),
-    ("path", {"gap": 10.0, "hold": 1.0}, r"'down': parameters \['back'\] do not match"),
+    ("path", {"gap": 10.0, "hold": 1.0}, r"'down': 'back' is missing: the names do not match"),
     ("paths", np.ones(3), r"'down': points have the shape \(3,\)"),
     ("paths", hhr.Sobol, "'down': a table of points needs numbers in columns .*Sobol"),
     ("paths", 12, "'down': points have the shape"),
-    ("paths", [[10.0, 0.0, 2.0]], "'down': back = 2 is outside"),
+    ("paths", [[10.0, 0.0, 2.0]], "'down': row 0: back = 2 is outside"),
 ])  # fmt: skip
 def test_points_that_are_none(call, given, message):
     with pytest.raises(ParameterError, match=message):

@@ -361,7 +361,7 @@ def trained():
 
 QUESTIONS = {
     "outside of the box": ((5.0, 0.0), r"travel = 5 is outside \[0.05, 1\]: .*choose a value inside"),
-    "a misspelt name": ({"travl": 0.5, "lowered": 0.0}, r"'travl'.*give each of the latter a value"),
+    "a misspelt name": ({"travl": 0.5, "lowered": 0.0}, r"'travel' is missing, 'travl' is unknown.*give each"),
     "one value of two": (0.5, r"'travel', 'lowered'\), got .*give a value for each"),
 }
 

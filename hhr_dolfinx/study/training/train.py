@@ -345,14 +345,17 @@ def training_points(scene: Scene, training: Any) -> np.ndarray:
 
 def training_paths(scene: Scene, paths: Any) -> list:
     """Checked paths of a scene whose bodies flow or rub; StudyError for what is no list of paths."""
+    advice = (
+        f"answers of scene '{scene.name}' depend on the path that leads to them: train on a list of paths, such as "
+        "family.paths(Sobol(12)), or by hhr reduce with PATHS, a hhr.PathFamily, beside the scene"
+    )
+    if not isinstance(paths, Iterable):
+        raise StudyError(f"{advice}; {paths!r} is none")
     try:
         # paths of a family keep their names
         checked = [_checked_path(scene, path) for path in paths]
     except (ParameterError, TypeError) as error:
-        raise StudyError(
-            f"answers of scene '{scene.name}' depend on the path that leads to them: train on a list of paths, such as "
-            f"family.paths(Sobol(12)) ({error})"
-        ) from None
+        raise StudyError(f"{advice} ({error})") from None
     if not checked or min(len(path) for path in checked) < 2:
         raise StudyError(f"training of scene '{scene.name}' needs at least one path, each with a start and a step")
     return checked
