@@ -20,6 +20,7 @@ import contact_patch_test as patch
 import fretting
 import hertz_half_discs as demo
 import indentation
+import scale
 import sphere_on_block
 from mpi4py import MPI
 from scenes import pressed_block
@@ -84,7 +85,22 @@ pressed = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(6, 3), block_ce
 condensed = hhr.condense(pressed).solve([0.2, 50.0])
 out["condensed"] = condensed.forces().tolist()
 out["condensed norm"] = float(np.linalg.norm(condensed.displacement()))
+# S by factors that are dropped, and a stiffness that varies
+out["S"] = np.ravel(pressed.gathered().schur).tolist()
+shifting = scale.scene((5, 3), (4, 2), ratios=True)
+out["varying"] = hhr.FullOrderModel(shifting).solve(shifting.parameters.upper).forces().tolist()
 limits.KEPT_BYTES, sparse.BLOCK_NUMBERS = kept_bytes, numbers
+# a training on one full model of all ranks: what is made of it, and that its bound holds
+together = hhr.train(scale.scene((5, 3), (4, 2)), hhr.Sobol(6), held_out=0, together=True)
+asked = together.full_order.parameters.random(1, 5)[0]
+exact = together.full_order.solve(asked)
+condensed, reduced = together.condense().solve(asked), together.build().solve(asked, outside="ignore")
+out["trained"] = condensed.forces().tolist()
+out["trained norm"] = float(np.linalg.norm(condensed.displacement()))
+bound = reduced.estimate()
+off = float(np.linalg.norm(reduced.forces() - exact.forces()))
+out["bounded"] = float(bound.kind == "bound" and off <= bound.forces_euclid)
+out["side by side"] = [item["stage"] for item in together.log.skipped].count("problems side by side")
 # bodies that flow: ranks share the factors; a history goes on behind what one of them has kept
 flowing = hhr.FullOrderModel(indentation.scene(6))
 low, high = np.array([flowing.parameters.lower, flowing.parameters.upper])
@@ -160,7 +176,16 @@ def run_program(ranks, arguments, cwd=None, limit=WAIT):
     return subprocess.run(command, capture_output=True, text=True, env=os.environ | allow, timeout=limit, cwd=cwd)
 
 
-ELSEWHERE = {"share of stiffness", "share of mass", "rows", "whole", "said", "kept", "nearly incompressible"}
+ELSEWHERE = {
+    "side by side",
+    "share of stiffness",
+    "share of mass",
+    "rows",
+    "whole",
+    "said",
+    "kept",
+    "nearly incompressible",
+}
 """What has a test of its own."""
 
 
@@ -217,6 +242,12 @@ def test_what_needs_all_rows_says_so_on_every_rank(found, ranks):
         assert all(text.startswith("SceneError") and "problem.gathered(comm)" in text for text in said[name]), name
     assert all("give the communicator of its model" in text for text in said["wrong ranks"])
     assert all(texts == ["nothing"] for texts in found[1]["said"].values())
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_a_training_together_has_bounds_and_says_so(found, ranks):
+    assert found[ranks]["bounded"] == 1.0
+    assert found[ranks]["side by side"] == (ranks > 1)
 
 
 @pytest.mark.parametrize("ranks", [1, 2, 3])

@@ -29,7 +29,7 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
         known: statuses of the training points, (S, N_lambda).
         field: compute the displacement with each answer; without it only when it is asked for, and a query costs less.
     """
-    if full.comm.size > 1 and full.problem.rigid is not None:
+    if full.spread.size > 1 and full.problem.rigid is not None:
         raise SceneError("contact alone holds bodies: give a full model on MPI.COMM_SELF, whose motions one rank knows")
     if full.equilibrium is not None:
         raise SceneError(
@@ -49,7 +49,7 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
         )
     free = np.concatenate(full.spread.allgather(full.per_load))
     # only with the field is it known how far bodies moved that contact holds
-    kept = full.keeps_columns and full.comm.size == 1
+    kept = full.keeps_columns and full.spread.size == 1
     field = (field and kept) or problem.rigid is not None
     responses = Responses(
         free_primal=free if field else free[:0],

@@ -66,8 +66,8 @@ def check_hypotheses(full: Any, *, floating: bool = False) -> None:
     problem = full.problem
     if full.equilibrium is not None:
         raise BoundError("bodies flow, and the bounds are those of elastic ones: histories have signs of error")
-    if full.comm.size > 1:
-        raise BoundError("ranks share the factors of K, and the bounds need whole columns: build on MPI.COMM_SELF")
+    if not problem.whole:
+        raise BoundError("ranks have rows of K each, and the bounds need all of them: full.gathered()")
     if problem.pins is not None and not floating:
         raise BoundError(
             "contact alone holds bodies, and K, whose inverse is in the bounds, is singular along their motions: "

@@ -167,10 +167,17 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
 @SCENE
 @_with(TRAINING)
 @click.option("--model", "kind", type=click.Choice(list(KINDS)), default="hhr", show_default=True, help="what to build")
+@click.option(
+    "--together/--side-by-side",
+    default=None,
+    help="ranks have one full model together, or one each [by the memory that there is]",
+)
 @PART
 @OUT
 @guarded
-def train(scene: str, out: Path | None, kind: str, part: tuple[int, int] | None, **how: Any) -> None:
+def train(
+    scene: str, out: Path | None, kind: str, together: bool | None, part: tuple[int, int] | None, **how: Any
+) -> None:
     """Solve the scene for training parameters, build a model, check it, and save it.
 
     hhr is the hyper-reduced model, model.npz; condensed keeps all contact conditions, condensed.npz; local is a set of
@@ -182,6 +189,8 @@ def train(scene: str, out: Path | None, kind: str, part: tuple[int, int] | None,
 
     from hhr_dolfinx.command.loading import scene_of
     from hhr_dolfinx.online.model_file import save_model
+    from hhr_dolfinx.pages.scenery import NAME
+    from hhr_dolfinx.study.scene.scenery import scenery_of
     from hhr_dolfinx.study.training.train import train as trained
 
     console, progress = spoken()
@@ -203,18 +212,23 @@ def train(scene: str, out: Path | None, kind: str, part: tuple[int, int] | None,
         if part is not None:
             _solve_part(console, made, asked, part, folder / "snapshots", held_out=held_out, progress=progress)
             return
-        training = trained(made, asked, held_out=held_out, folder=folder / "snapshots", progress=progress)
-        if MPI.COMM_WORLD.rank:
+        training = trained(
+            made, asked, held_out=held_out, folder=folder / "snapshots", progress=progress, together=together
+        )
+        full = training.full_order
+        if MPI.COMM_WORLD.rank and full.comm.size == 1:
             return
         for item in training.log.skipped:
-            if item["stage"] == "snapshots":  # what was there already
+            if item["stage"] in ("snapshots", "problems side by side"):  # what was there already, and how ranks share
                 console.print(item["why"], highlight=False)
-        full = training.full_order
         model = getattr(training, KINDS[kind])()
+    scenery = scenery_of(full)
+    if MPI.COMM_WORLD.rank:  # which has built with the others
+        return
     target = folder / f"{'model' if kind == 'hhr' else kind}.npz"
     target.parent.mkdir(parents=True, exist_ok=True)
     save_model(target, model)
-    _keep_scenery(target.parent, full)
+    scenery.write(target.parent / NAME)
     problem = full.problem
     console.print(f"{made.name}: {problem.free.size} dofs and {len(problem.gaps)} contacts -> {_described(model)}")
     console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
@@ -284,14 +298,6 @@ def _solve_part(console: Any, scene: Scene, training: Any, part: tuple[int, int]
             f"{folder}, {found.read} answers were there before. The same command without --part then builds a model",
             highlight=False,
         )
-
-
-def _keep_scenery(folder: Path, full: Any) -> None:
-    """What a page draws, beside a model."""
-    from hhr_dolfinx.pages.scenery import NAME
-    from hhr_dolfinx.study.scene.scenery import scenery_of
-
-    scenery_of(full).write(folder / NAME)
 
 
 def _described(model: Any) -> str:

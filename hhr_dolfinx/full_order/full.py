@@ -19,7 +19,8 @@ from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.at_hand import AtHand
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
+from hhr_dolfinx.linear import schur
+from hhr_dolfinx.linear.sparse import MOST_LAST, FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path, found_as
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
@@ -42,6 +43,8 @@ _log = logging.getLogger(__name__)
 
 KEPT_BYTES = 1e9
 """Memory that K^-1 B^T may take; where it would take more its columns are dropped as they are made."""
+_BY_ROWS = ("per_load", "scaled", "schur_parts")
+"""Cached values of a full model that are those of its own rows."""
 FULL_ORDER_ADVICE = {Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"}
 
 
@@ -140,7 +143,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
         anew = problem.varies and all(body.law is None for body in self.scene.bodies) and self.scaled is None
         self.keeps_columns = self._has_room()
         # what is solved for once for each query, or does not keep its columns, asks for S alone
-        asked = np.unique(problem.contact.indices) if anew or not self.keeps_columns else None
+        alone = self.comm.size == 1 and (anew or not self.keeps_columns)
+        asked = np.unique(problem.contact.indices) if alone else None
         self._solver = self.factors_of(problem.own_stiffness, "mumps" if anew else "qmd", asked)
         check_regular(problem, lambda rhs: self._gather(self._solver.solve(rhs)), self.scene.name)
         contact = problem.contact[:, self._own]
@@ -174,9 +178,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
         if self._columns is not None:
             return self.spread.allreduce(self._contact @ self._columns)
         self._solver.refactor(self.problem.own_stiffness)
-        known = self._solver.between_last(self._contact)
+        known = self._between_last(self.problem.own_stiffness, [self._contact])
         if known is not None:
-            return known
+            return known[0]
         conditions = self._contact.shape[0]
         _log.info(
             "K^-1 B^T would take %.1f GB: S is made of blocks of it, and a displacement takes one more solution",
@@ -187,6 +191,21 @@ class FullOrderModel(AnsweringModel, ModelFields):
         for part, block in self._solver.solved_blocks(self._contact.T, touched):
             found[:, part] = contact @ block
         return self.spread.allreduce(found)
+
+    def _between_last(self, stiffness: csr_matrix, rows: list[csr_matrix]) -> list[np.ndarray] | None:
+        """Each of some rows, (m, own dofs), as rows K^-1 rows^T, (m, m), where factors eliminate contact last.
+
+        On several ranks they are made for that, and dropped; None where it takes solutions.
+        """
+        factors = self._solver
+        if self.comm.size > 1:
+            asked = np.unique(self.problem.contact.indices)
+            if asked.size > MOST_LAST or not schur.offered():
+                return None
+            factors = self.factors_of(stiffness, "mumps", asked)
+        made = (factors.between_last(item) for item in rows)
+        found = [item for item in made if item is not None]
+        return found if len(found) == len(rows) else None
 
     def _at_contact(self) -> tuple[np.ndarray, csr_matrix]:
         """Own dofs that conditions touch, and the columns of B there."""
@@ -220,8 +239,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """K^-1 B^T times forces, (N_lambda,) or (N_lambda, k), on own dofs; one more solution where it is not kept."""
         if self._columns is not None:
             return self._columns @ forces
-        loads = self._contact.T @ forces
-        return self.solve_stiffness(loads) if loads.ndim == 1 else self.solved_columns(csc_matrix(loads))
+        return self.pushed_at(self.problem.own_stiffness, self._contact, forces)
 
     def pushed_everywhere(self, forces: np.ndarray) -> np.ndarray:
         """The same on all dofs of all ranks, (N,) or (N, k); collective."""
@@ -255,9 +273,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
         masks = [np.bincount(body, minlength=len(self.problem.free)) > 0 for body in self.problem.bodies]
         with self.factors.lock:
             self._solver.refactor(self.problem.own_stiffness)
-            parts = (self._solver.between_last(csr_matrix(self._contact.multiply(mask))) for mask in masks)
-            known = [part for part in parts if part is not None]
-            if len(known) == len(masks):
+            rows = [csr_matrix(self._contact.multiply(mask)) for mask in masks]
+            known = self._between_last(self.problem.own_stiffness, rows)
+            if known is not None:
                 return np.stack(known)
             count = len(self.problem.gaps)
             found = np.empty((len(masks), count, count))
@@ -322,11 +340,11 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self._solver.refactor(stiffness)
         contact = problem.contact[:, problem.rows]
         per_force = None
-        schur = self._solver.between_last(contact)
-        if schur is None:
+        found = self._between_last(stiffness, [contact])
+        if found is None:
             per_force = self.solved_columns(contact.T)
-            schur = self.spread.allreduce(contact @ per_force)
-        self._at_hand = AtHand(weights, stiffness, per_force, schur)
+            found = [self.spread.allreduce(contact @ per_force)]
+        self._at_hand = AtHand(weights, stiffness, per_force, found[0])
         return self._at_hand
 
     def pushed_at(self, stiffness: csr_matrix, contact: csr_matrix, forces: np.ndarray) -> np.ndarray:
@@ -365,12 +383,28 @@ class FullOrderModel(AnsweringModel, ModelFields):
         )
 
     def gathered(self) -> FullOrderModel:
-        """The same model, whose problem has all rows on every rank, for what reduces and checks. Collective."""
+        """The same model on all rows: each rank has the whole problem, and they share the factors. Collective.
+
+        For what reduces and checks, which all ranks do alike, as where bodies flow.
+        """
         problem = self.problem.gathered(self.spread)
         if problem is self.problem:
             return self
+        from hhr_dolfinx.linear.shared import SharedCholesky
+
         model = copy(self)
+        for name in _BY_ROWS:
+            vars(model).pop(name, None)
         model.problem = problem
+        model.spread = MPI.COMM_SELF
+        model._own = problem.rows
+        model._own_loads = problem.loads
+        model._contact = problem.contact
+        model._columns = None if self._columns is None else self._gather(self._columns)
+        factors = self._solver
+        assert isinstance(factors, FreeCholesky)
+        factors.refactor(self.problem.own_stiffness)
+        model._solver = SharedCholesky(factors, self._own, problem.own_stiffness, self.comm)
         return model
 
     def rid_arrays(self) -> ShapedArrays:
@@ -391,9 +425,10 @@ class FullOrderModel(AnsweringModel, ModelFields):
         if self.spread.size < self.comm.size:
             from hhr_dolfinx.linear.shared import SharedCholesky
 
-            return SharedCholesky(stiffness, problem.held, self.scene.name, self.comm, low_rank)
-        given = stiffness, problem.held, self._own, self.scene.name, ordering, self.comm
-        return FreeCholesky(*given, low_rank=low_rank, last=last)
+            given = stiffness, problem.held, self.scene.name, self.comm
+            return SharedCholesky.of(*given, low_rank=low_rank, last=last)
+        rows = stiffness, problem.held, self._own, self.scene.name, ordering, self.comm
+        return FreeCholesky(*rows, low_rank=low_rank, last=last)
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
         """A full model knows no nearest statuses: ``nearest`` starts where the free slack is negative."""

@@ -14,6 +14,8 @@ from functools import cache
 
 import numpy as np
 from petsc4py import PETSc
+from scipy.linalg import cho_factor
+from scipy.linalg.lapack import dpotri
 
 _FUNCTIONS = (
     "MatFactorSetSchurIS", "MatFactorInvertSchurComplement", "MatFactorGetSchurComplement",
@@ -33,25 +35,46 @@ def _library() -> ctypes.CDLL | None:
     return found if PETSc.ScalarType == np.float64 else None
 
 
+def offered() -> bool:
+    """Whether rows can be eliminated last."""
+    return _library() is not None
+
+
+SCOTCH = 3
+"""Ordering of MUMPS on several ranks: with that of METIS it ended in a segmentation fault where rows are eliminated
+last, seen with MUMPS 5.8.2."""
+
+
 def eliminate_last(factor: PETSc.Mat, places: np.ndarray) -> bool:
-    """Have a matrix that MUMPS is going to factor eliminate some rows last, (n,); whether that is possible."""
+    """Have a matrix that MUMPS is going to factor eliminate some rows last, (n,); whether that is possible. Collective.
+
+    What is left of several ranks is on the first one.
+    """
     library = _library()
     if library is None:
         return False
-    chosen = PETSc.IS().createGeneral(places.astype(PETSc.IntType), comm=factor.comm)
+    if factor.comm.size > 1:
+        factor.setMumpsIcntl(28, 1)  # one rank orders
+        factor.setMumpsIcntl(7, SCOTCH)
+    own = places if factor.comm.rank == 0 else places[:0]
+    chosen = PETSc.IS().createGeneral(own.astype(PETSc.IntType), comm=factor.comm)
     return library.MatFactorSetSchurIS(ctypes.c_void_p(factor.handle), ctypes.c_void_p(chosen.handle)) == 0
 
 
 def invert_last(factor: PETSc.Mat) -> bool:
-    """Make the inverse on the rows that were eliminated last; False where it is not positive definite."""
+    """Make the inverse on the rows that were eliminated last; False where it is not positive definite. Collective."""
     library = _library()
     assert library is not None
+    if factor.comm.size > 1:  # what it hands out there is not what it inverts
+        return True
     return library.MatFactorInvertSchurComplement(ctypes.c_void_p(factor.handle)) == 0
 
 
 @contextmanager
 def inverse_of_last(factor: PETSc.Mat, count: int) -> Iterator[np.ndarray]:
-    """K^-1 on the rows that were eliminated last, (count, count), once it is made: PETSc's own, not to be written to.
+    """K^-1 on the rows that were eliminated last, (count, count), once it is made, on the first rank.
+
+    It is PETSc's own, not to be written to; of several ranks a copy.
 
     Raises:
         MemoryError: if PETSc does not hand it out.
@@ -67,7 +90,15 @@ def inverse_of_last(factor: PETSc.Mat, count: int) -> Iterator[np.ndarray]:
     if failed:
         raise MemoryError("PETSc does not hand the inverse on the dofs of contact out")
     try:
-        yield np.ctypeslib.as_array(values, shape=(count, count))  # symmetric
+        found = np.ctypeslib.as_array(values, shape=(count, count))
+        yield found if factor.comm.size == 1 else _inverse(found)
     finally:
         library.MatDenseRestoreArrayRead(matrix, ctypes.byref(values))
         library.MatFactorRestoreSchurComplement(handle, ctypes.byref(matrix), status)
+
+
+def _inverse(given: np.ndarray) -> np.ndarray:
+    """Inverse of a definite matrix of which one triangle is given, and the other may be zero."""
+    factors, _ = cho_factor(np.where(given, given, given.T), lower=True, overwrite_a=True, check_finite=False)
+    found, _ = dpotri(factors, lower=True, overwrite_c=True)
+    return np.tril(found) + np.tril(found, -1).T

@@ -1,4 +1,4 @@
-"""Factors that several ranks share of a matrix of which each has all rows, as where bodies flow."""
+"""Factors that several ranks share of a matrix of which each has all rows: where bodies flow, and to reduce."""
 
 from __future__ import annotations
 
@@ -19,30 +19,45 @@ class SharedCholesky:
     """A :class:`FreeCholesky` whose ranks give and get whole vectors; all of them ask together, for the same.
 
     Args:
-        stiffness: K, CSR, (N, N), the same on all ranks.
-        free: dofs that are not imposed, (N,) bool.
-        scene: its name, for messages and the prefix of PETSc options.
+        factors: those of the rows of each rank.
+        rows: which these are.
+        stiffness: K that was factored, CSR, (N, N), the same on all ranks.
         comm: ranks that share the factors.
-        low_rank: see :class:`FreeCholesky`.
 
     Attributes:
         lock, low_rank: see there.
-
-    Raises:
-        NotSolvableError: if K is singular.
     """
 
-    def __init__(self, stiffness: csr_matrix, free: np.ndarray, scene: str, comm: Comm, low_rank: float | None = None):
-        shares = [ranks.share(len(free), rank, comm.size) for rank in range(comm.size)]
-        own = shares[comm.rank]
+    def __init__(self, factors: FreeCholesky, rows: slice, stiffness: csr_matrix, comm: Comm):
+        self._factors = factors
+        self._rows = rows
         self._comm = comm
-        self._counts = np.array([len(share) for share in shares])
-        self._rows = slice(own.start, own.stop)
-        given = stiffness[self._rows], free, self._rows, scene, "mumps", comm
-        self._factors = FreeCholesky(*given, low_rank=low_rank)
+        self._counts = np.array(comm.allgather(rows.stop - rows.start))
         self._factored: csr_matrix | None = stiffness
-        self.lock = self._factors.lock
-        self.low_rank = low_rank
+        self.lock = factors.lock
+        self.low_rank = factors.low_rank
+
+    @classmethod
+    def of(
+        cls, stiffness: csr_matrix, free: np.ndarray, scene: str, comm: Comm, *, low_rank: float | None = None,
+        last: np.ndarray | None = None,
+    ) -> SharedCholesky:  # fmt: skip
+        """Factor a stiffness, of which each rank takes as many rows.
+
+        Args:
+            stiffness: K, CSR, (N, N), the same on all ranks.
+            free: dofs that are not imposed, (N,) bool.
+            scene: its name, for messages and the prefix of PETSc options.
+            comm: ranks that share the factors.
+            low_rank, last: see :class:`FreeCholesky`.
+
+        Raises:
+            NotSolvableError: if K is singular.
+        """
+        own = ranks.share(len(free), comm.rank, comm.size)
+        rows = slice(own.start, own.stop)
+        factors = FreeCholesky(stiffness[rows], free, rows, scene, "mumps", comm, low_rank=low_rank, last=last)
+        return cls(factors, rows, stiffness, comm)
 
     def refactor(self, stiffness: csr_matrix) -> None:
         """Take the values of another matrix with the same pattern; no work if its factors are those at hand."""
@@ -52,8 +67,9 @@ class SharedCholesky:
         self._factors.refactor(stiffness[self._rows])
         self._factored = stiffness
 
-    def between_last(self, rows: csr_matrix) -> None:
-        """See :class:`FreeCholesky`: takes solutions."""
+    def between_last(self, rows: csr_matrix) -> np.ndarray | None:
+        """Some rows, (m, N), as rows K^-1 rows^T, (m, m); see :meth:`FreeCholesky.between_last`."""
+        return self._factors.between_last(rows[:, self._rows])
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solution for a right-hand side, (N,)."""

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.sparse import csc_matrix, csr_matrix, spmatrix, triu
+from scipy.sparse import csc_matrix, csr_matrix, hstack, spmatrix, triu
 
 from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.linear import schur
@@ -89,7 +89,8 @@ class FreeCholesky:
         comm: ranks that share the rows.
         low_rank: part of its factors that MUMPS may leave out where it compresses them; None for none. Solutions are
             refined then, those of blocks of columns are not.
-        last: dofs between which K^-1 is going to be asked for, increasing, (n,).
+        last: dofs between which K^-1 is going to be asked for, increasing, (n,). On several ranks PETSc solves nothing
+            with such factors.
 
     Attributes:
         low_rank: the same; None too where it is not MUMPS that factors.
@@ -128,7 +129,7 @@ class FreeCholesky:
         self._ksp.setFromOptions()
         self.low_rank = low_rank
         self.last = None
-        if last is not None and self._half and last.size <= MOST_LAST:
+        if last is not None and by_mumps and last.size <= MOST_LAST:
             self.last = last[free[last]]
         self._prepare()
         if not self._factor():
@@ -167,20 +168,29 @@ class FreeCholesky:
             pc.getFactorMatrix().setMumpsIcntl(35, 2)
             pc.getFactorMatrix().setMumpsCntl(7, self.low_rank)
         if self.last is not None:
-            places = np.searchsorted(self._free, self.last)
+            places = np.searchsorted(self._columns, self.last)
             if not schur.eliminate_last(pc.getFactorMatrix(), places):
                 self.last = None
 
     def between_last(self, rows: csr_matrix) -> np.ndarray | None:
-        """Some rows, (m, own dofs), as rows K^-1 rows^T, (m, m); None where they reach beyond the last dofs."""
-        reached = rows.indices[np.isin(rows.indices, self._free)]
+        """Some rows, (m, own dofs), as rows K^-1 rows^T, (m, m); None where they reach beyond the last dofs.
+
+        Collective.
+        """
+        comm = self._matrix.comm.tompi4py()
+        whole = csr_matrix(hstack(comm.allgather(rows)))
+        reached = whole.indices[np.isin(whole.indices, self._columns)]
         if self.last is None or not np.isin(reached, self.last).all():
             return None
         used = np.unique(reached)
         places = np.searchsorted(self.last, used)
-        own = csr_matrix(rows[:, used])
-        with self.lock, schur.inverse_of_last(self._ksp.getPC().getFactorMatrix(), self.last.size) as inverse:
-            return own @ (own @ inverse[np.ix_(places, places)]).T
+        own = csr_matrix(whole[:, used])
+        found = None
+        with self.lock:
+            if comm.rank == 0:
+                with schur.inverse_of_last(self._ksp.getPC().getFactorMatrix(), self.last.size) as inverse:
+                    found = own @ (own @ inverse[np.ix_(places, places)]).T
+        return comm.bcast(found)
 
     def _made(self, stiffness: csr_matrix, comm: Comm) -> PETSc.Mat:
         """The matrix of the free dofs; half of it where it goes to MUMPS alone, which takes no more."""

@@ -11,6 +11,7 @@ from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, spmatrix
 
 from hhr_dolfinx.contact.problem import ContactProblem, dependence, moduli_of
 from hhr_dolfinx.formulas import Modulus
+from hhr_dolfinx.linear.shared import SharedCholesky
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of
 from hhr_dolfinx.models.eliminations.interpolated import Compliances
 from hhr_dolfinx.models.eliminations.interpolation import GrownGrid
@@ -107,7 +108,7 @@ class Solver:
     dropped.
 
     Args:
-        full: the full model, on one rank.
+        full: the full model, whose ranks have all rows.
         component: of its scene.
     """
 
@@ -115,7 +116,7 @@ class Solver:
         self.problem: ContactProblem = full.problem
         self.component = component
         self._full = full
-        self._factors: FreeCholesky | None = None
+        self._factors: FreeCholesky | SharedCholesky | None = None
         self._known: dict[bytes, dict[str, np.ndarray]] = {}
         self._work: dict[bytes, np.ndarray] = {}
 
@@ -219,13 +220,17 @@ class Solver:
         scale = scaled.at(point)[self.component.number]
         return self._full.solved_columns(csc_matrix(diags(dofs / scale) @ columns))
 
-    def _factored(self, problem: ContactProblem) -> FreeCholesky:
+    def _factored(self, problem: ContactProblem) -> FreeCholesky | SharedCholesky:
         """Factors of the component in a problem."""
         if self._factors is None:
             full = self._full
-            how = slice(0, problem.free.size), full.scene.name, full.block_ordering, full.comm
+            name = full.scene.name
             dofs = self.component.dofs
             low_rank = low_rank_of(problem.block_size, int(np.count_nonzero(dofs)))
+            if full.comm.size > 1:
+                self._factors = SharedCholesky.of(problem.own_stiffness, dofs, name, full.comm, low_rank=low_rank)
+                return self._factors
+            how = slice(0, problem.free.size), name, full.block_ordering, full.comm
             last = np.unique(problem.contact[self.component.part.conditions].indices)
             self._factors = FreeCholesky(problem.own_stiffness, dofs, *how, low_rank=low_rank, last=last)
         else:

@@ -394,7 +394,10 @@ def spread_snapshots(
 
     Each rank has a full model of its own, on a communicator of one, and the same queries; they share the folder of the
     store. If a query does not converge on any rank, all of them raise, unless ``lost`` takes it in, that of all ranks.
+    A model that all ranks have together is asked by all of them, one query after another.
     """
+    if full.comm.size > 1:
+        return compute_snapshots(full, queries, progress, store, settings, lost)
     queries = queries if _are_paths(queries) else full.parameters.points(queries)
     own: Any = None
     with ranks.each_for_itself(comm, "solving for snapshots"):

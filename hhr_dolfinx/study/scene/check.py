@@ -11,9 +11,8 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.full import KEPT_BYTES
+from hhr_dolfinx.full_order.expected import expected_in_space
 from hhr_dolfinx.full_order.motions import described, free_bodies
-from hhr_dolfinx.linear.sparse import MOST_LAST, low_rank_of
 from hhr_dolfinx.loads import checked_terms, parted, placed
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.scene import Scene
@@ -29,15 +28,7 @@ SMALL_GAP = 2.0
 """Gaps below so many times the sag of facets are made by the mesh rather than by the bodies: a round side that touches
 between two of its nodes is off by the sag."""
 LARGE_IN_SPACE = 20_000
-MEASURED_DOFS = 280_221
-WHOLE = ((2.6, 1.3), (89.0, 2.1), (0.035, 1.15))
-COMPRESSED = ((2.6, 1.57), (27.0, 1.47), (0.053, 1.2))
-"""Dofs from which on a full model in space takes time that is worth a word, and what it took once, on hexahedra, by
-MUMPS on one core: GB and seconds of the factors, and seconds of a column of K^-1 B^T, with the powers of the dofs by
-which they grow; of whole factors, and of compressed ones: 19.3 GB with a million dofs and blocks of 1e-10, times
-of blocks of 1e-8. Tetrahedra take less, cells of second order more."""
-LAST = 1.35
-"""How many times as long factors take that eliminate contact last, which needs no columns then: 1.3 to 1.5."""
+"""Dofs from which on a full model in space takes time that is worth a word."""
 OVERLAP = 2.0
 """Overlaps beyond so many times the sag of facets are those of the bodies rather than of the mesh."""
 
@@ -97,20 +88,8 @@ def _size(found: SceneCheck, problem: ContactProblem) -> None:
     if problem.block_size == 2 or dofs < LARGE_IN_SPACE:
         found.say(OK, told)
         return
-    columns = 8e-9 * dofs * conditions
-    factor, factor_s, column_s = (
-        value * (dofs / MEASURED_DOFS) ** power for value, power in (COMPRESSED if low_rank_of(3, dofs) else WHOLE)
-    )
-    memory = factor + 16e-9 * conditions**2
-    seconds = factor_s + conditions * column_s
-    last = np.unique(problem.contact.indices).size
-    kept = ", and a displacement one more solution"
-    if columns <= 1e-9 * KEPT_BYTES:
-        memory += columns
-        kept = ""
-    elif last <= MOST_LAST:
-        memory += 24e-9 * last**2
-        seconds = LAST * factor_s
+    memory, seconds, keeps = expected_in_space(problem.contact)
+    kept = "" if keeps else ", and a displacement one more solution"
     time = f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} minutes"
     found.say(OK, f"{told}: a full model takes about {memory:.2g} GB and {time} on one core{kept}")
 

@@ -23,6 +23,7 @@ from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, held_out_points, sp
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.study.training.answers import TrainingAnswers
 from hhr_dolfinx.study.training.counts import check_counts
+from hhr_dolfinx.study.training.sharing import no_room_side_by_side
 from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
@@ -190,8 +191,11 @@ def train(
     comm: MPI.Comm = MPI.COMM_WORLD,
     march: MarchSettings = DEFAULT_MARCH,
     progress: Progress = silent,
+    together: bool | None = None,
 ) -> Training:
     """Build the full model of a scene on each rank and share the training out over the ranks.
+
+    Where full models have no room beside each other ranks have one together, and solve one problem after another.
 
     Args:
         scene: the scene.
@@ -206,6 +210,8 @@ def train(
         comm: communicator over which the training is spread.
         march: how histories are solved.
         progress: for progress bars.
+        together: whether the ranks have one full model together, whose factors are spread over them; all of them then
+            build models together too. None decides by the memory that they have.
 
     Raises:
         StudyError: for an invalid training, number of answers, seed or folder, before anything is computed.
@@ -214,9 +220,9 @@ def train(
     with ranks.each_for_itself(comm, "checking what to train on"):
         queries, apart = checked_training(scene, training, held_out, seed)
         folder = None if folder is None else checked_folder(folder)
-    with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
-        with log.stage("full_order"):
-            full = FullOrderModel(scene, MPI.COMM_SELF)
+    with log.stage("full_order"):
+        full = _full_model(scene, comm, together, log)
+    with ranks.each_for_itself(comm, "opening the folder of answers"):
         store = None if folder is None else SnapshotStore(folder, full)
     with log.stage("snapshots"):
         snapshots, choice = _solved(full, queries, comm, progress, store, march)
@@ -230,6 +236,16 @@ def train(
         asked = len(snapshots.points) + (0 if kept is None else len(kept.points))
         log.skip("snapshots", f"{found} of {asked} answers were read from {folder}: the times cover the others")
     return Training(full, snapshots, kept, log, choice, found)
+
+
+def _full_model(scene: Scene, comm: MPI.Comm, together: bool | None, log: StageLog) -> FullOrderModel:
+    """One of each rank, or one of all ranks together, whose problem each of them has."""
+    why = no_room_side_by_side(scene, comm) if together is None else "it was asked for" * together
+    if why and comm.size > 1:
+        log.skip("problems side by side", f"{comm.size} ranks solve one problem after another together, since {why}")
+        return FullOrderModel(scene, comm).gathered()
+    with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
+        return FullOrderModel(scene, MPI.COMM_SELF)
 
 
 def _labels_of_steps(snapshots: SnapshotSet, how: Any) -> Any:
@@ -263,7 +279,10 @@ def _solved(
         def solve(asked: Any) -> SnapshotSet:
             return spread_snapshots(full, asked, comm, iter, store, march, lost)
 
-        snapshots, choice = queries.grown(full, solve, comm, progress("greedy"), store)
+        # candidates are shared out where each rank has a model of its own
+        snapshots, choice = queries.grown(
+            full, solve, MPI.COMM_SELF if full.comm.size > 1 else comm, progress("greedy"), store
+        )
     else:
         snapshots = spread_snapshots(full, queries, comm, progress("snapshots"), store, march, lost)
     count = len(queries if choice is None else choice.points)

@@ -1,0 +1,34 @@
+"""Whether ranks that train have a full model each, and solve problems side by side, or one together."""
+
+from __future__ import annotations
+
+from mpi4py import MPI
+
+from hhr_dolfinx import ranks
+from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.full_order.expected import expected_in_space, free_gigabytes
+from hhr_dolfinx.scene import Scene
+
+ROOM = 0.8
+"""Part of the free memory that full models may take: answers and models need some too."""
+
+
+def no_room_side_by_side(scene: Scene, comm: MPI.Comm) -> str:
+    """Why full models, one for each rank, have no room in the memory of a machine; empty where they have. Collective.
+
+    What a model in space takes is reckoned from its mesh, which one rank of each machine makes; shapes that are
+    parameters are not solved for together, and models in the plane are small.
+    """
+    if comm.size == 1 or scene.hypothesis != "solid" or scene.shapes:
+        return ""
+    machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
+    why = ""
+    with ranks.each_for_itself(comm, f"looking at the size of scene '{scene.name}'"):
+        room = free_gigabytes()
+        if machine.rank == 0 and room is not None:
+            rows, _ = Discretisation(scene, MPI.COMM_SELF).contact_rows()
+            needed = expected_in_space(rows.matrix).gigabytes
+            if machine.size * needed > ROOM * room:
+                why = f"{machine.size} full models of about {needed:.2g} GB have no room in {room:.2g} GB of memory"
+    machine.Free()
+    return next((item for item in comm.allgather(why) if item), "")
