@@ -9,7 +9,7 @@ import pytest
 from toy_output import MeanPressure
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import press_fit as geometry
 from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
@@ -154,10 +154,51 @@ def test_slopes_of_outputs_are_those_of_the_model(trained, name, which):
             assert abs(exact.gradient[key][axis] - expected) * (high - low)[axis] <= 1e-6 * size, (key, axis)
 
 
-@pytest.mark.parametrize("case", ["plane_strain", "simplices", "axisymmetric", "plane_stress", "fit"])
+def of_second_order(simplices):
+    """The crowned block on curved cells of second order."""
+    from hhr_dolfinx.geometries.gmsh_model import gmsh, mesh_of
+
+    def make():
+        gmsh.model.occ.addRectangle(0, 0, 0, 1.5, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(2, [1], block.SOLID)
+        for number, side in enumerate((FLOOR, block.side(0, upper=True), LID, AXIS), start=1):
+            gmsh.model.addPhysicalGroup(1, [number], side)
+        gmsh.model.mesh.setTransfiniteAutomatic(recombine=not simplices)
+        gmsh.model.mesh.generate(2)
+        gmsh.model.mesh.setOrder(2)
+
+    stress = (hhr.VonMises("stress", block.SOLID), hhr.VonMises("mean", block.SOLID, "mean"))
+    scene = crowned("axisymmetric", outputs=stress)
+    return dataclasses.replace(scene, geometry=lambda comm: mesh_of(make, comm, 2))
+
+
+@pytest.mark.parametrize("simplices", [True, False])
+def test_stress_on_cells_of_second_order(simplices):
+    full = hhr.FullOrderModel(of_second_order(simplices))
+    assert full.discretisation.order == 2
+    point = full.parameters.random(1, seed=3)[0]
+    check_close(full.outputs(point), hhr.FullOrderModel(meshed(full.scene, point)).outputs(point), 1e-6)
+    model = hhr.condense(full, fields=True)
+    for place in full.parameters.random(3, seed=4):
+        check_close(model.outputs(place), full.outputs(place), 1e-2)
+
+
+def test_flat_cells_whose_displacement_is_of_second_order_have_no_stress():
+    stress = (hhr.VonMises("stress", block.SOLID),)
+    scene = dataclasses.replace(crowned("plane_strain", outputs=stress), order=2)
+    with pytest.raises(NotOfferedError, match="cells of first order have displacements of second"):
+        hhr.FullOrderModel(scene)
+
+
+@pytest.mark.parametrize(
+    "case", ["plane_strain", "simplices", "axisymmetric", "plane_stress", "fit", "triangles", "quadrilaterals"]
+)
 def test_strain_of_moved_cells_is_that_of_the_mesh(case, trained):
     if case in trained:
         full = trained[case][0]
+    elif case in ("triangles", "quadrilaterals"):
+        full = hhr.FullOrderModel(of_second_order(case == "triangles"))
     else:
         hypothesis = "plane_stress" if case == "plane_stress" else "plane_strain"
         stress = (hhr.VonMises("stress", block.SOLID),)

@@ -316,14 +316,14 @@ def moving_cells(discretisation: DiscreteSpace, cells: np.ndarray, *, mean_dilat
     kind = mesh.topology.cell_name()
     space = discretisation.space
     middle = compat.interpolation_points(fem.functionspace(mesh, ("Discontinuous Lagrange", 0)).element)
-    if discretisation.order > 1:
+    if discretisation.order != compat.degree_of(mesh):
         raise NotOfferedError(
-            "von Mises' stress as an output is not built in where shapes are parameters of cells of second order: ask "
-            "answer.stress(), or mesh with cells of first order"
+            "von Mises' stress as an output is not built in where shapes are parameters and cells of first order have "
+            "displacements of second: ask answer.stress(), or mesh with cells of second order"
         )
     points, weights = compat.quadrature(kind, discretisation.gauss_degree)
-    # functions of the displacement are those of the geometry: both are of degree 1
-    values, slopes = compat.shape_functions(kind, np.vstack([middle, points]))
+    # functions of the displacement are those of the geometry: both are of one degree
+    values, slopes = compat.shape_functions(kind, np.vstack([middle, points]), discretisation.order)
     nodes, cells_here = np.unique(space.dofmap.list[cells], return_inverse=True)
     of_geometry = np.empty(nodes.size, dtype=np.int64)
     of_geometry[cells_here.ravel()] = compat.geometry_dofmap(mesh)[cells].ravel()
