@@ -128,11 +128,11 @@ class Solver:
         part = self.component.part
         place = point[part.axes].tobytes()
         found = self._known.get(place)
-        if found is None and self._full.scaled is not None:
-            return self._scaled()  # of what the full model keeps
         if found is None:
-            found = self._solved(point)
-            if 8 * part.conditions.size**2 * (len(self._known) + 1) <= KNOWN_BYTES:
+            scaled = self._full.scaled is not None
+            found = self._scaled() if scaled else self._solved(point)
+            # of what an exact factor alone changes there is one, which models and bounds share
+            if scaled or 8 * part.conditions.size**2 * (len(self._known) + 1) <= KNOWN_BYTES:
                 self._known[place] = found
         return found
 
@@ -177,7 +177,9 @@ class Solver:
     def _normed(self, schur: np.ndarray, columns: np.ndarray, factor: float) -> dict[str, np.ndarray]:
         """For the factor 1; lifts move a body by themselves."""
         columns[: self.component.part.forced.size] *= factor
-        return {"schur": factor * (schur + schur.T) / 2, "columns": columns}
+        symmetric = schur + schur.T
+        symmetric *= factor / 2
+        return {"schur": symmetric, "columns": columns}
 
     def acting(self, problem: ContactProblem) -> csc_matrix:
         """Loads on the component, and behind them K times its lifts, (N, T)."""

@@ -201,7 +201,7 @@ def _no_fields(full: Any, settings: GridSettings) -> InterpolatedFields:
 def _fields(full: Any, seen: list[np.ndarray], settings: GridSettings) -> InterpolatedFields:
     """Galerkin's method on what displacements span, (N, k) each, body by body; the list is empty behind it."""
     problem: ContactProblem = full.problem
-    displacements = np.column_stack(seen)
+    displacements = seen[0] if len(seen) == 1 else np.column_stack(seen)
     seen.clear()  # as large as all else of a model
     basis = Pod(FIELD_TOLERANCE, relative=True, by_body=True).of_columns(problem, displacements)
     del displacements
@@ -289,10 +289,12 @@ def _fields_along(
     on a factor of the stiffness. Columns of all components lie in the same ones, as none moves another's dofs.
     """
     count = len(points)
-    moved = np.zeros((solvers[0].problem.free.size, count), order="F")
-    found = [moved]
-    for part, solver in zip(compliances.parts, solvers, strict=True):
-        nodes = part.interpolant.nodes[:ALONG_NODES]
+    every = [part.interpolant.nodes[:ALONG_NODES] for part in compliances.parts]
+    lifts = sum(len(nodes) * part.lifted.size for nodes, part in zip(every, compliances.parts, strict=True))
+    # all of them in one array: stacked they would be there twice
+    moved = np.zeros((solvers[0].problem.free.size, count + lifts), order="F")
+    place = count
+    for part, solver, nodes in zip(compliances.parts, solvers, every, strict=True):
         for first, node in enumerate(nodes):
             point = solver.problem.middle
             share = slice(first, count, len(nodes))
@@ -300,8 +302,9 @@ def _fields_along(
             own = np.arange(count)[share]
             for few in np.array_split(own, -(-own.size // TOGETHER)):
                 moved[:, few] += solver.fields_under(point, points[few], forces[few])
-            found.append(solver.fields_of_lifts(point))
-    return found
+            moved[:, place : place + part.lifted.size] = solver.fields_of_lifts(point)
+            place += part.lifted.size
+    return [moved]
 
 
 def _check_scene(full: Any) -> None:

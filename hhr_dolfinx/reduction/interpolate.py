@@ -94,6 +94,8 @@ def grown(
     Returns:
         The grid, and the modes of each array, its own shape with the modes along the last axis.
     """
+    if not axes.size:
+        return _alone(solved, space, settings, part)
     lower, upper = np.array([space.lower, space.upper], dtype=float)
     shapes: dict[str, tuple[int, ...]] = {}
     sizes: dict[str, float] = {}
@@ -126,6 +128,22 @@ def grown(
         parts[name] = sizes[name] * modes[first : first + size].reshape(*shape, modes.shape[1])
         first += size
     return replace(grid, interpolant=replace(grid.interpolant, modes=_stacked(parts, modes))), parts
+
+
+def _alone(
+    solved: Callable[[np.ndarray], Mapping[str, np.ndarray]],
+    space: ParameterSpace,
+    settings: GridSettings,
+    part: Part | None,
+) -> tuple[GrownGrid, dict[str, np.ndarray]]:
+    """The same over no parameters: the arrays as they are; those of a part may be large, and are not stacked."""
+    none = np.zeros(0)
+    parts = {name: values[..., None] for name, values in solved(space.middle).items()}
+    levels = np.zeros((1, 0), dtype=np.int64)
+    modes = np.zeros((0, 1)) if part is not None else _stacked(parts, np.zeros((0, 1)))
+    interpolant = Interpolant(none.astype(np.int64), none, none, levels, modes, np.ones((1, 1)))
+    formulas = None if part is None else FormulaGrid(part.moduli, part.factor, interpolant.axes, space).error
+    return GrownGrid(interpolant, 0.0, 1, 0.0 if formulas is None else formulas(levels)), parts
 
 
 def _stacked(parts: Mapping[str, np.ndarray], like: np.ndarray) -> np.ndarray:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
+from itertools import pairwise
 from numbers import Real
 from typing import Any, Protocol
 
@@ -112,20 +113,25 @@ class Pod(_Truncated):
     def of_columns(self, problem: ContactProblem, columns: np.ndarray) -> np.ndarray:
         """The same of any displacements, (N, S)."""
         gram = {"euclidean": None, "energy": problem.stiffness, "l2": problem.mass}[self.norm]
-        columns = columns * _weights(columns) if self.relative else columns
+        weights = _weights(columns) if self.relative else None
         if not self.by_body:
-            return pod(columns, self.tolerance, gram)[0]
-        found = [self._of_body(dofs, columns, gram) for dofs in problem.bodies if columns[dofs].any()]
-        if not found:
+            return pod(columns if weights is None else columns * weights, self.tolerance, gram)[0]
+        bodies = [dofs for dofs in problem.bodies if columns[dofs].any()]
+        if not bodies:
             raise ReductionError("nothing moves in any answer, so that no displacement is spanned: raise the loads")
-        return np.column_stack(found)
-
-    def _of_body(self, dofs: np.ndarray, columns: np.ndarray, gram: Any) -> np.ndarray:
-        """Modes that move one body, given by its dofs, (N, k)."""
-        modes, _ = pod(columns[dofs], self.tolerance, None if gram is None else gram[dofs][:, dofs])
-        found = np.zeros((len(columns), modes.shape[1]))
-        found[dofs] = modes
+        modes = [self._of_body(dofs, columns, weights, gram) for dofs in bodies]
+        ends = np.cumsum([0, *(own.shape[1] for own in modes)])
+        found = np.zeros((len(columns), ends[-1]))
+        for dofs, own, (first, last) in zip(bodies, modes, pairwise(ends), strict=True):
+            found[dofs, first:last] = own
         return found
+
+    def _of_body(self, dofs: np.ndarray, columns: np.ndarray, weights: np.ndarray | None, gram: Any) -> np.ndarray:
+        """Modes of one body on its dofs, (own dofs, k)."""
+        own = columns[dofs]
+        if weights is not None:
+            own *= weights
+        return pod(own, self.tolerance, None if gram is None else gram[dofs][:, dofs])[0]
 
 
 @dataclass(frozen=True)
