@@ -527,6 +527,22 @@ def embed(model: Path, out: Path) -> None:
         click.echo(write(out, loaded))
 
 
+@hhr.command(epilog=_examples("hhr dakota model.npz params.in results.out"))
+@click.argument("model", type=click.Path(path_type=Path))
+@click.argument("parameters", type=click.Path(path_type=Path))
+@click.argument("results", type=click.Path(path_type=Path))
+@guarded
+def dakota(model: Path, parameters: Path, results: Path) -> None:
+    """Answer one evaluation of Dakota: analysis_drivers = 'hhr dakota model.npz' of its fork interface.
+
+    Its variables are parameters, its functions outputs of the scene, by their names; analytic gradients are exact.
+    """
+    from hhr_dolfinx.doors.dakota import answer_dakota
+    from hhr_dolfinx.online.model_file import load_model
+
+    answer_dakota(load_model(model), parameters, results)
+
+
 @contextmanager
 def _naming_condensed(model: Path) -> Iterator[None]:
     """Of a model that is refused, say where a condensed one lies."""
