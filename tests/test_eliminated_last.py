@@ -4,7 +4,7 @@ import contract
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scipy.sparse import csr_matrix, identity, kron
+from scipy.sparse import csc_matrix, csr_matrix, identity, kron
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotSolvableError
@@ -64,6 +64,17 @@ def test_rows_that_reach_beyond_take_solutions():
     made = factors(matrix, free, np.arange(40, 90))
     assert made.between_last(rows_at(np.arange(200, 210), len(free))) is None
     assert factors(matrix, free, None).between_last(rows_at(np.arange(40, 90), len(free))) is None
+
+
+def test_nothing_moves_under_no_loads():
+    """Some columns without an entry, and only such ones, which MUMPS refuses."""
+    matrix, free = stiffness()
+    made = factors(matrix, free, np.arange(40, 90))
+    columns = csc_matrix((len(free), 5))
+    assert not made.solve_columns(columns).any()
+    columns[100, 3] = 1.0
+    found = made.solve_columns(columns)
+    assert found[:, 3].any() and not found[:, :3].any() and not found[:, 4].any()
 
 
 def test_a_matrix_that_is_singular_between_them_is_refused():

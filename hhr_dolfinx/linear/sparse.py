@@ -305,14 +305,18 @@ class FreeCholesky:
         for first in range(0, count, block_size):
             part = slice(first, min(first + block_size, count))
             width = part.stop - first
+            some = columns[:, part]
+            if not self._matrix.comm.tompi4py().allreduce(some.nnz):  # which MUMPS calls an error
+                yield part, np.zeros((wanted.size, width), order="F")
+                continue
             with self.lock:
                 block = self._dense(solutions[:, :width])
                 if self._takes_sparse:
-                    self._ksp.getPC().getFactorMatrix().matSolve(self._sparse(columns[:, part]), block)
+                    self._ksp.getPC().getFactorMatrix().matSolve(self._sparse(some), block)
                 else:
-                    self._ksp.matSolve(self._dense(columns[:, part].toarray(order="F")), block)
+                    self._ksp.matSolve(self._dense(some.toarray(order="F")), block)
                 if refining:
-                    self._refine(columns[:, part], solutions[:, :width])
+                    self._refine(some, solutions[:, :width])
             found = np.zeros((wanted.size, width), order="F")
             found[moving] = solutions[rows, :width]
             yield part, found
