@@ -89,6 +89,12 @@ out["condensed norm"] = float(np.linalg.norm(condensed.displacement()))
 out["S"] = np.ravel(pressed.gathered().schur).tolist()
 shifting = scale.scene((5, 3), (4, 2), ratios=True)
 out["varying"] = hhr.FullOrderModel(shifting).solve(shifting.parameters.upper).forces().tolist()
+# solutions by compressed factors are refined, those of dofs that are eliminated last too
+large, sparse.LOW_RANK = sparse.LOW_RANK, ((0, 1e-10),)
+compressed = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3))).solve([0.2, 50.0])
+out["compressed"] = compressed.forces().tolist()
+out["compressed norm"] = float(np.linalg.norm(compressed.displacement()))
+sparse.LOW_RANK = large
 limits.KEPT_BYTES, sparse.BLOCK_NUMBERS = kept_bytes, numbers
 # a training on one full model of all ranks: what is made of it, and that its bound holds
 together = hhr.train(scale.scene((5, 3), (4, 2)), hhr.Sobol(6), held_out=0, together=True)

@@ -19,8 +19,7 @@ from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.at_hand import AtHand
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.linear import schur
-from hhr_dolfinx.linear.sparse import MOST_LAST, FreeCholesky, low_rank_of, ordering_of
+from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path, found_as
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
@@ -143,8 +142,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         anew = problem.varies and all(body.law is None for body in self.scene.bodies) and self.scaled is None
         self.keeps_columns = self._has_room()
         # what is solved for once for each query, or does not keep its columns, asks for S alone
-        alone = self.comm.size == 1 and (anew or not self.keeps_columns)
-        asked = np.unique(problem.contact.indices) if alone else None
+        asked = np.unique(problem.contact.indices) if anew or not self.keeps_columns else None
         self._solver = self.factors_of(problem.own_stiffness, "mumps" if anew else "qmd", asked)
         check_regular(problem, lambda rhs: self._gather(self._solver.solve(rhs)), self.scene.name)
         contact = problem.contact[:, self._own]
@@ -178,7 +176,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         if self._columns is not None:
             return self.spread.allreduce(self._contact @ self._columns)
         self._solver.refactor(self.problem.own_stiffness)
-        known = self._between_last(self.problem.own_stiffness, [self._contact])
+        known = self._between_last([self._contact])
         if known is not None:
             return known[0]
         conditions = self._contact.shape[0]
@@ -192,18 +190,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
             found[:, part] = contact @ block
         return self.spread.allreduce(found)
 
-    def _between_last(self, stiffness: csr_matrix, rows: list[csr_matrix]) -> list[np.ndarray] | None:
-        """Each of some rows, (m, own dofs), as rows K^-1 rows^T, (m, m), where factors eliminate contact last.
-
-        On several ranks they are made for that, and dropped; None where it takes solutions.
-        """
-        factors = self._solver
-        if self.comm.size > 1:
-            asked = np.unique(self.problem.contact.indices)
-            if asked.size > MOST_LAST or not schur.offered():
-                return None
-            factors = self.factors_of(stiffness, "mumps", asked)
-        made = (factors.between_last(item) for item in rows)
+    def _between_last(self, rows: list[csr_matrix]) -> list[np.ndarray] | None:
+        """Each of some rows, (m, own dofs), as rows K^-1 rows^T, (m, m); None where that takes solutions."""
+        made = (self._solver.between_last(item) for item in rows)
         found = [item for item in made if item is not None]
         return found if len(found) == len(rows) else None
 
@@ -274,7 +263,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         with self.factors.lock:
             self._solver.refactor(self.problem.own_stiffness)
             rows = [csr_matrix(self._contact.multiply(mask)) for mask in masks]
-            known = self._between_last(self.problem.own_stiffness, rows)
+            known = self._between_last(rows)
             if known is not None:
                 return np.stack(known)
             count = len(self.problem.gaps)
@@ -340,7 +329,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self._solver.refactor(stiffness)
         contact = problem.contact[:, problem.rows]
         per_force = None
-        found = self._between_last(stiffness, [contact])
+        found = self._between_last([contact])
         if found is None:
             per_force = self.solved_columns(contact.T)
             found = [self.spread.allreduce(contact @ per_force)]

@@ -14,7 +14,7 @@ from functools import cache
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.linalg import cho_factor
+from scipy.linalg import LinAlgError, cho_factor
 from scipy.linalg.lapack import dpotri
 
 _FUNCTIONS = (
@@ -33,11 +33,6 @@ def _library() -> ctypes.CDLL | None:
     except (OSError, AttributeError):
         return None
     return found if PETSc.ScalarType == np.float64 else None
-
-
-def offered() -> bool:
-    """Whether rows can be eliminated last."""
-    return _library() is not None
 
 
 SCOTCH = 3
@@ -62,19 +57,43 @@ def eliminate_last(factor: PETSc.Mat, places: np.ndarray) -> bool:
 
 
 def invert_last(factor: PETSc.Mat) -> bool:
-    """Make the inverse on the rows that were eliminated last; False where it is not positive definite. Collective."""
+    """Make the inverse on the rows that were eliminated last, on one rank; False where it is not positive definite."""
     library = _library()
     assert library is not None
-    if factor.comm.size > 1:  # what it hands out there is not what it inverts
-        return True
     return library.MatFactorInvertSchurComplement(ctypes.c_void_p(factor.handle)) == 0
+
+
+def take_inverse(factor: PETSc.Mat, count: int) -> np.ndarray | None:
+    """The inverse on these ``count`` rows of factors of several ranks: all of it on the first one, nothing on others.
+
+    PETSc solves nothing with such factors. By them MUMPS solves for the other rows alone from here on, see its users'
+    guide on ICNTL(26). None where the matrix is not positive definite. Collective.
+    """
+    comm = factor.comm.tompi4py()
+    found: np.ndarray | None = np.zeros((0, count))
+    if comm.rank == 0:
+        with inverse_of_last(factor, count) as given:
+            try:
+                found = _inverse(given)
+            except LinAlgError:
+                found = None
+    if not comm.bcast(found is not None):
+        return None
+    factor.setMumpsIcntl(19, 0)
+    factor.setMumpsIcntl(26, 0)
+    return found
+
+
+def ask_again(factor: PETSc.Mat) -> None:
+    """Before other values are factored: several ranks have what is left of them centralised."""
+    factor.setMumpsIcntl(19, 1)
 
 
 @contextmanager
 def inverse_of_last(factor: PETSc.Mat, count: int) -> Iterator[np.ndarray]:
-    """K^-1 on the rows that were eliminated last, (count, count), once it is made, on the first rank.
+    """K^-1 on the rows that were eliminated last, (count, count), once it is made: PETSc's own, not to be written to.
 
-    It is PETSc's own, not to be written to; of several ranks a copy.
+    On several ranks, where it is not made, what is left of K on these rows: a triangle of it, on the first rank.
 
     Raises:
         MemoryError: if PETSc does not hand it out.
@@ -90,8 +109,7 @@ def inverse_of_last(factor: PETSc.Mat, count: int) -> Iterator[np.ndarray]:
     if failed:
         raise MemoryError("PETSc does not hand the inverse on the dofs of contact out")
     try:
-        found = np.ctypeslib.as_array(values, shape=(count, count))
-        yield found if factor.comm.size == 1 else _inverse(found)
+        yield np.ctypeslib.as_array(values, shape=(count, count))  # symmetric
     finally:
         library.MatDenseRestoreArrayRead(matrix, ctypes.byref(values))
         library.MatFactorRestoreSchurComplement(handle, ctypes.byref(matrix), status)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from contextlib import nullcontext
 from threading import RLock
 from typing import TYPE_CHECKING, NamedTuple
 
@@ -89,7 +90,7 @@ class FreeCholesky:
         comm: ranks that share the rows.
         low_rank: part of its factors that MUMPS may leave out where it compresses them; None for none. Solutions are
             refined then, those of blocks of columns are not.
-        last: dofs between which K^-1 is going to be asked for, increasing, (n,). On several ranks PETSc solves nothing
+        last: dofs between which K^-1 is going to be asked for, increasing, (n,). On several ranks a solution takes two
             with such factors.
 
     Attributes:
@@ -131,25 +132,40 @@ class FreeCholesky:
         self.last = None
         if last is not None and by_mumps and last.size <= MOST_LAST:
             self.last = last[free[last]]
+        self._inverse: np.ndarray | None = None  # between them, of several ranks
         self._prepare()
         if not self._factor():
             raise NotSolvableError(singular_stiffness(scene))
         self._rhs, self._x = self._matrix.createVecs()
+        # own free dofs that are eliminated last, by their places
+        self._ends = np.flatnonzero(np.isin(rows.start + self._free, [] if self.last is None else self.last))
         self._factored = stiffness
         self.lock = RLock()
 
     def _factor(self) -> bool:
         """Factor the matrix, with more room where MUMPS had too little of it; False for a singular one."""
         pc = self._ksp.getPC()
+        if self._inverse is not None:
+            schur.ask_again(pc.getFactorMatrix())
         for room in ROOMS:
             if factorised(self._ksp):
-                return self.last is None or schur.invert_last(pc.getFactorMatrix())
+                return self._has_inverse()
             if pc.getFactorSolverType() != "mumps" or pc.getFactorMatrix().getMumpsInfog(1) not in NO_ROOM:
                 return False
             pc.reset()  # or nothing would be factored anew
             self._ksp.setOperators(self._matrix)
             self._prepare(room)
-        return factorised(self._ksp) and (self.last is None or schur.invert_last(pc.getFactorMatrix()))
+        return factorised(self._ksp) and self._has_inverse()
+
+    def _has_inverse(self) -> bool:
+        """Make K^-1 between the last dofs, where there are any; False where it is not definite."""
+        if self.last is None:
+            return True
+        factor = self._ksp.getPC().getFactorMatrix()
+        if factor.comm.size == 1:
+            return schur.invert_last(factor)
+        self._inverse = schur.take_inverse(factor, self.last.size)
+        return self._inverse is not None
 
     def _prepare(self, room: int | None = None) -> None:
         """Tell MUMPS how to compress its factors, how much room to reckon with, and what to eliminate last.
@@ -186,10 +202,12 @@ class FreeCholesky:
         places = np.searchsorted(self.last, used)
         own = csr_matrix(whole[:, used])
         found = None
-        with self.lock:
+        factor = self._ksp.getPC().getFactorMatrix()
+        known = self._inverse
+        made = schur.inverse_of_last(factor, self.last.size) if known is None else nullcontext(known)
+        with self.lock, made as inverse:
             if comm.rank == 0:
-                with schur.inverse_of_last(self._ksp.getPC().getFactorMatrix(), self.last.size) as inverse:
-                    found = own @ (own @ inverse[np.ix_(places, places)]).T
+                found = own @ (own @ inverse[np.ix_(places, places)]).T
         return comm.bcast(found)
 
     def _made(self, stiffness: csr_matrix, comm: Comm) -> PETSc.Mat:
@@ -238,7 +256,7 @@ class FreeCholesky:
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solution on own dofs, zero on imposed ones, for own rows of a right-hand side, (own dofs,)."""
-        if self.low_rank is not None:
+        if self.low_rank is not None or self._inverse is not None:
             return self.solve_columns(csc_matrix(rhs[:, None]))[:, 0]
         solution = np.zeros(self._own)
         with self.lock:
@@ -263,6 +281,7 @@ class FreeCholesky:
                 return
             if steps < REFINED:
                 self._ksp.matSolve(self._dense(left), self._dense(change))
+                self._complete(left[self._ends], change)
                 solutions += change
         if not (lengths <= STALLED * sizes).all():
             raise NotSolvableError(
@@ -315,11 +334,36 @@ class FreeCholesky:
                     self._ksp.getPC().getFactorMatrix().matSolve(self._sparse(some), block)
                 else:
                     self._ksp.matSolve(self._dense(some.toarray(order="F")), block)
+                if self._inverse is not None:
+                    self._complete(some[self._ends].toarray(), solutions[:, :width])
                 if refining:
                     self._refine(some, solutions[:, :width])
             found = np.zeros((wanted.size, width), order="F")
             found[moving] = solutions[rows, :width]
             yield part, found
+
+    def _complete(self, loads: np.ndarray, solutions: np.ndarray) -> None:
+        """Move the dofs that were eliminated last too, on several ranks, in place.
+
+        Solutions, (own free dofs, k), are those with these dofs at rest so far. What that leaves of the loads there,
+        (own last dofs, k), moves them by K^-1 between them, and the others follow.
+        """
+        if self._inverse is None:
+            return
+        comm = self._matrix.comm.tompi4py()
+        image = np.empty(solutions.shape, order="F")
+        self._matrix.matMult(self._dense(solutions), self._dense(image))
+        left = comm.gather(loads - image[self._ends])
+        moved = comm.bcast(None if left is None else self._inverse @ np.vstack(left))
+        first = sum(comm.allgather(self._ends.size)[: comm.rank])
+        change = np.zeros(solutions.shape, order="F")
+        change[self._ends] = moved[first : first + self._ends.size]
+        self._matrix.matMult(self._dense(change), self._dense(image))
+        image *= -1.0
+        solutions += change
+        self._ksp.matSolve(self._dense(image), self._dense(change))
+        change[self._ends] = 0.0
+        solutions += change
 
     @property
     def _takes_sparse(self) -> bool:

@@ -229,11 +229,12 @@ class Solver:
             name = full.scene.name
             dofs = self.component.dofs
             low_rank = low_rank_of(problem.block_size, int(np.count_nonzero(dofs)))
+            last = np.unique(problem.contact[self.component.part.conditions].indices)
             if full.comm.size > 1:
-                self._factors = SharedCholesky.of(problem.own_stiffness, dofs, name, full.comm, low_rank=low_rank)
+                given = problem.own_stiffness, dofs, name, full.comm
+                self._factors = SharedCholesky.of(*given, low_rank=low_rank, last=last)
                 return self._factors
             how = slice(0, problem.free.size), name, full.block_ordering, full.comm
-            last = np.unique(problem.contact[self.component.part.conditions].indices)
             self._factors = FreeCholesky(problem.own_stiffness, dofs, *how, low_rank=low_rank, last=last)
         else:
             self._factors.refactor(problem.own_stiffness)
