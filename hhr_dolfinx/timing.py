@@ -129,6 +129,22 @@ def time_queries(models: dict[str, Callable[[np.ndarray], Any]], points: np.ndar
     return {name: np.array(values) for name, values in times.items()}
 
 
+def median_time(solve: Callable[[np.ndarray], Any], points: np.ndarray, most: float) -> float:
+    """Median of the seconds of queries, on one thread, behind a warm-up: of as many points as take ``most`` seconds.
+
+    For a rough figure, which takes no longer itself than what it is asked for.
+    """
+    times: list[float] = []
+    with threadpool_limits(1):
+        for point in points:
+            start = time.perf_counter()
+            _query(solve, point)
+            times.append(time.perf_counter() - start)
+            if len(times) > 2 * WARM_UP and sum(times) > most:
+                break
+    return float(np.median(times[WARM_UP:]))
+
+
 def _query(solve: Callable[[np.ndarray], Any], point: np.ndarray) -> None:
     with suppress(ConvergenceError, NotSolvableError):
         solve(point)

@@ -291,17 +291,18 @@ def relative_error(answer: Any, estimate: Estimate, of: str | None) -> float:
     return error / size if size > 0 else math.inf
 
 
-def relative_errors(many: Any, of: str | None) -> np.ndarray | None:
+def relative_errors(many: Any, of: str | None, known: Estimates | None = None) -> np.ndarray | None:
     """The same of many answers, (n,), NaN where nothing is known; None where nothing is of any.
 
     Args:
         many: see :class:`~hhr_dolfinx.models.answer.SeveralAnswers`.
         of: see :func:`check_asked`.
+        known: ``many.estimates()``, where it is at hand.
     """
     if of is not None and of not in SHOWN:
         singles = [(answer, answer.estimate()) for answer in many]
-        return np.array([math.nan if known is None else relative_error(answer, known, of) for answer, known in singles])
-    found = many.estimates()
+        return np.array([math.nan if one is None else relative_error(answer, one, of) for answer, one in singles])
+    found = many.estimates() if known is None else known
     if found is None:
         return None
     return np.maximum(found.primal_relative, found.dual_relative) if of is None else getattr(found, SHOWN[of])

@@ -14,7 +14,7 @@ import logging
 import math
 import tempfile
 import warnings
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -53,7 +53,7 @@ from hhr_dolfinx.study.one_call.wish import DISPLACEMENT, Budget, Exact, Wish
 from hhr_dolfinx.study.scene.scenery import scenery_of
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.study.training.train import Progress, checked_folder, silent
-from hhr_dolfinx.timing import WARM_UP, Stopwatch, timed
+from hhr_dolfinx.timing import WARM_UP, Stopwatch, median_time, timed
 
 _log = logging.getLogger(__name__)
 
@@ -72,7 +72,7 @@ of them lie near a point of a check. Of a modulus with kinks both were .0024, me
 CLOSE = 3.0
 """Factor of the time of an answer within which the more exact model is taken."""
 TIMED = 25
-TIMING = 0.1
+TIMING = 0.02
 """Queries that are timed of each model, beside a warm-up, while all take less than so many seconds; of histories those
 that are compared."""
 NO_BUDGET = Budget()
@@ -407,13 +407,14 @@ def _said(model: Any, points: np.ndarray, wish: Wish) -> dict[str, np.ndarray]:
     if model.fields.bound is None:
         return {}
     many = model.solve_many(points, raise_on_failure=False, outside="ignore")
+    known = many.estimates()
     found = {}
     for name in wish.of:
         try:
             check_asked(model.fields, name)
         except ParameterError:  # an output that nothing bounds
             continue
-        errors = relative_errors(many, name)
+        errors = relative_errors(many, name, known)
         if errors is not None:
             found[name] = np.where(np.isnan(errors), np.inf, errors)
     return found
@@ -437,18 +438,7 @@ def _query_time(bench: Bench, model: Any) -> float:
         paths = [item.full.path for item in bench.held_out[-FRESH_PATHS:] if isinstance(item.full, History)]
         return float(np.median([timed(partial(_marched, model, path))[1] for path in paths]))
     points = bench.full.parameters.random(TIMED + WARM_UP, bench.seed)
-    ask = bench.wish.ask(model)
-    times: list[float] = []
-    for point in points:
-        times.append(timed(partial(_asked, ask, point))[1])
-        if len(times) > 2 * WARM_UP and sum(times) > TIMING:  # models are told apart by a factor of three
-            break
-    return float(np.median(times[WARM_UP:]))
-
-
-def _asked(ask: Callable[[np.ndarray], Any], point: np.ndarray) -> None:
-    with suppress(HHRError):
-        ask(point)
+    return median_time(bench.wish.ask(model), points, TIMING)  # models are told apart by a factor of three
 
 
 def _marched(model: Any, path: AnswerPath) -> None:
