@@ -75,7 +75,8 @@ def check_hypotheses(full: Any, *, floating: bool = False) -> None:
         )
     signs = np.random.default_rng(0).choice((-1.0, 1.0), size=(len(problem.free), 2))  # no copies of K
     skew = np.abs(problem.stiffness @ signs - problem.stiffness.T @ signs).max()
-    size = np.abs(problem.stiffness.data).max()
+    entries = problem.stiffness.data
+    size = max(entries.max(), -entries.min())
     if skew > SYMMETRIC * size:
         raise BoundError(f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy")
 

@@ -196,15 +196,16 @@ def probed(solvers: Sequence[Solver], compliances: Compliances, problem: Contact
     counts more than the stiffest one, beside the middle of the box.
     """
     middle = problem.middle
-    lower = compliances(middle).schur.copy()
-    lower[np.diag_indices(len(lower))] += NOISE * lower.diagonal().mean()
-    lower = cholesky(lower, lower=True, overwrite_a=True)  # S may be as large as a tenth of all memory
+    schur = compliances.stiffness(middle).schur.T  # symmetric; LAPACK takes columns as they lie
+    schur[np.diag_indices(len(schur))] += NOISE * schur.diagonal().mean()
+    lower = cholesky(schur, lower=True, overwrite_a=True)  # S may be as large as a tenth of all memory
+    del schur
     error = 0.0
     for solver, part in zip(solvers, compliances.parts, strict=True):
         if part.interpolant.axes.size:
             continue
         rows = csr_matrix(problem.contact[part.conditions])
-        schur = part.compliance(middle) * part.schur(part.interpolant.along_modes(middle))
+        schur = part.schur(part.compliance(middle) * part.interpolant.along_modes(middle))
         images = np.random.default_rng(PROBES).standard_normal((len(lower), PROBES))
         for _ in range(POWERS):
             own = solve_triangular(lower, images, lower=True, trans="T")[part.conditions]
