@@ -11,7 +11,8 @@ from xml.etree import ElementTree
 import contract
 import numpy as np
 import pytest
-from test_pages import SCENES, outputs_of_pellet
+from test_friction import rubbing
+from test_pages import RUBBING, SCENES, TOUR, outputs_of_pellet
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.doors import c_header, fmu
@@ -37,7 +38,7 @@ int ask(int count, const double *points, double *forces, double *outputs, double
     return status;
 }
 """
-DONE, OUTSIDE, NO_ANSWER = 0, 1, 2
+DONE, OUTSIDE, NO_ANSWER, CHANGED = 0, 1, 2, 3
 
 
 def library(folder, model):
@@ -178,9 +179,8 @@ def test_names_are_those_of_the_file_and_of_the_scene(tmp_path):
 
 
 def test_other_models_are_refused_by_name(monkeypatch):
-    rubbing = hhr.condense(contract.blocks(friction=0.3))
-    with pytest.raises(NotOfferedError, match="header knows no friction"):
-        c_header.c_header(rubbing, "press")
+    with pytest.raises(NotOfferedError, match="friction in the plane alone"):
+        c_header.c_header(hhr.condense(rubbing(dimension=3, cells=2)), "press")
     with pytest.raises(NotOfferedError, match="FullOrderModel"):
         c_header.c_header(hhr.FullOrderModel(contract.blocks()), "press")
     model = hhr.condense(contract.blocks())
@@ -270,3 +270,176 @@ def test_a_unit_keeps_to_what_was_trained_within_the_box():
         item.get("name"): [float(item.get(key)) for key in ("min", "max", "start")] for item in found if item.get("min")
     }
     assert ends == {"push": [0.25, 1.0, 0.625], "load": [0.0, 0.5, 0.25]}
+
+
+RUBBED = """
+#include "press.h"
+int ask(int count, const double *points, double *forces, double *outputs, double *slips, int *statuses) {
+    press_path *path = press_path_new();
+    int status = press_rest(path, points);
+    for (int k = 1; k < count && !status; k++) {
+        const int m = PRESS_CONDITIONS, c = PRESS_CONTACTS;
+        status = press_go(path, points + k * PRESS_PARAMETERS, forces + (k - 1) * m, outputs + (k - 1) * PRESS_OUTPUTS);
+        for (int i = 0; i < c && !status; i++) {
+            double *slip = slips + ((k - 1) * c + i) * 3;
+            slip[0] = path->state->slipped[i], slip[1] = path->state->work[i], slip[2] = path->state->wear[i];
+            statuses[(k - 1) * c + i] = path->state->statuses[i];
+        }
+    }
+    press_path_free(path);
+    return status;
+}
+int begin(const double *point, double *forces, double *outputs) {
+    press_path *path = press_path_new();
+    const int status = press_begin(path, point, forces, outputs);
+    press_path_free(path);
+    return status;
+}
+"""
+
+
+def rubbing_model(name):
+    """Condensed, with outputs of forces, and a tour whose first point is at rest."""
+    outputs = (hhr.LargestPressure("peak", 0), hhr.ContactForce("pull", 0, (1.0, 0.0)))
+    model = hhr.condense(dataclasses.replace(RUBBING[name](), outputs=outputs), fields=True)
+    rest = (0.5,) * (len(model.parameters.names) - 2)
+    return model, [np.array([*point, *rest]) for point in TOUR]
+
+
+def rubbing_library(folder, model):
+    """The functions above, compiled without a warning."""
+    c_header.write_c_header(folder / "press.h", model)
+    (folder / "press.c").write_text(RUBBED)
+    done = subprocess.run([CC, *WORDS, "-o", "press.so", "press.c", "-lm"], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return ctypes.CDLL(str(folder / "press.so"))
+
+
+def at(*arrays):
+    """Their places in memory."""
+    return [ctypes.c_void_p(array.ctypes.data) for array in arrays]
+
+
+@compiled
+@pytest.mark.parametrize("name", RUBBING)
+def test_increments_in_c_are_those_of_python(name, tmp_path):
+    model, tour = rubbing_model(name)
+    made = rubbing_library(tmp_path, model)
+    steps, contacts = len(tour) - 1, model.friction.normal.size
+    points = np.array(tour)
+    forces, outputs = np.zeros((steps, model.conditions)), np.zeros((steps, 2))
+    slips, statuses = np.zeros((steps, contacts, 3)), np.zeros((steps, contacts), dtype=np.int32)
+    assert made.ask(len(tour), *at(points, forces, outputs, slips, statuses)) == DONE
+    history = model.march(list(enumerate(tour)))
+    assert history.cuts == 0
+    largest = max(np.abs(answer.multipliers).max() for answer in history.answers)
+    for k, answer in enumerate(history.answers):
+        np.testing.assert_allclose(forces[k], answer.multipliers, rtol=0, atol=1e-10 * largest)
+        for place, kind in enumerate(("path", "work", "wear")):
+            known = getattr(answer.slip, kind)
+            np.testing.assert_allclose(
+                slips[k, :, place], known, rtol=1e-8, atol=1e-10 * max(np.abs(known).max(), 1e-6)
+            )
+        assert statuses[k].tolist() == answer.slip.statuses.tolist()
+        np.testing.assert_allclose(outputs[k], list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11)
+    assert set(statuses.ravel().tolist()) == {0, 1, 2}
+    # loaded in proportion, with increments that are halved as those of model.solve are
+    for point in model.parameters.random(4, 3):
+        assert made.begin(*at(point, forces, outputs)) == DONE
+        exact = model.solve(point)
+        scale = np.abs(exact.multipliers).max()
+        np.testing.assert_allclose(forces[0], exact.multipliers, rtol=0, atol=1e-8 * max(scale, 1e-3 * largest))
+
+
+@compiled
+def test_paths_in_c_end_where_those_of_python_do(tmp_path):
+    """Outside of the box, and where a law changes on the way; the path stays where it was."""
+    model, tour = rubbing_model("formula and limit")
+    made = rubbing_library(tmp_path, model)
+    forces, outputs = np.zeros((9, model.conditions)), np.zeros((9, 2))
+    slips, statuses = np.zeros((9, model.friction.normal.size, 3)), np.zeros((9, model.friction.normal.size), np.int32)
+    place = model.friction.fixed[0]
+    for change, status in ((0.1, CHANGED), (5.0, OUTSIDE), (np.nan, OUTSIDE)):
+        points = np.array(tour[:3])
+        points[2, place] += change
+        assert made.ask(3, *at(points, forces, outputs, slips, statuses)) == status
+        assert made.begin(*at(points[2], forces, outputs)) == (DONE if status == CHANGED else OUTSIDE)
+
+
+@pytest.fixture(scope="module")
+def rubbing_unit(tmp_path_factory):
+    """A unit of a model with friction, whose law has a parameter, and the tour."""
+    if CC is None:
+        pytest.skip("there is no C compiler")
+    model, tour = rubbing_model("formula and limit")
+    return model, tour, fmu.write_fmu(tmp_path_factory.mktemp("unit") / "rubbing.fmu", model)
+
+
+def test_a_unit_with_friction_steps_as_python_does(rubbing_unit, tmp_path):
+    """Called by its functions: inputs, a step, outputs; what does not change on the way is a parameter."""
+    model, tour, path = rubbing_unit
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(tmp_path)
+    described = ElementTree.parse(tmp_path / "modelDescription.xml").getroot()
+    kinds = {item.get("name"): item.get("causality") for item in described.find("ModelVariables")}
+    words = ("independent", "input", "input", "parameter", "output", "output")
+    assert kinds == dict(zip(("time", *model.parameters.names, "peak", "pull"), words, strict=True))
+    (binary,) = (tmp_path / "binaries").glob("*/model.*")
+    made = ctypes.CDLL(str(binary))
+    made.fmi3InstantiateCoSimulation.restype = ctypes.c_void_p
+    made.fmi3DoStep.argtypes = [
+        ctypes.c_void_p,
+        ctypes.c_double,
+        ctypes.c_double,
+        ctypes.c_bool,
+        *[ctypes.c_void_p] * 4,
+    ]
+    rest = [None, False, False, False, False, None, ctypes.c_size_t(0), None, None, None]
+    token = described.get("instantiationToken").encode()
+    instance = ctypes.c_void_p(made.fmi3InstantiateCoSimulation(b"one", token, *rest))
+    inputs, outputs = (ctypes.c_uint32 * 3)(1, 2, 3), (ctypes.c_uint32 * 2)(4, 5)
+    flags, last, two, three = (ctypes.c_bool * 3)(), ctypes.c_double(), ctypes.c_size_t(2), ctypes.c_size_t(3)
+
+    def put(point):
+        return made.fmi3SetFloat64(instance, inputs, three, (ctypes.c_double * 3)(*point), three)
+
+    def step(number):
+        ends = [ctypes.byref(flags, k) for k in range(3)]
+        return made.fmi3DoStep(instance, float(number), 1.0, False, *ends, ctypes.byref(last))
+
+    def read():
+        found = (ctypes.c_double * 2)()
+        assert made.fmi3GetFloat64(instance, outputs, two, found, two) == 0
+        return np.array(found)
+
+    for _ in range(2):  # a unit that is reset begins anew
+        assert put(tour[0]) == 0 and made.fmi3ExitInitializationMode(instance) == 0
+        history = model.march(list(enumerate(tour)))
+        for number, (point, answer) in enumerate(zip(tour[1:], history.answers, strict=True)):
+            before = read()
+            assert put(point) == 0
+            np.testing.assert_array_equal(read(), before)  # until the step is made
+            assert step(number) == 0 and last.value == number + 1
+            np.testing.assert_allclose(read(), list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11)
+        assert put([*tour[-1][:2], 0.6]) == 0 and step(20) == 2  # another law
+        assert made.fmi3Reset(instance) == 0
+    made.fmi3FreeInstance(instance)
+
+
+def test_a_unit_with_friction_runs_in_fmpy(rubbing_unit):
+    fmpy = pytest.importorskip("fmpy")
+    validation = pytest.importorskip("fmpy.validation")
+    model, tour, path = rubbing_unit
+    assert validation.validate_fmu(str(path)) == []
+    names = model.parameters.names
+    kinds = [("time", float), *((name, float) for name in names[:2])]
+    signals = np.array([(float(time), *point[:2]) for time, point in enumerate(tour)], dtype=kinds)
+    start = {names[2]: tour[0][2], names[0]: tour[0][0], names[1]: tour[0][1]}
+    found = fmpy.simulate_fmu(
+        str(path), input=signals, start_values=start, stop_time=float(len(tour) - 1), output_interval=1.0
+    )
+    known = [answer.outputs() for answer in model.march(list(enumerate(tour))).answers]
+    for name in ("peak", "pull"):
+        values = np.array([outputs[name] for outputs in known])
+        # a step ends with what its inputs were as it began
+        np.testing.assert_allclose(found[name][2:], values[:-1], rtol=1e-8, atol=1e-10 * np.abs(values).max())

@@ -512,7 +512,8 @@ def embed(model: Path, out: Path) -> None:
     """Write a condensed model as a header of C, or as a unit for co-simulation (FMI 3.0).
 
     The header holds the numbers of the model and solves the contact problem, without a library. Parameters are inputs
-    of a unit, outputs of the scene its outputs; it is compiled here, for this machine, and holds its sources.
+    of a unit, outputs of the scene its outputs; it is compiled here, for this machine, and holds its sources. With
+    friction in the plane a step is an increment from where the unit is.
     """
     from hhr_dolfinx.command.loading import checked_target
     from hhr_dolfinx.online.model_file import load_model

@@ -31,7 +31,7 @@ def write_c_header(path: str | Path, model: Any) -> Path:
 
     Args:
         path: of the header, ``.h``; its stem has to be an identifier of C.
-        model: that of ``hhr.condense``, ``hhr.reduce`` or a file, elastic and without friction.
+        model: that of ``hhr.condense``, ``hhr.reduce`` or a file, elastic; with friction in the plane alone.
 
     Returns:
         The path.
@@ -69,7 +69,9 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
             stacklevel=3,
         )
     data = _Data(tree, arrays.arrays)
-    text = kernel_file("kernel.h").replace("MODEL_TITLE", name).replace("/*DATA*/", data.text())
+    friction = kernel_file("friction.h") if tree["friction"] else ""
+    text = kernel_file("kernel.h").replace("MODEL_TITLE", name).replace("/*FRICTION*/", friction)
+    text = text.replace("/*DATA*/", data.text())
     own = {"model_": f"{name}_", "MODEL_": f"{name.upper()}_"}
     # what is quoted are words of the scene
     return re.sub(r'"[^"\n]*"|\b(?:model_|MODEL_)', lambda found: own.get(found[0], found[0]), text), tree
@@ -130,7 +132,9 @@ class _Data:
         pairs = self.arrays[tree["groups"]] if tree["groups"] else np.zeros(tree["m"], dtype=int)
         places = np.unique(pairs, return_inverse=True)[1]
         constant = tree["schur"] is not None
+        rubbing = self._friction(tree["friction"]) if tree["friction"] else []
         own = [
+            *rubbing,
             self._array("pairs", places),
             self._array("constant", self.arrays[tree["amplitudes"]["constant"]]),
             self._array("slopes", self.arrays[tree["amplitudes"]["slopes"]]),
@@ -143,8 +147,22 @@ class _Data:
         ]
         return "\n".join([*self._sizes(places), *self._names(), *self.parts, *own])
 
+    def _friction(self, item: dict[str, Any]) -> list[str]:
+        """Rows of friction, and its laws."""
+        laws = [f"{{{self._function(one)}, {self._function(other)}}}" for one, other in item["laws"]]
+        rows = {"normal": "normal", "tangential": "tangential", "owner": "owner", "law_of": "law", "twice": "twice"}
+        return [
+            *(self._array(name, self.arrays[item[key]]) for name, key in rows.items()),
+            self._array("area", self.arrays[item["area"]]),
+            self._array("fixed", np.array(item["fixed"], dtype=int)),
+            self._array("box_lower", np.array(self.tree["lower"])),
+            self._array("box_upper", np.array(self.tree["upper"])),
+            self._records("law", "laws", laws),
+        ]
+
     def _sizes(self, places: np.ndarray) -> Iterable[str]:
         tree = self.tree
+        rubs = tree["friction"]
         grids = [*tree["parts"], *([tree["reshaped"]] if tree.get("reshaped") else [])]
         constant = tree["schur"] is not None
         sizes = {
@@ -159,7 +177,12 @@ class _Data:
             "CONSTANT": int(constant),
             "LONGEST": max([1, *(len(self.arrays[grid["weights"]]) for grid in grids)]),
             "NODES": max([1, *(len(grid["nodes"]) for grid in grids)]),
+            "RUBS": int(rubs is not None),
         }
+        if rubs is not None:
+            rows = {"CONTACTS": "normal", "TANGENTS": "tangential", "TWICE": "twice"}
+            sizes |= {name: self.arrays[rubs[key]].size for name, key in rows.items()}
+            sizes["FIXED_COUNT"] = len(rubs["fixed"])
         return [f"#define MODEL_{name} {size}" for name, size in sizes.items()]
 
     def _names(self) -> Iterable[str]:

@@ -1,5 +1,6 @@
 /* A model of model.h as a unit for co-simulation, FMI 3.0: parameters are inputs, outputs are outputs, and a step is
-   one answer. Value references: 0 the time, 1 ... the inputs, then the outputs. */
+   one answer; with friction it is an increment from where the path is, which begins at rest, loaded in proportion.
+   Value references: 0 the time, 1 ... the inputs, then the outputs. */
 #include <stddef.h>
 #include <stdint.h>
 #include "model.h"
@@ -8,12 +9,22 @@ enum { OK = 0, DISCARD = 2, ERROR = 3 };
 typedef uint32_t reference;
 typedef void (*logger)(void *environment, int status, const char *category, const char *message);
 
+#if MODEL_RUBS
+typedef model_path work;
+#define new_work model_path_new
+#define free_work model_path_free
+#else
+typedef model_work work;
+#define new_work model_new
+#define free_work model_free
+#endif
+
 typedef struct {
-    model_work *work;
+    work *work;
     void *environment;
     logger log;
     double time, point[MODEL_PARAMETERS], outputs[MODEL_OUTPUTS + 1];
-    int known;
+    int known, begun;
 } unit;
 
 #if defined _WIN32
@@ -27,18 +38,30 @@ static int complaint(unit *u, int status, const char *message) {
     return status;
 }
 
+#if MODEL_RUBS
+static int solved(unit *u) {
+    return u->begun ? model_go(u->work, u->point, NULL, u->outputs) : model_begin(u->work, u->point, NULL, u->outputs);
+}
+#else
+static int solved(unit *u) { return model_solve(u->work, u->point, NULL, u->outputs); }
+#endif
+
 static int answered(unit *u) {
     if (u->known) return OK;
-    const int status = model_solve(u->work, u->point, NULL, u->outputs);
+    const int status = solved(u);
+    if (status == MODEL_CHANGED) return complaint(u, DISCARD, "a modulus, or a law of friction, does not change on the way");
     if (status == MODEL_OUTSIDE) return complaint(u, DISCARD, "an input is outside of what the model was made for");
     if (status == MODEL_NO_ANSWER) return complaint(u, DISCARD, "the contact problem has no answer for these inputs");
-    u->known = 1;
+    u->known = u->begun = 1;
     return OK;
 }
 
+/* What outputs are of: without friction the inputs, with it the last step. */
+static int told(unit *u) { return MODEL_RUBS && u->begun ? OK : answered(u); }
+
 static void at_start(unit *u) {
     for (int k = 0; k < MODEL_PARAMETERS; k++) u->point[k] = (model_lower[k] + model_upper[k]) / 2;
-    u->time = 0, u->known = 0;
+    u->time = 0, u->known = u->begun = 0;
 }
 
 SHARED const char *fmi3GetVersion(void) { return "3.0"; }
@@ -55,7 +78,7 @@ SHARED void *fmi3InstantiateCoSimulation(const char *name, const char *token, co
     if (!token || strcmp(token, MODEL_TOKEN)) return NULL;
     unit *u = calloc(1, sizeof *u);
     if (!u) return NULL;
-    u->environment = environment, u->log = log, u->work = model_new();
+    u->environment = environment, u->log = log, u->work = new_work();
     at_start(u);
     if (u->work) return u;
     free(u);
@@ -63,7 +86,7 @@ SHARED void *fmi3InstantiateCoSimulation(const char *name, const char *token, co
 }
 SHARED void fmi3FreeInstance(void *instance) {
     if (!instance) return;
-    model_free(((unit *)instance)->work);
+    free_work(((unit *)instance)->work);
     free(instance);
 }
 
@@ -98,7 +121,7 @@ SHARED int fmi3GetFloat64(void *instance, const reference which[], size_t count,
     for (size_t k = 0; k < count; k++) {
         if (which[k] > MODEL_PARAMETERS + MODEL_OUTPUTS) return complaint(u, ERROR, "there is no such variable");
         if (which[k] > MODEL_PARAMETERS) {
-            const int status = answered(u);
+            const int status = told(u);
             if (status) return status;
             values[k] = u->outputs[which[k] - 1 - MODEL_PARAMETERS];
         } else {
@@ -108,6 +131,7 @@ SHARED int fmi3GetFloat64(void *instance, const reference which[], size_t count,
     return OK;
 }
 
+#if !MODEL_RUBS
 /* Derivatives of some outputs along some inputs, times a seed. */
 SHARED int fmi3GetDirectionalDerivative(void *instance, const reference unknowns[], size_t unknown_count,
                                         const reference knowns[], size_t known_count, const double seed[],
@@ -129,6 +153,7 @@ SHARED int fmi3GetDirectionalDerivative(void *instance, const reference unknowns
     }
     return OK;
 }
+#endif
 
 SHARED int fmi3DoStep(void *instance, double time, double size, _Bool no_earlier, _Bool *event, _Bool *terminate,
                       _Bool *early, double *last) {
@@ -144,6 +169,9 @@ SHARED int fmi3DoStep(void *instance, double time, double size, _Bool no_earlier
 
 /* What a unit of static answers has not. */
 #define NOTHING(name) SHARED int name(void *instance) { return (void)instance, ERROR; }
+#if MODEL_RUBS
+NOTHING(fmi3GetDirectionalDerivative)
+#endif
 #define BOTH(type) NOTHING(fmi3Get##type) NOTHING(fmi3Set##type)
 SHARED void *fmi3InstantiateModelExchange(void) { return NULL; }
 SHARED void *fmi3InstantiateScheduledExecution(void) { return NULL; }

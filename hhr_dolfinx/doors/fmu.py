@@ -1,5 +1,5 @@
 """A condensed model as a unit for co-simulation, FMI 3.0 (Modelica Association, 2022): an archive with a description,
-the C sources, and what a compiler makes of them here. Parameters are inputs, a step is one answer."""
+the C sources, and what a compiler makes of them here. Parameters are inputs; a step is an answer, or an increment."""
 
 from __future__ import annotations
 
@@ -29,7 +29,8 @@ def write_fmu(path: str | Path, model: Any, compiler: str = "cc") -> Path:
 
     Args:
         path: of the archive, ``.fmu``.
-        model: that of ``hhr.condense``, ``hhr.reduce`` or a file, elastic and without friction; its scene has outputs.
+        model: that of ``hhr.condense``, ``hhr.reduce`` or a file, elastic; with friction in the plane alone, where a
+            step is an increment, and moduli and laws are fixed. Its scene has outputs.
         compiler: a C compiler that takes the words of gcc.
 
     Returns:
@@ -80,12 +81,13 @@ def description(tree: dict[str, Any], name: str, token: str) -> bytes:
         generationTool=f"hhr_dolfinx {__version__}",
         description=f"A contact problem, condensed to {tree['m']} conditions; made {today()}",
     )
+    rubs = tree["friction"]
     ElementTree.SubElement(
         root,
         "CoSimulation",
         modelIdentifier=IDENTIFIER,
         canHandleVariableCommunicationStepSize="true",
-        providesDirectionalDerivatives="true",
+        providesDirectionalDerivatives="false" if rubs else "true",
     )
     units = dict.fromkeys(item["unit"] for item in tree["outputs"] if item["unit"])
     if units:
@@ -98,7 +100,8 @@ def description(tree: dict[str, Any], name: str, token: str) -> bytes:
     )
     for k, parameter in enumerate(tree["names"]):
         words = {"min": repr(lower[k]), "max": repr(upper[k]), "start": repr((lower[k] + upper[k]) / 2)}
-        _variable(variables, parameter, 1 + k, "input", words)
+        stays = rubs is not None and k in rubs["fixed"]
+        _variable(variables, parameter, 1 + k, "parameter" if stays else "input", words)
     first = 1 + len(tree["names"])
     structure = ElementTree.SubElement(root, "ModelStructure")
     for kind in ("Output", "InitialUnknown"):
@@ -111,7 +114,8 @@ def description(tree: dict[str, Any], name: str, token: str) -> bytes:
 
 
 def _variable(parent: ElementTree.Element, name: str, place: int, causality: str, words: dict[str, str]) -> None:
-    own = {"name": name, "valueReference": str(place), "causality": causality, "variability": "continuous"}
+    variability = "fixed" if causality == "parameter" else "continuous"
+    own = {"name": name, "valueReference": str(place), "causality": causality, "variability": variability}
     ElementTree.SubElement(parent, "Float64", own | words)
 
 

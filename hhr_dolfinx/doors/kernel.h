@@ -9,7 +9,10 @@
        if (model_solve(work, point, forces, outputs) == MODEL_DONE) ...
        model_free(work);
 
-   One work for each thread. Include it in one file, or in several: all is static. */
+   With friction answers depend on the path: model_path_new, model_begin at a point, loaded in proportion, model_go from
+   there on, an increment each time, and model_path_free are in the place of these.
+
+   One work, or path, for each thread. Include it in one file, or in several: all is static. */
 #ifndef MODEL_H
 #define MODEL_H
 #include <float.h>
@@ -54,9 +57,14 @@ static inline double model_table(int count, const double *values) {
     return NAN;
 }
 
+typedef struct {
+    double (*coefficient)(const double *), (*limit)(const double *); /* of friction; none where there is no bound */
+} model_law;
+
 /*DATA*/
 
-enum { MODEL_DONE = 0, MODEL_OUTSIDE = 1, MODEL_NO_ANSWER = 2 };
+/* CHANGED: a modulus, or a law of friction, within a path */
+enum { MODEL_DONE = 0, MODEL_OUTSIDE = 1, MODEL_NO_ANSWER = 2, MODEL_CHANGED = 3 };
 
 /* Sizes a contact is told apart from round-off by: pairs[i] is the contact of condition i. */
 #define MODEL_TOLERANCE 1e-11
@@ -233,6 +241,24 @@ static inline int model_factored(double *a, int n, int *pivots, double *x) {
     return 1;
 }
 
+static inline void model_read(const model_work *w, double *outputs) {
+    for (int k = 0; k < MODEL_OUTPUTS; k++) {
+        const model_output *item = &model_outputs[k];
+        double value = 0, most = -DBL_MAX, loaded = 0;
+        if (item->forces) {
+            for (int i = 0; i < MODEL_CONDITIONS; i++) value += item->forces[i] * w->forces[i];
+            for (int t = 0; t < MODEL_TERMS; t++) value += item->terms[t] * w->theta[t];
+            outputs[k] = value;
+            continue;
+        }
+        for (int i = 0; i < item->count; i++) most = fmax(most, w->forces[item->conditions[i]] / item->areas[i]);
+        for (int i = 0; i < item->count; i++)
+            if (most > 0 && w->forces[item->conditions[i]] / item->areas[i] > item->least * most) loaded += item->areas[i];
+        outputs[k] = item->largest ? most : item->offset + item->factor * loaded;
+    }
+}
+
+#if !MODEL_RUBS
 /* Forces and slack where statuses are given; 0 where they make a singular set. */
 static inline int model_equalities(model_work *w) {
     const int m = MODEL_CONDITIONS;
@@ -278,23 +304,6 @@ static inline int model_corrected(model_work *w, int one) {
         found++;
     }
     return found;
-}
-
-static inline void model_read(const model_work *w, double *outputs) {
-    for (int k = 0; k < MODEL_OUTPUTS; k++) {
-        const model_output *item = &model_outputs[k];
-        double value = 0, most = -DBL_MAX, loaded = 0;
-        if (item->forces) {
-            for (int i = 0; i < MODEL_CONDITIONS; i++) value += item->forces[i] * w->forces[i];
-            for (int t = 0; t < MODEL_TERMS; t++) value += item->terms[t] * w->theta[t];
-            outputs[k] = value;
-            continue;
-        }
-        for (int i = 0; i < item->count; i++) most = fmax(most, w->forces[item->conditions[i]] / item->areas[i]);
-        for (int i = 0; i < item->count; i++)
-            if (most > 0 && w->forces[item->conditions[i]] / item->areas[i] > item->least * most) loaded += item->areas[i];
-        outputs[k] = item->largest ? most : item->offset + item->factor * loaded;
-    }
 }
 
 static inline int model_finite(const model_work *w) {
@@ -360,4 +369,7 @@ static inline int model_derivatives(model_work *w, const double *point, double *
     }
     return MODEL_DONE;
 }
+#else
+/*FRICTION*/
+#endif
 #endif

@@ -37,7 +37,7 @@ FLAT = 0.3
 def check_model(model: Any, what: str = "a page", *, on_page: bool = True) -> None:
     """Raise NotOfferedError for a model that ``what`` is not built for; says what to take.
 
-    Friction and bodies that flow are for what is ``on_page`` alone.
+    Bodies that flow are for what is ``on_page`` alone.
     """
     if flows(model) and on_page:
         from hhr_dolfinx.pages.flowing import check_flow
@@ -49,8 +49,6 @@ def check_model(model: Any, what: str = "a page", *, on_page: bool = True) -> No
             f"{what} answers by all contact conditions of bodies that something holds, and {_kind(model)} is not of "
             "that kind: condense the scene, hhr.condense(scene) or hhr train SCENE --model condensed"
         )
-    if model.friction is not None and not on_page:
-        raise NotOfferedError(f"{what} knows no friction: its increments are solved in Python, and on pages")
     if model.friction is not None and np.bincount(model.friction.owner, minlength=1).max() > 1:
         raise NotOfferedError(f"{what} knows friction in the plane alone: in space its increments are solved in Python")
     if isinstance(model.eliminated, Compliances) and not model.eliminated.symmetric:

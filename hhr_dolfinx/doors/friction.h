@@ -1,0 +1,368 @@
+
+/* Increments with friction in the plane, one tangent for each contact: statuses and directions by a semi-smooth Newton
+   method, and what it does not settle brought nearer by sweeps over single contacts; friction.js says the same. */
+#define MODEL_NEWTON 40
+#define MODEL_GIVES 1e-4
+#define MODEL_HALVED 8
+#define MODEL_FEWEST 4
+#define MODEL_CUTS 12
+#define MODEL_SETTLED 1e-3
+#define MODEL_WORK_LEAST 1e-3
+#define MODEL_APART 1e-9
+
+/* What is remembered of contacts: where they stick, how far they have slipped, the work and the wear of that. */
+typedef struct {
+    double point[MODEL_PARAMETERS], forces[MODEL_CONDITIONS], position[MODEL_TANGENTS], slipped[MODEL_CONTACTS];
+    double work[MODEL_CONTACTS], wear[MODEL_CONTACTS], pressure[MODEL_CONTACTS], bound[MODEL_CONTACTS], gap[MODEL_CONTACTS];
+    double energy;
+    unsigned char statuses[MODEL_CONTACTS]; /* 0 open, 1 sticks, 2 slips */
+} model_state;
+
+typedef struct {
+    model_work *room;
+    model_state *state, *pool;
+    double *schur, *slack, *stiffness, *y, *start, *forces, *left, *known, *x;
+    double coefficient[MODEL_CONTACTS], limit[MODEL_CONTACTS], largest, dissipated;
+    int *place;
+    unsigned char *at, *pressing, *seen; /* at: whether rows act, are at their limit, slip: 0, 1 or, backwards, 2 */
+    int begun;
+} model_path;
+
+static inline void model_path_free(model_path *p) {
+    if (!p) return;
+    model_free(p->room), free(p->state), free(p->pool), free(p->schur), free(p->slack), free(p->stiffness), free(p->y);
+    free(p->start), free(p->forces), free(p->left), free(p->known), free(p->x), free(p->place), free(p->at);
+    free(p->pressing), free(p->seen), free(p);
+}
+
+/* A path that has not begun; NULL where there is no room. */
+static inline model_path *model_path_new(void) {
+    const size_t m = MODEL_CONDITIONS;
+    model_path *p = calloc(1, sizeof *p);
+    if (!p) return NULL;
+    p->room = model_new(), p->state = calloc(1, sizeof *p->state);
+    p->pool = calloc(3 * (MODEL_CUTS + 2), sizeof *p->pool), p->schur = malloc(m * m * sizeof(double));
+    double **rows[] = {&p->slack, &p->stiffness, &p->y, &p->start, &p->forces, &p->left, &p->known, &p->x};
+    int all = p->room && p->state && p->pool && p->schur;
+    for (size_t k = 0; k < sizeof rows / sizeof *rows; k++) all = (*rows[k] = calloc(m, sizeof(double))) && all;
+    p->place = malloc(m * sizeof(int)), p->at = malloc(3 * m), p->pressing = malloc(m);
+    p->seen = malloc(3 * m * (MODEL_NEWTON + 1));
+    if (all && p->place && p->at && p->pressing && p->seen) {
+        memset(p->pressing, 1, m);
+        for (int k = 0; k < MODEL_TANGENTS; k++) p->pressing[model_tangential[k]] = 0;
+        return p;
+    }
+    model_path_free(p);
+    return NULL;
+}
+
+static inline double model_most(const double *values) {
+    double most = 0;
+    for (int i = 0; i < MODEL_CONDITIONS; i++) most = fmax(most, fabs(values[i]));
+    return most;
+}
+
+static inline double model_bounded(const model_path *p, int contact, double force) {
+    const double carried = isinf(p->coefficient[contact]) ? INFINITY : p->coefficient[contact] * fmax(force, 0);
+    return fmin(carried, p->limit[contact]);
+}
+
+/* Slack under forces. */
+static inline void model_leave(const model_path *p, const double *forces, double *left) {
+    const int m = MODEL_CONDITIONS;
+    memcpy(left, p->slack, m * sizeof(double));
+    for (int j = 0; j < m; j++)
+        if (forces[j] != 0)
+            for (int i = 0; i < m; i++) left[i] += p->schur[i * m + j] * forces[j];
+}
+
+/* What forces and slacks say of statuses; returns how far they are from a solution. */
+static inline double model_projected(model_path *p, double probe) {
+    const int m = MODEL_CONDITIONS;
+    unsigned char *acting = p->at, *limited = p->at + m, *slips = p->at + 2 * m;
+    double worst = 0;
+    memset(p->at, 0, 3 * (size_t)m);
+    for (int i = 0; i < m; i++) p->y[i] = p->forces[i] - p->stiffness[i] * p->left[i];
+    for (int i = 0; i < m; i++)
+        if (p->pressing[i]) {
+            acting[i] = p->y[i] > 0;
+            worst = fmax(worst, fabs(p->forces[i] - fmax(p->y[i], 0)));
+        }
+    for (int k = 0; k < MODEL_TANGENTS; k++) {
+        const int row = model_tangential[k], contact = model_owner[k], normal = model_normal[contact];
+        const double bound = model_bounded(p, contact, p->y[normal]);
+        const double pushed = p->forces[row] + probe * (p->y[row] - p->forces[row]);
+        worst = fmax(worst, fabs(p->forces[row] - fmin(fmax(p->y[row], -bound), bound)));
+        acting[row] = acting[normal] || bound > 0;
+        limited[row] = bound >= p->limit[contact];
+        slips[row] = acting[row] && fabs(pushed) > bound ? (pushed > 0 ? 1 : 2) : 0;
+    }
+    return worst;
+}
+
+/* Forces on some statuses; 0 where these leave them undetermined. What slips follows its pressure or is at its limit. */
+static inline int model_on_statuses(model_path *p) {
+    const int m = MODEL_CONDITIONS;
+    const unsigned char *acting = p->at, *limited = p->at + m, *slips = p->at + 2 * m;
+    int *index = p->room->index, n = 0;
+    double *a = p->room->factored;
+    for (int i = 0; i < m; i++) {
+        p->place[i] = -1, p->known[i] = 0;
+        if (acting[i] && !slips[i]) p->place[i] = n, index[n++] = i;
+    }
+    for (int r = 0; r < n; r++) {
+        p->x[r] = -p->slack[index[r]];
+        for (int c = 0; c < n; c++) a[r * n + c] = p->schur[index[r] * m + index[c]];
+    }
+    for (int k = 0; k < MODEL_TANGENTS; k++) {
+        const int row = model_tangential[k], contact = model_owner[k], column = p->place[model_normal[contact]];
+        if (!slips[row]) continue;
+        const double sign = slips[row] == 1 ? 1 : -1;
+        if (limited[row]) {
+            p->known[row] = sign * p->limit[contact];
+            for (int r = 0; r < n; r++) p->x[r] -= p->schur[index[r] * m + row] * p->known[row];
+        } else if (column >= 0) {
+            for (int r = 0; r < n; r++) a[r * n + column] += sign * p->coefficient[contact] * p->schur[index[r] * m + row];
+        }
+    }
+    if (!model_factored(a, n, p->room->pivots, p->x)) return 0;
+    memset(p->forces, 0, m * sizeof(double));
+    for (int r = 0; r < n; r++) p->forces[index[r]] = p->x[r];
+    for (int k = 0; k < MODEL_TANGENTS; k++) {
+        const int row = model_tangential[k], contact = model_owner[k];
+        if (!slips[row]) continue;
+        const double carried = (slips[row] == 1 ? 1 : -1) * p->coefficient[contact] * p->forces[model_normal[contact]];
+        p->forces[row] = limited[row] ? p->known[row] : carried;
+    }
+    for (int i = 0; i < m; i++)
+        if (!isfinite(p->forces[i])) return 0;
+    return 1;
+}
+
+/* Newton's method from forces to start with; forces and slacks are left where it settles, and 0 is returned elsewhere. */
+static inline int model_iterated(model_path *p, const double *start, double probe) {
+    const int m = MODEL_CONDITIONS;
+    const unsigned char *acting = p->at, *slips = p->at + 2 * m;
+    double noise = 0, least = INFINITY;
+    memcpy(p->forces, start, m * sizeof(double));
+    for (int i = 0; i < m; i++) noise = fmax(noise, fabs(p->stiffness[i] * p->slack[i]));
+    for (int iteration = 0; iteration <= MODEL_NEWTON; iteration++) {
+        model_leave(p, p->forces, p->left);
+        const double worst = model_projected(p, probe);
+        if (worst <= MODEL_TOLERANCE * model_most(p->forces) + MODEL_ROUND_OFF * noise) {
+            for (int i = 0; i < m; i++) {
+                if (!acting[i]) p->forces[i] = 0;
+                p->x[i] = p->left[i] - p->slack[i]; /* what the forces have pushed */
+                if (acting[i] && !slips[i]) p->left[i] = 0;
+            }
+            return 1;
+        }
+        for (int k = 0; k < iteration; k++)
+            if (!memcmp(p->seen + 3 * (size_t)m * k, p->at, 3 * (size_t)m) && !(worst < 0.5 * least)) return 0;
+        memcpy(p->seen + 3 * (size_t)m * iteration, p->at, 3 * (size_t)m);
+        least = fmin(least, worst);
+        if (!model_on_statuses(p)) return 0;
+    }
+    return 0;
+}
+
+/* Projections of single rows, one after another, in place. */
+static inline void model_swept(const model_path *p, double *forces, int count) {
+    const int m = MODEL_CONDITIONS;
+    for (int sweep = 0; sweep < count; sweep++)
+        for (int k = 0; k < m + MODEL_TANGENTS; k++) {
+            const int i = k < m ? k : model_tangential[k - m];
+            if (k < m && !p->pressing[k]) continue;
+            double left = p->slack[i];
+            for (int j = 0; j < m; j++) left += p->schur[i * m + j] * forces[j];
+            const double moved = forces[i] - p->stiffness[i] * left;
+            if (k < m) {
+                forces[i] = fmax(0, moved);
+            } else {
+                const int contact = model_owner[k - m];
+                const double bound = model_bounded(p, contact, forces[model_normal[contact]]);
+                forces[i] = fmin(fmax(moved, -bound), bound);
+            }
+        }
+}
+
+static inline int model_settles(model_path *p) {
+    static const int sweeps[] = {0, 10, 30, 100, 300, 1000, 3000};
+    static const double probes[] = {0.2, 1, 0.01};
+    for (size_t s = 0; s < sizeof sweeps / sizeof *sweeps; s++) {
+        model_swept(p, p->start, sweeps[s]);
+        for (size_t k = 0; k < sizeof probes / sizeof *probes; k++)
+            if (model_iterated(p, p->start, probes[k])) return 1;
+    }
+    return 0;
+}
+
+/* What is remembered after an increment: bounds and pressures along a slip are the means of both ends. */
+static inline void model_remember(const model_path *p, const model_state *before, const double *point, model_state *after) {
+    const int m = MODEL_CONDITIONS;
+    const unsigned char *acting = p->at, *slips = p->at + 2 * m;
+    double slipped[MODEL_CONTACTS] = {0};
+    unsigned char slides[MODEL_CONTACTS] = {0};
+    memcpy(after->point, point, sizeof after->point);
+    memcpy(after->forces, p->forces, sizeof after->forces);
+    after->energy = 0;
+    for (int i = 0; i < m; i++) after->energy += 0.5 * p->forces[i] * p->x[i];
+    for (int k = 0; k < MODEL_TANGENTS; k++) {
+        const int row = model_tangential[k], contact = model_owner[k];
+        after->position[k] = before->position[k] + p->left[row];
+        slipped[contact] = fabs(p->left[row]);
+        slides[contact] = slips[row] != 0;
+    }
+    for (int k = 0; k < MODEL_CONTACTS; k++) {
+        const int row = model_normal[k];
+        const double pressure = fmax(p->forces[row], 0), bound = model_bounded(p, k, p->forces[row]);
+        const double closed = 0.5 * ((before->pressure[k] > 0) + (pressure > 0)), mean = 0.5 * (before->pressure[k] + pressure);
+        after->gap[k] = p->left[row], after->pressure[k] = pressure, after->bound[k] = bound;
+        after->slipped[k] = before->slipped[k] + slipped[k] * closed;
+        after->work[k] = before->work[k] + 0.5 * (before->bound[k] + bound) * slipped[k];
+        after->wear[k] = before->wear[k] + (model_area[k] > 0 ? mean / model_area[k] : 0) * slipped[k];
+        after->statuses[k] = !acting[row] ? 0 : slides[k] ? 2 : 1;
+    }
+}
+
+/* Where an increment from a state to a point leads; 0 where it does not settle. */
+static inline int model_increment(model_path *p, const model_state *before, const double *point, model_state *after) {
+    const int m = MODEL_CONDITIONS;
+    if (!model_set_contact(p->room, point)) return 0;
+    p->room->started = 1; /* S is there */
+    memcpy(p->slack, p->room->slack, m * sizeof(double));
+    memcpy(p->schur, p->room->schur, m * m * sizeof(double));
+    memcpy(p->start, before->forces, m * sizeof(double));
+    for (int k = 0; k < MODEL_TANGENTS; k++) p->slack[model_tangential[k]] -= before->position[k];
+    for (int k = 0; k < MODEL_TWICE; k++) p->schur[model_twice[k] * m + model_twice[k]] *= 1 + MODEL_GIVES;
+    for (int i = 0; i < m; i++) p->stiffness[i] = 1 / fabs(p->schur[i * m + i]);
+    for (int k = 0; k < MODEL_CONTACTS; k++) {
+        const model_law *law = &model_laws[model_law_of[k]];
+        p->coefficient[k] = law->coefficient ? law->coefficient(point) : INFINITY;
+        p->limit[k] = law->limit ? law->limit(point) * model_area[k] : INFINITY;
+        if (isnan(p->coefficient[k]) || isnan(p->limit[k])) return 0;
+    }
+    if (!model_settles(p)) return 0;
+    model_remember(p, before, point, after);
+    return 1;
+}
+
+static inline void model_between(const double *from, const double *to, double share, double *out) {
+    for (int k = 0; k < MODEL_PARAMETERS; k++) out[k] = from[k] + (to[k] - from[k]) * share;
+}
+
+/* An increment, cut into halves where it has to be. */
+static inline int model_reached(model_path *p, const model_state *before, const double *point, model_state *after, int depth) {
+    double middle[MODEL_PARAMETERS];
+    model_state *half = &p->pool[3 * depth];
+    if (model_increment(p, before, point, after)) return 1;
+    if (depth == MODEL_HALVED) return 0;
+    model_between(before->point, point, 0.5, middle);
+    return model_reached(p, before, middle, half, depth + 1) && model_reached(p, half, point, after, depth + 1);
+}
+
+/* Friction of contacts that closed in an increment, which sticks them to where they had been before; squared. */
+static inline double model_stuck(const model_state *before, const model_state *after) {
+    double apart = 0, square = 0;
+    for (int k = 0; k < MODEL_CONTACTS; k++) apart = fmax(apart, MODEL_APART * fabs(before->gap[k]));
+    for (int k = 0; k < MODEL_TANGENTS; k++) {
+        const int contact = model_owner[k];
+        const double force = after->forces[model_tangential[k]];
+        if (after->pressure[contact] > 0 && before->gap[contact] > apart) square += force * force;
+    }
+    return square;
+}
+
+/* What an increment in two halves is off: forces by the largest of the path, dissipated work by that of the path. */
+static inline double model_off(model_path *p, const model_state *before, const model_state *half, const model_state *second,
+                               const model_state *whole) {
+    double sizes[2] = {0, 0}, change = 0, work = 0, other = 0;
+    for (int i = 0; i < MODEL_CONDITIONS; i++) {
+        sizes[0] += half->forces[i] * half->forces[i], sizes[1] += second->forces[i] * second->forces[i];
+        change += (second->forces[i] - whole->forces[i]) * (second->forces[i] - whole->forces[i]);
+    }
+    p->largest = fmax(p->largest, sqrt(fmax(sizes[0], sizes[1])));
+    p->dissipated = fmax(p->dissipated, second->energy);
+    for (int k = 0; k < MODEL_CONTACTS; k++) work += second->work[k], other += whole->work[k];
+    const double forces = sqrt(change) + sqrt(model_stuck(before, half) + model_stuck(half, second));
+    const double scale = work + MODEL_WORK_LEAST * p->dissipated;
+    return fmax(forces / (p->largest > 0 ? p->largest : 1), fabs(work - other) / (scale > 0 ? scale : 1));
+}
+
+/* An increment of a load in proportion, halved until that changes little. */
+static inline int model_careful(model_path *p, const model_state *before, const double *point, model_state *after, int depth) {
+    double middle[MODEL_PARAMETERS];
+    model_state *half = &p->pool[3 * depth], *whole = half + 1, *second = half + 2;
+    model_between(before->point, point, 0.5, middle);
+    const int single = model_increment(p, before, point, whole);
+    const int both = model_increment(p, before, middle, half) && model_increment(p, half, point, second);
+    if (single && both) {
+        if (model_off(p, before, half, second, whole) <= MODEL_SETTLED || depth >= MODEL_CUTS) {
+            *after = *second;
+            return 1;
+        }
+    } else if (depth >= MODEL_CUTS) return 0;
+    return model_careful(p, before, middle, half, depth + 1) && model_careful(p, half, point, after, depth + 1);
+}
+
+static inline int model_told(model_path *p, double *forces, double *outputs) {
+    model_work *w = p->room;
+    if (!model_set_contact(w, p->state->point)) return MODEL_NO_ANSWER;
+    memcpy(w->forces, p->state->forces, MODEL_CONDITIONS * sizeof(double));
+    if (forces) memcpy(forces, w->forces, MODEL_CONDITIONS * sizeof(double));
+    if (outputs) model_read(w, outputs);
+    return MODEL_DONE;
+}
+
+static inline int model_inside(const double *point) {
+    for (int k = 0; k < MODEL_PARAMETERS; k++)
+        if (!(point[k] >= model_lower[k] && point[k] <= model_upper[k])) return 0;
+    return 1;
+}
+
+/* Begin at rest where the box is nearest to zero, at the parameters of moduli and laws that a point has. */
+static inline int model_rest(model_path *p, const double *point) {
+    double from[MODEL_PARAMETERS];
+    for (int k = 0; k < MODEL_PARAMETERS; k++) from[k] = fmin(fmax(0, model_box_lower[k]), model_box_upper[k]);
+    for (int k = 0; k < MODEL_FIXED_COUNT; k++) from[model_fixed[k]] = point[model_fixed[k]];
+    memset(p->state, 0, sizeof *p->state);
+    memcpy(p->state->point, from, sizeof from);
+    p->begun = 0, p->largest = p->dissipated = 0;
+    if (!model_set_contact(p->room, from)) return MODEL_NO_ANSWER;
+    p->room->started = 1;
+    for (int k = 0; k < MODEL_CONTACTS; k++) p->state->gap[k] = p->room->slack[model_normal[k]];
+    p->begun = 1;
+    return MODEL_DONE;
+}
+
+/* Begin at rest, and load in proportion up to a point. Forces, (MODEL_CONDITIONS), and outputs, (MODEL_OUTPUTS), may be
+   NULL. */
+static inline int model_begin(model_path *p, const double *point, double *forces, double *outputs) {
+    double from[MODEL_PARAMETERS], next[MODEL_PARAMETERS];
+    model_state *reached = &p->pool[3 * (MODEL_CUTS + 1)];
+    if (!model_inside(point)) return MODEL_OUTSIDE;
+    if (model_rest(p, point)) return MODEL_NO_ANSWER;
+    memcpy(from, p->state->point, sizeof from);
+    for (int step = 1; step <= MODEL_FEWEST; step++) {
+        model_between(from, point, (double)step / MODEL_FEWEST, next);
+        if (!model_careful(p, p->state, step == MODEL_FEWEST ? point : next, reached, 0)) {
+            p->begun = 0;
+            return MODEL_NO_ANSWER;
+        }
+        *p->state = *reached;
+    }
+    return model_told(p, forces, outputs);
+}
+
+/* Go on from where the path is: an increment to a point, whose moduli and laws are those of the beginning. Where it does
+   not settle the path stays where it was. */
+static inline int model_go(model_path *p, const double *point, double *forces, double *outputs) {
+    model_state *reached = &p->pool[3 * (MODEL_CUTS + 1)];
+    if (!p->begun) return MODEL_NO_ANSWER;
+    if (!model_inside(point)) return MODEL_OUTSIDE;
+    for (int k = 0; k < MODEL_FIXED_COUNT; k++)
+        if (point[model_fixed[k]] != p->state->point[model_fixed[k]]) return MODEL_CHANGED;
+    if (!model_reached(p, p->state, point, reached, 0)) return MODEL_NO_ANSWER;
+    *p->state = *reached;
+    return model_told(p, forces, outputs);
+}
