@@ -84,7 +84,7 @@ def test_displacements_of_checks_make_fields_better(varying, monkeypatch):
 
     monkeypatch.setattr(condense, "START_BYTES", 1e-3)
     monkeypatch.setattr(condense, "FEWEST_STARTS", 4)
-    monkeypatch.setattr(condense, "ALONG_NODES", 1)
+    monkeypatch.setattr(condense, "ALONG_NODES", (1, 1))
     model = hhr.reduce(varying, 1e-3, of="displacement")
     first, *_, last = model.reduction.tried
     assert not first.met
