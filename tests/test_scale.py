@@ -20,7 +20,7 @@ from hhr_dolfinx.linear import schur, sparse
 from hhr_dolfinx.models.bounds import output_bound, varying_bound
 from hhr_dolfinx.models.exact import SolvedFields
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.reduction import condense
+from hhr_dolfinx.reduction import components, condense
 
 SCENES = {
     "constant": (contract.blocks, contract.MIDDLE),
@@ -199,6 +199,23 @@ def test_s_is_made_once(monkeypatch, by_columns):
     # fields, a solution for each start and body, and random forces; not S once more
     assert counted.count - before < 2 * condense.STARTS + 50 and lean._columns is None
     assert counted.inverses == inverses
+
+
+def test_factors_that_are_let_go_are_made_anew(monkeypatch):
+    """Of large components, between the stages of a model, which is the same one."""
+    scene = contract.blocks((3.0, "n"), box={"n": (0.1, 0.4)})
+    kept = hhr.condense(scene, fields=True)
+    monkeypatch.setattr(components, "LARGE", 0)
+    destroyed = []
+    plain = sparse.FreeCholesky.destroy
+    monkeypatch.setattr(sparse.FreeCholesky, "destroy", lambda factors: destroyed.append(plain(factors)))
+    model = hhr.condense(scene, fields=True)
+    assert len(destroyed) >= 4  # of two components, where S is made, and its fields
+    for point in model.parameters.random(4, 1):
+        answer, known = model.solve(point), kept.solve(point)
+        np.testing.assert_allclose(answer.forces(), known.forces(), rtol=0, atol=1e-12 * known.forces().max())
+        np.testing.assert_allclose(answer.displacement(), known.displacement(), rtol=0, atol=1e-10)
+        assert answer.estimate().forces_euclid == pytest.approx(known.estimate().forces_euclid, rel=1e-3)
 
 
 def test_a_check_says_what_a_large_scene_takes(tmp_path):

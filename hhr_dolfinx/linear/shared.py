@@ -59,6 +59,10 @@ class SharedCholesky:
         factors = FreeCholesky(stiffness[rows], free, rows, scene, "mumps", comm, low_rank=low_rank, last=last)
         return cls(factors, rows, stiffness, comm)
 
+    def destroy(self) -> None:
+        """See :meth:`FreeCholesky.destroy`."""
+        self._factors.destroy()
+
     def refactor(self, stiffness: csr_matrix) -> None:
         """Take the values of another matrix with the same pattern; no work if its factors are those at hand."""
         if stiffness is self._factored:

@@ -254,6 +254,13 @@ class FreeCholesky:
                 )
             self._factored = stiffness
 
+    def destroy(self) -> None:
+        """Give the memory back, at once and on all ranks; nothing is solved from then on. Collective."""
+        with self.lock:
+            self._ksp.destroy()
+            for item in (self._matrix, self._rhs, self._x):
+                item.destroy()
+
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solution on own dofs, zero on imposed ones, for own rows of a right-hand side, (own dofs,)."""
         if self.low_rank is not None or self._inverse is not None:

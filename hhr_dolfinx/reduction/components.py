@@ -17,6 +17,8 @@ from hhr_dolfinx.models.eliminations.interpolated import Compliances
 from hhr_dolfinx.models.eliminations.interpolation import GrownGrid
 from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, grown
 
+LARGE = 1e5
+"""Dofs from which on the factors of a component, made anew, take less of its time than of the memory."""
 KNOWN_BYTES = 2e9
 """Memory that results of one component may take which are kept for whoever asks for the same once more."""
 
@@ -74,6 +76,9 @@ class Solves(Protocol):
     def __call__(self, point: np.ndarray) -> Mapping[str, np.ndarray]:
         """At a point, (P,)."""
 
+    def release(self) -> None:
+        """Let go of what takes much memory, until it is asked again."""
+
 
 def interpolated_compliances(
     problem: ContactProblem, solvers: Sequence[Solves], settings: GridSettings, own: Sequence[GridSettings] = ()
@@ -88,6 +93,7 @@ def interpolated_compliances(
     for solver, how in zip(solvers, own or [settings] * len(solvers), strict=True):
         part = solver.component.part
         grid, modes = grown(solver, problem.parameters, part.axes, how, part)
+        solver.release()
         parts.append(compliance_of(part, grid, modes, None))
         # S is large, and one of it is enough
         grids.append(grid.without_modes())
@@ -208,6 +214,12 @@ class Solver:
         if self._full.scaled is not None:
             drawn *= self._full.scaled.at(point)[self.component.number]
         return self.solved_columns(problem, point, drawn)
+
+    def release(self) -> None:
+        """Let go of large factors, since no two components are asked for together."""
+        if self._factors is not None and self.problem.free.size > LARGE:
+            self._factors.destroy()
+            self._factors = None
 
     def with_stiffness(self, point: np.ndarray) -> ContactProblem:
         """The problem at a point; that of the middle where K of the component is a multiple of the one there."""

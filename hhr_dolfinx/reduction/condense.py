@@ -308,6 +308,7 @@ def _fields_along(
                 moved[:, some] += solver.fields_under(point, points[some], forces[some])
             moved[:, place : place + part.lifted.size] = solver.fields_of_lifts(point)
             place += part.lifted.size
+        solver.release()
     return [moved]
 
 

@@ -249,6 +249,10 @@ class EnergySolver:
         self.component = solver.component
         self.solver = solver
 
+    def release(self) -> None:
+        """See :class:`Solver`."""
+        self.solver.release()
+
     def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
         """See :class:`Solver`, with the arrays of :class:`PartEnergy`."""
         found = self.solver(point)
