@@ -88,7 +88,14 @@ out["condensed norm"] = float(np.linalg.norm(condensed.displacement()))
 # S by factors that are dropped, and a stiffness that varies
 out["S"] = np.ravel(pressed.gathered().schur).tolist()
 shifting = scale.scene((5, 3), (4, 2), ratios=True)
-out["varying"] = hhr.FullOrderModel(shifting).solve(shifting.parameters.upper).forces().tolist()
+first = hhr.FullOrderModel(shifting)
+second = first.gathered()  # which shares the factors with it
+upper, lower = shifting.parameters.upper, shifting.parameters.lower
+turns = ("", first, upper), (" gathered", second, lower), (" again", first, upper), (" both", second, lower)
+for name, model, point in turns:
+    solution = model.solve(point)
+    out["varying" + name] = solution.forces().tolist()
+    out["varying norm" + name] = float(np.linalg.norm(solution.displacement()))
 # solutions by compressed factors are refined, those of dofs that are eliminated last too
 large, sparse.LOW_RANK = sparse.LOW_RANK, ((0, 1e-10),)
 compressed = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3))).solve([0.2, 50.0])

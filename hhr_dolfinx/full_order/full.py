@@ -392,8 +392,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
         model._columns = None if self._columns is None else self._gather(self._columns)
         factors = self._solver
         assert isinstance(factors, FreeCholesky)
-        factors.refactor(self.problem.own_stiffness)
-        model._solver = SharedCholesky(factors, self._own, problem.own_stiffness, self.comm)
+        own = self.problem.own_stiffness
+        factors.refactor(own)
+        model._solver = SharedCholesky(factors, self._own, own, problem.own_stiffness, self.comm)
         return model
 
     def rid_arrays(self) -> ShapedArrays:

@@ -19,18 +19,20 @@ class SharedCholesky:
     """A :class:`FreeCholesky` whose ranks give and get whole vectors; all of them ask together, for the same.
 
     Args:
-        factors: those of the rows of each rank.
+        factors: those of the rows of each rank, which others may have too.
         rows: which these are.
-        stiffness: K that was factored, CSR, (N, N), the same on all ranks.
+        own: these rows of K, as they were factored, CSR, (own dofs, N).
+        stiffness: K, CSR, (N, N), the same on all ranks.
         comm: ranks that share the factors.
 
     Attributes:
         lock, low_rank: see there.
     """
 
-    def __init__(self, factors: FreeCholesky, rows: slice, stiffness: csr_matrix, comm: Comm):
+    def __init__(self, factors: FreeCholesky, rows: slice, own: csr_matrix, stiffness: csr_matrix, comm: Comm):
         self._factors = factors
         self._rows = rows
+        self._own = own
         self._comm = comm
         self._counts = np.array(comm.allgather(rows.stop - rows.start))
         self._factored: csr_matrix | None = stiffness
@@ -56,8 +58,9 @@ class SharedCholesky:
         """
         own = ranks.share(len(free), comm.rank, comm.size)
         rows = slice(own.start, own.stop)
-        factors = FreeCholesky(stiffness[rows], free, rows, scene, "mumps", comm, low_rank=low_rank, last=last)
-        return cls(factors, rows, stiffness, comm)
+        held = stiffness[rows]
+        factors = FreeCholesky(held, free, rows, scene, "mumps", comm, low_rank=low_rank, last=last)
+        return cls(factors, rows, held, stiffness, comm)
 
     def destroy(self) -> None:
         """See :meth:`FreeCholesky.destroy`."""
@@ -65,10 +68,10 @@ class SharedCholesky:
 
     def refactor(self, stiffness: csr_matrix) -> None:
         """Take the values of another matrix with the same pattern; no work if its factors are those at hand."""
-        if stiffness is self._factored:
-            return
-        self._factored = None
-        self._factors.refactor(stiffness[self._rows])
+        if stiffness is not self._factored:
+            self._factored = None
+            self._own = stiffness[self._rows]
+        self._factors.refactor(self._own)
         self._factored = stiffness
 
     def between_last(self, rows: csr_matrix) -> np.ndarray | None:
