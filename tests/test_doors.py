@@ -216,7 +216,36 @@ def test_what_dakota_asks_for_in_vain(model, exact, tmp_path, old, new, message)
     (tmp_path / "params.in").write_text(text.replace(old, new, 1))
     with pytest.raises(HHRError, match=message):
         answer_dakota(model, tmp_path / "params.in", tmp_path / "results.out")
-    assert not (tmp_path / "results.out").exists()
+    # what Dakota may capture is a point, not a study that is set up wrong
+    assert (tmp_path / "results.out").exists() == (new == "nan")
+
+
+def test_a_point_without_an_answer_fails_as_dakota_captures_it(model, exact, tmp_path):
+    from hhr_dolfinx.doors.dakota import answer_dakota
+    from hhr_dolfinx.errors import FileError, HHRError, ParameterError
+
+    given = dict(zip(model.parameters.names, exact[0], strict=True)) | {"push": 99.0}
+    (tmp_path / "params.in").write_text(PARAMETERS.format(**given))
+    with pytest.raises(ParameterError, match="push = 99 is outside"):
+        answer_dakota(model, tmp_path / "params.in", tmp_path / "results.out")
+    assert (tmp_path / "results.out").read_text() == "fail\n"
+    (tmp_path / "empty.in").write_text("")
+    with pytest.raises(HHRError, match="it ends early"):
+        answer_dakota(model, tmp_path / "empty.in", tmp_path / "other.out")
+    with pytest.raises(FileError, match="cannot be read"):
+        answer_dakota(model, tmp_path / "none.in", tmp_path / "other.out")
+
+
+def test_descriptors_have_no_spaces(tmp_path):
+    from hhr_dolfinx.doors.dakota import answer_dakota
+
+    named = dataclasses.replace(contract.blocks(), outputs=(hhr.LargestPressure("peak pressure", 0),))
+    model = hhr.condense(named)
+    text = "2 variables\n0.03 push\n0.05 load\n1 functions\n1 ASV_1:peak_pressure\n0 derivative_variables\n"
+    (tmp_path / "params.in").write_text(text)
+    answer_dakota(model, tmp_path / "params.in", tmp_path / "results.out")
+    value = float((tmp_path / "results.out").read_text().split()[0])
+    assert value == pytest.approx(model.outputs([0.03, 0.05])["peak pressure"], rel=1e-12)
 
 
 STUDY = """

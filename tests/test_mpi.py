@@ -85,7 +85,11 @@ pressed = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(6, 3), block_ce
 condensed = hhr.condense(pressed).solve([0.2, 50.0])
 out["condensed"] = condensed.forces().tolist()
 out["condensed norm"] = float(np.linalg.norm(condensed.displacement()))
-# S by factors that are dropped, and a stiffness that varies
+# so large that ranks leave what is none of S beside it
+larger = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(20, 10), block_cells=(15, 7)))
+out["larger S"] = larger.schur[::20].ravel().tolist()
+out["larger norm"] = float(np.linalg.norm(larger.solve([0.2, 50.0]).displacement()))
+# S of a model that has all rows, and a stiffness that varies
 out["S"] = np.ravel(pressed.gathered().schur).tolist()
 shifting = scale.scene((5, 3), (4, 2), ratios=True)
 first = hhr.FullOrderModel(shifting)

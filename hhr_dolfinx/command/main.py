@@ -194,15 +194,17 @@ def train(
     from hhr_dolfinx.study.training.train import train as trained
 
     console, progress = spoken()
-    made = scene_of(scene)
+    if part is not None and together:
+        raise click.UsageError("parts of a training are solved side by side: leave --together out")
+    with ranks.each_for_itself(MPI.COMM_WORLD, f"reading {scene}"):
+        made = scene_of(scene)
     folder = out or Path("out") / made.name
     if part is None and kind == "condensed" and any(law is not None for law in made.friction):
         # contact with friction is condensed without a training
         from hhr_dolfinx.full_order.full import FullOrderModel
         from hhr_dolfinx.study.condensing import condense
 
-        if MPI.COMM_WORLD.rank:
-            return
+        # each rank for itself: where one has nothing to do PETSc waits for it at the end
         full = FullOrderModel(made, MPI.COMM_SELF)
         model = condense(full, fields=True)
     else:

@@ -12,7 +12,14 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.doors.function import OutputFunction
-from hhr_dolfinx.errors import FileContentError, NotOfferedError, ParameterError
+from hhr_dolfinx.errors import (
+    ConvergenceError,
+    FileContentError,
+    FileError,
+    NotOfferedError,
+    NotSolvableError,
+    ParameterError,
+)
 from hhr_dolfinx.files import replacing
 
 VALUE = 1
@@ -37,7 +44,9 @@ class Asked(NamedTuple):
 def answer_dakota(model: Any, parameters: str | Path, results: str | Path) -> None:
     """Answer what Dakota asks for in one file in another one, which is whole or not there.
 
-    Variables of Dakota have the names of parameters, and its functions those of outputs.
+    Variables of Dakota have the names of parameters, and its functions those of outputs, in which ``_`` may stand for a
+    space: its descriptors have none. Where a point is outside of the box or has no answer the file says ``fail``, which
+    Dakota captures as it was told to.
 
     Raises:
         FileContentError: for a file that is none of Dakota's.
@@ -46,7 +55,7 @@ def answer_dakota(model: Any, parameters: str | Path, results: str | Path) -> No
         ConvergenceError: where there is no answer.
     """
     function = OutputFunction(model)
-    asked = read_parameters(parameters)
+    asked = _named(read_parameters(parameters), function)
     for kind, given, known in (
         ("variables", asked.variables, function.names), ("functions", asked.functions, function.outputs)
     ):  # fmt: skip
@@ -59,6 +68,18 @@ def answer_dakota(model: Any, parameters: str | Path, results: str | Path) -> No
     if missing := [name for name in function.names if name not in asked.variables]:
         raise ParameterError(f"Dakota gives no {missing}: make them variables too, or state variables of one value")
     point = np.array([asked.variables[name] for name in function.names])
+    try:
+        lines = _lines(function, asked, point)
+    except (ConvergenceError, NotSolvableError, ParameterError):
+        with replacing(results, text=True) as file:
+            file.write("fail\n")
+        raise
+    with replacing(results, text=True) as file:
+        file.write("\n".join(lines) + "\n")
+
+
+def _lines(function: OutputFunction, asked: Asked, point: np.ndarray) -> list[str]:
+    """Lines of a results file at a point, (P,)."""
     values = dict(zip(function.outputs, function(point)[0].tolist(), strict=True))
     slopes: dict[str, np.ndarray] = {}
     if any(wanted & GRADIENT for wanted in asked.functions.values()):
@@ -69,8 +90,14 @@ def answer_dakota(model: Any, parameters: str | Path, results: str | Path) -> No
     for name, wanted in asked.functions.items():
         if wanted & GRADIENT:
             lines.append(f"[ {' '.join(f'{slope:.17g}' for slope in slopes[name])} ]")
-    with replacing(results, text=True) as file:
-        file.write("\n".join(lines) + "\n")
+    return lines
+
+
+def _named(asked: Asked, function: OutputFunction) -> Asked:
+    """The same by the names of the model."""
+    own = {"_".join(name.split()): name for name in (*function.names, *function.outputs)}
+    variables = {own.get(name, name): value for name, value in asked.variables.items()}
+    return Asked(variables, {own.get(name, name): wanted for name, wanted in asked.functions.items()}, asked.along)
 
 
 def read_parameters(path: str | Path) -> Asked:
@@ -81,14 +108,20 @@ def read_parameters(path: str | Path) -> Asked:
     """
     try:
         lines = iter(Path(path).read_text().splitlines())
+    except OSError as error:
+        raise FileError(f"the parameters of Dakota, {path}, cannot be read: {error}") from None
+    except UnicodeDecodeError:
+        lines = iter(())
+    try:
         variables = {name: float(value) for value, name in _block(lines, "variables")}
-        functions = {name.split(":", 1)[1]: int(value) for value, name in _block(lines, "functions")}
+        functions = {name.partition(":")[2]: int(value) for value, name in _block(lines, "functions")}
         along = [int(value) for value, _ in _block(lines, "derivative_variables")]
         if not all(1 <= number <= len(variables) for number in along):
             raise ValueError("a derivative along a variable that is not there")
-    except (OSError, UnicodeDecodeError, ValueError, IndexError, StopIteration) as error:
+    except (ValueError, IndexError, StopIteration) as error:
+        told = str(error) if isinstance(error, ValueError) else "it ends early"
         raise FileContentError(
-            f"{path} is no parameters file of Dakota's standard format: {error or 'it ends early'}. Take its fork or "
+            f"{path} is no parameters file of Dakota's standard format: {told}. Take its fork or "
             "system interface, without aprepro"
         ) from None
     return Asked(variables, functions, along)

@@ -116,7 +116,9 @@ def inverse_of_last(factor: PETSc.Mat, count: int) -> Iterator[np.ndarray]:
 
 
 def _inverse(given: np.ndarray) -> np.ndarray:
-    """Inverse of a definite matrix of which one triangle is given, and the other may be zero."""
-    factors, _ = cho_factor(np.where(given, given, given.T), lower=True, overwrite_a=True, check_finite=False)
-    found, _ = dpotri(factors, lower=True, overwrite_c=True)
-    return np.tril(found) + np.tril(found, -1).T
+    """Inverse of a definite matrix of which one triangle is given; the other is zero, or what is left of other work."""
+    lower = bool(np.tril(given, -1).any())
+    factors, _ = cho_factor(np.asfortranarray(given), lower=lower, overwrite_a=True, check_finite=False)
+    found, _ = dpotri(factors, lower=lower, overwrite_c=True)
+    half = np.tril(found) if lower else np.triu(found).T
+    return half + np.tril(half, -1).T

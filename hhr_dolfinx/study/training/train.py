@@ -242,6 +242,11 @@ def _full_model(scene: Scene, comm: MPI.Comm, together: bool | None, log: StageL
     """One of each rank, or one of all ranks together, whose problem each of them has."""
     why = no_room_side_by_side(scene, comm) if together is None else "it was asked for" * together
     if why and comm.size > 1:
+        if scene.shapes:
+            raise StudyError(
+                f"the shape of scene '{scene.name}' depends on parameters, which ranks do not solve for together: "
+                "leave together out, and they work side by side"
+            )
         log.skip("problems side by side", f"{comm.size} ranks solve one problem after another together, since {why}")
         return FullOrderModel(scene, comm).gathered()
     with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
