@@ -194,7 +194,8 @@ class FreeCholesky:
         Collective.
         """
         comm = self._matrix.comm.tompi4py()
-        whole = csr_matrix(hstack(comm.allgather(rows)))
+        alone = comm.size == 1  # S is large, and messages are copies
+        whole = rows if alone else csr_matrix(hstack(comm.allgather(rows)))
         reached = whole.indices[np.isin(whole.indices, self._columns)]
         if self.last is None or not np.isin(reached, self.last).all():
             return None
@@ -208,7 +209,7 @@ class FreeCholesky:
         with self.lock, made as inverse:
             if comm.rank == 0:
                 found = own @ (own @ inverse[np.ix_(places, places)]).T
-        return comm.bcast(found)
+        return found if alone else comm.bcast(found)
 
     def _made(self, stiffness: csr_matrix, comm: Comm) -> PETSc.Mat:
         """The matrix of the free dofs; half of it where it goes to MUMPS alone, which takes no more."""
