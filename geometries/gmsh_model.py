@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhr_dolfinx.compat import extra, gmsh_to_mesh
+from hhr_dolfinx.geometries.partition import shares
 
 with extra("mesh", "this geometry"):
     import gmsh
@@ -39,7 +40,7 @@ def mesh_of(make: Callable[[], None], comm: Comm, dim: int, options: Mapping[str
     with _session({**_OPTIONS, **(options or {})}):
         if comm.rank == 0:
             make()
-        return gmsh_to_mesh(gmsh.model, comm, gdim=dim)
+        return gmsh_to_mesh(gmsh.model, comm, dim, shares)
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,7 @@ from hhr_dolfinx.geometries.cells import (
     one_kind,
     sides_of,
 )
+from hhr_dolfinx.geometries.partition import shares
 from hhr_dolfinx.geometries.raw_mesh import Numbers, RawMesh, facets_by_number
 
 if TYPE_CHECKING:
@@ -288,7 +289,7 @@ def _shared(raw: RawMesh | None, comm: Comm, scale: float) -> NamedMesh:
     arrays, groups = ((), None) if raw is None else _arrays(raw, scale)
     kind, groups, shapes = comm.bcast(raw and (raw.kind, groups, [array.shape[1:] for array in arrays]))
     points, cells, *tagged = arrays or (np.zeros((0, *shape)) for shape in shapes)
-    mesh = linear_mesh(comm, points, cells, kind, 1 if shapes[1][0] == CORNERS[kind] else 2)
+    mesh = linear_mesh(comm, points, cells, kind, 1 if shapes[1][0] == CORNERS[kind] else 2, shares)
     top = mesh.topology.dim
     of_cells, of_facets = (tags_of(mesh, top - k, tagged[k], tagged[k + 2]) for k in (0, 1))
     return NamedMesh(mesh, of_cells, of_facets, groups)

@@ -14,6 +14,7 @@ from dolfinx import mesh as dmesh
 
 from hhr_dolfinx.compat import geometry_dofmap, linear_mesh
 from hhr_dolfinx.geometries import block
+from hhr_dolfinx.geometries.partition import shares
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -69,7 +70,7 @@ def two_blocks(
         points = points[:0]
         cells = cells[:0]
     kind = {(2, 3): "triangle", (2, 4): "quadrilateral", (3, 4): "tetrahedron", (3, 8): "hexahedron"}[dim, per_cell]
-    mesh = linear_mesh(comm, points.reshape(-1, dim), cells.reshape(-1, per_cell), kind)
+    mesh = linear_mesh(comm, points.reshape(-1, dim), cells.reshape(-1, per_cell), kind, shares=shares)
     body = np.where(np.asarray(mesh.topology.original_cell_index) < count, FIRST, SECOND).astype(np.int32)
     cell_tags = dmesh.meshtags(mesh, dim, np.arange(body.size, dtype=np.int32), body)
     facet_tags = block.side_tags(mesh, body, shapes, side)

@@ -32,6 +32,7 @@ if TYPE_CHECKING:
     from dolfinx.mesh import Mesh, MeshTags
     from mpi4py.MPI import Comm
 
+    Shares = Callable[[np.ndarray, np.ndarray, int], np.ndarray]
     TaggedMesh = tuple[Mesh, MeshTags, MeshTags]
     """What a geometry returns: the mesh, the tags of its cells and of its facets; a :class:`NamedMesh` is one."""
     Groups = list[tuple[str | int, tuple[int, int | tuple[int, ...]]]]
@@ -173,10 +174,11 @@ def versions() -> dict[str, str]:
     }
 
 
-def gmsh_to_mesh(model: Any, comm: Comm, gdim: int) -> NamedMesh:
+def gmsh_to_mesh(model: Any, comm: Comm, gdim: int, shares: Shares | None = None) -> NamedMesh:
     """Turn a gmsh model held by rank 0 into ``(mesh, cell_tags, facet_tags)``, with the names of physical groups.
 
-    The module is ``dolfinx.io.gmshio`` up to 0.9 and ``dolfinx.io.gmsh`` from 0.10 on,
+    ``shares`` says which rank gets which cells, for points, the corners of cells, and the number of ranks; by default
+    DOLFINx decides. The module is ``dolfinx.io.gmshio`` up to 0.9 and ``dolfinx.io.gmsh`` from 0.10 on,
     where the result is a named tuple with more fields.
     """
     try:
@@ -184,7 +186,9 @@ def gmsh_to_mesh(model: Any, comm: Comm, gdim: int) -> NamedMesh:
     except ModuleNotFoundError:
         module = importlib.import_module("dolfinx.io.gmshio")
     try:
-        mesh, cell_tags, facet_tags = module.model_to_mesh(model, comm, 0, gdim=gdim)[:3]
+        points = None if comm.rank > 0 or comm.size == 1 else module.extract_geometry(model)[:, :gdim]
+        partitioner = _partitioner(comm, points, shares)
+        mesh, cell_tags, facet_tags = module.model_to_mesh(model, comm, 0, gdim=gdim, partitioner=partitioner)[:3]
     except (KeyError, RuntimeError) as error:
         from hhr_dolfinx.errors import SceneError
 
@@ -205,18 +209,40 @@ def interpolation_points(element: FiniteElement) -> np.ndarray:
     return points() if callable(points) else points
 
 
-def linear_mesh(comm: Comm, points: np.ndarray, cells: np.ndarray, kind: str, degree: int = 1) -> Mesh:
+def linear_mesh(
+    comm: Comm, points: np.ndarray, cells: np.ndarray, kind: str, degree: int = 1, shares: Shares | None = None
+) -> Mesh:
     """Mesh in the plane or in space, linear unless said; the arguments of ``create_mesh`` changed their order in 0.10.
 
     Points, (n, dim), and the nodes of cells of a kind (``interval``, ``triangle``, ``quadrilateral``, ``tetrahedron``
-    or ``hexahedron``), tensor-ordered where there is a choice, are those on all ranks together.
+    or ``hexahedron``), tensor-ordered where there is a choice, are those on all ranks together; ``shares`` is that of
+    :func:`gmsh_to_mesh`, for those of the first rank alone.
     """
     import basix.ufl
     import ufl
     from dolfinx import mesh
 
     domain = ufl.Mesh(basix.ufl.element("Lagrange", kind, degree, shape=(points.shape[1],)))
-    return mesh.create_mesh(comm, cells=cells.astype("int64"), x=points, e=domain)
+    partitioner = _partitioner(comm, points, shares)
+    return mesh.create_mesh(comm, cells=cells.astype("int64"), x=points, e=domain, partitioner=partitioner)
+
+
+def _partitioner(comm: Comm, points: np.ndarray | None, shares: Shares | None) -> Callable | None:
+    """What shares out a mesh that is on the first rank, with points there, (n, dim), as DOLFINx asks for it."""
+    if comm.size == 1 or shares is None:
+        return None
+    import numpy as np
+    from dolfinx import cpp, graph
+
+    def found(_: Any, count: int, kinds: list[Any], corners: list[np.ndarray]) -> Any:
+        parts = [np.zeros(0, dtype="int32")]
+        for kind, given in zip(kinds, corners, strict=True):
+            cells = given.reshape(-1, cpp.mesh.cell_num_entities(kind, 0))
+            parts.append(shares(points, cells, count) if points is not None and len(cells) else parts[0])
+        made = graph.adjacencylist(np.concatenate(parts)[:, None])
+        return getattr(made, "_cpp_object", made)
+
+    return found
 
 
 def tags_of(mesh: Mesh, dim: int, entities: np.ndarray, values: np.ndarray) -> MeshTags:

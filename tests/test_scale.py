@@ -237,7 +237,7 @@ def told_to_compress(monkeypatch):
     """A full model whose factors MUMPS compresses, of which nothing is left out of so small a problem."""
     monkeypatch.setattr(sparse, "LOW_RANK", ((0, 1e-10),))
     full = hhr.FullOrderModel(pressed_sphere(), MPI.COMM_SELF)
-    factors = full.factors._ksp.getPC().getFactorMatrix()
+    factors = full.factors._factors._ksp.getPC().getFactorMatrix()
     assert factors.getMumpsIcntl(35) == 2 and factors.getMumpsCntl(7) == 1e-10
     return full
 
@@ -246,10 +246,8 @@ def put_off(solver, stiffness, part):
     """Make the factors those of a matrix some part of which is another one; returns that which is solved with."""
     changed = stiffness.copy()
     changed.data = changed.data * (1 + part)
-    rows, columns, places = solver._pattern_of(changed)
-    solver._ksp.getPC().setReusePreconditioner(True)
-    solver._matrix.setValuesCSR(rows, columns, changed.data[places])
-    solver._matrix.assemble()
+    solver._factors._ksp.getPC().setReusePreconditioner(True)
+    solver._factors.replace(solver._pattern_of(changed), changed.data)
     return changed
 
 
@@ -318,6 +316,6 @@ def test_options_count_more_than_the_usual_compression(monkeypatch):
         for limits in (sparse.LOW_RANK, ((0, 1e-10),)):
             monkeypatch.setattr(sparse, "LOW_RANK", limits)
             solver = hhr.FullOrderModel(scene, MPI.COMM_SELF).factors
-            assert solver._ksp.getPC().getFactorMatrix().getMumpsCntl(7) == 1e-5
+            assert solver._factors._ksp.getPC().getFactorMatrix().getMumpsCntl(7) == 1e-5
     finally:
         told.delValue("mat_mumps_cntl_7")

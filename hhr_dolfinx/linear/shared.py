@@ -26,12 +26,13 @@ class SharedCholesky:
         comm: ranks that share the factors.
 
     Attributes:
+        rows: the same.
         lock, low_rank: see there.
     """
 
     def __init__(self, factors: FreeCholesky, rows: slice, own: csr_matrix, stiffness: csr_matrix, comm: Comm):
         self._factors = factors
-        self._rows = rows
+        self.rows = rows
         self._own = own
         self._comm = comm
         self._counts = np.array(comm.allgather(rows.stop - rows.start))
@@ -42,9 +43,9 @@ class SharedCholesky:
     @classmethod
     def of(
         cls, stiffness: csr_matrix, free: np.ndarray, scene: str, comm: Comm, *, low_rank: float | None = None,
-        last: np.ndarray | None = None,
+        last: np.ndarray | None = None, rows: slice | None = None,
     ) -> SharedCholesky:  # fmt: skip
-        """Factor a stiffness, of which each rank takes as many rows.
+        """Factor a stiffness.
 
         Args:
             stiffness: K, CSR, (N, N), the same on all ranks.
@@ -52,12 +53,14 @@ class SharedCholesky:
             scene: its name, for messages and the prefix of PETSc options.
             comm: ranks that share the factors.
             low_rank, last: see :class:`FreeCholesky`.
+            rows: those that this rank takes, behind those of the ranks before; as many as each other by default.
 
         Raises:
             NotSolvableError: if K is singular.
         """
-        own = ranks.share(len(free), comm.rank, comm.size)
-        rows = slice(own.start, own.stop)
+        if rows is None:
+            own = ranks.share(len(free), comm.rank, comm.size)
+            rows = slice(own.start, own.stop)
         held = stiffness[rows]
         factors = FreeCholesky(held, free, rows, scene, "mumps", comm, low_rank=low_rank, last=last)
         return cls(factors, rows, held, stiffness, comm)
@@ -70,27 +73,27 @@ class SharedCholesky:
         """Take the values of another matrix with the same pattern; no work if its factors are those at hand."""
         if stiffness is not self._factored:
             self._factored = None
-            self._own = stiffness[self._rows]
+            self._own = stiffness[self.rows]
         self._factors.refactor(self._own)
         self._factored = stiffness
 
     def between_last(self, rows: csr_matrix) -> np.ndarray | None:
         """Some rows, (m, N), as rows K^-1 rows^T, (m, m); see :meth:`FreeCholesky.between_last`."""
-        return self._factors.between_last(rows[:, self._rows])
+        return self._factors.between_last(rows[:, self.rows])
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solution for a right-hand side, (N,)."""
-        return self._whole(self._factors.solve(rhs[self._rows]))
+        return self._whole(self._factors.solve(rhs[self.rows]))
 
     def solve_columns(self, columns: spmatrix) -> np.ndarray:
         """Solutions for the columns of a sparse matrix, (N, m)."""
-        return self._whole(self._factors.solve_columns(columns.tocsr()[self._rows]))
+        return self._whole(self._factors.solve_columns(columns.tocsr()[self.rows]))
 
     def solved_blocks(
         self, columns: spmatrix, dofs: np.ndarray | None = None, *, refined: bool = False
     ) -> Iterator[tuple[slice, np.ndarray]]:
         """The same some columns after another; see :meth:`FreeCholesky.solved_blocks`."""
-        for part, block in self._factors.solved_blocks(columns.tocsr()[self._rows], refined=refined):
+        for part, block in self._factors.solved_blocks(columns.tocsr()[self.rows], refined=refined):
             whole = self._whole(block)
             yield part, whole if dofs is None else whole[dofs]
 

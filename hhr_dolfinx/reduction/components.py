@@ -244,7 +244,7 @@ class Solver:
             last = np.unique(problem.contact[self.component.part.conditions].indices)
             if full.comm.size > 1:
                 given = problem.own_stiffness, dofs, name, full.comm
-                self._factors = SharedCholesky.of(*given, low_rank=low_rank, last=last)
+                self._factors = SharedCholesky.of(*given, low_rank=low_rank, last=last, rows=full.factors.rows)
                 return self._factors
             how = slice(0, problem.free.size), name, full.block_ordering, full.comm
             self._factors = FreeCholesky(problem.own_stiffness, dofs, *how, low_rank=low_rank, last=last)

@@ -1,0 +1,256 @@
+"""The border between what ranks eliminate by themselves: its rows, and the dense factors of what is left there.
+
+It falls apart where a scene does: bodies that touch by contact alone have no entries in common. Each part of it is
+factored by one rank.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+from scipy.sparse import coo_matrix, csr_matrix
+from scipy.sparse.csgraph import connected_components, maximum_bipartite_matching
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
+
+SENT = 8_000_000
+"""Numbers that ranks send each other at once, 64 MB."""
+
+
+@dataclass(frozen=True)
+class Part:
+    """A connected part of the border.
+
+    Attributes:
+        rows: its rows, which follow each other: first those that ranks have in common, then those that are asked for.
+        common: how many are the former.
+        owner: rank that factors it.
+    """
+
+    rows: slice
+    common: int
+    owner: int
+
+    @property
+    def size(self) -> int:
+        """Number of its rows."""
+        return self.rows.stop - self.rows.start
+
+
+@dataclass(frozen=True)
+class Border:
+    """Rows that no rank eliminates by itself, alike on all of them.
+
+    Attributes:
+        numbers: of the matrix, in the order of the border, (b,).
+        place: in this order, of each row of the matrix; -1 for others, (n,).
+        parts: connected ones.
+        asked: places in the border of the rows between which K^-1 is asked for, by increasing numbers.
+    """
+
+    numbers: np.ndarray
+    place: np.ndarray
+    parts: tuple[Part, ...]
+    asked: np.ndarray
+
+
+def border_of(rows: csr_matrix, first: int, last: np.ndarray, comm: Comm) -> Border:
+    """What ranks share of a matrix whose rows are spread over them. Collective.
+
+    Args:
+        rows: own ones, (own, n).
+        first: number of the first of them.
+        last: own rows, increasing, between which K^-1 is asked for.
+        comm: the ranks.
+    """
+    common = np.setdiff1d(_coupled(rows, first, comm), last)
+    ends = np.concatenate(comm.allgather(first + last))
+    numbers = np.concatenate([*comm.allgather(first + common), ends])
+    asked = np.zeros(numbers.size, dtype=bool)
+    asked[numbers.size - ends.size :] = True
+    part_of = _connected(rows, first, numbers, comm)
+    order = np.lexsort([numbers, asked, part_of])
+    numbers = numbers[order]
+    asked = asked[order]
+    part_of = part_of[order]
+    place = np.full(rows.shape[1], -1)
+    place[numbers] = np.arange(numbers.size)
+    starts = np.searchsorted(part_of, np.arange(part_of.max(initial=-1) + 2))
+    spans = [slice(int(one), int(other)) for one, other in pairwise(starts)]
+    owners = _owners([span.stop - span.start for span in spans], comm.size)
+    counts = [int(np.count_nonzero(~asked[span])) for span in spans]
+    parts = tuple(Part(*item) for item in zip(spans, counts, owners, strict=True))
+    return Border(numbers, place, parts, place[ends])
+
+
+def _owners(sizes: list[int], ranks: int) -> list[int]:
+    """Ranks that factor parts of some sizes, so that none has much more to do than others."""
+    work = np.zeros(ranks)
+    found = [0] * len(sizes)
+    for part in np.argsort(sizes)[::-1]:
+        found[part] = int(np.argmin(work))
+        work[found[part]] += float(sizes[part]) ** 3
+    return found
+
+
+def _connected(rows: csr_matrix, first: int, border: np.ndarray, comm: Comm) -> np.ndarray:
+    """Which connected part each row of the border is in, (b,). Collective."""
+    own, size = rows.shape
+    place = np.full(size, -1)
+    place[border] = np.arange(border.size)
+    here = place[first : first + own] >= 0
+    # own rows of the border hold nothing together here: their couplings do
+    inner = rows[~here]
+    numbers = np.full(size, -1)
+    numbers[first + np.flatnonzero(~here)] = np.arange(inner.shape[0])
+    numbers[border] = inner.shape[0] + np.arange(border.size)
+    count = inner.shape[0] + border.size
+    starts = np.append(inner.indptr, np.full(border.size, inner.nnz, dtype=inner.indptr.dtype))
+    graph = csr_matrix((np.ones(inner.nnz, dtype=bool), numbers[inner.indices], starts), shape=(count, count))
+    _, labels = connected_components(graph, directed=False)
+    edges = rows[here].tocoo()
+    between = place[edges.col] >= 0
+    pairs = np.stack([place[first + np.flatnonzero(here)][edges.row[between]], place[edges.col[between]]])
+    told = comm.allgather((labels[inner.shape[0] :], np.unique(pairs, axis=1)))
+    # what ranks say of the same rows is put together by a vertex for each label of each rank
+    ends = []
+    base = border.size
+    for found, (one, other) in told:
+        ends += [(np.arange(border.size), base + found), (one, other)]
+        base += int(found.max(initial=-1)) + 1
+    left, right = (np.concatenate(side) for side in zip(*ends, strict=True))
+    whole = coo_matrix((np.ones(left.size, dtype=bool), (left, right)), shape=(base, base))
+    _, parts = connected_components(whole, directed=False)
+    return np.unique(parts[: border.size], return_inverse=True)[1]
+
+
+def _coupled(rows: csr_matrix, first: int, comm: Comm) -> np.ndarray:
+    """Own rows of a small set that has one row of each pair that is coupled across ranks. Collective."""
+    starts = np.array([*comm.allgather(first), rows.shape[1]])
+    after = rows.indices >= first + rows.shape[0]
+    of_row = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
+    told = comm.gather((first + of_row[after], rows.indices[after]))
+    covering = np.zeros(0, dtype=np.int64)
+    if told is not None:
+        for rank, (one, other) in enumerate(told):
+            for later in range(rank + 1, comm.size):
+                left = (other >= starts[later]) & (other < starts[later + 1])
+                left &= ~np.isin(one, covering) & ~np.isin(other, covering)
+                covering = np.union1d(covering, _cover(one[left], other[left]))
+    covering = comm.bcast(covering)
+    return covering[(covering >= first) & (covering < first + rows.shape[0])] - first
+
+
+def _cover(one: np.ndarray, other: np.ndarray) -> np.ndarray:
+    """The fewest vertices that have one of each edge between two sides of a graph, (k,), by the theorem of Koenig."""
+    if not one.size:
+        return one
+    lefts, left = np.unique(one, return_inverse=True)
+    rights, right = np.unique(other, return_inverse=True)
+    edges = csr_matrix((np.ones(left.size, dtype=bool), (left, right)), shape=(lefts.size, rights.size))
+    matched = maximum_bipartite_matching(edges, perm_type="column")  # the right one of each left one
+    partner = np.full(rights.size, -1)
+    partner[matched[matched >= 0]] = np.flatnonzero(matched >= 0)
+    # what alternating paths reach from the lefts that have no partner
+    reached = matched < 0
+    front = reached.copy()
+    met = np.zeros(rights.size, dtype=bool)
+    while front.any():
+        new = (front @ edges).astype(bool) & ~met
+        met |= new
+        back = partner[new]
+        front = np.zeros(lefts.size, dtype=bool)
+        front[back[back >= 0]] = True
+        front &= ~reached
+        reached |= front
+    return np.concatenate([lefts[~reached], rights[met]])
+
+
+def gathered(part: Part, reach: np.ndarray, left: np.ndarray, comm: Comm) -> np.ndarray | None:
+    """The sum of what ranks leave of a part, on and above the diagonal, (size, size); None on others than its owner.
+
+    Below the diagonal is anything. Collective.
+
+    Args:
+        part: of the border.
+        reach: places in it that this rank reaches, increasing, (r,).
+        left: what it leaves there, (r, r), of which the upper triangle counts.
+        comm: the ranks.
+    """
+    reaches = comm.gather(reach, part.owner)
+    if reaches is None:
+        for block in _blocks(reach.size):
+            comm.Send(np.ascontiguousarray(left[block, block.start :]), part.owner)
+        return None
+    total = np.zeros((part.size, part.size))
+    for rank, places in enumerate(reaches):
+        for block in _blocks(places.size):
+            given = left[block, block.start :] if rank == comm.rank else np.empty(_shape(block, places.size))
+            if rank != comm.rank:
+                comm.Recv(given, rank)
+            _add(total, places, block, given)
+    return total
+
+
+def _blocks(count: int) -> list[slice]:
+    """Rows of a triangle that are sent at once."""
+    height = max(SENT // max(count, 1), 1)
+    return [slice(first, min(first + height, count)) for first in range(0, count, height)]
+
+
+def _shape(block: slice, count: int) -> tuple[int, int]:
+    """Of rows from the diagonal on."""
+    return block.stop - block.start, count - block.start
+
+
+def _add(total: np.ndarray, places: np.ndarray, block: slice, given: np.ndarray) -> None:
+    """Add rows of a triangle, from the diagonal on, at some places, in runs of neighbours."""
+    runs = np.split(np.arange(places.size), np.flatnonzero(np.diff(places) != 1) + 1)
+    for one in runs:
+        rows = one[(one >= block.start) & (one < block.stop)]
+        if not rows.size:
+            continue
+        for other in runs:
+            columns = other[other >= block.start]
+            if not columns.size or columns[-1] < rows[0]:
+                continue
+            here = total[_span(places[rows]), _span(places[columns])]
+            here += given[_span(rows - block.start), _span(columns - block.start)]
+
+
+def _span(numbers: np.ndarray) -> slice:
+    """Numbers that follow each other."""
+    return slice(int(numbers[0]), int(numbers[-1]) + 1)
+
+
+class DenseFactors:
+    """Cholesky factors of what is left of a part of the border.
+
+    Args:
+        upper: the matrix on and above the diagonal, (size, size), by rows in memory; it is taken.
+        common: rows before those between which the inverse is asked for.
+
+    Attributes:
+        definite: whether it is positive definite; nothing else is to be called where it is not.
+    """
+
+    def __init__(self, upper: np.ndarray, common: int):
+        self._factors, failed = dpotrf(upper.T, lower=1, clean=0, overwrite_a=1)
+        self.definite = not failed
+        self._common = common
+
+    def solve(self, loads: np.ndarray) -> np.ndarray:
+        """Solutions for some loads, (size, k)."""
+        found, _ = dpotrs(self._factors, loads, lower=1)
+        return found
+
+    def inverse(self) -> np.ndarray:
+        """K^-1 between the rows that are asked for, (n, n)."""
+        half, _ = dpotri(self._factors[self._common :, self._common :], lower=1)
+        half = np.tril(half)
+        return half + np.tril(half, -1).T
