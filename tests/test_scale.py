@@ -207,10 +207,15 @@ def test_factors_that_are_let_go_are_made_anew(monkeypatch):
     kept = hhr.condense(scene, fields=True)
     monkeypatch.setattr(components, "LARGE", 0)
     destroyed = []
-    plain = sparse.FreeCholesky.destroy
-    monkeypatch.setattr(sparse.FreeCholesky, "destroy", lambda factors: destroyed.append(plain(factors)))
-    model = hhr.condense(scene, fields=True)
-    assert len(destroyed) >= 4  # of two components, where S is made, and its fields
+    plain = sparse.FreeCholesky.release
+    monkeypatch.setattr(sparse.FreeCholesky, "release", lambda factors: destroyed.append(plain(factors)))
+    full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
+    exact = [full.solve(point) for point in full.parameters.random(4, 1)]
+    model = hhr.condense(full, fields=True)
+    assert len(destroyed) >= 5  # of two components, where S is made, and its fields, and of the full model
+    for known in exact:
+        again = full.solve(known.parameter)
+        np.testing.assert_allclose(again.displacement(), known.displacement(), rtol=0, atol=1e-14)
     for point in model.parameters.random(4, 1):
         answer, known = model.solve(point), kept.solve(point)
         np.testing.assert_allclose(answer.forces(), known.forces(), rtol=0, atol=1e-12 * known.forces().max())
@@ -247,7 +252,7 @@ def put_off(solver, stiffness, part):
     changed = stiffness.copy()
     changed.data = changed.data * (1 + part)
     solver._factors._ksp.getPC().setReusePreconditioner(True)
-    solver._factors.replace(solver._pattern_of(changed), changed.data)
+    solver._factors.replace(changed.data, lambda: solver._pattern_of(changed))
     return changed
 
 

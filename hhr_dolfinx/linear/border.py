@@ -51,12 +51,14 @@ class Border:
         place: in this order, of each row of the matrix; -1 for others, (n,).
         parts: connected ones.
         asked: places in the border of the rows between which K^-1 is asked for, by increasing numbers.
+        part_of: part that each own row outside of it hangs together with; -1 for none.
     """
 
     numbers: np.ndarray
     place: np.ndarray
     parts: tuple[Part, ...]
     asked: np.ndarray
+    part_of: np.ndarray
 
 
 def border_of(rows: csr_matrix, first: int, last: np.ndarray, comm: Comm) -> Border:
@@ -73,11 +75,15 @@ def border_of(rows: csr_matrix, first: int, last: np.ndarray, comm: Comm) -> Bor
     numbers = np.concatenate([*comm.allgather(first + common), ends])
     asked = np.zeros(numbers.size, dtype=bool)
     asked[numbers.size - ends.size :] = True
-    part_of = _connected(rows, first, numbers, comm)
+    component, inside = _connected(rows, first, numbers, comm)
+    names, part_of = np.unique(component, return_inverse=True)
     order = np.lexsort([numbers, asked, part_of])
     numbers = numbers[order]
     asked = asked[order]
     part_of = part_of[order]
+    known = np.append(names, -1)
+    found = np.searchsorted(names, inside)
+    inside_of = np.where(known[found] == inside, found, -1)
     place = np.full(rows.shape[1], -1)
     place[numbers] = np.arange(numbers.size)
     starts = np.searchsorted(part_of, np.arange(part_of.max(initial=-1) + 2))
@@ -85,7 +91,7 @@ def border_of(rows: csr_matrix, first: int, last: np.ndarray, comm: Comm) -> Bor
     owners = _owners([span.stop - span.start for span in spans], comm.size)
     counts = [int(np.count_nonzero(~asked[span])) for span in spans]
     parts = tuple(Part(*item) for item in zip(spans, counts, owners, strict=True))
-    return Border(numbers, place, parts, place[ends])
+    return Border(numbers, place, parts, place[ends], inside_of)
 
 
 def _owners(sizes: list[int], ranks: int) -> list[int]:
@@ -98,8 +104,8 @@ def _owners(sizes: list[int], ranks: int) -> list[int]:
     return found
 
 
-def _connected(rows: csr_matrix, first: int, border: np.ndarray, comm: Comm) -> np.ndarray:
-    """Which connected part each row of the border is in, (b,). Collective."""
+def _connected(rows: csr_matrix, first: int, border: np.ndarray, comm: Comm) -> tuple[np.ndarray, np.ndarray]:
+    """Which connected component each row of the border is in, (b,), and each own one that is not. Collective."""
     own, size = rows.shape
     place = np.full(size, -1)
     place[border] = np.arange(border.size)
@@ -116,17 +122,18 @@ def _connected(rows: csr_matrix, first: int, border: np.ndarray, comm: Comm) -> 
     edges = rows[here].tocoo()
     between = place[edges.col] >= 0
     pairs = np.stack([place[first + np.flatnonzero(here)][edges.row[between]], place[edges.col[between]]])
-    told = comm.allgather((labels[inner.shape[0] :], np.unique(pairs, axis=1)))
+    own_labels = int(labels.max(initial=-1)), labels[inner.shape[0] :]
+    told = comm.allgather((*own_labels, np.unique(pairs, axis=1)))
     # what ranks say of the same rows is put together by a vertex for each label of each rank
     ends = []
-    base = border.size
-    for found, (one, other) in told:
-        ends += [(np.arange(border.size), base + found), (one, other)]
-        base += int(found.max(initial=-1)) + 1
+    bases = [border.size]
+    for highest, found, (one, other) in told:
+        ends += [(np.arange(border.size), bases[-1] + found), (one, other)]
+        bases.append(bases[-1] + highest + 1)
     left, right = (np.concatenate(side) for side in zip(*ends, strict=True))
-    whole = coo_matrix((np.ones(left.size, dtype=bool), (left, right)), shape=(base, base))
+    whole = coo_matrix((np.ones(left.size, dtype=bool), (left, right)), shape=(bases[-1], bases[-1]))
     _, parts = connected_components(whole, directed=False)
-    return np.unique(parts[: border.size], return_inverse=True)[1]
+    return parts[: border.size], parts[bases[comm.rank] + labels[: inner.shape[0]]]
 
 
 def _coupled(rows: csr_matrix, first: int, comm: Comm) -> np.ndarray:
@@ -251,6 +258,7 @@ class DenseFactors:
 
     def inverse(self) -> np.ndarray:
         """K^-1 between the rows that are asked for, (n, n)."""
-        half, _ = dpotri(self._factors[self._common :, self._common :], lower=1)
-        half = np.tril(half)
-        return half + np.tril(half, -1).T
+        found, _ = dpotri(self._factors[self._common :, self._common :], lower=1)
+        for row in range(len(found)):  # in place, since it may be large
+            found[row, row + 1 :] = found[row + 1 :, row]
+        return found

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from petsc4py import PETSc
-from scipy.sparse import csc_matrix
+from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.linear import schur
 from hhr_dolfinx.linear.dense import factorised
@@ -116,16 +117,21 @@ class Factors:
         if self.last is not None and not schur.eliminate_last(pc.getFactorMatrix(), self.last):
             self.last = None
 
-    def replace(self, pattern: Pattern, values: np.ndarray) -> None:
-        """Take other values of the same pattern, which are factored next."""
-        self._matrix.setValuesCSR(pattern.rows, pattern.columns, values[pattern.places])
+    def replace(self, values: np.ndarray, pattern: Callable[[], Pattern]) -> None:
+        """Take other values of the same pattern, which is asked for, and which are factored next."""
+        rows, columns, places = pattern()
+        self._matrix.setValuesCSR(rows, columns, values[places])
         self._matrix.assemble()
         self._ksp.setOperators(self._matrix)
 
-    def inverse(self) -> AbstractContextManager[np.ndarray]:
-        """K^-1 between the last rows, (n, n), where it is made: not to be written to."""
+    def between_last(self, rows: csr_matrix) -> np.ndarray:
+        """Some rows on the last ones, (m, n), as rows K^-1 rows^T, (m, m), where K^-1 is made."""
         assert self._inverted
-        return self._left()
+        used = np.unique(rows.indices)
+        own = csr_matrix(rows[:, used])
+        with self._left() as inverse:
+            every = used.size == len(inverse)  # no copy then, which may be large
+            return own @ (own @ (inverse if every else inverse[np.ix_(used, used)])).T
 
     def left(self) -> AbstractContextManager[np.ndarray]:
         """What is left of the matrix between the last rows, (n, n), where it is not inverted: its upper triangle."""

@@ -65,9 +65,9 @@ class SharedCholesky:
         factors = FreeCholesky(held, free, rows, scene, "mumps", comm, low_rank=low_rank, last=last)
         return cls(factors, rows, held, stiffness, comm)
 
-    def destroy(self) -> None:
-        """See :meth:`FreeCholesky.destroy`."""
-        self._factors.destroy()
+    def release(self) -> None:
+        """See :meth:`FreeCholesky.release`."""
+        self._factors.release()
 
     def refactor(self, stiffness: csr_matrix) -> None:
         """Take the values of another matrix with the same pattern; no work if its factors are those at hand."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from functools import partial
 from threading import RLock
 from typing import TYPE_CHECKING
 
@@ -95,39 +96,36 @@ class FreeCholesky:
     ):  # fmt: skip
         self._free = np.flatnonzero(free[rows])
         self._own = rows.stop - rows.start
+        self._first = rows.start
         self._scene = scene
         self._columns = np.flatnonzero(free)
         self._comm = comm
-        self._half = ordering == "mumps" and comm.size == 1
+        self._ordering = ordering
         self._pattern: Pattern | None = None
+        self.low_rank = low_rank
         self.last = None if last is None or last.size > MOST_LAST else last[free[last]]
-        prefix = f"hhr_{scene}_"
-        shared = self._by_ranks(stiffness, prefix, rows, low_rank)
-        self._factors = shared or self._whole(stiffness, prefix, ordering, low_rank)
+        self.lock = RLock()
+        self._released = False
+        self._factors: Factors | Substructures = self._made(stiffness)
         self.low_rank = self._factors.low_rank
         if not self._factors.factor():
             raise NotSolvableError(singular_stiffness(scene))
         self._factored: csr_matrix | None = stiffness
-        self.lock = RLock()
 
-    def _whole(self, stiffness: csr_matrix, prefix: str, ordering: str, low_rank: float | None) -> Factors:
-        """Factors of all rows together."""
+    def _made(self, stiffness: csr_matrix) -> Factors | Substructures:
+        """What factors the values of a matrix: each rank what it has by itself, where several are asked for K^-1."""
+        prefix = f"hhr_{self._scene}_"
         pattern = self._pattern_of(stiffness)
+        if self._comm.size > 1 and self.last is not None and PETSc.Sys.hasExternalPackage("mumps"):
+            here = np.flatnonzero(np.isin(self._first + self._free, self.last))
+            shared = Substructures(pattern, stiffness.data, prefix, self._comm, here, low_rank=self.low_rank)
+            if shared.possible:
+                return shared
         last = None if self.last is None else np.searchsorted(self._columns, self.last)
-        found = Factors(pattern, stiffness.data, prefix, ordering, self._comm, low_rank=low_rank, last=last)
-        self.last = self.last if found.last is not None else None
-        return found
-
-    def _by_ranks(
-        self, stiffness: csr_matrix, prefix: str, rows: slice, low_rank: float | None
-    ) -> Substructures | None:
-        """Factors of what each rank has by itself, where several are asked for K^-1 between dofs."""
-        if self._comm.size == 1 or self.last is None or not PETSc.Sys.hasExternalPackage("mumps"):
-            return None
-        here = np.flatnonzero(np.isin(rows.start + self._free, self.last))
-        pattern = self._pattern = self._pattern_of(stiffness)
-        found = Substructures(pattern, stiffness.data, prefix, self._comm, here, low_rank=low_rank)
-        return found if found.possible else None
+        how = prefix, self._ordering, self._comm
+        whole = Factors(pattern, stiffness.data, *how, low_rank=self.low_rank, last=last)
+        self.last = self.last if whole.last is not None else None
+        return whole
 
     def between_last(self, rows: csr_matrix) -> np.ndarray | None:
         """Some rows, (m, own dofs), as rows K^-1 rows^T, (m, m); None where they reach beyond the last dofs.
@@ -140,36 +138,39 @@ class FreeCholesky:
         reached = whole.indices[np.isin(whole.indices, self._columns)]
         if self.last is None or not np.isin(reached, self.last).all():
             return None
-        used = np.unique(reached)
-        places = np.searchsorted(self.last, used)
-        own = csr_matrix(whole[:, used])
-        found = None
-        with self.lock, self._factors.inverse() as inverse:
-            if comm.rank == 0:
-                found = own @ (own @ inverse[np.ix_(places, places)]).T
-        return found if alone else comm.bcast(found)
+        with self.lock:
+            return self._factors.between_last(csr_matrix(whole[:, self.last]))
 
     def _pattern_of(self, stiffness: csr_matrix) -> Pattern:
         """Where the kept entries of a matrix of this pattern are: half of them for MUMPS alone."""
         marks = np.arange(stiffness.nnz, dtype=stiffness.indices.dtype)
         inside = csr_matrix((marks, stiffness.indices, stiffness.indptr), shape=stiffness.shape)
         inside = inside[self._free][:, self._columns]
-        if self._half:
+        half = self._ordering == "mumps" and self._comm.size == 1
+        if half:
             inside.data += 1  # a place 0 is kept
             inside = triu(inside, format="csr")
             inside.data -= 1
         inside.sort_indices()
         return Pattern(inside.indptr, inside.indices, inside.data)
 
+    def _known_pattern(self, stiffness: csr_matrix) -> Pattern:
+        """The same, kept for the next time."""
+        if self._pattern is None:
+            self._pattern = self._pattern_of(stiffness)
+        return self._pattern
+
     def refactor(self, stiffness: csr_matrix) -> None:
         """Take the values of another matrix with the same pattern; no work if its factors are those at hand."""
         with self.lock:
             if stiffness is self._factored:
                 return
-            self._factored = None
-            if self._pattern is None:
-                self._pattern = self._pattern_of(stiffness)
-            self._factors.replace(self._pattern, stiffness.data)
+            if self._released:
+                self._factors = self._made(stiffness)
+                self._released = False
+            else:
+                self._factored = None
+                self._factors.replace(stiffness.data, partial(self._known_pattern, stiffness))
             if not self._factors.factor():
                 raise NotSolvableError(
                     f"the stiffness of the full model of scene '{self._scene}' is singular at this parameter or state: "
@@ -178,10 +179,14 @@ class FreeCholesky:
                 )
             self._factored = stiffness
 
-    def destroy(self) -> None:
-        """Give the memory back, at once and on all ranks; nothing is solved from then on. Collective."""
+    def release(self) -> None:
+        """Give the memory back until the next :meth:`refactor`; nothing is solved before. Collective."""
         with self.lock:
-            self._factors.destroy()
+            if not self._released:
+                self._factors.destroy()
+            self._factored = None
+            self._released = True
+            self._pattern = None
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solution on own dofs, zero on imposed ones, for own rows of a right-hand side, (own dofs,)."""

@@ -8,15 +8,14 @@ measured with 285,186 dofs on two ranks it took 54 s and 6.7 GB, where one rank 
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager, nullcontext
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csc_matrix, csr_matrix, triu
 
-from hhr_dolfinx.linear.border import DenseFactors, Part, border_of, gathered
+from hhr_dolfinx.linear.border import Border, DenseFactors, Part, border_of, gathered
 from hhr_dolfinx.linear.factors import Factors, Pattern
 
 if TYPE_CHECKING:
@@ -24,6 +23,8 @@ if TYPE_CHECKING:
 
 MOST_AT_BORDER = 20_000
 """Rows of a part of the border at most: what is left there takes 3.2 GB of its owner then."""
+SMALL = 1000
+"""Rows of parts below which what hangs together with several of them is factored together."""
 
 
 class Substructures:
@@ -51,71 +52,56 @@ class Substructures:
         self.low_rank = low_rank
         own = len(pattern.rows) - 1
         first = int(comm.exscan(own) or 0)
-        entries = np.arange(1, pattern.columns.size + 1)  # their places, of which none is zero
+        entries = np.arange(1, pattern.columns.size + 1, dtype=pattern.places.dtype)  # their places: none is zero
         marks = csr_matrix((entries, pattern.columns, pattern.rows), shape=(own, comm.allreduce(own)))
         self._border = border_of(marks, first, last, comm)
         at = self._border.place[first : first + own]
-        self._inside = np.flatnonzero(at < 0)
         self._edge = np.flatnonzero(at >= 0)
         self._at = at[self._edge]
         largest = max((part.size for part in self._border.parts), default=0)
-        self.possible = largest <= MOST_AT_BORDER and comm.allreduce(self._inside.size > 0, MPI.LAND)
+        self.possible = largest <= MOST_AT_BORDER
         if not self.possible:
             return
-        self._separate(marks, pattern, first)
-        ends = self._inside.size + np.arange(self._reach.size) if self._reach.size else None
-        self._own = Factors(
-            self._pattern, values, prefix, "mumps", MPI.COMM_SELF, low_rank=low_rank, last=ends, inverted=False
-        )
-        self.possible = comm.allreduce(ends is None or self._own.last is not None, MPI.LAND)
+        self._among = _between(marks[self._edge], self._border.place, pattern.places)
+        self._insides = [
+            _Inside(marks, pattern.places, values, first, rows, self._border, prefix, low_rank)
+            for rows in _groups(np.flatnonzero(at < 0), self._border)
+        ]
+        self.possible = comm.allreduce(all(inside.possible for inside in self._insides), MPI.LAND)
         self._values = values[self._among.places]
         self._dense: dict[Part, DenseFactors] = {}
-        self._inverse: np.ndarray | None = None
 
-    def _separate(self, marks: csr_matrix, pattern: Pattern, first: int) -> None:
-        """Part entries into those that this rank eliminates, half of them, and those between rows of the border."""
-        place = self._border.place
-        inside = marks[self._inside]
-        reached = np.zeros(len(place), dtype=bool)
-        reached[inside.indices] = True
-        self._reach = np.sort(place[reached & (place >= 0)])
-        count = self._inside.size + self._reach.size
-        columns = np.full(len(place), -1)
-        columns[first + self._inside] = np.arange(self._inside.size)
-        columns[self._border.numbers[self._reach]] = np.arange(self._inside.size, count)
-        starts = np.append(inside.indptr, np.full(self._reach.size, inside.nnz, dtype=inside.indptr.dtype))
-        local = triu(csr_matrix((inside.data, columns[inside.indices], starts), shape=(count, count)), format="csr")
-        local.sort_indices()
-        self._pattern = Pattern(local.indptr, local.indices, pattern.places[local.data - 1])
-        edges = marks[self._edge]
-        kept = place[edges.indices] >= 0
-        starts = np.append(0, np.cumsum(kept))[edges.indptr]
-        self._among = Pattern(starts, place[edges.indices[kept]], pattern.places[edges.data[kept] - 1])
-
-    def replace(self, pattern: Pattern, values: np.ndarray) -> None:
-        """Take other values of the same pattern, which are factored next."""
-        self._own.replace(self._pattern, values)
+    def replace(self, values: np.ndarray, _: Callable[[], Pattern]) -> None:
+        """Take other values of the pattern of the start, which are factored next."""
+        for inside in self._insides:
+            inside.replace(values)
         self._values = values[self._among.places]
 
     def factor(self) -> bool:
         """Factor what each rank has inside, and what that leaves of the border; False for a singular matrix."""
-        self._inverse = None
         self._dense = {}
-        if not self._comm.allreduce(self._own.factor(), MPI.LAND):
+        if not self._comm.allreduce(all([inside.factors.factor() for inside in self._insides]), MPI.LAND):
             return False
+        left = {}
+        for part in self._border.parts:
+            total = self._left(part)
+            if total is not None:
+                left[part] = total
         definite = True
-        with self._own.left() if self._reach.size else nullcontext(np.zeros((0, 0))) as left:
-            for part in self._border.parts:
-                here = slice(*np.searchsorted(self._reach, (part.rows.start, part.rows.stop)))
-                total = gathered(part, self._reach[here] - part.rows.start, left[here, here], self._comm)
-                total = self._with_own_entries(part, total)
-                if total is not None:
-                    self._dense[part] = DenseFactors(total, part.common)
-                    definite &= self._dense[part].definite
+        for part in list(left):  # each rank its own, at the same time
+            self._dense[part] = DenseFactors(left.pop(part), part.common)
+            definite &= self._dense[part].definite
         return self._comm.allreduce(definite, MPI.LAND)
 
-    def _with_own_entries(self, part: Part, total: np.ndarray | None) -> np.ndarray | None:
-        """Add entries between rows of a part, in place, on its owner. Collective."""
+    def _left(self, part: Part) -> np.ndarray | None:
+        """What is left of a part of the border, on and above the diagonal; on its owner. Collective."""
+        holder = next((inside for inside in self._insides if inside.reaches(part)), None)
+        if holder is None:
+            total = gathered(part, np.zeros(0, dtype=np.int64), np.zeros((0, 0)), self._comm)
+        else:
+            here = slice(*np.searchsorted(holder.reach, (part.rows.start, part.rows.stop)))
+            with holder.factors.left() as left:
+                total = gathered(part, holder.reach[here] - part.rows.start, left[here, here], self._comm)
         rows = np.repeat(self._at, np.diff(self._among.rows)) - part.rows.start
         columns = self._among.columns - part.rows.start
         upper = (rows >= 0) & (rows < part.size) & (rows <= columns)
@@ -124,30 +110,24 @@ class Substructures:
             total[own[0], own[1]] += own[2]  # each entry once
         return total
 
-    @contextmanager
-    def inverse(self) -> Iterator[np.ndarray]:
-        """K^-1 between the last rows of all ranks, (n, n), on the first one, and nothing on others. Collective."""
-        if self._inverse is None:
+    def between_last(self, rows: csr_matrix) -> np.ndarray:
+        """Some rows on the last ones of all ranks, (m, n), as rows K^-1 rows^T, (m, m), alike on all. Collective."""
+        found = np.zeros((rows.shape[0], rows.shape[0]))
+        for part, factors in self._dense.items():
             asked = self._border.asked
-            found = np.zeros((asked.size, asked.size) if self._comm.rank == 0 else (0, 0))
-            for part in self._border.parts:
-                block = self._dense[part].inverse() if part in self._dense else None
-                if part.owner > 0 and self._comm.rank == part.owner:
-                    self._comm.Send(block, 0)
-                if self._comm.rank == 0:
-                    here = np.flatnonzero((asked >= part.rows.start) & (asked < part.rows.stop))
-                    if block is None:
-                        block = np.empty((here.size, here.size))
-                        self._comm.Recv(block, part.owner)
-                    found[np.ix_(here, here)] = block
-            self._inverse = found
-        yield self._inverse
+            own = csr_matrix(rows[:, (asked >= part.rows.start) & (asked < part.rows.stop)])
+            used = np.flatnonzero(np.diff(own.indptr))
+            if used.size:
+                own = csr_matrix(own[used])
+                found[np.ix_(used, used)] += own @ (own @ factors.inverse()).T
+        self._comm.Allreduce(MPI.IN_PLACE, found)
+        return found
 
     def destroy(self) -> None:
         """Give the memory back, at once. Collective."""
-        self._own.destroy()
+        for inside in self._insides:
+            inside.factors.destroy()
         self._dense = {}
-        self._inverse = None
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Own rows of a solution, for those of a right-hand side, (own,). Collective."""
@@ -160,56 +140,129 @@ class Substructures:
 
         First with the border at rest; what that leaves of its loads moves it, and what is inside follows.
         """
-        inside = columns[self._inside]
         edge = columns[self._edge]
-        loads = edge if isinstance(edge, np.ndarray) else edge.toarray()
-        still = np.zeros((self._inside.size + self._reach.size, loads.shape[1]), order="F")
-        image = np.empty_like(still)
-        if isinstance(inside, np.ndarray) or inside.nnz:
-            self._solve_inside(inside, still)
-        self._own.multiply(still, image)
-        moved = self._moved(self._summed(loads, -image[self._inside.size :]))
-        drawn = np.zeros_like(still)
-        drawn[self._inside.size :] = moved[self._reach]
-        self._own.multiply(drawn, image)
-        self._solve_inside(image[: self._inside.size], drawn)
-        solutions[self._inside] = still[: self._inside.size] - drawn[: self._inside.size]
-        solutions[self._edge] = moved[self._at]
-
-    def _solve_inside(self, columns: csc_matrix | np.ndarray, solutions: np.ndarray) -> None:
-        """Write K^-1 of the rows inside times columns, (inside, k), into an array, (inside and reach, k)."""
-        if isinstance(columns, np.ndarray):
-            given = np.zeros_like(solutions)
-            given[: self._inside.size] = columns
-        else:
-            given = csc_matrix(columns)
-            given.resize(solutions.shape)
-        self._own.solve_block(given, solutions)
-        solutions[self._inside.size :] = 0.0
-
-    def _moved(self, loads: np.ndarray) -> np.ndarray:
-        """Displacements of the border, (border, k), under loads there. Collective."""
-        found = np.zeros_like(loads)
+        loads = self._on_border(edge if isinstance(edge, np.ndarray) else edge.toarray())
+        for inside in self._insides:
+            own = columns[inside.rows]
+            still = inside.solved(own) if isinstance(own, np.ndarray) or own.nnz else None
+            solutions[inside.rows] = 0.0 if still is None else still[: inside.rows.size]
+            if still is not None:
+                loads[inside.reach] -= inside.times(still)[inside.rows.size :]
+        self._comm.Allreduce(MPI.IN_PLACE, loads)
+        moved = np.zeros_like(loads)
         for part, factors in self._dense.items():
-            found[part.rows] = factors.solve(loads[part.rows])
-        self._comm.Allreduce(MPI.IN_PLACE, found)
-        return found
-
-    def _summed(self, own: np.ndarray, reached: np.ndarray) -> np.ndarray:
-        """Rows of the border, (border, k), alike on all ranks: of own ones, and those within reach, all added."""
-        total = np.zeros((self._border.numbers.size, own.shape[1]))
-        total[self._at] = own
-        total[self._reach] += reached
-        self._comm.Allreduce(MPI.IN_PLACE, total)
-        return total
+            moved[part.rows] = factors.solve(loads[part.rows])
+        self._comm.Allreduce(MPI.IN_PLACE, moved)
+        for inside in self._insides:
+            drawn = np.zeros((inside.rows.size + inside.reach.size, moved.shape[1]), order="F")
+            drawn[inside.rows.size :] = moved[inside.reach]
+            solutions[inside.rows] -= inside.solved(inside.times(drawn)[: inside.rows.size])[: inside.rows.size]
+        solutions[self._edge] = moved[self._at]
 
     def multiply(self, block: np.ndarray, image: np.ndarray) -> None:
         """Write the matrix times some columns, (own, k), into an array; both lie by columns. Collective."""
-        border = self._summed(block[self._edge], np.zeros((self._reach.size, block.shape[1])))
-        given = np.asfortranarray(np.vstack([block[self._inside], border[self._reach]]))
-        found = np.empty_like(given)
-        self._own.multiply(given, found)
-        image[self._inside] = found[: self._inside.size]
+        border = self._on_border(block[self._edge])
+        self._comm.Allreduce(MPI.IN_PLACE, border)
         shape = self._edge.size, self._border.numbers.size
         among = csr_matrix((self._values, self._among.columns, self._among.rows), shape=shape)
-        image[self._edge] = self._summed(among @ border, found[self._inside.size :])[self._at]
+        total = self._on_border(among @ border)
+        for inside in self._insides:
+            given = np.asfortranarray(np.vstack([block[inside.rows], border[inside.reach]]))
+            found = inside.times(given)
+            image[inside.rows] = found[: inside.rows.size]
+            total[inside.reach] += found[inside.rows.size :]
+        self._comm.Allreduce(MPI.IN_PLACE, total)
+        image[self._edge] = total[self._at]
+
+    def _on_border(self, own: np.ndarray) -> np.ndarray:
+        """Own rows of the border among all of them, (border, k)."""
+        total = np.zeros((self._border.numbers.size, own.shape[1]))
+        total[self._at] = own
+        return total
+
+
+class _Inside:
+    """Rows of this rank that it eliminates by itself, and what they leave of rows of the border.
+
+    Args:
+        marks: places of entries among those of the pattern, and one more, CSR, (own, n).
+        places: of these entries among the data of the matrix.
+        values: these data.
+        first: number of the first own row.
+        rows: own rows, (k,).
+        border: which rows are in it.
+        prefix, low_rank: see :class:`Factors`.
+
+    Attributes:
+        rows: the same.
+        reach: places in the border of the rows that they are coupled with, increasing, (r,).
+        factors: of the former, with what they leave of the latter.
+        possible: whether MUMPS gives that.
+    """
+
+    def __init__(
+        self, marks: csr_matrix, places: np.ndarray, values: np.ndarray, first: int, rows: np.ndarray, border: Border,
+        prefix: str, low_rank: float | None,
+    ):  # fmt: skip
+        self.rows = rows
+        inside = marks[rows]
+        met = np.zeros(marks.shape[1], dtype=bool)
+        met[inside.indices] = True
+        self.reach = np.sort(border.place[met & (border.place >= 0)])
+        count = rows.size + self.reach.size
+        columns = np.full(marks.shape[1], -1, dtype=inside.indices.dtype)
+        columns[first + rows] = np.arange(rows.size)
+        columns[border.numbers[self.reach]] = np.arange(rows.size, count)
+        starts = np.append(inside.indptr, np.full(self.reach.size, inside.nnz, dtype=inside.indptr.dtype))
+        local = triu(csr_matrix((inside.data, columns[inside.indices], starts), shape=(count, count)), format="csr")
+        local.sort_indices()
+        self._pattern = Pattern(local.indptr, local.indices, places[local.data - 1])
+        last = np.arange(rows.size, count) if self.reach.size else None
+        self.factors = Factors(
+            self._pattern, values, prefix, "mumps", MPI.COMM_SELF, low_rank=low_rank, last=last, inverted=False
+        )
+        self.possible = last is None or self.factors.last is not None
+
+    def reaches(self, part: Part) -> bool:
+        """Whether there are rows of a part of the border within reach."""
+        return bool(((self.reach >= part.rows.start) & (self.reach < part.rows.stop)).any())
+
+    def replace(self, values: np.ndarray) -> None:
+        """Take other values, which are factored next."""
+        self.factors.replace(values, lambda: self._pattern)
+
+    def solved(self, columns: csc_matrix | np.ndarray) -> np.ndarray:
+        """K^-1 of the rows inside times columns, (k, c), and no motion of the border behind it: (k + r, c)."""
+        found = np.empty((self.rows.size + self.reach.size, columns.shape[1]), order="F")
+        if isinstance(columns, np.ndarray):
+            given = np.zeros_like(found)
+            given[: self.rows.size] = columns
+        else:
+            given = csc_matrix(columns)
+            given.resize(found.shape)
+        self.factors.solve_block(given, found)
+        found[self.rows.size :] = 0.0
+        return found
+
+    def times(self, block: np.ndarray) -> np.ndarray:
+        """Entries of the rows inside, and their mirror images, times displacements here, (k + r, c)."""
+        found = np.empty_like(block)
+        self.factors.multiply(block, found)
+        return found
+
+
+def _groups(inside: np.ndarray, border: Border) -> list[np.ndarray]:
+    """Own rows that are not in the border, by the parts of it that they hang together with; those of small ones in one.
+
+    What is left of parts by themselves has no zeros between them.
+    """
+    sizes = np.array([part.size for part in border.parts] + [0])
+    label = np.where(sizes[border.part_of] < SMALL, -1, border.part_of)
+    return [inside[label == part] for part in np.unique(label)]
+
+
+def _between(edges: csr_matrix, place: np.ndarray, places: np.ndarray) -> Pattern:
+    """Entries of own rows of the border in columns of it, by places there."""
+    kept = place[edges.indices] >= 0
+    starts = np.append(0, np.cumsum(kept))[edges.indptr]
+    return Pattern(starts, place[edges.indices[kept]], places[edges.data[kept] - 1])

@@ -95,8 +95,7 @@ def interpolated_compliances(
         grid, modes = grown(solver, problem.parameters, part.axes, how, part)
         solver.release()
         parts.append(compliance_of(part, grid, modes, None))
-        # S is large, and one of it is enough
-        grids.append(grid.without_modes())
+        grids.append(grid)
         others.append({name: values for name, values in modes.items() if name not in ("schur", "columns")})
     reshaped = None
     if problem.reshaped is not None:
@@ -125,6 +124,7 @@ class Solver:
         self._factors: FreeCholesky | SharedCholesky | None = None
         self._known: dict[bytes, dict[str, np.ndarray]] = {}
         self._work: dict[bytes, np.ndarray] = {}
+        self._last: tuple[bytes, ContactProblem] | None = None
 
     def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
         """S_c, (m_c, m_c), and B K^-1 F above B K^-1 K lift, (T, m_c), for the factor 1.
@@ -144,7 +144,7 @@ class Solver:
 
     def _solved(self, point: np.ndarray) -> dict[str, np.ndarray]:
         """By factors that eliminate contact last, or columns of K^-1 B^T: as K^-1 is symmetric loads take none."""
-        problem = self.problem.at(point)
+        problem = self._at(point)
         part = self.component.part
         rows = csr_matrix(problem.contact[part.conditions])
         acting = csr_matrix(self.acting(problem).T)
@@ -195,7 +195,7 @@ class Solver:
 
     def fields_at(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """Displacements under contact forces, (m, k), and under each load, (N, k + T)."""
-        problem = self.problem.at(point)
+        problem = self._at(point)
         part = self.component.part
         pushed = csc_matrix(problem.contact[part.conditions].T @ forces[part.conditions])
         loads = problem.loads[:, np.union1d(part.forced, part.lifted)]
@@ -217,13 +217,22 @@ class Solver:
 
     def release(self) -> None:
         """Let go of large factors, since no two components are asked for together."""
-        if self._factors is not None and self.problem.free.size > LARGE:
-            self._factors.destroy()
-            self._factors = None
+        if self.problem.free.size > LARGE:
+            self._last = None
+            if self._factors is not None:
+                self._factors.release()
 
     def with_stiffness(self, point: np.ndarray) -> ContactProblem:
         """The problem at a point; that of the middle where K of the component is a multiple of the one there."""
-        return self.problem.at(point) if self._full.scaled is None else self.problem
+        return self._at(point) if self._full.scaled is None else self.problem
+
+    def _at(self, point: np.ndarray) -> ContactProblem:
+        """The problem at a point; that of the last one again, whose stiffness is factored then."""
+        place = point.tobytes()
+        if self._last is None or self._last[0] != place:
+            self._last = None  # K may be as large as all else
+            self._last = (place, self.problem.at(point))
+        return self._last[1]
 
     def solved_columns(self, problem: ContactProblem, point: np.ndarray, columns: spmatrix) -> np.ndarray:
         """K^-1 of the component times columns, (N, k), with the problem at this point."""
@@ -239,6 +248,8 @@ class Solver:
         if self._factors is None:
             full = self._full
             name = full.scene.name
+            if self.problem.free.size > LARGE:
+                full.factors.release()
             dofs = self.component.dofs
             low_rank = low_rank_of(problem.block_size, int(np.count_nonzero(dofs)))
             last = np.unique(problem.contact[self.component.part.conditions].indices)

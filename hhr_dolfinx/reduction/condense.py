@@ -109,6 +109,7 @@ def condense(
     bound: bool = True,
     fields: bool = True,
     along: bool = False,
+    solvers: list[Solver] | None = None,
 ) -> CondensedModel:
     """Build a model that keeps all contact conditions and interpolates what is behind them.
 
@@ -121,6 +122,7 @@ def condense(
         bound: whether answers have a bound of their error, or an estimate where none is proved.
         fields: whether displacements can be asked for; without them there is no bound either.
         along: whether fields are spanned by what forces and loads move beside the displacements of snapshots.
+        solvers: of all components, by :func:`solvers_of`, which keep what they have found for another model.
 
     Raises:
         ReductionError: for a scene whose stiffness is constant, or that flows.
@@ -134,7 +136,7 @@ def condense(
     if snapshots is not None:
         check_of_problem("snapshots", snapshots, problem)
     log = StageLog()
-    solvers = solvers_of(full)
+    solvers = solvers_of(full) if solvers is None else solvers
     with log.stage("compliances"):
         compliances, grids = interpolated_compliances(problem, solvers, settings)[:2]
     _warn_of_budget(full, grids, settings)

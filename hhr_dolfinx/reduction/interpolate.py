@@ -92,7 +92,8 @@ def grown(
     Where they are the compliance of a ``part``, its formulas are held against the grid at thousands of points.
 
     Returns:
-        The grid, and the modes of each array, its own shape with the modes along the last axis.
+        The grid, and the modes of each array, its own shape with the modes along the last axis; those of a part, which
+        may be large, are not in the grid too.
     """
     if not axes.size:
         return _alone(solved, space, settings, part)
@@ -125,9 +126,10 @@ def grown(
     parts = {}
     for name, shape in shapes.items():
         size = int(np.prod(shape))
-        parts[name] = sizes[name] * modes[first : first + size].reshape(*shape, modes.shape[1])
+        modes[first : first + size] *= sizes[name]
+        parts[name] = modes[first : first + size].reshape(*shape, modes.shape[1])
         first += size
-    return replace(grid, interpolant=replace(grid.interpolant, modes=_stacked(parts, modes))), parts
+    return (grid if part is None else grid.without_modes()), parts
 
 
 def _alone(
@@ -140,17 +142,11 @@ def _alone(
     none = np.zeros(0)
     parts = {name: values[..., None] for name, values in solved(space.middle).items()}
     levels = np.zeros((1, 0), dtype=np.int64)
-    modes = np.zeros((0, 1)) if part is not None else _stacked(parts, np.zeros((0, 1)))
+    stacked = [values.reshape(-1, 1) for values in parts.values()] if part is None else []
+    modes = np.asfortranarray(np.concatenate([np.zeros((0, 1)), *stacked]))
     interpolant = Interpolant(none.astype(np.int64), none, none, levels, modes, np.ones((1, 1)))
     formulas = None if part is None else FormulaGrid(part.moduli, part.factor, interpolant.axes, space).error
     return GrownGrid(interpolant, 0.0, 1, 0.0 if formulas is None else formulas(levels)), parts
-
-
-def _stacked(parts: Mapping[str, np.ndarray], like: np.ndarray) -> np.ndarray:
-    """Modes of all arrays beside each other, in their own sizes."""
-    if not parts:
-        return like
-    return np.asfortranarray(np.concatenate([part.reshape(-1, part.shape[-1]) for part in parts.values()]))
 
 
 def compliance_of(part: Part, grid: GrownGrid, modes: dict[str, np.ndarray], unknowns: np.ndarray | None) -> Compliance:

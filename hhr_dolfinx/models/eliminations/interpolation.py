@@ -213,7 +213,7 @@ def grow(
             # nothing that is known says where: one more level everywhere
             growing.waiting = dict.fromkeys(growing.waiting, missed)
         last = growing.follow(chosen, budget)
-    values = np.stack(growing.surpluses, axis=1)
+    values = growing.taken()
     order = growing.order
     modes, weights = _compressed(values, tolerance * 0.1) if compressed else (values, np.eye(len(order)))
     grown = Interpolant(axes, lower, upper, growing.levels, modes, weights)
@@ -276,6 +276,14 @@ class _Growing:
                 self._try(after)
         return surplus
 
+    def taken(self) -> np.ndarray:
+        """All surpluses side by side, (M, n), which are gone behind it: they may be as large as all else."""
+        found = np.empty((self.surpluses[0].size, len(self.surpluses)), order="F")
+        for place in range(len(self.surpluses)):
+            found[:, place] = self.surpluses[place]
+            self.surpluses[place] = np.zeros(0)
+        return found
+
     def off(self) -> float:
         """Largest error at places of no pattern: a term that vanishes at its node hides those behind it."""
         if not self.probes and len(self._lower):
@@ -315,6 +323,7 @@ def _admissible(levels: tuple[int, ...], order: list[tuple[int, ...]]) -> bool:
 
 def _compressed(values: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
     """Few directions for all columns, which leave out less than a part of the largest singular value."""
-    modes, sizes, weights = svd(values, full_matrices=False)
+    modes, sizes, weights = svd(values, full_matrices=False, overwrite_a=True)
     rank = max(1, int((sizes > tolerance * sizes[0]).sum()))
-    return np.asfortranarray(modes[:, :rank] * sizes[:rank]), np.ascontiguousarray(weights[:rank])
+    modes *= sizes
+    return np.asfortranarray(modes[:, :rank]), np.ascontiguousarray(weights[:rank])

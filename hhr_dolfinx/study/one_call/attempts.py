@@ -62,8 +62,11 @@ def _condensed(bench: Bench) -> Iterator[Attempt]:
     if not full.problem.varies:
         yield Attempt("condensed", "exact", lambda: condense(full, fields=bench.wish.needs_fields))
         return
+    from hhr_dolfinx.reduction.components import solvers_of
     from hhr_dolfinx.reduction.condense import condense as interpolated
     from hhr_dolfinx.reduction.interpolate import GridSettings
+
+    solvers = solvers_of(full)
 
     tolerance = GRID_PART * bench.wish.error
     for budget in GRID_BUDGETS:
@@ -71,7 +74,7 @@ def _condensed(bench: Bench) -> Iterator[Attempt]:
 
         def make(settings: GridSettings = settings) -> Any:
             # without fields nothing bounds an error
-            return interpolated(full, bench.checked, settings, along=True)
+            return interpolated(full, bench.checked, settings, along=True, solvers=solvers)
 
         found = len(bench.held_out)
         spanned = f", fields of {found} checks too" if found else ""
