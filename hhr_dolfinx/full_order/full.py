@@ -143,7 +143,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self.keeps_columns = self._has_room()
         # what is solved for once for each query, or does not keep its columns, asks for S alone
         asked = np.unique(problem.contact.indices) if anew or not self.keeps_columns else None
-        self._solver = self.factors_of(problem.own_stiffness, "mumps" if anew else "qmd", asked)
+        self._solver = self.factors_of(problem.own_stiffness, "mumps" if anew else "qmd", asked, anew=anew)
         check_regular(problem, lambda rhs: self._gather(self._solver.solve(rhs)), self.scene.name)
         contact = problem.contact[:, self._own]
         self._own_loads = problem.loads[self._own]
@@ -404,12 +404,15 @@ class FullOrderModel(AnsweringModel, ModelFields):
         return ShapedArrays(self.discretisation, self.problem)
 
     def factors_of(
-        self, stiffness: csr_matrix, plane: str, last: np.ndarray | None = None
+        self, stiffness: csr_matrix, plane: str, last: np.ndarray | None = None, *, anew: bool = False
     ) -> FreeCholesky | SharedCholesky:
-        """Factors of own rows of a stiffness, with an ordering for problems in the plane; ``last`` as these have it."""
+        """Factors of own rows of a stiffness, with an ordering for problems in the plane; ``last`` as these have it.
+
+        ``anew`` says whether they are made for every parameter.
+        """
         problem = self.problem
         ordering = ordering_of(problem.block_size, plane)
-        low_rank = low_rank_of(problem.block_size, problem.free.size)
+        low_rank = low_rank_of(problem.block_size, problem.free.size, anew=anew)
         if low_rank is not None:
             _log.info("%d dofs in space: blocks of the factors are compressed to %g", problem.free.size, low_rank)
         if self.spread.size < self.comm.size:

@@ -251,7 +251,7 @@ class Solver:
             if self.problem.free.size > LARGE:
                 full.factors.release()
             dofs = self.component.dofs
-            low_rank = low_rank_of(problem.block_size, int(np.count_nonzero(dofs)))
+            low_rank = low_rank_of(problem.block_size, int(np.count_nonzero(dofs)), anew=True)
             last = np.unique(problem.contact[self.component.part.conditions].indices)
             if full.comm.size > 1:
                 given = problem.own_stiffness, dofs, name, full.comm
