@@ -3,9 +3,10 @@
 Push, squeeze and both Young's moduli vary; contact is condensed exactly, S made of blocks of columns that are dropped
 where they have no room (a gigabyte). Each size is a process of its own, for its peak of memory. ``gap_left`` is how far
 contact is from closed under the forces of an answer, by one more solution of the full order, over the largest push:
-it sees what compressed factors leave out of S, which the bound has to be larger than.
+it sees what compressed factors leave out of S, which the bound has to be larger than. Several ranks share one problem;
+``peak_gb`` is that of the largest of them, and of all sizes so far.
 
-    python benchmarks/scale.py [--out DIR] [--quick] [--from N] [--up-to N] [--ratios]
+    [mpirun -n 2] python benchmarks/scale.py [--out DIR] [--quick] [--from N] [--up-to N] [--ratios]
 """
 
 from __future__ import annotations
@@ -30,14 +31,15 @@ from hhr_dolfinx.study.report import report
 from hhr_dolfinx.timing import timed
 
 MESHES = ((6, 3, 4, 2), (8, 4, 6, 3), (12, 6, 9, 4), (16, 8, 12, 6), (20, 10, 15, 7), (26, 13, 19, 9),
-          (34, 17, 25, 12), (44, 22, 33, 16), (60, 30, 45, 22), (68, 46, 54, 36))  # fmt: skip
+          (34, 17, 25, 12), (44, 22, 33, 16), (50, 25, 37, 18), (60, 30, 45, 22), (68, 46, 54, 36))  # fmt: skip
 """Cells of the sphere along its sides and through its depth, and of the block."""
 MODULI = {"sphere": (150e3, 250e3), "block": (50e3, 90e3)}
 RATIO = (0.25, 0.35)
 """Of Poisson, of both bodies, where they vary too: S is then interpolated in place of summed."""
 QUERIES = 20
 COLUMNS = (
-    "N", "N_lambda", "factor_s", "compliance_s", "train_s", "peak_gb", "query_s", "bound_s", "fields_s", "full_s"
+    "N", "N_lambda", "ranks", "built_s", "factor_s", "compliance_s", "train_s", "peak_gb", "query_s", "bound_s",
+    "fields_s", "full_s",
 )  # fmt: skip
 
 
@@ -57,13 +59,14 @@ def scene(sphere: tuple[int, int], block: tuple[int, int], *, ratios: bool = Fal
     )
 
 
-def measured(cells: tuple[int, int, int, int], ratios: bool) -> dict[str, float]:
-    """One row of the report, of a process that does nothing else."""
+def measured(cells: tuple[int, int, int, int], ratios: bool, comm: MPI.Comm = MPI.COMM_SELF) -> dict[str, float]:
+    """One row of the report, of processes that do nothing else."""
     spent = {"factor_s": 0.0, "compliance_s": 0.0}
     _watch(FreeCholesky, "__init__", "factor_s", spent)
     _watch(Solver, "__call__", "compliance_s", spent)
     start = time.perf_counter()
-    full = hhr.FullOrderModel(scene(cells[:2], cells[2:], ratios=ratios), MPI.COMM_SELF)
+    full = hhr.FullOrderModel(scene(cells[:2], cells[2:], ratios=ratios), comm).gathered()
+    built = time.perf_counter() - start
     model = hhr.condense(full, fields=True)
     made = time.perf_counter() - start
     points = full.parameters.random(QUERIES, 0)
@@ -71,9 +74,9 @@ def measured(cells: tuple[int, int, int, int], ratios: bool) -> dict[str, float]
     estimates, bounds = timed(lambda: [answer.estimate() for answer in answers])
     fields, completed = timed(lambda: [answer.displacement() for answer in answers[:3]])
     known, whole = timed(lambda: [full.solve(point) for point in points[:3]])
-    peak = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e9
-    sizes = {"N": len(full.problem.free), "N_lambda": full.conditions, "ranks": 1}
-    times = {"train_s": made, "peak_gb": peak, "query_s": forces / QUERIES, "bound_s": bounds / QUERIES}
+    peak = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, MPI.MAX) * 1024 / 1e9
+    sizes = {"N": len(full.problem.free), "N_lambda": full.conditions, "ranks": comm.size}
+    times = {"built_s": built, "train_s": made, "peak_gb": peak, "query_s": forces / QUERIES, "bound_s": bounds / QUERIES}
     times |= {"fields_s": completed / 3, "full_s": whole / 3}
     errors = {
         "bound_of_forces": max(estimate.forces_euclid_relative for estimate in estimates),
@@ -111,7 +114,7 @@ def slopes(rows: list[dict[str, float]]) -> dict[str, float]:
     """Powers of N by which the larger half of the sizes grow, by least squares of logarithms."""
     later = rows[len(rows) // 2 :] if len(rows) > 3 else rows
     sizes = np.log([row["N"] for row in later])
-    named = COLUMNS[2:]
+    named = COLUMNS[3:]
     return {name: float(np.polyfit(sizes, np.log([row[name] for row in later]), 1)[0]) for name in named}
 
 
@@ -121,21 +124,25 @@ def main() -> None:
     parser.add_argument("--up-to", type=float, default=1e5, metavar="N", help="largest number of dofs [1e5]")
     parser.add_argument("--from", type=float, default=0.0, metavar="N", dest="least", help="smallest number [0]")
     parser.add_argument("--ratios", action="store_true", help="vary ratios of Poisson too")
-    options = cli.parse_on_first_rank(parser)
+    options = cli.parse(parser)
     rows: list[dict[str, float]] = []
     for cells in MESHES[:2] if options.quick else MESHES:
         expected = 3 * sum((side + 1) ** 2 * (depth + 1) for side, depth in (cells[:2], cells[2:]))
         if expected > options.up_to or expected < options.least:
             continue
-        with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as alone:
-            rows.append(alone.submit(measured, cells, options.ratios).result())
+        if MPI.COMM_WORLD.size > 1:
+            rows.append(measured(cells, options.ratios, MPI.COMM_WORLD))
+        else:
+            with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as alone:
+                rows.append(alone.submit(measured, cells, options.ratios).result())
         told = ", ".join(f"{name} {rows[-1][name]:.3g}" for name in COLUMNS)
         options.console.print(told + ("" if rows[-1]["columns_kept"] else ", columns dropped"))
     found = {"scene": "scale", "scale": rows, "slopes": slopes(rows) if len(rows) > 1 else {}}
     if found["slopes"]:
         grown = ", ".join(f"{name} {value:.2g}" for name, value in found["slopes"].items())
         options.console.print(f"powers of N: {grown}")
-    report.write_report(found | report.environment(), options.out)
+    if MPI.COMM_WORLD.rank == 0:
+        report.write_report(found | report.environment(), options.out)
 
 
 if __name__ == "__main__":
