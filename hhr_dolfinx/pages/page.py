@@ -24,7 +24,7 @@ ALIKE = 0.01
 """Relative difference of S up to which a model and a scenery are of one scene: S may be interpolated."""
 DRAWN = 12_000
 """Nodes of the mesh that are drawn at most."""
-PARTS = ("page.css", "model.js", "friction.js", "flow.js", "path.js", "drawing.js", "field.js", "view.js")
+PARTS = ("page.css", "model.js", "friction.js", "flow.js", "path.js", "drawing.js", "plots.js", "field.js", "view.js")
 """Files that stand in ``page.html`` where they are named there."""
 LOOKED_AT = 100
 """Random points at which a model tells its error to a page."""

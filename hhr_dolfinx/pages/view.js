@@ -2,7 +2,7 @@
 /* What a page shows: sliders, numbers, pressures along contact with their error, displacement of the mesh. */
 
 (() => {
-  const { style, said, exactly, unit, element, prepared, ticks, widened, colour } = drawing;
+  const { style, said, exactly, unit, element, prepared, colour } = drawing;
   const data = JSON.parse(document.getElementById("data").textContent);
   const arrays = hhr.decoded(data.arrays), tree = data.tree, model = new hhr.Model(tree, arrays);
   const scenery = tree.scenery, words = scenery.words, dim = scenery.dim;
@@ -146,7 +146,7 @@
     return { axis, order: own.slice().sort((a, b) => places[a * dim + axis] - places[b * dim + axis]) };
   }
 
-  const plots = contacts.map((pair) => {
+  const drawnContacts = contacts.map((pair) => {
     const canvas = element("canvas", "", { className: "plot" });
     canvas.setAttribute("role", "img");
     const legend = sliding ? "; blue: traction along it; dots: orange sticks, green slips, grey is open" : "";
@@ -171,71 +171,26 @@
   }
 
   function drawLine({ canvas, line }, values) {
-    const { pen, width, height } = prepared(canvas), [left, bottom, top] = [64, 36, 24];
-    const x = line.order.map((i) => places[i * dim + line.axis]), y = line.order.map((i) => values[i]);
-    const worst = (scenery.moves ? tree.error.forces : tree.error.pressure) || 0, peak = Math.max(0, ...y.filter(Number.isFinite)), band = worst * peak;
-    const high = 1.08 * peak + band || 1, along = tractions(line), low = Math.min(0, 1.08 * Math.min(0, ...along));
-    const [from, to] = shown(x, line.order);
-    const px = (v) => left + ((v - from) / (to - from || 1)) * (width - left - 12);
-    const py = (v) => height - bottom - ((v - low) / (Math.max(high, 1.08 * Math.max(0, ...along)) - low)) * (height - bottom - top);
-    pen.strokeStyle = style("--line");
-    pen.fillStyle = style("--faint");
-    pen.lineWidth = 1;
-    for (const t of ticks(low, high, 4)) {
-      pen.beginPath(); pen.moveTo(left, py(t)); pen.lineTo(width - 12, py(t)); pen.stroke();
-      pen.textAlign = "right"; pen.fillText(said(t), left - 6, py(t) + 4);
-    }
-    pen.textAlign = "center";
-    for (const t of ticks(from, to, Math.max(2, Math.floor(width / 110)))) pen.fillText(said(t), px(t), height - bottom + 16);
-    pen.fillText(`${"xyz"[line.axis]}${unit(words.length)}`, (left + width) / 2, height - 4);
-    pen.textAlign = "left";
-    pen.fillText(`${what}${unit(ofStress)}`, left, top - 12);
-    pen.beginPath(); pen.rect(left - 4, 0, width - left, height - bottom + 4); pen.save(); pen.clip();
-    if (band > 0) {
-      pen.fillStyle = style("--band");
-      pen.beginPath();
-      line.order.forEach((i, k) => pen.lineTo(px(x[k]), py(values[i] + band)));
-      line.order.slice().reverse().forEach((i, k) => pen.lineTo(px(x[x.length - 1 - k]), py(Math.max(values[i] - band, 0))));
-      pen.fill();
-    }
-    for (const [curve, colour] of [[y, "--force"], [along, "--accent"]]) {
-      pen.strokeStyle = style(colour);
-      pen.lineWidth = 2;
-      pen.beginPath();
-      curve.forEach((v, k) => (Number.isFinite(v) ? pen.lineTo(px(x[k]), py(v)) : null));
-      pen.stroke();
-    }
-    line.order.forEach((i, k) => {
-      const slips = sliding && answer.statuses[contactOf.get(i)] === 2;
-      pen.fillStyle = style(!(answer.forces[i] > 0) ? "--open" : slips ? "--slips" : "--force");
-      pen.beginPath(); pen.arc(px(x[k]), py(Number.isFinite(values[i]) ? values[i] : 0), 2.5, 0, 2 * Math.PI); pen.fill();
-    });
-    pen.restore();
-    canvas.setAttribute("aria-label", `pressure along ${"xyz"[line.axis]}, at most ${said(Math.max(...y))}`);
+    const { axis, order } = line, x = order.map((i) => places[i * dim + axis]), y = order.map((i) => values[i]);
+    const worst = (scenery.moves ? tree.error.forces : tree.error.pressure) || 0;
+    const band = worst * Math.max(0, ...y.filter(Number.isFinite));
+    const slips = (i) => sliding && answer.statuses[contactOf.get(i)] === 2;
+    const statuses = order.map((i) => (!(answer.forces[i] > 0) ? "--open" : slips(i) ? "--slips" : "--force"));
+    const titles = [`${"xyz"[axis]}${unit(words.length)}`, `${what}${unit(ofStress)}`];
+    plots.line(canvas, { x, y, range: shown(x, order), band, along: tractions(line), statuses, titles });
+    canvas.setAttribute("aria-label", `pressure along ${"xyz"[axis]}, at most ${said(Math.max(...y))}`);
   }
 
   function drawMap({ canvas, own }, values) {
-    const { pen, width, height } = prepared(canvas), flat = arrays[scenery.flat];
-    const range = [0, 1].map((c) => own.map((i) => flat[i * 2 + c])).map((v) => [Math.min(...v), Math.max(...v)]);
-    const [wide, tall] = range.map(([from, to]) => to - from || 1);
-    const scale = Math.min((width - 40) / wide, (height - 80) / tall);
-    const most = Math.max(1e-300, ...own.map((i) => values[i]).filter(Number.isFinite));
-    for (const i of own) {
-      const x = 20 + (flat[i * 2] - range[0][0]) * scale, y = height - 60 - (flat[i * 2 + 1] - range[1][0]) * scale;
-      const closed = answer.forces[i] > 0;
-      pen.fillStyle = closed ? `rgb(${colour(values[i] / most)})` : "transparent";
-      pen.strokeStyle = style("--open");
-      pen.beginPath(); pen.arc(x, y, Math.max(3, 0.4 * scale * Math.sqrt(areas[i])), 0, 2 * Math.PI); pen.fill();
-      if (!closed) pen.stroke();
-    }
-    pen.fillStyle = style("--faint");
-    pen.fillText(most > 1e-300 ? `yellow ${said(most)}${unit(ofStress)}, dark 0, rings open` : "nothing touches", 8, height - 6);
+    const flat = arrays[scenery.flat], closed = own.map((i) => answer.forces[i] > 0);
+    const most = plots.map(canvas, { places: own.map((i) => [flat[i * 2], flat[i * 2 + 1]]), values: own.map((i) => values[i]),
+      closed, areas: own.map((i) => areas[i]), unit: unit(ofStress) });
     canvas.setAttribute("aria-label", `pressures on the surface, at most ${said(most)}`);
   }
 
   function showPressures() {
     const values = pressure();
-    for (const plot of plots) (plot.line ? drawLine : drawMap)(plot, values);
+    for (const contact of drawnContacts) (contact.line ? drawLine : drawMap)(contact, values);
   }
 
   /* Displacement of the mesh; where it can be seen as it is it is drawn so, lest bodies go through each other. */
@@ -316,25 +271,10 @@
   function showLoop() {
     const named = past.numbers.find((numbers) => numbers.length) ?? [], chosen = at("drawn");
     if (!chosen.options.length) named.forEach(([name], k) => chosen.append(element("option", name, { value: k })));
-    const { pen, width, height } = prepared(at("loop")), [left, bottom, top] = [64, 30, 10], axis = at("over").value;
-    const kept = past.numbers.map((numbers, k) => [axis === "" ? k : past.points[k][Number(axis)], numbers[Number(chosen.value)]?.[1]]).filter(([, y]) => Number.isFinite(y));
-    if (!kept.length) return;
-    const [xs, ys] = [0, 1].map((c) => { const own = kept.map((p) => p[c]); return widened(Math.min(...own), Math.max(...own)); });
-    const px = (v) => left + ((v - xs[0]) / (xs[1] - xs[0])) * (width - left - 14);
-    const py = (v) => height - bottom - ((v - ys[0]) / (ys[1] - ys[0])) * (height - bottom - top);
-    pen.fillStyle = style("--faint");
-    pen.strokeStyle = style("--line");
-    for (const t of ticks(ys[0], ys[1], 4)) { pen.beginPath(); pen.moveTo(left, py(t)); pen.lineTo(width - 14, py(t)); pen.stroke(); pen.textAlign = "right"; pen.fillText(said(t), left - 6, py(t) + 4); }
-    pen.textAlign = "center";
-    for (const t of ticks(xs[0], xs[1], 5)) pen.fillText(said(t), px(t), height - bottom + 16);
-    pen.strokeStyle = style("--accent");
-    pen.lineWidth = 2;
-    pen.beginPath();
-    kept.forEach(([x, y]) => pen.lineTo(px(x), py(y)));
-    pen.stroke();
-    pen.fillStyle = style("--force");
-    const [x, y] = kept[kept.length - 1];
-    pen.beginPath(); pen.arc(px(x), py(y), 4, 0, 2 * Math.PI); pen.fill();
+    const axis = at("over").value, chosenNumber = Number(chosen.value);
+    const kept = past.numbers.map((numbers, k) => [axis === "" ? k : past.points[k][Number(axis)], numbers[chosenNumber]?.[1]]);
+    const finite = kept.filter(([, y]) => Number.isFinite(y));
+    if (finite.length) plots.loop(at("loop"), finite);
   }
 
   function readyWay() {
