@@ -4,7 +4,7 @@ import contract
 import numpy as np
 import pytest
 from mpi4py import MPI
-from scipy.sparse import csc_matrix, csr_matrix, identity, kron
+from scipy.sparse import block_diag, csc_matrix, csr_matrix, identity, kron
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotSolvableError
@@ -75,6 +75,21 @@ def test_nothing_moves_under_no_loads():
     columns[100, 3] = 1.0
     found = made.solve_columns(columns)
     assert found[:, 3].any() and not found[:, :3].any() and not found[:, 4].any()
+
+
+def test_loads_that_reach_none_of_them_move_what_they_push():
+    """Nothing couples the second part with the rows that are eliminated last, and all columns push that alone."""
+    matrix, free = stiffness()
+    count = len(free)
+    both = csr_matrix(block_diag([matrix, matrix]))
+    made = factors(both, np.concatenate([free, free]), np.arange(40, 90))
+    rng = np.random.default_rng(0)
+    for reached in (slice(0, count), slice(count, 2 * count)):
+        loads = np.zeros((2 * count, 3))
+        loads[reached] = rng.standard_normal((count, 3)) * free[:, None] * (rng.random((count, 3)) < 0.1)
+        found = made.solve_columns(csc_matrix(loads))
+        left = (both @ found - loads) * np.concatenate([free, free])[:, None]
+        assert np.abs(left).max() < 1e-12
 
 
 def test_a_matrix_that_is_singular_between_them_is_refused():
