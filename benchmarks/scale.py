@@ -76,7 +76,8 @@ def measured(cells: tuple[int, int, int, int], ratios: bool, comm: MPI.Comm = MP
     known, whole = timed(lambda: [full.solve(point) for point in points[:3]])
     peak = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, MPI.MAX) * 1024 / 1e9
     sizes = {"N": len(full.problem.free), "N_lambda": full.conditions, "ranks": comm.size}
-    times = {"built_s": built, "train_s": made, "peak_gb": peak, "query_s": forces / QUERIES, "bound_s": bounds / QUERIES}
+    times = {"built_s": built, "train_s": made, "peak_gb": peak}
+    times |= {"query_s": forces / QUERIES, "bound_s": bounds / QUERIES}
     times |= {"fields_s": completed / 3, "full_s": whole / 3}
     errors = {
         "bound_of_forces": max(estimate.forces_euclid_relative for estimate in estimates),

@@ -32,11 +32,11 @@ ANEW = 60_000
 REFINED = 5
 PRECISE = 1e-13
 STALLED = 1e-9
-"""Dofs in space from which on MUMPS compresses blocks of its factors, and up to what part of them; from which on it does
-so to those that are made for every parameter; steps of iterative refinement of a solution down to which residual, and
-above which one it is none: round-off of stiff bodies beside soft ones is far below. Measured once on hexahedra: with
-42,618 dofs forces differed by 8e-10 from those of whole factors, and by 3e-7 with blocks of 1e-8; with 1,004,496 dofs
-blocks of 1e-10 took 19 GB. With 92,514 and 198,681 dofs factors took 10.8 and 58 s, compressed ones 8.1 and 26; a
+"""Dofs in space from which on MUMPS compresses blocks of its factors, and up to what part of them; from which on it
+compresses those that are made for every parameter; steps of iterative refinement of a solution down to which residual,
+and above which one it is none: round-off of stiff bodies beside soft ones is far below. Measured once on hexahedra:
+with 42,618 dofs forces differed by 8e-10 from those of whole factors, and by 3e-7 with blocks of 1e-8; with 1,004,496
+dofs blocks of 1e-10 took 19 GB. With 92,514 and 198,681 dofs factors took 10.8 and 58 s, compressed ones 8.1 and 26; a
 solution .3 and .8 s, a refined one .5 and 2.5: whoever asks for many factors gains by them early."""
 
 
