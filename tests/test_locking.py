@@ -259,7 +259,7 @@ def test_blocks_of_mumps_are_the_columns_of_petsc(monkeypatch):
     """Both factorisations, in several blocks and for a single column, against one solve after the other."""
     full = in_time(pressed_block("solid", cells=4))
     problem, factors = full.problem, full.equilibrium.elastic.factors
-    assert factors[1]._ksp.getPC().getFactorSolverType() == "mumps"
+    assert factors[1]._factors._ksp.getPC().getFactorSolverType() == "mumps"
     monkeypatch.setattr(cholesky, "BLOCK", 7)  # 25 columns
     own = cholesky.FreeCholesky(problem.stiffness, problem.free, slice(0, len(problem.free)), "block", "nd", full.comm)
     expected = np.stack([own.solve(row).copy() for row in problem.contact.toarray()], axis=1)
@@ -275,7 +275,7 @@ def test_a_history_in_space_without_mumps(monkeypatch):
     first = hhr.FullOrderModel(scene)
     monkeypatch.setattr("hhr_dolfinx.full_order.full.ordering_of", lambda block_size, plane: plane)
     second = hhr.FullOrderModel(scene)
-    kinds = [model.equilibrium.elastic.factors[1]._ksp.getPC().getFactorSolverType() for model in (first, second)]
+    kinds = [model.equilibrium.elastic.factors[1]._factors._ksp.getPC().getFactorSolverType() for model in (first, second)]
     assert kinds == ["mumps", "petsc"]
     for ours, theirs in zip(pushed(first, 0.05, 5).answers, pushed(second, 0.05, 5).answers, strict=True):
         # round-off, where the tangents are nearly singular

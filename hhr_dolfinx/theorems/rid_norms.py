@@ -79,7 +79,7 @@ class Domain:
 
         def factor(mask: np.ndarray) -> FreeCholesky:
             rows = slice(0, problem.free.size)
-            return FreeCholesky(problem.stiffness, mask, rows, name, ordering, PETSc.COMM_SELF)
+            return FreeCholesky(problem.stiffness, mask, rows, name, ordering, PETSc.COMM_SELF.tompi4py())
 
         return cls(problem.stiffness, problem.free, sets, problem.contact[sets.A_lambda], factor)
 
