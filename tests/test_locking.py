@@ -275,7 +275,8 @@ def test_a_history_in_space_without_mumps(monkeypatch):
     first = hhr.FullOrderModel(scene)
     monkeypatch.setattr("hhr_dolfinx.full_order.full.ordering_of", lambda block_size, plane: plane)
     second = hhr.FullOrderModel(scene)
-    kinds = [model.equilibrium.elastic.factors[1]._factors._ksp.getPC().getFactorSolverType() for model in (first, second)]
+    made = [model.equilibrium.elastic.factors[1]._factors for model in (first, second)]
+    kinds = [factors._ksp.getPC().getFactorSolverType() for factors in made]
     assert kinds == ["mumps", "petsc"]
     for ours, theirs in zip(pushed(first, 0.05, 5).answers, pushed(second, 0.05, 5).answers, strict=True):
         # round-off, where the tangents are nearly singular
