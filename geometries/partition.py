@@ -28,8 +28,13 @@ def shares(points: np.ndarray, cells: np.ndarray, count: int) -> np.ndarray:
     _, touching = connected_components(corners.T @ corners, directed=False)
     body_of = touching[cells[:, 0]]
     order = np.argsort(body_of, kind="stable")
+    held = np.zeros(count, dtype=np.int64)
     for body in np.split(order, np.flatnonzero(np.diff(body_of[order])) + 1):
-        _cut(body, middles, cells, count, found)
+        if body.size < count:  # too few to cut: all of it where there is least so far
+            found[body] = np.argmin(held)
+        else:
+            _cut(body, middles, cells, count, found)
+        held += np.bincount(found[body], minlength=count)
     return found
 
 

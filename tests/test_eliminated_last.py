@@ -92,6 +92,28 @@ def test_loads_that_reach_none_of_them_move_what_they_push():
         assert np.abs(left).max() < 1e-12
 
 
+@pytest.mark.parametrize("last", [[], [0], "all"])
+def test_nothing_is_last_or_all_is(last):
+    """Then K^-1 takes solutions."""
+    matrix, free = stiffness()
+    made = factors(matrix, free, np.arange(len(free)) if last == "all" else np.array(last, dtype=np.int64))
+    assert made.last is None and made.between_last(rows_at(np.arange(200, 210), len(free))) is None
+    assert np.abs(matrix @ made.solve(free * 1.0) - free)[free].max() < 1e-12
+
+
+@pytest.mark.parametrize("last", [None, np.arange(40, 90)])
+def test_factors_that_refused_a_matrix_take_another_one(last):
+    matrix, free = stiffness()
+    made = factors(matrix, free, last)
+    with pytest.raises(NotSolvableError):
+        made.refactor(csr_matrix((0.0 * matrix.data, matrix.indices, matrix.indptr), shape=matrix.shape))
+    with pytest.raises(NotSolvableError, match="refactor"):
+        made.solve(free * 1.0)
+    again = csr_matrix(2.0 * matrix)
+    made.refactor(again)
+    assert np.abs(again @ made.solve(free * 1.0) - free)[free].max() < 1e-12
+
+
 def test_a_matrix_that_is_singular_between_them_is_refused():
     """Its singular direction is left to the Schur complement, of which the factorisation before says nothing."""
     matrix, free = stiffness()

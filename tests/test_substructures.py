@@ -49,6 +49,16 @@ def test_each_body_is_shared_out_alike_by_flat_cuts(count):
         assert np.intersect1d(*sides).size == 7 * 5
 
 
+@pytest.mark.parametrize("count", [2, 3, 5])
+def test_bodies_of_fewer_cells_than_ranks_go_round(count):
+    """All of a body where there is least: no rank is without cells as long as there are bodies enough."""
+    one, cells = grid(1, 1, 1)
+    bodies = [(one + 5.0 * number, cells + 8 * number) for number in range(12)]
+    found = shares(np.concatenate([body[0] for body in bodies]), np.concatenate([body[1] for body in bodies]), count)
+    sizes = np.bincount(found, minlength=count)
+    assert sizes.max() - sizes.min() <= 1
+
+
 def test_work_of_ranks_differs_by_no_more_than_a_part():
     sizes = [500, 400, 390, 380, 100, 90]
     owners = np.array(_owners(sizes, 3))

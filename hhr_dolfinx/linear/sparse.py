@@ -115,6 +115,8 @@ class FreeCholesky:
         self._pattern: Pattern | None = None
         self.low_rank = low_rank
         self.last = None if last is None or last.size > MOST_LAST else last[free[last]]
+        if self.last is not None and self.last.size in (0, self._columns.size):  # nothing is last, or all is
+            self.last = None
         self.lock = RLock()
         self._released = False
         self._factors: Factors | Substructures = self._made(stiffness)
@@ -150,6 +152,7 @@ class FreeCholesky:
         if self.last is None or not np.isin(reached, self.last).all():
             return None
         with self.lock:
+            self._check_there()
             return self._factors.between_last(csr_matrix(whole[:, self.last]))
 
     def _pattern_of(self, stiffness: csr_matrix) -> Pattern:
@@ -183,12 +186,21 @@ class FreeCholesky:
                 self._factored = None
                 self._factors.replace(stiffness.data, partial(self._known_pattern, stiffness))
             if not self._factors.factor():
+                self.release()  # what refused once may refuse what is fine too
                 raise NotSolvableError(
                     f"the stiffness of the full model of scene '{self._scene}' is singular at this parameter or state: "
                     "where it flows, freely beyond its limit load, or the slope of a law is wrong. Take smaller steps, "
                     "or compare the slope with differences of the flow"
                 )
             self._factored = stiffness
+
+    def _check_there(self) -> None:
+        """Raise NotSolvableError where there are no factors."""
+        if self._released:
+            raise NotSolvableError(
+                f"the factors of scene '{self._scene}' were let go, or refused a stiffness: refactor() one, as "
+                "solve() of a full model does"
+            )
 
     def release(self) -> None:
         """Give the memory back until the next :meth:`refactor`; nothing is solved before. Collective."""
@@ -205,6 +217,7 @@ class FreeCholesky:
             return self.solve_columns(csc_matrix(rhs[:, None]))[:, 0]
         solution = np.zeros(self._own)
         with self.lock:
+            self._check_there()
             solution[self._free] = self._factors.solve(rhs[self._free])
         return solution
 
@@ -271,6 +284,7 @@ class FreeCholesky:
                 yield part, np.zeros((wanted.size, width), order="F")
                 continue
             with self.lock:
+                self._check_there()
                 self._factors.solve_block(some, solutions[:, :width])
                 if refining:
                     self._refine(some, solutions[:, :width])
