@@ -4,7 +4,8 @@ Push, squeeze and both Young's moduli vary; contact is condensed exactly, S made
 where they have no room (a gigabyte). Each size is a process of its own, for its peak of memory. ``gap_left`` is how far
 contact is from closed under the forces of an answer, by one more solution of the full order, over the largest push:
 it sees what compressed factors leave out of S, which the bound has to be larger than. Several ranks share one problem;
-``peak_gb`` is that of the largest of them, and of all sizes so far.
+``schur_s`` and ``schur_gb`` are from nothing to S, and ``peak_gb`` is that of the largest of them, and of all sizes so
+far.
 
     [mpirun -n 2] python benchmarks/scale.py [--out DIR] [--quick] [--from N] [--up-to N] [--ratios]
 """
@@ -38,8 +39,8 @@ RATIO = (0.25, 0.35)
 """Of Poisson, of both bodies, where they vary too: S is then interpolated in place of summed."""
 QUERIES = 20
 COLUMNS = (
-    "N", "N_lambda", "ranks", "built_s", "factor_s", "compliance_s", "train_s", "peak_gb", "query_s", "bound_s",
-    "fields_s", "full_s",
+    "N", "N_lambda", "ranks", "built_s", "schur_s", "schur_gb", "factor_s", "compliance_s", "train_s", "peak_gb",
+    "query_s", "bound_s", "fields_s", "full_s",
 )  # fmt: skip
 
 
@@ -65,8 +66,11 @@ def measured(cells: tuple[int, int, int, int], ratios: bool, comm: MPI.Comm = MP
     _watch(FreeCholesky, "__init__", "factor_s", spent)
     _watch(Solver, "__call__", "compliance_s", spent)
     start = time.perf_counter()
-    full = hhr.FullOrderModel(scene(cells[:2], cells[2:], ratios=ratios), comm).gathered()
+    own = hhr.FullOrderModel(scene(cells[:2], cells[2:], ratios=ratios), comm)
     built = time.perf_counter() - start
+    assert np.isfinite(own.schur).all()
+    schur = {"schur_s": time.perf_counter() - start, "schur_gb": _peak(comm)}
+    full = own.gathered()
     model = hhr.condense(full, fields=True)
     made = time.perf_counter() - start
     points = full.parameters.random(QUERIES, 0)
@@ -74,9 +78,8 @@ def measured(cells: tuple[int, int, int, int], ratios: bool, comm: MPI.Comm = MP
     estimates, bounds = timed(lambda: [answer.estimate() for answer in answers])
     fields, completed = timed(lambda: [answer.displacement() for answer in answers[:3]])
     known, whole = timed(lambda: [full.solve(point) for point in points[:3]])
-    peak = comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, MPI.MAX) * 1024 / 1e9
     sizes = {"N": len(full.problem.free), "N_lambda": full.conditions, "ranks": comm.size}
-    times = {"built_s": built, "train_s": made, "peak_gb": peak}
+    times = {"built_s": built, "train_s": made, "peak_gb": _peak(comm)} | schur
     times |= {"query_s": forces / QUERIES, "bound_s": bounds / QUERIES}
     times |= {"fields_s": completed / 3, "full_s": whole / 3}
     errors = {
@@ -86,6 +89,11 @@ def measured(cells: tuple[int, int, int, int], ratios: bool, comm: MPI.Comm = MP
         "error_of_fields": max(_off(field, exact.displacement()) for field, exact in zip(fields, known, strict=True)),
     }
     return sizes | {"columns_kept": full.keeps_columns} | spent | times | errors
+
+
+def _peak(comm: MPI.Comm) -> float:
+    """Memory that the largest rank has taken so far, in GB."""
+    return comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, MPI.MAX) * 1024 / 1e9
 
 
 def gap_left(full: hhr.FullOrderModel, answer: Any) -> float:
