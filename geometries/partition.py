@@ -39,8 +39,8 @@ def shares(points: np.ndarray, cells: np.ndarray, count: int) -> np.ndarray:
 
 
 def _cut(body: np.ndarray, middles: np.ndarray, cells: np.ndarray, count: int, found: np.ndarray) -> None:
-    """Number the parts of some cells, in place: halves, and halves of these."""
-    if count == 1 or not body.size:
+    """Number the parts of some cells, at least as many, in place: halves, and halves of these."""
+    if count == 1:
         return
     first = count // 2
     size = body.size * first // count

@@ -234,12 +234,8 @@ class _Inside:
     def solved(self, columns: csc_matrix | np.ndarray) -> np.ndarray:
         """K^-1 of the rows inside times columns, (k, c), and no motion of the border behind it: (k + r, c)."""
         found = np.empty((self.rows.size + self.reach.size, columns.shape[1]), order="F")
-        if isinstance(columns, np.ndarray):
-            given = np.zeros_like(found)
-            given[: self.rows.size] = columns
-        else:
-            given = csc_matrix(columns)
-            given.resize(found.shape)
+        given = np.zeros_like(found)
+        given[: self.rows.size] = columns if isinstance(columns, np.ndarray) else columns.toarray()
         self.factors.solve_block(given, found)
         found[self.rows.size :] = 0.0
         return found
