@@ -13,7 +13,7 @@ from bare import WAIT
 
 TESTS = Path(__file__).parent
 PROGRAM = """
-import dataclasses, json, sys
+import dataclasses, json, sys, weakref
 sys.path[:0] = [{tests!r}, {demos!r}, {demos!r}[:-5] + "benchmarks"]
 import numpy as np
 import contact_patch_test as patch
@@ -24,11 +24,12 @@ import scale
 import sphere_on_block
 from mpi4py import MPI
 from scenes import pressed_block
+from scipy.sparse import csc_matrix
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.compare import compare_points
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.full_order import full as limits
-from hhr_dolfinx.linear import sparse
+from hhr_dolfinx.linear import factors, sparse
 out = {{}}
 full_order = hhr.FullOrderModel(demo.scene())
 for mu in (0.15, 0.3123, 0.45):
@@ -89,6 +90,18 @@ out["condensed norm"] = float(np.linalg.norm(condensed.displacement()))
 larger = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(20, 10), block_cells=(15, 7)))
 out["larger S"] = larger.schur[::20].ravel().tolist()
 out["larger norm"] = float(np.linalg.norm(larger.solve([0.2, 50.0]).displacement()))
+# what blocks of solutions were written into, once they are let go
+places = np.arange(5, dtype=np.int32)
+diagonal = factors.Pattern(places, 4 * comm.rank + places[:4], places[:4])
+twice = factors.Factors(diagonal, np.full(4, 2.0), "", "mumps", comm)
+twice.factor()
+blocks = [np.zeros((4, 3), order="F") for _ in range(2)]
+twice.solve_block(csc_matrix(np.ones((4, 3))), blocks[0])
+twice.multiply(blocks[0], blocks[1])
+solved = [float(block.mean()) for block in blocks]
+kept_blocks = [weakref.ref(block) for block in blocks]
+del blocks
+out["left over"] = comm.allgather((solved, [block() is not None for block in kept_blocks]))
 # S of a model that has all rows, and a stiffness that varies
 out["S"] = np.ravel(pressed.gathered().schur).tolist()
 shifting = scale.scene((5, 3), (4, 2), ratios=True)
@@ -195,6 +208,7 @@ def run_program(ranks, arguments, cwd=None, limit=WAIT):
 
 ELSEWHERE = {
     "side by side",
+    "left over",
     "share of stiffness",
     "share of mass",
     "rows",
@@ -259,6 +273,12 @@ def test_what_needs_all_rows_says_so_on_every_rank(found, ranks):
         assert all(text.startswith("SceneError") and "problem.gathered(comm)" in text for text in said[name]), name
     assert all("give the communicator of its model" in text for text in said["wrong ranks"])
     assert all(texts == ["nothing"] for texts in found[1]["said"].values())
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_what_ranks_share_is_given_back(found, ranks):
+    """PETSc keeps what several ranks have until all let go of it by name, and with it the array it writes into."""
+    assert found[ranks]["left over"] == [[[0.5, 1.0], [False, False]]] * ranks
 
 
 @pytest.mark.parametrize("ranks", [1, 2, 3])

@@ -117,8 +117,12 @@ class DiscreteSpace(ABC):
         return fem.form(elasticity.mass(self._trial, self._test, self.scene.hypothesis, self._dx))
 
     def own_rows(self, matrix: PETSc.Mat) -> csr_matrix:
-        """Rows of a matrix that this rank owns, (own dofs, N)."""
+        """Rows of a matrix that this rank owns, (own dofs, N); the matrix is given back. Collective.
+
+        What ranks share PETSc keeps until all of them let go of it by name.
+        """
         indptr, indices, data = matrix.getValuesCSR()
+        matrix.destroy()
         return csr_matrix((data, indices, indptr), shape=(self.rows.stop - self.rows.start, self.size))
 
     def cell_bodies(self) -> np.ndarray:
@@ -235,4 +239,6 @@ class DiscreteSpace(ABC):
     def _assemble_vector(self, form):
         vector = fem_petsc.assemble_vector(fem.form(form))
         vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-        return np.concatenate(self.comm.allgather(vector.array))
+        whole = np.concatenate(self.comm.allgather(vector.array))
+        vector.destroy()
+        return whole

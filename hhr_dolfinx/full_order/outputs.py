@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.fem import petsc as fem_petsc
 from scipy.sparse import csc_matrix, csr_matrix, hstack
 
 from hhr_dolfinx import compat
@@ -386,7 +385,7 @@ def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> 
         factor = grading_of(discretisation, body) + 0 * ufl.SpatialCoordinate(mesh)[0]
         grading = fem.Expression(factor, middle).eval(mesh, cells).reshape(len(cells))
     weight = elasticity.volume_weight(mesh, hypothesis) * ufl.TestFunction(constants) * ufl.dx(mesh)
-    volumes = fem_petsc.assemble_vector(fem.form(weight)).array_r[constants.dofmap.list[cells].ravel()]
+    volumes = fem.assemble_vector(fem.form(weight)).array[constants.dofmap.list[cells].ravel()]
     nodes = space.dofmap.index_map.local_to_global(blocks.ravel().astype(np.int32)).reshape(blocks.shape)
     dofs = (dim * nodes[:, :, None] + np.arange(dim)).reshape(len(cells), dim * blocks.shape[1])
     return strain, dofs, grading, volumes

@@ -18,8 +18,8 @@ from scipy.sparse.csgraph import connected_components, maximum_bipartite_matchin
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
-SENT = 8_000_000
-"""Numbers that ranks send each other at once, 64 MB."""
+SENT = 2_000_000
+"""Numbers that ranks send each other at once, and that are multiplied at once, 16 MB."""
 
 
 @dataclass(frozen=True)
@@ -262,3 +262,19 @@ class DenseFactors:
         for row in range(len(found)):  # in place, since it may be large
             found[row, row + 1 :] = found[row + 1 :, row]
         return found
+
+
+def add_between(rows: csr_matrix, inverse: np.ndarray, found: np.ndarray) -> None:
+    """Add rows K^-1 rows^T to an array, some rows after another, since products of all would take as much as it does.
+
+    Args:
+        rows: (m, n).
+        inverse: K^-1, symmetric, (n, n).
+        found: (m, m).
+    """
+    used = np.flatnonzero(np.diff(rows.indptr))
+    own = csr_matrix(rows[used])
+    height = max(SENT // max(inverse.shape[0], 1), 1)
+    for first in range(0, used.size, height):
+        block = slice(first, first + height)
+        found[np.ix_(used[block], used)] += (own @ (own[block] @ inverse).T).T

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from contextlib import AbstractContextManager
+from collections.abc import Callable, Iterator
+from contextlib import AbstractContextManager, contextmanager
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -11,6 +11,7 @@ from petsc4py import PETSc
 from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.linear import schur
+from hhr_dolfinx.linear.border import add_between
 from hhr_dolfinx.linear.dense import factorised
 
 if TYPE_CHECKING:
@@ -129,9 +130,11 @@ class Factors:
         assert self._inverted
         used = np.unique(rows.indices)
         own = csr_matrix(rows[:, used])
+        found = np.zeros((rows.shape[0], rows.shape[0]))
         with self._left() as inverse:
             every = used.size == len(inverse)  # no copy then, which may be large
-            return own @ (own @ (inverse if every else inverse[np.ix_(used, used)])).T
+            add_between(own, inverse if every else inverse[np.ix_(used, used)], found)
+        return found
 
     def left(self) -> AbstractContextManager[np.ndarray]:
         """What is left of the matrix between the last rows, (n, n), where it is not inverted: its upper triangle."""
@@ -156,16 +159,19 @@ class Factors:
 
     def solve_block(self, columns: csc_matrix | np.ndarray, solutions: np.ndarray) -> None:
         """Write solutions for some columns, (own, k), sparse or dense, into an array by columns. Collective."""
-        block = self._dense(solutions)
-        if not isinstance(columns, np.ndarray) and self._takes_sparse:
-            self._ksp.getPC().getFactorMatrix().matSolve(self._sparse(columns), block)
-        else:
-            given = columns if isinstance(columns, np.ndarray) else columns.toarray(order="F")
-            self._ksp.matSolve(self._dense(given), block)
+        with self._dense(solutions) as found:
+            if not isinstance(columns, np.ndarray) and self._takes_sparse:
+                with self._sparse(columns) as given:
+                    self._ksp.getPC().getFactorMatrix().matSolve(given, found)
+            else:
+                whole = columns if isinstance(columns, np.ndarray) else columns.toarray(order="F")
+                with self._dense(whole) as given:
+                    self._ksp.matSolve(given, found)
 
     def multiply(self, block: np.ndarray, image: np.ndarray) -> None:
         """Write the matrix times some columns, (own, k), into an array; both lie by columns. Collective."""
-        self._matrix.matMult(self._dense(block), self._dense(image))
+        with self._dense(block) as given, self._dense(image) as found:
+            self._matrix.matMult(given, found)
 
     @property
     def _takes_sparse(self) -> bool:
@@ -180,7 +186,8 @@ class Factors:
         by_mumps = self._ksp.getPC().getFactorSolverType() == "mumps"
         return by_mumps and self._ksp.getType() == PETSc.KSP.Type.PREONLY
 
-    def _sparse(self, columns: csc_matrix) -> PETSc.Mat:
+    @contextmanager
+    def _sparse(self, columns: csc_matrix) -> Iterator[PETSc.Mat]:
         """Sparse right-hand sides as MUMPS takes them: a transpose that is not carried out, all of it on rank 0."""
         comm = self._matrix.comm.tompi4py()
         size = self._matrix.getSize()[0]
@@ -195,14 +202,20 @@ class Factors:
                 columns = csc_matrix((data, (rows, places)), shape=(size, count))
         sizes = ((columns.shape[1], count), (size if comm.rank == 0 else 0, size))
         entries = columns.indptr, columns.indices, columns.data
-        return PETSc.Mat().createTranspose(PETSc.Mat().createAIJ(sizes, csr=entries, comm=self._matrix.comm))
+        rows = PETSc.Mat().createAIJ(sizes, csr=entries, comm=self._matrix.comm)
+        transposed = PETSc.Mat().createTranspose(rows)
+        yield transposed
+        transposed.destroy()
+        rows.destroy()
 
-    def _dense(self, array: np.ndarray) -> PETSc.Mat:
+    @contextmanager
+    def _dense(self, array: np.ndarray) -> Iterator[PETSc.Mat]:
         """Own rows of some columns, (own, k), by columns in memory, which PETSc takes as they lie there."""
         sizes = (self._matrix.getSizes()[0], (PETSc.DECIDE, array.shape[1]))
         matrix = PETSc.Mat().createDense(sizes, array=array, comm=self._matrix.comm)
         matrix.assemble()
-        return matrix
+        yield matrix
+        matrix.destroy()
 
 
 def _matrix(pattern: Pattern, values: np.ndarray, half: bool, comm: Comm) -> PETSc.Mat:

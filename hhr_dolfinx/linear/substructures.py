@@ -15,7 +15,7 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csc_matrix, csr_matrix, triu
 
-from hhr_dolfinx.linear.border import Border, DenseFactors, Part, border_of, gathered
+from hhr_dolfinx.linear.border import Border, DenseFactors, Part, add_between, border_of, gathered
 from hhr_dolfinx.linear.factors import Factors, Pattern
 
 if TYPE_CHECKING:
@@ -116,10 +116,8 @@ class Substructures:
         for part, factors in self._dense.items():
             asked = self._border.asked
             own = csr_matrix(rows[:, (asked >= part.rows.start) & (asked < part.rows.stop)])
-            used = np.flatnonzero(np.diff(own.indptr))
-            if used.size:
-                own = csr_matrix(own[used])
-                found[np.ix_(used, used)] += own @ (own @ factors.inverse()).T
+            if own.nnz:
+                add_between(own, factors.inverse(), found)
         self._comm.Allreduce(MPI.IN_PLACE, found)
         return found
 
