@@ -115,6 +115,8 @@ class Factors:
         if self.low_rank is not None:
             pc.getFactorMatrix().setMumpsIcntl(35, 2)
             pc.getFactorMatrix().setMumpsCntl(7, self.low_rank)
+            if not self._inverted:  # others are made beside it: what MUMPS worked in is given back, as a smaller copy
+                pc.getFactorMatrix().setMumpsIcntl(49, 1)
         if self.last is not None and not schur.eliminate_last(pc.getFactorMatrix(), self.last):
             self.last = None
 
