@@ -19,7 +19,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy import linalg
-from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix, hstack
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.contact.problem import ContactProblem
@@ -280,11 +280,11 @@ def rigid_lifts(
     if scene.shapes or any(body.law is not None for body in scene.bodies):
         return lifts
     part = hanging_together(len(points), cell_nodes)
-    found = lifts.tolil()
+    found = [lifts[:, [term]] for term in range(lifts.shape[1])]
     imposed = ~free.reshape(points.shape)
-    dim = points.shape[1]
     for term in np.flatnonzero(np.diff(lifts.indptr)):
-        values = lifts[:, [term]].toarray().reshape(points.shape)
+        values = found[term].toarray().reshape(points.shape)
+        moving = values.copy()
         for number in np.unique(part[np.any(values, axis=1)]):
             nodes = np.flatnonzero(part == number)
             motions = rigid_motions(points[nodes], scene.hypothesis)
@@ -295,6 +295,6 @@ def rigid_lifts(
             if np.abs(moved - wanted)[held].max() > ALIKE * np.abs(wanted).max():
                 continue
             moved[held] = wanted[held]
-            dofs = (nodes[:, None] * dim + np.arange(dim)).ravel()
-            found[dofs, term] = np.where(np.abs(moved) > ALIKE * np.abs(moved).max(), moved, 0.0).reshape(-1, 1)
-    return csc_matrix(found)
+            moving[nodes] = np.where(np.abs(moved) > ALIKE * np.abs(moved).max(), moved, 0.0)
+        found[term] = csc_matrix(moving.reshape(-1, 1))
+    return csc_matrix(hstack(found))

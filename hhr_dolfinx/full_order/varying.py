@@ -6,6 +6,8 @@ and one for its change of shape, or a single one where only its modulus varies.
 
 from __future__ import annotations
 
+from functools import reduce
+from operator import add
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -56,13 +58,12 @@ class CommonPattern:
     """
 
     def __init__(self, matrices: list[csr_matrix]):
-        self._shape = rows, columns = matrices[0].shape
-        keys = [np.repeat(np.arange(rows), np.diff(item.indptr)) * columns + item.indices for item in matrices]
-        every = np.sort(np.concatenate(keys))
-        every = every[np.append(True, np.diff(every) > 0)]
-        self._indptr = np.searchsorted(every, np.arange(rows + 1) * columns).astype(np.int32)
-        self._indices = (every % columns).astype(np.int32)
-        self._places = [np.searchsorted(every, own).astype(np.int32) for own in keys]
+        # entries by true and false, whose sums and products keep their order: those of large matrices are slow to sort
+        own = [csr_matrix((np.ones(item.nnz, bool), item.indices, item.indptr), shape=item.shape) for item in matrices]
+        whole = reduce(add, own).astype(np.int32)
+        whole.data = np.arange(1, whole.nnz + 1, dtype=np.int32)  # their places: none is zero
+        self._shape, self._indptr, self._indices = whole.shape, whole.indptr, whole.indices
+        self._places = [whole.multiply(item).data - 1 for item in own]
 
     def filled(self, matrices: list[csr_matrix]) -> tuple[csr_matrix, ...]:
         """The matrices in the common pattern."""
