@@ -30,14 +30,16 @@ a million dofs and 7,786 of them a condensed model took 14 minutes in the place 
 LOW_RANK = ((150_000, 1e-10), (600_000, 1e-8))
 ANEW = 60_000
 REFINED = 5
-PRECISE = 1e-13
+PRECISE = 1e-12
+HALF = 0.5
 STALLED = 1e-9
 """Dofs in space from which on MUMPS compresses blocks of its factors, and up to what part of them; from which on it
 compresses those that are made for every parameter; steps of iterative refinement of a solution down to which residual,
-and above which one it is none: round-off of stiff bodies beside soft ones is far below. Measured once on hexahedra:
-with 42,618 dofs forces differed by 8e-10 from those of whole factors, and by 3e-7 with blocks of 1e-8; with 1,004,496
-dofs blocks of 1e-10 took 19 GB. With 92,514 and 198,681 dofs factors took 10.8 and 58 s, compressed ones 8.1 and 26; a
-solution .3 and .8 s, a refined one .5 and 2.5: whoever asks for many factors gains by them early."""
+or until one leaves more than half of what there was, which round-off does from 2e-13 on with 285,186 dofs; and above
+which residual it is none: round-off of stiff bodies beside soft ones is far below. Measured once on hexahedra: with
+42,618 dofs forces differed by 8e-10 from those of whole factors, and by 3e-7 with blocks of 1e-8; with 1,004,496 dofs
+blocks of 1e-10 took 19 GB. With 92,514 and 198,681 dofs factors took 10.8 and 58 s, compressed ones 8.1 and 26; a
+solution .3 and .8 s: whoever asks for many factors gains by them early."""
 
 
 def ordering_of(block_size: int, plane: str) -> str:
@@ -229,15 +231,17 @@ class FreeCholesky:
         """
         sizes = _norms(columns.multiply(columns).sum(axis=0), self._comm)
         image, change = (np.empty(solutions.shape, order="F") for _ in range(2))
+        before = np.inf
         for steps in range(REFINED + 1):
             self._factors.multiply(solutions, image)
             left = np.asfortranarray(columns - image)
             lengths = _norms((left * left).sum(axis=0), self._comm)
-            if (lengths <= PRECISE * sizes).all():
-                return
-            if steps < REFINED:
-                self._factors.solve_block(left, change)
-                solutions += change
+            gains = (lengths > PRECISE * sizes) & (lengths < HALF * before)
+            if steps == REFINED or not gains.any():
+                break
+            before = lengths
+            self._factors.solve_block(left, change)
+            solutions += change
         if not (lengths <= STALLED * sizes).all():
             raise NotSolvableError(
                 f"solutions by compressed factors of scene '{self._scene}' stay {(lengths / sizes).max():.1e} off: "
