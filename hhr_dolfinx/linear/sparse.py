@@ -231,7 +231,7 @@ class FreeCholesky:
         """
         sizes = _norms(columns.multiply(columns).sum(axis=0), self._comm)
         image, change = (np.empty(solutions.shape, order="F") for _ in range(2))
-        before = np.inf
+        before = np.full(sizes.shape, np.inf)
         for steps in range(REFINED + 1):
             self._factors.multiply(solutions, image)
             left = np.asfortranarray(columns - image)
