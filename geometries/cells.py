@@ -125,6 +125,13 @@ def faces(kind: str, cells: np.ndarray) -> np.ndarray:
 
 def outer_faces(kind: str, cells: np.ndarray) -> np.ndarray:
     """Corners of the faces that belong to one cell only, (f, k)."""
-    every = faces(kind, cells).reshape(-1, len(FACES[kind][0]))
-    _, first, count = np.unique(np.sort(every, axis=1), axis=0, return_index=True, return_counts=True)
-    return every[first[count == 1]]
+    return outer_faces_of_cells(kind, cells)[0]
+
+
+def outer_faces_of_cells(kind: str, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """The same, and the cell of each, (f,)."""
+    every = faces(kind, cells)
+    flat = every.reshape(-1, every.shape[-1])
+    _, first, count = np.unique(np.sort(flat, axis=1), axis=0, return_index=True, return_counts=True)
+    outer = first[count == 1]
+    return flat[outer], outer // len(FACES[kind])

@@ -13,13 +13,16 @@ import numpy as np
 import pellet_cladding
 import press_fit
 import pytest
+import sphere_on_block
 from bare import WAIT
 from mpi4py import MPI
+from scipy.sparse import csr_matrix
 from test_friction import round_block, rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileContentError, NotOfferedError
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
+from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.pages import page
 from hhr_dolfinx.pages.scenery import thinned
 
@@ -36,7 +39,7 @@ const model = new hhr.Model(data.tree, hhr.decoded(data.arrays));
 const found = points.map((point) => {
   const answer = model.solve(point, starts ? undefined : null), field = model.displacement(answer);
   return { forces: [...answer.forces], outputs: model.outputs(answer), slopes: model.slopes(answer),
-    converged: answer.converged, field: field && [...field] };
+    converged: answer.converged, field: field && [...field], stress: model.tree.stress && [...model.stress(answer)] };
 });
 console.log(JSON.stringify(found));
 """
@@ -61,7 +64,19 @@ def made(scene, **how):
 @cache
 def known(name):
     """The same of one of the scenes below, with displacements."""
-    return made(SCENES[name](), fields=True)
+    return made((SCENES | STRESSED)[name](), fields=True)
+
+
+def stress_drawn(full, model, scenery, point):
+    """Von Mises' stress of the cells that a scenery draws, of the model, by the forms of the mesh."""
+    cells = scenery.strains.cells
+    order = np.unique(cells, return_index=True)[1]
+    discretisation = full.discretisation
+    corners = discretisation._cell_nodes()
+    # cells are known by the middle of their corners' numbers: triangles are of two or three of them
+    nodes = scenery.nodes[scenery.triangles[order]]
+    owner = [np.flatnonzero(np.isin(corners, own).sum(axis=1) == 3)[0] for own in nodes]
+    return von_mises(model.solve(point).stress()[owner])
 
 
 def outputs_of_pellet():
@@ -82,6 +97,10 @@ SCENES = {
     "formula": lambda: contract.blocks(("E1 * (1 + exp(-2 * E1) / 3) ** 2 - min(0.1, -E1)", 0.3), box=contract.MODULI),
     "shape": lambda: contract.blocks(box=contract.SHAPE, shapes=(contract.CROWNED,)),
     "space": lambda: press_fit.scene(around=4, hub_cells=(2, 4), shaft_cells=(2, 4)),
+}
+STRESSED = {
+    "sphere": lambda: sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3)),
+    "plane stress": lambda: dataclasses.replace(SCENES["moduli"](), hypothesis="plane_stress"),
 }
 
 
@@ -112,6 +131,40 @@ def test_a_page_has_the_digits_of_python(name):
     unread = {"partial pressure": ["stress"], "shape": ["peak", "force"]}
     unread["space"] = ["torque of a quarter", "largest stress", "lost contact"]
     assert missing == unread.get(name, [])
+
+
+@in_node
+@pytest.mark.parametrize("name", ["partial pressure", "moduli", *STRESSED])
+def test_a_page_draws_the_stress_of_cells(name):
+    """As far off as it says of points that its modes are not made of, and the largest value much less."""
+    full, model, scenery = known(name)
+    text = page.page_text(model, scenery)
+    told = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]["stress"]["off"]
+    assert told["largest"] < 0.05 and told["largest"] <= told["cells"]
+    points = model.parameters.random(12, 4)
+    for point, found in zip(points, answered(text, points), strict=True):
+        exact = stress_drawn(full, model, scenery, point)
+        assert np.linalg.norm(found["stress"] - exact) < 0.03 * np.linalg.norm(exact)
+        assert np.abs(found["stress"] - exact).max() <= 1.5 * told["cells"] * exact.max()
+
+
+def heated(hypothesis):
+    warm = hhr.ThermalExpansion(FIRST, 1e-3, hhr.Amplitude(constant=2.0))
+    return dataclasses.replace(contract.blocks(), hypothesis=hypothesis, loads=(*contract.blocks().loads, warm))
+
+
+@pytest.mark.parametrize(
+    ("scene", "there"),
+    [
+        (lambda: heated("plane_strain"), True),
+        (lambda: heated("plane_stress"), False),
+        (SCENES["shape"], False),
+    ],
+    ids=["heat", "heat in plane stress", "shape"],
+)
+def test_stress_is_left_out_where_it_is_not_that_of_the_displacement_alone(scene, there):
+    _, _, scenery = made(scene())
+    assert (scenery.strains is not None) is there
 
 
 @in_node
@@ -206,6 +259,13 @@ def test_a_scenery_is_kept_and_checked(tmp_path):
     for name in ("points", "nodes", "triangles", "lines", "areas"):
         np.testing.assert_array_equal(getattr(again, name), getattr(scenery, name))
     assert again.words == scenery.words
+    assert again.strains.moduli == scenery.strains.moduli
+    assert (again.strains.rows != scenery.strains.rows).nnz == 0
+    for wrong in (scenery.strains.cells + 1000, scenery.strains.cells[1:]):
+        strains = dataclasses.replace(scenery.strains, cells=wrong)
+        dataclasses.replace(scenery, strains=strains).write(tmp_path / "wrong.npz")
+        with pytest.raises(FileContentError, match="strains do not fit"):
+            hhr.Scenery.read(tmp_path / "wrong.npz")
     dataclasses.replace(scenery, triangles=scenery.triangles + 1000).write(tmp_path / "wrong.npz")
     with pytest.raises(FileContentError, match="triangles name nodes that are not there"):
         hhr.Scenery.read(tmp_path / "wrong.npz")
@@ -424,7 +484,10 @@ def test_a_mesh_that_is_finer_than_a_screen_is_thinned():
         "lines": np.vstack([lines, lines + len(points)]),
     }
     _, _, scenery = made(contract.blocks())
-    whole = dataclasses.replace(scenery, **both)
+    cells = np.arange(2 * len(triangles))  # of which each has its number for a strain
+    rows = csr_matrix(np.repeat(cells, 4)[:, None] * 1.0)
+    strains = dataclasses.replace(scenery.strains, cells=cells, bodies=np.zeros(len(cells), int), rows=rows)
+    whole = dataclasses.replace(scenery, **both, strains=strains)
     assert thinned(whole, 10_000) is whole
     found = thinned(whole, 900)
     assert 500 < len(found.points) <= 900
@@ -433,5 +496,9 @@ def test_a_mesh_that_is_finer_than_a_screen_is_thinned():
     assert area(found) == pytest.approx(area(whole), rel=0.03)
     outline = np.isin(found.nodes[found.lines] - 7, [*border, *(border + len(points))])
     assert outline.all() and len(found.lines) > 100
+    # each triangle that is left has the strain of one near it
+    kept = found.strains.rows.toarray()[4 * found.strains.cells, 0].astype(int)
+    middles = [item.points[item.triangles].mean(axis=1) for item in (found, whole)]
+    assert np.abs(middles[0] - middles[1][kept]).max() < 0.1
     bodies = found.nodes[found.triangles] - 7 >= len(points)
     assert (bodies.all(axis=1) | ~bodies.any(axis=1)).all() and bodies.any() and not bodies.all()

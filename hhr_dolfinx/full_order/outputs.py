@@ -25,6 +25,7 @@ from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.shapes import coordinate_names
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.body import Body
     from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
     from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel
@@ -286,7 +287,8 @@ def _mises(
     place = next(k for k, body in enumerate(discretisation.scene.bodies) if body.tag == output.tag)
     if discretisation.scene.bodies[place].stress is not None:
         raise SceneError(f"output '{output.name}': body {output.tag!r} has a stress of its own: ask answer.stress()")
-    strain, dofs, factors, volumes = _gathered(discretisation, _tabulated(discretisation, own.astype(np.int32), place))
+    here = strain_in_middles(discretisation, own.astype(np.int32), place)
+    strain, dofs, factors, volumes = _gathered(discretisation, here)
     count, components, _ = strain.shape
     rows = np.broadcast_to(np.arange(count * components).reshape(count, components, 1), strain.shape)
     columns = np.broadcast_to(dofs[:, None], strain.shape)
@@ -294,8 +296,7 @@ def _mises(
     matrix = count * components, rows[used].astype(np.int64), columns[used].astype(np.int64), strain[used]
     body = discretisation.scene.bodies[place]
     scene = discretisation.scene
-    volume, shape = elasticity.unit_moduli(_text(body.poisson), scene.hypothesis)
-    moduli = f"({_text(body.young)}) * ({volume})", f"({_text(body.young)}) * ({shape})"
+    moduli = moduli_of(body, scene.hypothesis)
     flat = scene.hypothesis == "plane_stress"
     shares = volumes / volumes.sum() if mean else np.zeros(0)
     names = scene.parameters.names
@@ -346,6 +347,13 @@ def moving_cells(discretisation: DiscreteSpace, cells: np.ndarray, *, mean_dilat
     )
 
 
+def moduli_of(body: Body, hypothesis: str) -> tuple[str, str]:
+    """λ' and μ' of a body as formulas of the parameters, see :func:`elasticity.isotropic_parts`."""
+    young = _text(body.young)
+    volume, shape = elasticity.unit_moduli(_text(body.poisson), hypothesis)
+    return f"({young}) * ({volume})", f"({young}) * ({shape})"
+
+
 def _text(value: float | str) -> str:
     """A number or a formula as a formula, without loss."""
     return value if isinstance(value, str) else repr(float(value))
@@ -356,7 +364,7 @@ def _own_cells(discretisation: DiscreteSpace) -> int:
     return discretisation.mesh.topology.index_map(discretisation.mesh.topology.dim).size_local
 
 
-def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> tuple[np.ndarray, ...]:
+def strain_in_middles(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> tuple[np.ndarray, ...]:
     """Strain in the middles of some cells of this rank, its dofs, the factor of the modulus, and the volumes.
 
     (c, components, k), (c, k), (c,), (c,); where the body takes the mean dilatation, so does its strain.

@@ -27,7 +27,7 @@ from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.models.functionals.kinds import LOADED, Largest, Linear, Loaded
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.pages.packing import Packed, half, steps_of
-from hhr_dolfinx.pages.pictures import field_of
+from hhr_dolfinx.pages.pictures import pictures_of
 from hhr_dolfinx.pages.scenery import Scenery
 
 FLAT = 0.3
@@ -65,14 +65,16 @@ def _kind(model: Any) -> str:
     return f"a {type(model).__name__}" + ("" if eliminated is None else f" with {type(eliminated).__name__}")
 
 
-def packed(model: Any, scenery: Scenery) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+def packed(model: Any, scenery: Scenery, room: int) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     """A model that :func:`check_model` has passed as a tree and its arrays, with what a page draws of it.
+
+    What need not be there has no more ``room``, in bytes, than all else leaves.
 
     Raises:
         NotOfferedError: for an amplitude of a user's own.
     """
     arrays = Packed()
-    tree = contact_tree(model, arrays) | field_of(model, scenery, arrays)
+    tree = contact_tree(model, arrays) | pictures_of(model, scenery, arrays, room)
     return tree, arrays.texts()
 
 

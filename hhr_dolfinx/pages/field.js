@@ -58,45 +58,57 @@ class Field {
     return found;
   }
 
-  /* Draws displacements, (n, dim), by their length, a component or values of the nodes; returns what was drawn: least, most, and how many
-     times as large as they are. */
-  show(moved, component, exaggerated, values = null) {
-    const { canvas, count, dim, points, lines, gl } = this, ratio = window.devicePixelRatio || 1, context = gl.context;
+  /* Draws displacements, (n, dim), by their length, a component, or values of the nodes or of the cells of the triangles; returns what was
+     drawn: least, most, and how many times as large as they are. */
+  show(moved, component, exaggerated, { values = null, cells = null } = {}) {
+    const { canvas, count, dim, points, triangles, lines, gl } = this, ratio = window.devicePixelRatio || 1, context = gl.context;
     canvas.width = canvas.clientWidth * ratio; canvas.height = canvas.clientHeight * ratio;
-    const value = new Float32Array(count);
-    let longest = 0, least = Infinity, most = -Infinity;
-    for (let i = 0; i < count; i++) {
-      const own = moved.subarray(i * dim, (i + 1) * dim), length = Math.hypot(...own);
-      value[i] = values ? values[i] : component === "length" ? length : own[Number(component)];
-      longest = Math.max(longest, length); least = Math.min(least, value[i]); most = Math.max(most, value[i]);
-    }
+    const value = values ?? this.along(moved, component), longest = this.longest(moved);
+    const least = value.reduce((a, b) => Math.min(a, b), Infinity), most = value.reduce((a, b) => Math.max(a, b), -Infinity);
     const times = longest > 0 ? (exaggerated * this.most * this.size) / longest : 0;
-    const spots = new Float32Array(count * 3), tints = new Float32Array(count * 3);
-    for (let i = 0; i < count; i++) {
-      for (let c = 0; c < dim; c++) spots[i * 3 + c] = points[i * dim + c] + times * moved[i * dim + c];
-      tints.set(drawing.colour((value[i] - least) / (most - least || 1)).map((v) => v / 255), i * 3);
+    const spots = new Float32Array(count * 3), corners = cells ? triangles.length : count, tints = new Float32Array(corners * 3);
+    for (let i = 0; i < count; i++) for (let c = 0; c < dim; c++) spots[i * 3 + c] = points[i * dim + c] + times * moved[i * dim + c];
+    for (let i = 0; i < corners; i++) {
+      const own = value[cells ? cells[Math.floor(i / 3)] : i];
+      tints.set(drawing.colour((own - least) / (most - least || 1)).map((v) => v / 255), i * 3);
     }
     context.viewport(0, 0, canvas.width, canvas.height);
     context.clearColor(0, 0, 0, 0);
     context.clear(context.COLOR_BUFFER_BIT | context.DEPTH_BUFFER_BIT);
     if (dim === 3) context.enable(context.DEPTH_TEST); // in the plane one body lies over the other
     context.uniformMatrix4fv(context.getUniformLocation(gl.program, "turn"), false, this.turned(canvas.clientWidth, canvas.clientHeight));
-    for (const [name, buffer, values] of [["place", gl.place, spots], ["tint", gl.tint, tints]]) {
-      const where = context.getAttribLocation(gl.program, name);
-      context.bindBuffer(context.ARRAY_BUFFER, buffer);
-      context.bufferData(context.ARRAY_BUFFER, values, context.DYNAMIC_DRAW);
-      context.enableVertexAttribArray(where);
-      context.vertexAttribPointer(where, 3, context.FLOAT, false, 0, 0);
+    this.fill("tint", tints);
+    if (cells) { // corners that meet have the colours of their own cells
+      const each = new Float32Array(corners * 3);
+      triangles.forEach((node, i) => each.set(spots.subarray(node * 3, node * 3 + 3), i * 3));
+      this.fill("place", each);
+      context.drawArrays(context.TRIANGLES, 0, corners);
+    } else {
+      this.fill("place", spots);
+      this.draw(context.TRIANGLES, triangles);
     }
-    this.draw(context.TRIANGLES, this.triangles);
     if (lines.length) {
-      tints.fill(0.35);
-      context.bindBuffer(context.ARRAY_BUFFER, gl.tint);
-      context.bufferData(context.ARRAY_BUFFER, tints, context.DYNAMIC_DRAW);
+      this.fill("place", spots);
+      this.fill("tint", new Float32Array(count * 3).fill(0.35));
       context.disable(context.DEPTH_TEST);
       this.draw(context.LINES, lines);
     }
     return { least, most, times };
+  }
+
+  along(moved, component) {
+    return Float32Array.from({ length: this.count }, (_, i) => {
+      const own = moved.subarray(i * this.dim, (i + 1) * this.dim);
+      return component === "length" ? Math.hypot(...own) : own[Number(component)];
+    });
+  }
+
+  fill(name, values) {
+    const { gl } = this, context = gl.context, where = context.getAttribLocation(gl.program, name);
+    context.bindBuffer(context.ARRAY_BUFFER, gl[name]);
+    context.bufferData(context.ARRAY_BUFFER, values, context.DYNAMIC_DRAW);
+    context.enableVertexAttribArray(where);
+    context.vertexAttribPointer(where, 3, context.FLOAT, false, 0, 0);
   }
 
   longest(moved) {

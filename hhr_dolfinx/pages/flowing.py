@@ -153,9 +153,10 @@ def flow_field(model: CondensedFlowModel, scenery: Scenery, rows: np.ndarray, ar
     """The displacement of the dofs that are drawn in modes of some histories, and how plastic strain is drawn."""
     fields = model.fields
     seen = np.array([answer.displacement()[rows] for answer in _walked(model)]).T
-    if not seen.any():
+    ways = modes_of(seen)
+    if ways is None:
         return None
-    ways, tree = modes_of(seen, arrays)
+    tree = packed_levels("field_modes", ways.T, arrays)
     own = {"modes_of_flow": ways.T @ fields.basis[rows], "given": ways.T @ fields.given[rows]}
     parts = fields.parts[rows]
     inside = [(ways * (parts == part)[:, None]).T for part in _parts(fields)]

@@ -5,7 +5,7 @@
    browser and in node. */
 
 const hhr = (() => {
-  const KINDS = { "<f8": Float64Array, "<f4": Float32Array, "<i4": Int32Array, "<i2": Int16Array, "<u2": Uint16Array,
+  const KINDS = { "<f8": Float64Array, "<f4": Float32Array, "<i4": Int32Array, "<i2": Int16Array, "<i1": Int8Array, "<u1": Uint8Array, "<u2": Uint16Array,
     "<u4": Uint32Array };
   const TOLERANCE = 1e-11, ROUND_OFF = 1e-15, MOST = 1000, STEP = 1e-5;
 
@@ -314,8 +314,25 @@ const hhr = (() => {
 
     /* Displacement of the nodes that are drawn, node by node; null where the page has no map to it. */
     displacement(answer) {
-      const field = this.tree.field;
-      if (!field || !answer.converged) return null;
+      return this.tree.field && answer.converged ? this.drawn(this.tree.field, answer) : null;
+    }
+
+    /* Von Mises' stress of the cells that are drawn, likewise. */
+    stress(answer) {
+      const own = this.tree.stress;
+      if (!own || !answer.converged) return null;
+      const strains = this.drawn(own, answer), bodies = this.arrays[own.bodies], n = own.components; // times μ' of the middle
+      const moduli = own.moduli.map((pair, k) => pair.map((steps) => formula(steps, answer.point) / own.middle[k]));
+      return Float32Array.from(bodies, (body, cell) => {
+        const [first, second, ...shears] = strains.subarray(cell * n, (cell + 1) * n), [volume, shape] = moduli[body];
+        const all = own.plane_stress ? volume * (first + second) : 0; // else they are deviators, and the third one is left
+        const [a, b] = [2 * shape * first + all, 2 * shape * second + all], c = own.plane_stress ? 0 : -a - b;
+        const sheared = shears.reduce((sum, value) => sum + (2 * shape * value) ** 2, 0);
+        return Math.sqrt(((a - b) ** 2 + (b - c) ** 2 + (c - a) ** 2) / 2 + 1.5 * sheared);
+      });
+    }
+
+    drawn(field, answer) {
       const modes = this.arrays[field.modes], n = modes.shape[1], found = new Float32Array(n);
       const along = field.kind === "linear" ? this.linear(field, answer) : field.kind === "fitted" ? this.fitted(field, answer)
         : this.flow.along({ ...field, modes: field.modes_of_flow }, answer);

@@ -14,9 +14,13 @@ import numpy as np
 
 from hhr_dolfinx.formulas import FUNCTIONS, Scalar
 
-FIELD = 1e-3
-FIELD_NUMBERS = 500_000
-"""Part of the displacements that modes of the picture leave out: a picture shows no more. Most numbers of the modes."""
+FIELD = 3e-3
+ROOM = 1_330_000
+"""Part of the displacements that modes of the picture leave out: a picture shows no more. Bytes of modes at most."""
+POOR = 0.03
+"""Part of what is drawn that is too much to leave out."""
+BASE64 = 4 / 3
+"""Bytes of text for one of numbers."""
 LEVELS = 32767
 """Numbers of a mode of the picture lie on so many levels to either side."""
 _OPERATIONS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "^"}
@@ -39,6 +43,16 @@ class Packed:
         self.arrays[name] = np.ascontiguousarray(array, dtype=kind)
         self.kinds[name] = kind
         return name
+
+    @property
+    def size(self) -> int:
+        """Bytes that they take as text."""
+        return int(BASE64 * sum(array.nbytes for array in self.arrays.values()))
+
+    def take(self, others: Packed) -> None:
+        """Take arrays of others in."""
+        self.arrays |= others.arrays
+        self.kinds |= others.kinds
 
     def texts(self) -> dict[str, dict[str, Any]]:
         """The same as text, base64."""
@@ -85,17 +99,28 @@ def half(matrix: np.ndarray) -> np.ndarray:
     return ((matrix + matrix.T) / 2)[np.tril_indices(len(matrix))]
 
 
-def modes_of(seen: np.ndarray, arrays: Packed) -> tuple[np.ndarray, dict[str, Any]]:
-    """Modes of displacements, (n, S), and what a page holds of them: whole numbers and scales."""
+def modes_of(seen: np.ndarray, left: float = FIELD, numbers: int = int(ROOM / (2 * BASE64))) -> np.ndarray | None:
+    """Modes of what is drawn, (n, k), of answers, (n, S): so many that no more than a part of these is left out.
+
+    None where nothing moves, or where as many numbers as there may be leave more than :data:`POOR` of it out.
+    """
+    if not seen.any():
+        return None
     ways, sizes, _ = np.linalg.svd(seen, full_matrices=False)
-    left = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1])
-    count = min(int((left > FIELD * left[0]).sum()), FIELD_NUMBERS // len(seen))
-    ways = ways[:, : max(1, count)]
-    return ways, packed_levels("field_modes", ways.T, arrays)
+    rest = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1])
+    count = min(int((rest > left * rest[0]).sum()), numbers // len(seen))
+    poor = count < len(rest) and rest[count] > POOR * rest[0]
+    return None if poor else ways[:, :count]
 
 
-def packed_levels(name: str, modes: np.ndarray, arrays: Packed) -> dict[str, Any]:
-    """Rows, (k, n), as whole numbers and a scale for each: what a picture needs of them, in a quarter of the room."""
+def packed_levels(name: str, modes: np.ndarray, arrays: Packed, levels: int = LEVELS) -> dict[str, Any]:
+    """Rows, (k, n), as whole numbers and a scale for each: what a picture needs of them, in a part of the room."""
     largest = np.abs(modes).max(axis=1, initial=0.0)
-    levels = np.round(modes / np.where(largest > 0, largest, 1.0)[:, None] * LEVELS).astype(np.int16)
-    return {"modes": arrays.put(name, levels, "<i2"), "scales": (largest / LEVELS).tolist()}
+    numbers = np.round(modes / np.where(largest > 0, largest, 1.0)[:, None] * levels)
+    kind = "<i1" if levels < 128 else "<i2"
+    return {"modes": arrays.put(name, numbers, kind), "scales": (largest / levels).tolist()}
+
+
+def kept_levels(tree: dict[str, Any], arrays: Packed) -> np.ndarray:
+    """Rows as a page has them, of what :func:`packed_levels` said, (k, n)."""
+    return arrays.arrays[tree["modes"]] * np.array(tree["scales"])[:, None]

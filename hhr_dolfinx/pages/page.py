@@ -24,6 +24,8 @@ ALIKE = 0.01
 """Relative difference of S up to which a model and a scenery are of one scene: S may be interpolated."""
 DRAWN = 12_000
 """Nodes of the mesh that are drawn at most."""
+SCRIPTS = 150_000
+"""Bytes of a page beside its arrays, at most."""
 PARTS = ("page.css", "model.js", "friction.js", "flow.js", "path.js", "drawing.js", "plots.js", "field.js", "view.js")
 """Files that stand in ``page.html`` where they are named there."""
 LOOKED_AT = 100
@@ -85,9 +87,10 @@ def _size(model: Any) -> str:
 def page_text(model: Any, scenery: Scenery) -> str:
     """The page."""
     scenery = thinned(scenery, DRAWN)
-    tree, arrays = packed(model, scenery)
-    tree["scenery"], of_scenery = drawn(scenery)
-    arrays |= of_scenery
+    of_scenery, placed = drawn(scenery)
+    tree, arrays = packed(model, scenery, MOST_BYTES - SCRIPTS - sum(len(item["data"]) for item in placed.values()))
+    tree["scenery"] = of_scenery
+    arrays |= placed
     tree["error"] = error_of(model)
     tree["made"] = f"{today()}, hhr_dolfinx {__version__}"
     data = json.dumps({"tree": tree, "arrays": arrays}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")

@@ -1,22 +1,36 @@
-"""The displacement that a page draws: few modes of answers over the box, and how parameters and forces make them."""
+"""What a page draws of bodies: few modes of answers over the box, and how parameters and forces make them."""
 
 from __future__ import annotations
 
 import itertools
 import warnings
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.errors import ConvergenceError, FarSlidingWarning
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.displacement import dense
 from hhr_dolfinx.models.eliminations.interpolated import InterpolatedFields
 from hhr_dolfinx.models.exact import ExactFields
-from hhr_dolfinx.pages.packing import FIELD, Packed, modes_of, steps_of
+from hhr_dolfinx.pages.packing import (
+    BASE64,
+    FIELD,
+    LEVELS,
+    ROOM,
+    Packed,
+    kept_levels,
+    modes_of,
+    packed_levels,
+    steps_of,
+)
 from hhr_dolfinx.pages.scenery import Scenery
+from hhr_dolfinx.pages.stress import Stress
 from hhr_dolfinx.sampling import Sobol
 
 SEEN = 200
@@ -28,21 +42,107 @@ DEGREE = 6
 OFF = 0.03
 """Points to which the picture of a varying model is fitted, modes of forces, highest degree, and how far off it may be
 at half of the points by a fit to the other half."""
+STRESS = 3e-3
+COARSE = 127
+FALSE = 0.05
+"""Part of the stress that its modes leave out, levels of their numbers, which a scale of colours does not tell from
+finer ones, and part of itself that the largest stress may be off by."""
+APART = 4
+"""One of so many answers is held out of the modes, and tells how far off they are."""
 
 
-def field_of(model: Any, scenery: Scenery, arrays: Packed) -> dict[str, Any]:
-    """The displacement of the nodes that are drawn, in few modes; none where a model has no map of forces to it."""
-    fields = model.fields
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What is drawn of a displacement: rows times it.
+
+    Attributes:
+        name: of its arrays.
+        rows: sparse, (k, N).
+        left: part of what is seen that modes may leave out.
+        levels: of their numbers to either side of zero.
+        room: bytes that they may take.
+    """
+
+    name: str
+    rows: csr_matrix
+    left: float = FIELD
+    levels: int = LEVELS
+    room: int = ROOM
+
+    def modes(self, seen: np.ndarray) -> np.ndarray | None:
+        """Of answers, (k, S)."""
+        return modes_of(seen, self.left, int(self.room / (BASE64 * (1 if self.levels < 128 else 2))))
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Modes of what is drawn.
+
+    Attributes:
+        tree: what a page holds of them.
+        values: what it draws of some answers that these are not made of, (k, S).
+        apart: places of the latter.
+    """
+
+    tree: dict[str, Any]
+    values: np.ndarray
+    apart: slice
+
+
+def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict[str, Any]:
+    """The displacement of the nodes that are drawn, and the stress of the cells, in few modes.
+
+    Neither where a model has no map of forces to displacements, and no stress where it has no room beside all else.
+
+    Args:
+        model: with fields.
+        scenery: what is drawn.
+        arrays: of the model; those of the pictures are put there.
+        room: bytes of a page that are left for all arrays.
+    """
     if model.equilibrium is not None:
         from hhr_dolfinx.pages.flowing import flow_field
 
-        return {"field": flow_field(model, scenery, rows_of(model, scenery), arrays)}
+        return {"field": flow_field(model, scenery, rows_of(model, scenery), arrays), "stress": None}
+    found: dict[str, Any] = {"field": None, "stress": None}
+    fields = model.fields
+    maps: Callable[[Drawn, list[Answer], Packed], Picture | None]
     if isinstance(fields, ExactFields) and not fields.floats:
-        return {"field": _exact_field(model, scenery, arrays)}
+        maps, answers = partial(_exact, fields), [answer for answer in _seen(model) if answer.converged]
     # with friction a fit would take as many paths as points
-    if isinstance(fields, InterpolatedFields) and fields.galerkin is not None and model.friction is None:
-        return {"field": fitted_field(model, scenery, arrays)}
-    return {"field": None}
+    elif isinstance(fields, InterpolatedFields) and fields.galerkin is not None and model.friction is None:
+        many = model.solve_many(Sobol(FITTED).points(model.parameters), raise_on_failure=False)
+        maps, answers = partial(_fitted, model), [answer for answer in many if answer.converged]
+    else:
+        return found
+    rows = rows_of(model, scenery)
+    entries = np.ones(rows.size), (np.arange(rows.size), rows)
+    chosen = csr_matrix(entries, shape=(rows.size, fields.lifts.shape[0]))
+    field = maps(Drawn("field", chosen), answers, arrays)
+    if field is None:
+        return found
+    found["field"] = field.tree
+    if scenery.strains is not None:
+        stress = Stress(scenery.strains, model.parameters)
+        tried = Packed()
+        left = room - arrays.size - 2 * scenery.strains.cells.nbytes
+        drawn = Drawn("stress", stress.rows, STRESS, COARSE, min(ROOM, left))
+        found["stress"] = _stress(maps, drawn, stress, answers, tried)
+        if found["stress"] is not None:
+            arrays.take(tried)
+    return found
+
+
+def _stress(
+    maps: Callable[[Drawn, list[Answer], Packed], Picture | None], drawn: Drawn, stress: Stress, answers: list[Answer],
+    arrays: Packed,
+) -> dict[str, Any] | None:  # fmt: skip
+    """The stress of the cells, and how far off it is; None where its largest value is far off."""
+    picture = maps(drawn, answers, arrays) if drawn.room > 0 else None
+    if picture is None:
+        return None
+    off = stress.off(answers[picture.apart], picture.values)
+    return picture.tree | stress.tree(arrays) | {"off": off} if off["largest"] <= FALSE else None
 
 
 def rows_of(model: Any, scenery: Scenery) -> np.ndarray:
@@ -51,18 +151,18 @@ def rows_of(model: Any, scenery: Scenery) -> np.ndarray:
     return (scenery.nodes[:, None] * dim + np.arange(dim)).ravel()
 
 
-def _exact_field(model: Any, scenery: Scenery, arrays: Packed) -> dict[str, Any] | None:
+def _exact(fields: ExactFields, drawn: Drawn, answers: list[Answer], arrays: Packed) -> Picture | None:
     """Where the stiffness is constant: c = W^T (C θ - K^-1 B^T λ) with modes W of answers over the box."""
-    fields = model.fields
-    rows = rows_of(model, scenery)
-    seen = np.array([answer.displacement()[rows] for answer in _seen(model) if answer.converged]).T
-    if not seen.any():
+    seen = np.array([drawn.rows @ answer.displacement() for answer in answers]).T
+    apart = slice(APART - 1, None, APART)
+    ways = drawn.modes(np.delete(seen, apart, axis=1))
+    if ways is None:
         return None
-    ways, tree = modes_of(seen, arrays)
-    of_terms = ways.T @ (fields.per_term[rows] + dense(fields.lifts.tocsr()[rows]))
-    own = {"terms": arrays.put("field_terms", of_terms, "<f4")}
-    own |= {"forces": arrays.put("field_forces", -(ways.T @ fields.per_force[rows]), "<f4")}
-    return {"kind": "linear"} | tree | own
+    of_terms = ways.T @ (drawn.rows @ fields.per_term + dense(drawn.rows @ fields.lifts))
+    tree = {"kind": "linear"} | packed_levels(f"{drawn.name}_modes", ways.T, arrays, drawn.levels)
+    tree["terms"] = arrays.put(f"{drawn.name}_terms", of_terms, "<f4")
+    tree["forces"] = arrays.put(f"{drawn.name}_forces", -(ways.T @ (drawn.rows @ fields.per_force)), "<f4")
+    return Picture(tree, kept_levels(tree, arrays).T @ (ways.T @ seen[:, apart]), apart)
 
 
 def _seen(model: Any) -> Iterable[Answer]:
@@ -78,47 +178,46 @@ def _seen(model: Any) -> Iterable[Answer]:
     return model.solve_many(points[:FEW], raise_on_failure=False)
 
 
-def fitted_field(model: Any, scenery: Scenery, arrays: Packed) -> dict[str, Any] | None:
+def _fitted(model: Any, drawn: Drawn, answers: list[Answer], arrays: Packed) -> Picture | None:
     """Where it varies: c = p(μ) + P(μ) Q^T λ, with modes Q of forces and polynomials that are fitted to some points.
 
     None where the fit is off by more than a picture may be at points that it has not seen, as where a load ends within
     the box.
     """
     fields = model.fields
-    space = model.parameters
-    rows = rows_of(model, scenery)
-    answers = model.solve_many(Sobol(FITTED).points(space), raise_on_failure=False)
-    known = [answer for answer in answers if answer.converged]
-    seen = np.array([answer.displacement()[rows] for answer in known]).T
-    if len(known) < FITTED // 2 or not seen.any():
+    seen = np.array([drawn.rows @ answer.displacement() for answer in answers]).T
+    ways = drawn.modes(seen) if len(answers) >= FITTED // 2 else None
+    if ways is None:
         return None
-    ways, tree = modes_of(seen, arrays)
-    forces = np.array([answer.multipliers for answer in known]).T
+    forces = np.array([answer.multipliers for answer in answers]).T
     pushes, sizes, _ = np.linalg.svd(forces, full_matrices=False)
     pushes = pushes[:, : min(FORCE_MODES, max(1, int((sizes > FIELD * sizes[0]).sum())))]
-    basis = ways.T @ fields.basis[rows]
-    lifts = ways.T @ dense(fields.lifts.tocsr()[rows])
+    basis = ways.T @ (drawn.rows @ fields.basis)
+    lifts = ways.T @ dense(drawn.rows @ fields.lifts)
     values = []
-    for answer in known:
+    for answer in answers:
         contact = fields.galerkin(answer.parameter)
         free = basis @ contact.unknown(np.zeros(model.conditions)) + lifts @ fields.amplitudes(answer.parameter)
         values.append(np.column_stack([free, -basis @ contact.pushed(pushes)]))
-    points = np.array([answer.parameter for answer in known])
-    powers = _powers(points.shape[1], len(known) // 3)
+    points = np.array([answer.parameter for answer in answers])
+    powers = _powers(points.shape[1], len(answers) // 3)
     scaled, axes = _scaled(model, points)
     features = np.prod(scaled[:, None, :] ** powers, axis=2)
     train = slice(0, None, 2)
-    flat = np.reshape(values, (len(known), -1))
+    flat = np.reshape(values, (len(answers), -1))
     fitted = features @ np.linalg.lstsq(features[train], flat[train], rcond=None)[0]
-    along = fitted.reshape(len(known), *values[0].shape)
-    weights = np.column_stack([np.ones(len(known)), forces.T @ pushes])
-    found = np.einsum("skr,sr->ks", along, weights)
-    off = np.linalg.norm(ways @ found - seen, axis=0)[1::2] / np.linalg.norm(seen, axis=0)[1::2]
+    along = fitted.reshape(len(answers), *values[0].shape)
+    weights = np.column_stack([np.ones(len(answers)), forces.T @ pushes])
+    apart = slice(1, None, 2)
+    coefficients = np.einsum("skr,sr->ks", along, weights)[:, apart]
+    tree = {"kind": "fitted"} | packed_levels(f"{drawn.name}_modes", ways.T, arrays, drawn.levels)
+    found = kept_levels(tree, arrays).T @ coefficients
+    off = np.linalg.norm(found - seen[:, apart], axis=0) / np.linalg.norm(seen[:, apart], axis=0)
     if np.median(off) > OFF:
         return None
     whole = np.linalg.lstsq(features, flat, rcond=None)[0].reshape(len(powers), *values[0].shape)
-    own = {"axes": axes, "powers": powers.tolist(), "pushes": arrays.put("field_pushes", pushes.T, "<f4")}
-    return {"kind": "fitted"} | tree | own | {"fit": arrays.put("field_fit", whole, "<f4")}
+    tree |= {"axes": axes, "powers": powers.tolist(), "pushes": arrays.put(f"{drawn.name}_pushes", pushes.T, "<f4")}
+    return Picture(tree | {"fit": arrays.put(f"{drawn.name}_fit", whole, "<f4")}, found, apart)
 
 
 def _powers(parameters: int, most: int) -> np.ndarray:

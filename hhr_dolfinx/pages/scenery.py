@@ -10,16 +10,57 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from scipy.sparse import coo_matrix
+from scipy.sparse import coo_matrix, csr_matrix
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.files import read_arrays, write_arrays
 
 FORMAT = "hhr scenery"
-VERSION = 1
+VERSION = 2
 NAME = "scenery.npz"
+_ROWS = ("data", "indices", "indptr")
 _ARRAYS = ("points", "nodes", "triangles", "lines", "contact_points", "areas", "pairs", "compliance")
+
+
+@dataclass(frozen=True, eq=False)
+class Strains:
+    """What makes von Mises' stress of cells out of a displacement.
+
+    Attributes:
+        cells: of each triangle that is drawn its place among the cells, (t,).
+        bodies: of each cell its body, (c,).
+        rows: strain in the middles of the cells times the grading of their moduli, Kelvin's notation, cell by cell,
+            (4 c, N), in space (6 c, N); that across the plane is zero where its stress is.
+        moduli: λ' and μ' of each body as formulas of the parameters.
+        plane_stress: whether the stress across the plane vanishes.
+    """
+
+    cells: np.ndarray
+    bodies: np.ndarray
+    rows: csr_matrix
+    moduli: tuple[tuple[str, str], ...]
+    plane_stress: bool
+
+    @property
+    def components(self) -> int:
+        """Of a strain."""
+        return self.rows.shape[0] // max(len(self.bodies), 1)
+
+    def taken(self, triangles: np.ndarray) -> Strains:
+        """Those of some triangles alone."""
+        kept, cells = np.unique(self.cells[triangles], return_inverse=True)
+        rows = (kept[:, None] * self.components + np.arange(self.components)).ravel()
+        return replace(self, cells=cells, bodies=self.bodies[kept], rows=csr_matrix(self.rows[rows]))
+
+    def fault(self, triangles: int, bodies: int) -> str:
+        """What does not fit; nothing where all does."""
+        count = len(self.bodies)
+        whole = self.cells.shape == (triangles,) and self.rows.shape[0] == count * self.components > 0
+        inside = whole and 0 <= self.cells.min() <= self.cells.max() < count
+        if not inside or self.components not in (4, 6) or not 0 <= self.bodies.min() <= self.bodies.max() < bodies:
+            return "strains do not fit the triangles"
+        return "" if np.isfinite(self.rows.data).all() else "strains are not finite"
 
 
 @dataclass(frozen=True)
@@ -36,6 +77,7 @@ class Scenery:
         pairs: contact of each condition, (m,).
         compliance: S times ones in the middle of the box, (m,), by which a page tells whose model it draws.
         moves: whether shapes are parameters: areas are then those of the middle of the box alone.
+        strains: of the cells that are drawn; None where their stress is not that of a displacement alone.
         words: ``scene``, ``contacts`` (a name for each), ``bodies`` (a line for each), ``hypothesis``, ``length`` and
             ``stress`` (units, or nothing), ``units`` of parameters by name.
     """
@@ -50,6 +92,7 @@ class Scenery:
     compliance: np.ndarray
     moves: bool
     words: dict[str, Any]
+    strains: Strains | None = None
 
     def write(self, path: str | Path) -> None:
         """Keep it in a file.
@@ -58,7 +101,13 @@ class Scenery:
             FileError: if it cannot be written.
         """
         arrays = {name: getattr(self, name) for name in _ARRAYS}
-        write_arrays(path, {"format": FORMAT, "version": VERSION, "words": self.words, "moves": self.moves}, arrays)
+        header = {"format": FORMAT, "version": VERSION, "words": self.words, "moves": self.moves}
+        if self.strains is not None:
+            own = self.strains
+            header |= {"moduli": own.moduli, "plane_stress": own.plane_stress, "dofs": own.rows.shape[1]}
+            arrays |= {"cells": own.cells, "bodies": own.bodies}
+            arrays |= {name: getattr(own.rows, name) for name in _ROWS}
+        write_arrays(path, header, arrays)
 
     @classmethod
     def read(cls, path: str | Path) -> Scenery:
@@ -71,9 +120,12 @@ class Scenery:
         header, arrays = read_arrays(path, FORMAT, VERSION)
         if missing := set(_ARRAYS) - set(arrays):
             raise FileContentError(f"{path} is damaged: {', '.join(sorted(missing))} are missing")
-        found = cls(
-            **{name: arrays[name] for name in _ARRAYS}, moves=bool(header.get("moves")), words=header.get("words", {})
-        )
+        own = {name: arrays[name] for name in _ARRAYS}
+        try:
+            strains = _strains(header, arrays) if "moduli" in header else None
+        except (KeyError, TypeError, ValueError) as error:
+            raise FileContentError(f"{path} is damaged: its strains are not whole ({error})") from error
+        found = cls(**own, moves=bool(header.get("moves")), words=header.get("words", {}), strains=strains)
         if fault := found._fault():
             raise FileContentError(f"{path} is damaged: {fault}")
         return found
@@ -98,7 +150,17 @@ class Scenery:
         named = isinstance(self.words, dict) and isinstance(self.words.get("scene"), str)
         if not named or not isinstance(self.moves, bool):
             return "it has no words"
-        return ""
+        own = self.strains
+        return "" if own is None else own.fault(len(self.triangles), len(own.moduli))
+
+
+def _strains(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Strains:
+    """Those of a file; what is wrong with them SciPy says, or :meth:`Strains.fault`."""
+    shape = arrays["indptr"].size - 1, int(header["dofs"])
+    rows = csr_matrix(tuple(arrays[name] for name in _ROWS), shape=shape)
+    rows.check_format()
+    moduli = tuple((str(volume), str(shape)) for volume, shape in header["moduli"])
+    return Strains(arrays["cells"], arrays["bodies"], rows, moduli, bool(header["plane_stress"]))
 
 
 def thinned(scenery: Scenery, most: int) -> Scenery:
@@ -122,12 +184,16 @@ def thinned(scenery: Scenery, most: int) -> Scenery:
     inner[scenery.lines.ravel()] = False
     first = np.lexsort([inner, square])
     kept = first[np.unique(square[first], return_index=True)[1]]
+    triangles = square[scenery.triangles]
+    lines = square[scenery.lines]
+    whole = _whole(triangles)
     return replace(
         scenery,
         points=scenery.points[kept],
         nodes=scenery.nodes[kept],
-        triangles=_whole(square[scenery.triangles]),
-        lines=_whole(square[scenery.lines]),
+        triangles=triangles[whole],
+        lines=lines[_whole(lines)],
+        strains=None if scenery.strains is None else scenery.strains.taken(whole),
     )
 
 
@@ -142,7 +208,7 @@ def _bodies(scenery: Scenery) -> np.ndarray:
 
 
 def _whole(pieces: np.ndarray) -> np.ndarray:
-    """Triangles or lines whose corners are still different ones, each once."""
+    """Places of triangles or lines whose corners are still different ones, each once."""
     ordered = np.sort(pieces, axis=1)
-    different = (np.diff(ordered, axis=1) > 0).all(axis=1)
-    return pieces[different][np.unique(ordered[different], axis=0, return_index=True)[1]]
+    different = np.flatnonzero((np.diff(ordered, axis=1) > 0).all(axis=1))
+    return different[np.unique(ordered[different], axis=0, return_index=True)[1]]

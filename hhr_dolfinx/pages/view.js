@@ -206,13 +206,21 @@
       if (part > SEEN) at("exaggerate").value = Math.min(1, part / field.most);
       at("exaggerate").dataset.ready = "";
     }
-    const component = at("component").value, values = component === "plastic" ? flowing.strained(answer) : null;
-    const { least, most, times } = field.show(moved, component, Number(at("exaggerate").value), values);
+    const component = at("component").value, coloured = {};
+    if (component === "plastic") coloured.values = flowing.strained(answer);
+    if (component === "stress") Object.assign(coloured, { values: model.stress(answer), cells: arrays[tree.stress.cells] });
+    const { least, most, times } = field.show(moved, component, Number(at("exaggerate").value), coloured);
     at("times").textContent = times > 0 ? `${said(Number(times.toPrecision(2)))} times` : "not at all";
-    at("least").textContent = said(least); at("most").textContent = `${said(most)}${values ? "" : unit(words.length)}`;
+    at("least").textContent = said(least); at("most").textContent = `${said(most)}${component === "plastic" ? "" : unit(component === "stress" ? words.stress : words.length)}`;
+    at("drawnby").textContent = component === "stress" ? aboutStress() : "Drawn by few modes: off by some per cent.";
     const bar = at("bar"), pen = bar.getContext("2d");
     bar.width = 256;
     for (let k = 0; k < 256; k++) { pen.fillStyle = `rgb(${colour(k / 255)})`; pen.fillRect(k, 0, 1, 14); }
+  }
+
+  function aboutStress() {
+    const { cells, largest } = tree.stress.off, part = (share) => `${Number((100 * share).toPrecision(2))} %`;
+    return `In the middle of cells, drawn by few modes: at points that these are not made of, off by at most ${part(cells)} of the largest one in any cell, and the largest one by ${part(largest)}.`;
   }
 
   /* Once a picture for all that changed since the last one; of what remembers increments for each. */
@@ -311,10 +319,11 @@
     element("p", "This page holds the whole model and asks nobody. Scripts of hhr_dolfinx, licence of the package."));
   const names = ["length", ..."xyz".slice(0, dim)];
   names.forEach((name, k) => at("component").append(element("option", k ? `along ${name}` : "its length", { value: k ? k - 1 : "length" })));
+  if (tree.stress) at("component").append(element("option", "von Mises' stress", { value: "stress" }));
   if (flowing) at("component").append(element("option", "cumulated plastic strain", { value: "plastic" }));
   if (!draws) at("shape").replaceChildren(element("h2", "Displacement"), element("p", tree.field
     ? "This browser draws no triangles (WebGL is switched off)." : "This model has no displacement for a page.", { className: "note" }));
-  else { at("shape").append(element("p", "Drawn by few modes: off by some per cent.", { className: "note" })); field.turning(showField); for (const id of ["component", "exaggerate"]) at(id).addEventListener("input", showField); }
+  else { at("shape").append(element("p", "", { className: "note", id: "drawnby" })); field.turning(showField); for (const id of ["component", "exaggerate"]) at(id).addEventListener("input", showField); }
   at("reset").addEventListener("click", () => { point = middle.slice(); changed(); });
   at("copy").addEventListener("click", async () => {
     const text = [...tree.names.map((name, k) => [name, point[k]]), ...rows().map(([name, value]) => [name, value ?? ""])].map((row) => row.join("\t")).join("\n");

@@ -5,13 +5,20 @@ from __future__ import annotations
 from typing import Any
 
 import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix
 
-from hhr_dolfinx.geometries.cells import CORNERS, TENSOR, outer_faces
-from hhr_dolfinx.pages.scenery import Scenery
+from hhr_dolfinx.full_order.outputs import moduli_of, strain_in_middles
+from hhr_dolfinx.geometries.cells import CORNERS, TENSOR, outer_faces_of_cells
+from hhr_dolfinx.materials.elasticity import von_mises
+from hhr_dolfinx.pages.scenery import Scenery, Strains
 from hhr_dolfinx.scene import Scene
 
 PARTS = {3: ((0, 1, 2),), 4: ((0, 1, 2), (0, 2, 3))}
 """Triangles of a triangle, and of a quadrilateral whose corners go round."""
+STRAINED = 20_000
+"""Cells that are drawn up to which their strains are kept: they take 50 MB in space."""
+ALIKE = 1e-9
+"""Part of a stress that its deviator may be where it is a pressure, to round-off."""
 
 
 def scenery_of(full: Any) -> Scenery:
@@ -25,9 +32,10 @@ def scenery_of(full: Any) -> Scenery:
     cells = discretisation._cell_nodes()[:, : CORNERS[kind]]
     flat = problem.block_size == 2
     cells = cells[:, TENSOR[kind]] if kind in TENSOR else cells  # corners go round
-    outer = outer_faces(kind, cells)
-    faces = cells if flat else outer
-    triangles = np.concatenate([faces[:, list(corners)] for corners in PARTS[faces.shape[1]]])
+    outer, inside = outer_faces_of_cells(kind, cells)
+    faces, owners = (cells, np.arange(len(cells))) if flat else (outer, inside)
+    parts = PARTS[faces.shape[1]]
+    triangles = np.concatenate([faces[:, list(corners)] for corners in parts])
     nodes, places = np.unique(triangles, return_inverse=True)
     number = np.full(len(discretisation._points()), -1)
     number[nodes] = np.arange(len(nodes))
@@ -43,7 +51,48 @@ def scenery_of(full: Any) -> Scenery:
         problem.contact @ full.pushed_everywhere(np.ones(full.conditions)),
         bool(full.scene.shapes),
         _words(full.scene),
+        strains_of(full, np.tile(owners, len(parts))),
     )
+
+
+def strains_of(full: Any, cells: np.ndarray) -> Strains | None:
+    """Strains of the cells of triangles, (t,).
+
+    None where a stress is more than moduli times strain: of bodies that flow, change their shape or have a law of their
+    own, under strains without stress that are not alike in all directions, or where there are too many cells.
+    """
+    scene = full.scene
+    drawn, places = np.unique(cells, return_inverse=True)
+    own = full.equilibrium is not None or scene.shapes or any(body.stress is not None for body in scene.bodies)
+    if own or len(drawn) > STRAINED or _stressed_at_rest(full):
+        return None
+    discretisation = full.discretisation
+    bodies = discretisation.cell_bodies()[drawn]
+    components = 6 if scene.hypothesis == "solid" else 4
+    rows = csr_matrix((len(drawn) * components, full.problem.free.size))
+    for place in np.unique(bodies):
+        here = np.flatnonzero(bodies == place)
+        strain, dofs, grading, _ = strain_in_middles(discretisation, drawn[here].astype(np.int32), int(place))
+        if scene.hypothesis == "plane_stress":
+            strain[:, 2] = 0.0
+        numbers = np.broadcast_to((here[:, None] * components + np.arange(components))[:, :, None], strain.shape)
+        columns = np.broadcast_to(dofs[:, None], strain.shape)
+        values = (strain * grading[:, None, None]).ravel()
+        rows = rows + coo_matrix((values, (numbers.ravel(), columns.ravel())), shape=rows.shape).tocsr()
+    rows.eliminate_zeros()
+    moduli = tuple(moduli_of(body, scene.hypothesis) for body in scene.bodies)
+    return Strains(places.astype(np.int64), bodies.astype(np.int64), rows, moduli, scene.hypothesis == "plane_stress")
+
+
+def _stressed_at_rest(full: Any) -> bool:
+    """Whether bodies without displacement have a von Mises' stress: strains without stress that have a deviator."""
+    rest = np.zeros(full.problem.free.size)
+    box = full.parameters
+    for point in (box.lower, box.middle, box.upper):
+        stress = full.stress_of(rest, point)
+        if von_mises(stress).max() > ALIKE * np.abs(stress).max():
+            return True
+    return False
 
 
 def _words(scene: Scene) -> dict[str, Any]:

@@ -1,0 +1,79 @@
+"""Von Mises' stress on a page: strains of few modes, moduli as formulas, and how far off that is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags, kron
+
+from hhr_dolfinx.formulas import Scalar
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.pages.packing import Packed, steps_of
+from hhr_dolfinx.pages.scenery import Strains
+from hhr_dolfinx.parameters import ParameterSpace
+
+
+class Stress:
+    """What a page makes of strains.
+
+    Args:
+        strains: of the cells that are drawn.
+        space: the parameters.
+
+    Attributes:
+        rows: strains by displacements, times μ' of the middle of the box, so that modes are as exact for stiff bodies
+            as for soft ones, (n c, N). Without the third component: it is zero in plane stress, and elsewhere that of
+            deviators, which have no trace.
+    """
+
+    def __init__(self, strains: Strains, space: ParameterSpace):
+        self._strains = strains
+        self._moduli = [[Scalar(text, space.names) for text in pair] for pair in strains.moduli]
+        self._middle = np.array([shape.value(space.middle) for _, shape in self._moduli])
+        part = np.eye(strains.components)
+        if not strains.plane_stress:
+            part[:3, :3] -= 1 / 3
+        scale = diags(self._middle[strains.bodies])
+        self.rows = csr_matrix(kron(scale, np.delete(part, 2, axis=0)) @ strains.rows)
+
+    def mises(self, values: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Von Mises' stress of what the rows give, (n c,), at a point, (P,): (c,)."""
+        bodies = self._strains.bodies
+        moduli = np.array([[modulus.value(point) for modulus in pair] for pair in self._moduli])
+        volume, shape = (moduli / self._middle[:, None])[bodies].T
+        strain = values.reshape(len(bodies), -1)
+        stress = 2 * shape[:, None] * strain
+        if self._strains.plane_stress:
+            stress[:, :2] += (volume * strain[:, :2].sum(axis=1))[:, None]
+        first, second = stress[:, 0], stress[:, 1]
+        third = 0.0 if self._strains.plane_stress else -first - second
+        sheared = (stress[:, 2:] ** 2).sum(axis=1)
+        return np.sqrt(((first - second) ** 2 + (second - third) ** 2 + (third - first) ** 2) / 2 + 1.5 * sheared)
+
+    def tree(self, arrays: Packed) -> dict[str, Any]:
+        """The same for a page."""
+        strains = self._strains
+        return {
+            "components": strains.components - 1,
+            "plane_stress": strains.plane_stress,
+            "cells": arrays.put("stress_cells", strains.cells, "<i4"),
+            "bodies": arrays.put("stress_bodies", strains.bodies, "<u1"),
+            "moduli": [[steps_of(volume), steps_of(shape)] for volume, shape in self._moduli],
+            "middle": self._middle.tolist(),
+        }
+
+    def off(self, answers: list[Answer], found: np.ndarray) -> dict[str, float]:
+        """How far drawn values, (n c, S), are off of those of answers at most, relative to the largest of each.
+
+        In any cell, and the largest value itself.
+        """
+        cells = []
+        peaks = []
+        for answer, values in zip(answers, found.T, strict=True):
+            exact = self.mises(self.rows @ answer.displacement(), answer.parameter)
+            here = self.mises(values, answer.parameter)
+            if (largest := exact.max()) > 0:
+                cells.append(np.abs(here - exact).max() / largest)
+                peaks.append(abs(here.max() - largest) / largest)
+        return {"cells": float(max(cells, default=0.0)), "largest": float(max(peaks, default=0.0))}
