@@ -62,7 +62,9 @@ class CommonPattern:
         own = [csr_matrix((np.ones(item.nnz, bool), item.indices, item.indptr), shape=item.shape) for item in matrices]
         whole = reduce(add, own).astype(np.int32)
         whole.data = np.arange(1, whole.nnz + 1, dtype=np.int32)  # their places: none is zero
-        self._shape, self._indptr, self._indices = whole.shape, whole.indptr, whole.indices
+        self._shape = whole.shape
+        self._indptr = whole.indptr
+        self._indices = whole.indices
         self._places = [whole.multiply(item).data - 1 for item in own]
 
     def filled(self, matrices: list[csr_matrix]) -> tuple[csr_matrix, ...]:

@@ -107,27 +107,30 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
     found: dict[str, Any] = {"field": None, "stress": None}
     fields = model.fields
     maps: Callable[[Drawn, list[Answer], Packed], Picture | None]
+    answers: Iterable[Answer]
     if isinstance(fields, ExactFields) and not fields.floats:
-        maps, answers = partial(_exact, fields), [answer for answer in _seen(model) if answer.converged]
+        maps = partial(_exact, fields)
+        answers = _seen(model)
     # with friction a fit would take as many paths as points
     elif isinstance(fields, InterpolatedFields) and fields.galerkin is not None and model.friction is None:
-        many = model.solve_many(Sobol(FITTED).points(model.parameters), raise_on_failure=False)
-        maps, answers = partial(_fitted, model), [answer for answer in many if answer.converged]
+        maps = partial(_fitted, model)
+        answers = model.solve_many(Sobol(FITTED).points(model.parameters), raise_on_failure=False)
     else:
         return found
+    known = [answer for answer in answers if answer.converged]
     rows = rows_of(model, scenery)
     entries = np.ones(rows.size), (np.arange(rows.size), rows)
     chosen = csr_matrix(entries, shape=(rows.size, fields.lifts.shape[0]))
-    field = maps(Drawn("field", chosen), answers, arrays)
+    field = maps(Drawn("field", chosen), known, arrays)
     if field is None:
         return found
     found["field"] = field.tree
     if scenery.strains is not None:
-        stress = Stress(scenery.strains, model.parameters)
+        stress = Stress(scenery.strains, model.parameters.names, model.parameters.middle)
         tried = Packed()
         left = room - arrays.size - 2 * scenery.strains.cells.nbytes
         drawn = Drawn("stress", stress.rows, STRESS, COARSE, min(ROOM, left))
-        found["stress"] = _stress(maps, drawn, stress, answers, tried)
+        found["stress"] = _stress(maps, drawn, stress, known, tried)
         if found["stress"] is not None:
             arrays.take(tried)
     return found

@@ -11,7 +11,6 @@ from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.pages.packing import Packed, steps_of
 from hhr_dolfinx.pages.scenery import Strains
-from hhr_dolfinx.parameters import ParameterSpace
 
 
 class Stress:
@@ -19,7 +18,8 @@ class Stress:
 
     Args:
         strains: of the cells that are drawn.
-        space: the parameters.
+        names: of the parameters.
+        middle: of their box, (P,).
 
     Attributes:
         rows: strains by displacements, times μ' of the middle of the box, so that modes are as exact for stiff bodies
@@ -27,10 +27,10 @@ class Stress:
             deviators, which have no trace.
     """
 
-    def __init__(self, strains: Strains, space: ParameterSpace):
+    def __init__(self, strains: Strains, names: tuple[str, ...], middle: np.ndarray):
         self._strains = strains
-        self._moduli = [[Scalar(text, space.names) for text in pair] for pair in strains.moduli]
-        self._middle = np.array([shape.value(space.middle) for _, shape in self._moduli])
+        self._moduli = [[Scalar(text, names) for text in pair] for pair in strains.moduli]
+        self._middle = np.array([shape.value(middle) for _, shape in self._moduli])
         part = np.eye(strains.components)
         if not strains.plane_stress:
             part[:3, :3] -= 1 / 3
@@ -46,7 +46,8 @@ class Stress:
         stress = 2 * shape[:, None] * strain
         if self._strains.plane_stress:
             stress[:, :2] += (volume * strain[:, :2].sum(axis=1))[:, None]
-        first, second = stress[:, 0], stress[:, 1]
+        first = stress[:, 0]
+        second = stress[:, 1]
         third = 0.0 if self._strains.plane_stress else -first - second
         sheared = (stress[:, 2:] ** 2).sum(axis=1)
         return np.sqrt(((first - second) ** 2 + (second - third) ** 2 + (third - first) ** 2) / 2 + 1.5 * sheared)

@@ -33,7 +33,8 @@ def scenery_of(full: Any) -> Scenery:
     flat = problem.block_size == 2
     cells = cells[:, TENSOR[kind]] if kind in TENSOR else cells  # corners go round
     outer, inside = outer_faces_of_cells(kind, cells)
-    faces, owners = (cells, np.arange(len(cells))) if flat else (outer, inside)
+    faces = cells if flat else outer
+    owners = np.arange(len(cells)) if flat else inside
     parts = PARTS[faces.shape[1]]
     triangles = np.concatenate([faces[:, list(corners)] for corners in parts])
     nodes, places = np.unique(triangles, return_inverse=True)
