@@ -36,6 +36,11 @@ const fs = require("fs"), hhr = require(process.argv[1]);
 const { page, points, starts } = JSON.parse(fs.readFileSync(0, "utf8"));
 const data = JSON.parse(page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1]);
 const model = new hhr.Model(data.tree, hhr.decoded(data.arrays));
+if (data.tree.floating) {
+  global.hhr = hhr;
+  require(process.argv[1].replace("model.js", "floating.js"));
+  new hhr.Floating(model);
+}
 const found = points.map((point) => {
   const answer = model.solve(point, starts ? undefined : null), field = model.displacement(answer);
   return { forces: [...answer.forces], outputs: model.outputs(answer), slopes: model.slopes(answer),

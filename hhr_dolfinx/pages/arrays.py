@@ -21,6 +21,7 @@ from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.displacement import dense
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
+from hhr_dolfinx.models.eliminations.floating import FloatingElimination
 from hhr_dolfinx.models.eliminations.interpolated import Compliance, Compliances
 from hhr_dolfinx.models.eliminations.interpolation import Interpolant, leja_points
 from hhr_dolfinx.models.exact import ExactFields
@@ -44,10 +45,17 @@ def check_model(model: Any, what: str = "a page", *, on_page: bool = True) -> No
 
         check_flow(model)
         return
-    if not isinstance(model, CondensedModel) or not isinstance(model.eliminated, ConstantElimination | Compliances):
+    floats = isinstance(model, CondensedModel) and isinstance(model.eliminated, FloatingElimination)
+    known = isinstance(model, CondensedModel) and isinstance(model.eliminated, ConstantElimination | Compliances)
+    if not (known or (floats and on_page and model.friction is None)):
+        if floats:
+            raise NotOfferedError(
+                f"{what} knows bodies that contact alone holds {'without friction' if on_page else 'not'}: "
+                "ask in Python, or hold them by a displacement"
+            )
         raise NotOfferedError(
-            f"{what} answers by all contact conditions of bodies that something holds, and {_kind(model)} is not of "
-            "that kind: condense the scene, hhr.condense(scene) or hhr train SCENE --model condensed"
+            f"{what} answers by all contact conditions, and {_kind(model)} does not: condense the scene, "
+            "hhr.condense(scene) or hhr train SCENE --model condensed"
         )
     if model.friction is not None and np.bincount(model.friction.owner, minlength=1).max() > 1:
         raise NotOfferedError(f"{what} knows friction in the plane alone: in space its increments are solved in Python")
@@ -96,6 +104,7 @@ def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
         "groups": None if flowing else _groups(model, arrays),
         "friction": None if model.friction is None else _friction(model.friction, arrays),
         "flow": None,
+        "floating": None,
     }
     tree |= _flowing(model, arrays) if flowing else _eliminated(model.eliminated, arrays)
     tree["outputs"], tree["missing"] = _outputs(model, arrays)
@@ -149,10 +158,11 @@ def _amplitudes(amplitudes: Amplitudes, arrays: Packed) -> dict[str, Any]:
 
 
 def _eliminated(eliminated: Any, arrays: Packed) -> dict[str, Any]:
-    """S and the free slack."""
-    if isinstance(eliminated, ConstantElimination):
+    """S and the free slack, and where contact alone holds bodies their motions."""
+    if isinstance(eliminated, ConstantElimination | FloatingElimination):
         responses = eliminated.responses
         return {
+            "floating": _floating(eliminated, arrays) if isinstance(eliminated, FloatingElimination) else None,
             "schur": arrays.put("schur", half(responses.schur)),
             "free_slack": arrays.put("free_slack", responses.free_slack),
             "parts": [],
@@ -163,6 +173,14 @@ def _eliminated(eliminated: Any, arrays: Packed) -> dict[str, Any]:
         "schur": None, "free_slack": None, "parts": parts,
         "gaps": arrays.put("gaps", eliminated.gaps), "reshaped": reshaped,
     }  # fmt: skip
+
+
+def _floating(eliminated: FloatingElimination, arrays: Packed) -> dict[str, Any]:
+    """What rigid motions take from the slack, and what drives them."""
+    return {
+        "taken": arrays.put("floating_taken", eliminated.taken),
+        "driving": arrays.put("floating_driving", eliminated.driving),
+    }
 
 
 def _part(part: Compliance, number: int, arrays: Packed) -> dict[str, Any]:
@@ -230,6 +248,9 @@ def _linear(model: Any, item: Linear, number: int, arrays: Packed) -> dict[str, 
         own = {"moved": linear_of_flow(fields, item, number, arrays)}
     elif item.count:
         rows = item.matrix(fields.functionals.size)
+        if isinstance(model.eliminated, FloatingElimination):
+            moved = item.along @ (rows @ model.eliminated.modes)
+            own = {"motions": arrays.put(f"output{number}_motions", moved)}
         of_forces -= item.along @ (rows @ fields.per_force)
         of_terms += item.along @ (rows @ fields.per_term + dense(rows @ fields.lifts))
     own |= {"forces": arrays.put(f"output{number}_forces", of_forces)}

@@ -107,6 +107,7 @@ const hhr = (() => {
         .reduce((a, b) => a + b, 0);
       this.constantSchur = tree.schur ? this.whole(arrays[tree.schur]) : null;
       this.last = null;
+      this.floating = null;
     }
 
     /* A symmetric matrix from its lower half by rows. */
@@ -155,7 +156,7 @@ const hhr = (() => {
       if (this.constantSchur) {
         const free = this.arrays[this.tree.free_slack];
         for (let i = 0; i < m; i++) for (let t = 0; t < T; t++) slack[i] += free[i * T + t] * theta[t];
-        return { schur: this.constantSchur, slack, theta };
+        return { schur: this.constantSchur, slack, theta, driving: this.floating?.driven(theta) };
       }
       let gaps = this.arrays[this.tree.gaps];
       if (this.tree.reshaped) {
@@ -191,7 +192,9 @@ const hhr = (() => {
     }
 
     /* Forces and slack where statuses are given; null where they make a singular set. */
-    equalities({ schur, slack }, active) {
+    equalities(contact, active) {
+      if (contact.driving) return this.floating.equalities(contact, active);
+      const { schur, slack } = contact;
       const m = this.m, index = [];
       for (let i = 0; i < m; i++) if (active[i]) index.push(i);
       const n = index.length, forces = new Float64Array(m), left = Float64Array.from(slack);
@@ -231,7 +234,7 @@ const hhr = (() => {
 
     /* The answer at a point; statuses are searched from those of the last one. */
     solve(point, start = this.last) {
-      const contact = this.contact(point), found = this.touched(contact, start);
+      const contact = this.contact(point), found = (this.floating ?? this).touched(contact, start);
       this.last = found && found.active;
       return found ? { point, theta: contact.theta, converged: true, ...found } : this.nothing(point);
     }
@@ -253,7 +256,7 @@ const hhr = (() => {
         const wrong = this.wrong(found.forces, found.left, contact.slack);
         if (!wrong.length) {
           if (!found.forces.every(Number.isFinite)) return null;
-          return { active, forces: found.forces, slack: found.left, iterations: iteration };
+          return { active, forces: found.forces, slack: found.left, motions: found.motions, iterations: iteration };
         }
         const key = active.join("");
         if (seen.has(key)) {
@@ -279,10 +282,10 @@ const hhr = (() => {
     }
 
     output(item, answer) {
-      const { forces, theta } = answer;
+      const { forces, theta, motions } = answer;
       if (item.kind === "linear") {
         const sum = (weights, values) => weights.reduce((total, weight, k) => total + weight * values[k], 0);
-        return sum(this.arrays[item.forces], forces) + sum(this.arrays[item.terms], theta) + (item.moved ? this.flow.along(item.moved, answer)[0] : 0);
+        return sum(this.arrays[item.forces], forces) + sum(this.arrays[item.terms], theta) + (item.motions ? sum(this.arrays[item.motions], motions) : 0) + (item.moved ? this.flow.along(item.moved, answer)[0] : 0);
       }
       const places = this.arrays[item.conditions], areas = this.arrays[item.areas];
       let most = -Infinity;
@@ -304,7 +307,7 @@ const hhr = (() => {
           point[axis] = place;
           const contact = this.contact(point), there = this.equalities(contact, answer.active);
           if (!there || !there.forces.every(Number.isFinite)) return null;
-          return this.outputs({ converged: true, forces: there.forces, theta: contact.theta });
+          return this.outputs({ converged: true, forces: there.forces, theta: contact.theta, motions: there.motions });
         });
         const width = places[1] - places[0];
         found.forEach((row, k) => row.push(ends[0] && ends[1] ? (ends[1][k] - ends[0][k]) / width : NaN));
@@ -342,12 +345,14 @@ const hhr = (() => {
       return found;
     }
 
-    linear(field, { theta, forces }) {
+    linear(field, { theta, forces, motions }) {
+      const rigid = field.motions ? this.arrays[field.motions] : [], r = motions?.length ?? 0;
       const terms = this.arrays[field.terms], pushed = this.arrays[field.forces], T = this.terms, m = this.m;
       return field.scales.map((_, k) => {
         let along = 0;
         for (let t = 0; t < T; t++) along += terms[k * T + t] * theta[t];
         for (let i = 0; i < m; i++) along += pushed[k * m + i] * forces[i];
+        for (let j = 0; j < r; j++) along += rigid[k * r + j] * motions[j];
         return along;
       });
     }

@@ -108,8 +108,8 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
     fields = model.fields
     maps: Callable[[Drawn, list[Answer], Packed], Picture | None]
     answers: Iterable[Answer]
-    if isinstance(fields, ExactFields) and not fields.floats:
-        maps = partial(_exact, fields)
+    if isinstance(fields, ExactFields):
+        maps = partial(_exact, model)
         answers = _seen(model)
     # with friction a fit would take as many paths as points
     elif isinstance(fields, InterpolatedFields) and fields.galerkin is not None and model.friction is None:
@@ -154,8 +154,9 @@ def rows_of(model: Any, scenery: Scenery) -> np.ndarray:
     return (scenery.nodes[:, None] * dim + np.arange(dim)).ravel()
 
 
-def _exact(fields: ExactFields, drawn: Drawn, answers: list[Answer], arrays: Packed) -> Picture | None:
-    """Where the stiffness is constant: c = W^T (C θ - K^-1 B^T λ) with modes W of answers over the box."""
+def _exact(model: Any, drawn: Drawn, answers: list[Answer], arrays: Packed) -> Picture | None:
+    """Where the stiffness is constant: c = W^T (C θ - K^-1 B^T λ + R q) with modes W of answers over the box."""
+    fields = model.fields
     seen = np.array([drawn.rows @ answer.displacement() for answer in answers]).T
     apart = slice(APART - 1, None, APART)
     ways = drawn.modes(np.delete(seen, apart, axis=1))
@@ -165,6 +166,8 @@ def _exact(fields: ExactFields, drawn: Drawn, answers: list[Answer], arrays: Pac
     tree = {"kind": "linear"} | packed_levels(f"{drawn.name}_modes", ways.T, arrays, drawn.levels)
     tree["terms"] = arrays.put(f"{drawn.name}_terms", of_terms, "<f4")
     tree["forces"] = arrays.put(f"{drawn.name}_forces", -(ways.T @ (drawn.rows @ fields.per_force)), "<f4")
+    if fields.floats:
+        tree["motions"] = arrays.put(f"{drawn.name}_motions", ways.T @ (drawn.rows @ model.eliminated.modes), "<f4")
     return Picture(tree, kept_levels(tree, arrays).T @ (ways.T @ seen[:, apart]), apart)
 
 

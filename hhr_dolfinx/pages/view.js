@@ -11,6 +11,7 @@
   const labels = tree.names.map((name) => name + unit((words.units ?? {})[name]));
   const middle = tree.lower.map((low, k) => (low + tree.upper[k]) / 2);
   const sliding = tree.friction ? new hhr.Sliding(model) : null, flowing = tree.flow ? new hhr.Flowing(model) : null;
+  if (tree.floating) new hhr.Floating(model);
   const marching = sliding ?? flowing, past = new ways.Past(marching ? Infinity : 500); // a path that forgets its beginning is another one
   const presses = (i) => !sliding || sliding.pressing[i];
   let point = fromAddress(), answer = null, state = null;
