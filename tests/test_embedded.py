@@ -153,6 +153,8 @@ def test_outputs_that_stay_out_are_named():
         pytest.raises(NotOfferedError, match="no outputs for it: peak, force"),
     ):
         fmu.write_fmu("never.fmu", shaped)
+    with pytest.raises(NotOfferedError, match="knows bodies that contact alone holds not"):
+        c_header.c_header(hhr.condense(contract.blocks(free=True)), "press")
 
 
 @pytest.mark.parametrize(

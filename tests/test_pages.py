@@ -9,6 +9,7 @@ from functools import cache
 from pathlib import Path
 
 import contract
+import held_by_contact
 import numpy as np
 import pellet_cladding
 import press_fit
@@ -42,7 +43,8 @@ if (data.tree.floating) {
   new hhr.Floating(model);
 }
 const found = points.map((point) => {
-  const answer = model.solve(point, starts ? undefined : null), field = model.displacement(answer);
+  const open = starts === "open" ? new Uint8Array(model.m) : null;
+  const answer = model.solve(point, starts === true ? undefined : open), field = model.displacement(answer);
   return { forces: [...answer.forces], outputs: model.outputs(answer), slopes: model.slopes(answer),
     converged: answer.converged, field: field && [...field], stress: model.tree.stress && [...model.stress(answer)] };
 });
@@ -69,7 +71,7 @@ def made(scene, **how):
 @cache
 def known(name):
     """The same of one of the scenes below, with displacements."""
-    return made((SCENES | STRESSED)[name](), fields=True)
+    return made((SCENES | MORE)[name](), fields=True)
 
 
 def stress_drawn(full, model, scenery, point):
@@ -82,6 +84,13 @@ def stress_drawn(full, model, scenery, point):
     nodes = scenery.nodes[scenery.triangles[order]]
     owner = [np.flatnonzero(np.isin(corners, own).sum(axis=1) == 3)[0] for own in nodes]
     return von_mises(model.solve(point).stress()[owner])
+
+
+def held():
+    """A ring in its groove under a lid, and what is read of both."""
+    pressed = hhr.LargestPressure("peak", 0), hhr.ContactForce("push", 1, (0.0, 1.0))
+    moved = hhr.DisplacementAt("sinks", (20.0, 5.5), 1, "lid"), hhr.DisplacementAt("widens", (22.0, 2.0), 0, "ring")
+    return dataclasses.replace(held_by_contact.o_ring(0.15), outputs=(*pressed, *moved))
 
 
 def outputs_of_pellet():
@@ -103,14 +112,15 @@ SCENES = {
     "shape": lambda: contract.blocks(box=contract.SHAPE, shapes=(contract.CROWNED,)),
     "space": lambda: press_fit.scene(around=4, hub_cells=(2, 4), shaft_cells=(2, 4)),
 }
-STRESSED = {
+MORE = {
+    "held by contact": held,
     "sphere": lambda: sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3)),
     "plane stress": lambda: dataclasses.replace(SCENES["moduli"](), hypothesis="plane_stress"),
 }
 
 
 @in_node
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", [*SCENES, "held by contact"])
 def test_a_page_has_the_digits_of_python(name):
     _, model, scenery = known(name)
     text = page.page_text(model, scenery)
@@ -139,7 +149,17 @@ def test_a_page_has_the_digits_of_python(name):
 
 
 @in_node
-@pytest.mark.parametrize("name", ["partial pressure", "moduli", *STRESSED])
+def test_a_page_holds_bodies_by_springs_where_nothing_touches_at_first():
+    """No set of statuses without contact holds a body that contact alone holds: forces are those of Python."""
+    _, model, scenery = known("held by contact")
+    points = np.vstack([model.parameters.random(6, 4), [model.parameters.lower, model.parameters.upper]])
+    for point, found in zip(points, answered(page.page_text(model, scenery), points, starts="open"), strict=True):
+        forces = model.solve(point).forces()
+        np.testing.assert_allclose(found["forces"], forces, rtol=0, atol=1e-10 * forces.max())
+
+
+@in_node
+@pytest.mark.parametrize("name", ["partial pressure", "moduli", *MORE])
 def test_a_page_draws_the_stress_of_cells(name):
     """As far off as it says of points that its modes are not made of, and the largest value much less."""
     full, model, scenery = known(name)
@@ -228,11 +248,11 @@ def test_a_name_ends_no_script(tmp_path):
     [
         (
             lambda: contract.training("constant").build(contract.AS_IT_IS),
-            "ReducedModel with CondensedModel is not of that kind",
+            "ReducedModel with CondensedModel does not",
         ),
         (lambda: hhr.condense(rubbing(dimension=3, cells=2)), "friction in the plane alone"),
         (lambda: contract.training("constant").local(hhr.Clusters(2), recipe=contract.AS_IT_IS), "LocalModels"),
-        (lambda: hhr.condense(contract.blocks(free=True)), "FloatingElimination"),
+        (lambda: hhr.condense(contract.blocks(free=True, friction=0.1)), "contact alone holds without friction"),
     ],
 )
 def test_models_of_other_kinds_are_refused_by_name(make, said):

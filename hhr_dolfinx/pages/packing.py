@@ -19,6 +19,8 @@ ROOM = 1_330_000
 """Part of the displacements that modes of the picture leave out: a picture shows no more. Bytes of modes at most."""
 POOR = 0.03
 """Part of what is drawn that is too much to leave out."""
+NOTHING = 1e-9
+"""Part of the largest answer that one is round-off of."""
 BASE64 = 4 / 3
 """Bytes of text for one of numbers."""
 LEVELS = 32767
@@ -102,11 +104,14 @@ def half(matrix: np.ndarray) -> np.ndarray:
 def modes_of(seen: np.ndarray, left: float = FIELD, numbers: int = int(ROOM / (2 * BASE64))) -> np.ndarray | None:
     """Modes of what is drawn, (n, k), of answers, (n, S): so many that no more than a part of these is left out.
 
-    None where nothing moves, or where as many numbers as there may be leave more than :data:`POOR` of it out.
+    Of each as a part of itself, as colours show it; None where nothing moves, or where as many numbers as there may be
+    leave more than :data:`POOR` of it out.
     """
-    if not seen.any():
+    lengths = np.linalg.norm(seen, axis=0)
+    moves = lengths > NOTHING * lengths.max(initial=0.0)
+    if not moves.any():
         return None
-    ways, sizes, _ = np.linalg.svd(seen, full_matrices=False)
+    ways, sizes, _ = np.linalg.svd(seen[:, moves] / lengths[moves], full_matrices=False)
     rest = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1])
     count = min(int((rest > left * rest[0]).sum()), numbers // len(seen))
     poor = count < len(rest) and rest[count] > POOR * rest[0]
