@@ -22,7 +22,7 @@ from test_friction import round_block, rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileContentError, NotOfferedError
-from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side
+from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.pages import page
 from hhr_dolfinx.pages.scenery import thinned
@@ -250,7 +250,6 @@ def test_a_name_ends_no_script(tmp_path):
             lambda: contract.training("constant").build(contract.AS_IT_IS),
             "ReducedModel with CondensedModel does not",
         ),
-        (lambda: hhr.condense(rubbing(dimension=3, cells=2)), "friction in the plane alone"),
         (lambda: contract.training("constant").local(hhr.Clusters(2), recipe=contract.AS_IT_IS), "LocalModels"),
         (lambda: hhr.condense(contract.blocks(free=True, friction=0.1)), "contact alone holds without friction"),
     ],
@@ -398,7 +397,37 @@ const loaded = points.map((point) => sliding.begun(point));
 const told = (states) => ({ forces: [...states.at(-1).forces], path: states.map(({ point }) => point) });
 console.log(JSON.stringify({ found, loaded: loaded.map(told) }));
 """
+
+
+def round_blocks_in_space(comm):
+    """A block, and another one that touches it with a round side."""
+
+    def warp(points, tag):
+        bulge = 0.2 * ((points[:, :2] - 0.5) ** 2).sum(axis=1) * (2 - points[:, 2]) if tag == SECOND else 0.0
+        return points + np.outer(np.ones(len(points)) * bulge, (0.0, 0.0, 1.0))
+
+    first = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (4, 4, 4)
+    second = (0.0, 0.0, 1.0), (1.0, 1.0, 2.0), (4, 4, 4)
+    return two_blocks(comm, warp=warp, first=first, second=second)
+
+
+def in_space(friction):
+    """The same blocks in space, of which the upper one moves along both tangents."""
+    scene = rubbing(friction, dimension=3, geometry=round_blocks_in_space, box={"aside": (-0.1, 0.1)})
+    aside = hhr.Amplitude(slopes={"aside": 1.0})
+    moved = [item for item in scene.displacements if item.component == 1 and item.tag == side(SECOND, 2, True)]
+    return dataclasses.replace(
+        scene,
+        displacements=tuple(
+            dataclasses.replace(item, amplitude=aside) if item in moved else item for item in scene.displacements
+        ),
+    )
+
+
 RUBBING = {
+    "in space": lambda: in_space(0.3),
+    "in space with a limit": lambda: in_space(hhr.Coulomb(0.5, limit=0.05)),
+    "in space, Tresca": lambda: in_space(hhr.Tresca(0.02)),
     "Coulomb": lambda: rubbing(geometry=round_block, pairing=None),
     "formula and limit": lambda: rubbing(
         hhr.Coulomb("f * (1 + f)", limit=0.02), geometry=round_block, box={"f": (0.0, 0.8)}
@@ -426,10 +455,12 @@ TOUR = [
 @in_node
 @pytest.mark.parametrize("name", RUBBING)
 def test_increments_with_friction_are_those_of_python(name):
-    outputs = (hhr.LargestPressure("peak", 0), hhr.ContactForce("pull", 0, (1.0, 0.0)))
-    _, model, scenery = made(dataclasses.replace(RUBBING[name](), outputs=outputs))
-    rest = (0.5,) * (len(model.parameters.names) - 2)
-    tour = [np.array([*point, *rest]) for point in TOUR]
+    scene = RUBBING[name]()
+    along = (1.0, 0.0, 0.0)[: 3 if scene.hypothesis == "solid" else 2]
+    outputs = (hhr.LargestPressure("peak", 0), hhr.ContactForce("pull", 0, along))
+    _, model, scenery = made(dataclasses.replace(scene, outputs=outputs))
+    rest = [0.05 * np.sin(k) for k in range(len(TOUR))] if model.dimension == 3 else [0.5] * len(TOUR)
+    tour = [np.array([*point, other][: len(model.parameters.names)]) for point, other in zip(TOUR, rest, strict=True)]
     points = model.parameters.random(6, 3)
     text = page.page_text(model, scenery)
     asked = json.dumps({"page": text, "path": [point.tolist() for point in tour], "points": points.tolist()})
@@ -441,7 +472,7 @@ def test_increments_with_friction_are_those_of_python(name):
     assert history.cuts == 0
     statuses = set()
     largest = max(np.abs(answer.multipliers).max() for answer in history.answers)
-    rows = (scenery.nodes[:, None] * 2 + np.arange(2)).ravel()
+    rows = (scenery.nodes[:, None] * model.dimension + np.arange(model.dimension)).ravel()
     for found, answer in zip(given["found"], history.answers, strict=True):
         np.testing.assert_allclose(found["forces"], answer.multipliers, rtol=0, atol=1e-10 * largest)
         for kind in ("position", "path", "work", "wear"):

@@ -57,7 +57,7 @@ def check_model(model: Any, what: str = "a page", *, on_page: bool = True) -> No
             f"{what} answers by all contact conditions, and {_kind(model)} does not: condense the scene, "
             "hhr.condense(scene) or hhr train SCENE --model condensed"
         )
-    if model.friction is not None and np.bincount(model.friction.owner, minlength=1).max() > 1:
+    if not on_page and model.friction is not None and np.bincount(model.friction.owner, minlength=1).max() > 1:
         raise NotOfferedError(f"{what} knows friction in the plane alone: in space its increments are solved in Python")
     if isinstance(model.eliminated, Compliances) and not model.eliminated.symmetric:
         raise NotOfferedError(f"{what} solves with a symmetric S, and that of this model is not")
@@ -126,7 +126,7 @@ def _groups(model: Any, arrays: Packed) -> str | None:
 
 
 def _friction(friction: Friction, arrays: Packed) -> dict[str, Any]:
-    """Rows of friction in the plane, and their laws."""
+    """Rows of friction, and their laws."""
     tree: dict[str, Any] = {
         name: arrays.put(f"friction_{name}", getattr(friction, name), "<i4")
         for name in ("normal", "tangential", "owner", "law", "twice")

@@ -1,7 +1,8 @@
 "use strict";
-/* Increments with friction in the plane, one tangent for each contact: statuses and directions by a semi-smooth Newton
+/* Increments with friction, one tangent for each contact or in space two: statuses and directions by a semi-smooth Newton
    method, the same as contact.sliding_set in Python; what it does not settle is brought nearer by sweeps over single
-   contacts. Needs model.js. */
+   contacts. In space what slips may turn: its force across the slip is an unknown, see contact/sliding_system.py.
+   Needs model.js. */
 
 ((hhr) => {
   const TOLERANCE = 1e-11, ROUND_OFF = 1e-15, PROBES = [0.2, 1, 0.01], NEWTON = 40, GIVES = 1e-4, HALVED = 8;
@@ -17,7 +18,8 @@
       this.fixed = friction.fixed;
       for (const name of ["normal", "tangential", "owner", "area", "law", "twice", "tangents"]) this[name] = model.arrays[friction[name]];
       this.pressing = new Uint8Array(model.m).fill(1);
-      this.tangential.forEach((row) => { this.pressing[row] = 0; });
+      this.along = Array.from(this.normal, () => []); // tangential rows of each contact
+      this.tangential.forEach((row, k) => { this.pressing[row] = 0; this.along[this.owner[k]].push(row); });
     }
 
     /* Undeformed bodies at a point, of which nothing has slipped. */
@@ -121,8 +123,8 @@
       const slipped = new Float64Array(normal.length), slides = new Uint8Array(normal.length);
       tangential.forEach((row, k) => {
         state.position[k] = before.position[k] + slack[row];
-        slipped[this.owner[k]] = Math.abs(slack[row]);
-        slides[this.owner[k]] = at.slips[row] ? 1 : 0;
+        slipped[this.owner[k]] = Math.hypot(slipped[this.owner[k]], slack[row]);
+        slides[this.owner[k]] = at.slips[row];
       });
       normal.forEach((row, k) => {
         const pressure = Math.max(forces[row], 0), bound = this.bound(given, k, forces[row]);
@@ -150,6 +152,8 @@
 
     settled(schur, slack, given, start) {
       const m = this.model.m, stiffness = Float64Array.from(slack, (_, i) => 1 / Math.abs(schur[i * m + i]));
+      // both directions of one contact alike: the projection is that on a disc
+      for (const rows of this.along) { const own = Math.min(...rows.map((row) => stiffness[row])); rows.forEach((row) => { stiffness[row] = own; }); }
       let found = null, forces = start;
       for (const sweeps of [0, ...SWEEPS]) {
         if (sweeps) forces = this.swept(schur, slack, given, stiffness, forces, sweeps);
@@ -167,11 +171,11 @@
           forces = forces.map((x, i) => (at.acting[i] ? x : 0));
           return { forces, at, pushed: left.map((s, i) => s - slack[i]), slack: left.map((s, i) => (at.acting[i] && !at.slips[i] ? 0 : s)) };
         }
-        const key = at.acting.join("") + at.slips.join("") + at.limited.join("");
+        const key = at.acting.join("") + at.slips.join("") + at.limited.join("") + at.ways.map(Math.sign).join("");
         if (seen.has(key) && !(at.worst < 0.5 * least)) return null;
         seen.add(key);
         least = Math.min(least, at.worst);
-        forces = this.solved(schur, slack, given, at);
+        forces = this.solved(schur, slack, given, stiffness, at);
         if (!forces || !forces.every(Number.isFinite)) return null;
       }
       return null;
@@ -183,65 +187,77 @@
       return found;
     }
 
-    /* What forces and slacks say of statuses, and how far they are from a solution; slips has the direction, 1 or -1. */
+    /* What forces and slacks say of statuses, and how far they are from a solution; what slips has a direction along its
+       rows, and shrunk is the bound over the force that is projected. */
     projected(given, stiffness, forces, left, probe) {
-      const m = this.model.m, acting = new Uint8Array(m), slips = new Int8Array(m), limited = new Uint8Array(m);
+      const m = this.model.m, acting = new Uint8Array(m), slips = new Uint8Array(m), limited = new Uint8Array(m);
+      const ways = new Float64Array(m), shrunk = new Float64Array(this.normal.length);
       const y = forces.map((x, i) => x - stiffness[i] * left[i]);
       let worst = 0;
       for (let i = 0; i < m; i++) if (this.pressing[i]) {
         acting[i] = y[i] > 0 ? 1 : 0;
         worst = Math.max(worst, Math.abs(forces[i] - Math.max(y[i], 0)));
       }
-      this.tangential.forEach((row, k) => {
-        const contact = this.owner[k], normal = this.normal[contact], bound = this.bound(given, contact, y[normal]);
-        worst = Math.max(worst, Math.abs(forces[row] - Math.min(Math.max(y[row], -bound), bound)));
-        const pushed = forces[row] + probe * (y[row] - forces[row]);
-        acting[row] = acting[normal] || bound > 0 ? 1 : 0;
-        limited[row] = bound >= given.limit[contact] ? 1 : 0;
-        slips[row] = acting[row] && Math.abs(pushed) > bound ? Math.sign(pushed) : 0;
+      this.normal.forEach((normal, contact) => {
+        const rows = this.along[contact], bound = this.bound(given, contact, y[normal]);
+        const share = this.share(bound, Math.hypot(...rows.map((row) => y[row])));
+        const pushed = rows.map((row) => forces[row] + probe * (y[row] - forces[row])), size = Math.hypot(...pushed);
+        const bears = acting[normal] || bound > 0;
+        shrunk[contact] = this.share(bound, size);
+        rows.forEach((row, k) => {
+          worst = Math.max(worst, Math.abs(forces[row] - share * y[row]));
+          acting[row] = bears ? 1 : 0;
+          limited[row] = bound >= given.limit[contact] ? 1 : 0;
+          slips[row] = bears && size > bound ? 1 : 0;
+          ways[row] = slips[row] ? pushed[k] / size : 0;
+        });
       });
-      return { acting, slips, limited, worst };
+      return { acting, slips, limited, ways, shrunk, probe, worst };
     }
 
-    /* Forces on some statuses; null where they are undetermined. What slips follows its pressure, or is at its limit. */
-    solved(schur, slack, given, { acting, slips, limited }) {
-      const m = this.model.m, index = [], place = new Int32Array(m).fill(-1), forces = new Float64Array(m);
-      for (let i = 0; i < m; i++) if (acting[i] && !slips[i]) place[i] = index.push(i) - 1;
-      const n = index.length, a = new Float64Array(n * n), x = new Float64Array(n), known = new Float64Array(m);
-      index.forEach((i, r) => {
-        x[r] = -slack[i];
-        for (let c = 0; c < n; c++) a[r * n + c] = schur[i * m + index[c]];
-      });
-      this.tangential.forEach((row, k) => {
-        if (!slips[row]) return;
-        const contact = this.owner[k], normal = this.normal[contact], column = place[normal];
-        if (limited[row]) {
-          known[row] = slips[row] * given.limit[contact];
-          index.forEach((i, r) => { x[r] -= schur[i * m + row] * known[row]; });
-        } else if (column >= 0) {
-          const share = slips[row] * given.coefficient[contact];
-          index.forEach((i, r) => { a[r * n + column] += share * schur[i * m + row]; });
+    share(bound, size) {
+      return size > bound ? bound / size : 1;
+    }
+
+    /* Forces on some statuses; null where they are undetermined. What slips follows its pressure, or is at its limit, and in
+       space turns: (1 - s) α + s p c e·slack = 0 for its force α across, along e, with s what it is shrunk by. */
+    solved(schur, slack, given, stiffness, { acting, slips, limited, ways, shrunk, probe }) {
+      const m = this.model.m, columns = [], place = new Int32Array(m).fill(-1), known = new Float64Array(m);
+      for (let i = 0; i < m; i++) if (acting[i] && !slips[i]) place[i] = columns.push({ parts: [[i, 1]], tests: [[i, 1]], own: 0 }) - 1;
+      this.normal.forEach((normal, contact) => {
+        const rows = this.along[contact].filter((row) => slips[row]), follows = place[normal];
+        for (const row of rows) {
+          if (limited[row]) known[row] = ways[row] * given.limit[contact];
+          else if (follows >= 0) columns[follows].parts.push([row, ways[row] * given.coefficient[contact]]);
         }
+        if (rows.length !== 2) return;
+        const across = [[rows[0], -ways[rows[1]]], [rows[1], ways[rows[0]]]], yields = shrunk[contact];
+        columns.push({ parts: across, tests: across.map(([row, e]) => [row, e * yields * probe * stiffness[row]]), own: 1 - yields });
       });
-      const pivots = new Int32Array(n);
+      const n = columns.length, a = new Float64Array(n * n), x = new Float64Array(n), pushed = this.left(schur, slack, known);
+      columns.forEach(({ tests, own }, r) => {
+        for (const [i, weight] of tests) {
+          x[r] -= weight * pushed[i];
+          columns.forEach(({ parts }, c) => { for (const [j, share] of parts) a[r * n + c] += weight * share * schur[i * m + j]; });
+        }
+        a[r * n + r] += own;
+      });
+      const pivots = new Int32Array(n), forces = known;
       if (!hhr.factor(a, n, pivots)) return null;
       hhr.solved(a, n, pivots, x);
-      index.forEach((i, r) => { forces[i] = x[r]; });
-      this.tangential.forEach((row, k) => {
-        if (slips[row]) forces[row] = limited[row] ? known[row] : slips[row] * given.coefficient[this.owner[k]] * forces[this.normal[this.owner[k]]];
-      });
+      columns.forEach(({ parts }, c) => { for (const [row, share] of parts) forces[row] += share * x[c]; });
       return forces;
     }
 
-    /* Projections of single rows, one after another. */
+    /* Projections of single contacts, one after another. */
     swept(schur, slack, given, stiffness, start, count) {
       const m = this.model.m, forces = Float64Array.from(start, (x) => (Number.isFinite(x) ? x : 0));
-      const gap = (i) => { let s = slack[i]; for (let j = 0; j < m; j++) s += schur[i * m + j] * forces[j]; return s; };
+      const pushed = (i) => { let s = slack[i]; for (let j = 0; j < m; j++) s += schur[i * m + j] * forces[j]; return forces[i] - stiffness[i] * s; };
       for (let sweep = 0; sweep < count; sweep++) {
-        for (let i = 0; i < m; i++) if (this.pressing[i]) forces[i] = Math.max(0, forces[i] - stiffness[i] * gap(i));
-        this.tangential.forEach((row, k) => {
-          const bound = this.bound(given, this.owner[k], forces[this.normal[this.owner[k]]]);
-          forces[row] = Math.min(Math.max(forces[row] - stiffness[row] * gap(row), -bound), bound);
+        for (let i = 0; i < m; i++) if (this.pressing[i]) forces[i] = Math.max(0, pushed(i));
+        this.along.forEach((rows, contact) => {
+          const y = rows.map(pushed), share = this.share(this.bound(given, contact, forces[this.normal[contact]]), Math.hypot(...y));
+          rows.forEach((row, k) => { forces[row] = share * y[k]; });
         });
       }
       return forces;

@@ -58,8 +58,9 @@ const plots = (() => {
     pen.restore();
   }
 
-  /* Values on a surface that is seen from above, as discs of some areas; rings where they are open. */
-  function map(canvas, { places, values, closed, areas, unit }) {
+  /* Values on a surface that is seen from above, as discs of some areas; rings where they are open, and with friction a dot for
+     what sticks or slips. */
+  function map(canvas, { places, values, closed, areas, unit, marks }) {
     const { pen, width, height } = prepared(canvas);
     const range = [0, 1].map((c) => places.map((place) => place[c])).map((v) => [Math.min(...v), Math.max(...v)]);
     const [wide, tall] = range.map(([from, to]) => to - from || 1);
@@ -71,9 +72,11 @@ const plots = (() => {
       pen.strokeStyle = style("--open");
       pen.beginPath(); pen.arc(x, y, Math.max(3, 0.4 * scale * Math.sqrt(areas[k])), 0, 2 * Math.PI); pen.fill();
       if (!closed[k]) pen.stroke();
+      else if (marks) dot(pen, marks[k], x, y, 2);
     });
     pen.fillStyle = style("--faint");
-    pen.fillText(most > 1e-300 ? `yellow ${said(most)}${unit}, dark 0, rings open` : "nothing touches", 8, height - 6);
+    const legend = `yellow ${said(most)}${unit}, dark 0, rings open${marks ? "; orange sticks, green slips" : ""}`;
+    pen.fillText(most > 1e-300 ? legend : "nothing touches", 8, height - 6);
     return most;
   }
 

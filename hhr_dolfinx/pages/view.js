@@ -90,13 +90,13 @@
   }
 
   /* Force of friction on the surface whose nodes carry the contact, along an axis, of a tangential row. */
-  const onSlave = (k, axis) => -answer.forces[sliding.tangential[k]] * sliding.tangents[2 * k + axis];
+  const onSlave = (k, axis) => -answer.forces[sliding.tangential[k]] * sliding.tangents[dim * k + axis];
 
   function rubbing(pair) {
     const contact = [...sliding.normal.keys()].filter((k) => pairs[sliding.normal[k]] === pair);
     const total = (values) => contact.reduce((t, k) => t + values[k], 0);
     const along = [...sliding.tangential.keys()].filter((k) => contact.includes(sliding.owner[k]));
-    const sums = [0, 1].map((c) => [`friction on the first surface, along ${"xy"[c]}`, along.reduce((t, k) => t + onSlave(k, c), 0), null]);
+    const sums = [...Array(dim).keys()].map((c) => [`friction on the first surface, along ${"xyz"[c]}`, along.reduce((t, k) => t + onSlave(k, c), 0), null]);
     return [...sums, ["conditions that stick", contact.filter((k) => answer.statuses[k] === 1).length, null],
       ["conditions that slip", contact.filter((k) => answer.statuses[k] === 2).length, null],
       ["dissipated work", total(answer.work), null], [`longest way slipped${unit(words.length)}`, Math.max(0, ...contact.map((k) => answer.path[k])), null]];
@@ -150,7 +150,7 @@
   const drawnContacts = contacts.map((pair) => {
     const canvas = element("canvas", "", { className: "plot" });
     canvas.setAttribute("role", "img");
-    const legend = sliding ? "; blue: traction along it; dots: orange sticks, green slips, grey is open" : "";
+    const legend = sliding && dim === 2 ? "; blue: traction along it; dots: orange sticks, green slips, grey is open" : "";
     at("plots").append(element("p", contactName(pair) + legend, { className: "note" }), canvas);
     const own = ownOf(pair);
     return { canvas, own, line: alongContact(own) };
@@ -159,6 +159,7 @@
   /* Tangential tractions on the slave surface, by conditions; none without friction. */
   const contactOf = new Map(sliding ? Array.from(sliding.normal, (row, k) => [row, k]) : []);
   const tangentOf = new Map(sliding ? Array.from(sliding.owner, (contact, k) => [contact, k]) : []);
+  const slides = (i) => sliding && answer.statuses[contactOf.get(i)] === 2;
   function tractions({ axis, order }) {
     if (!sliding) return [];
     return order.map((i) => { const k = tangentOf.get(contactOf.get(i)); return k === undefined ? 0 : stressOf(onSlave(k, axis), i); });
@@ -175,8 +176,7 @@
     const { axis, order } = line, x = order.map((i) => places[i * dim + axis]), y = order.map((i) => values[i]);
     const worst = (scenery.moves ? tree.error.forces : tree.error.pressure) || 0;
     const band = worst * Math.max(0, ...y.filter(Number.isFinite));
-    const slips = (i) => sliding && answer.statuses[contactOf.get(i)] === 2;
-    const statuses = order.map((i) => (!(answer.forces[i] > 0) ? "--open" : slips(i) ? "--slips" : "--force"));
+    const statuses = order.map((i) => (!(answer.forces[i] > 0) ? "--open" : slides(i) ? "--slips" : "--force"));
     const titles = [`${"xyz"[axis]}${unit(words.length)}`, `${what}${unit(ofStress)}`];
     plots.line(canvas, { x, y, range: shown(x, order), band, along: tractions(line), statuses, titles });
     canvas.setAttribute("aria-label", `pressure along ${"xyz"[axis]}, at most ${said(Math.max(...y))}`);
@@ -185,7 +185,7 @@
   function drawMap({ canvas, own }, values) {
     const flat = arrays[scenery.flat], closed = own.map((i) => answer.forces[i] > 0);
     const most = plots.map(canvas, { places: own.map((i) => [flat[i * 2], flat[i * 2 + 1]]), values: own.map((i) => values[i]),
-      closed, areas: own.map((i) => areas[i]), unit: unit(ofStress) });
+      closed, areas: own.map((i) => areas[i]), unit: unit(ofStress), marks: sliding && own.map((i) => slides(i) ? "--slips" : "--force") });
     canvas.setAttribute("aria-label", `pressures on the surface, at most ${said(most)}`);
   }
 
