@@ -40,8 +40,8 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
 
     Args:
         path: of the page, ``.html``.
-        model: that of ``hhr.condense``, ``hhr.train`` or a file: elastic, with friction in the plane alone, or of
-            condensed flow.
+        model: that of ``hhr.condense``, ``hhr.train`` or a file: elastic, with friction, or of condensed
+            flow.
         scenery: what is drawn, see :func:`hhr_dolfinx.study.scene.scenery.scenery_of`.
 
     Returns:
