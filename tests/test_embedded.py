@@ -11,8 +11,7 @@ from xml.etree import ElementTree
 import contract
 import numpy as np
 import pytest
-from test_friction import rubbing
-from test_pages import RUBBING, SCENES, TOUR, outputs_of_pellet
+from test_pages import RUBBING, SCENES, outputs_of_pellet, rubbed, tour_of
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.doors import c_header, fmu
@@ -153,8 +152,6 @@ def test_outputs_that_stay_out_are_named():
         pytest.raises(NotOfferedError, match="no outputs for it: peak, force"),
     ):
         fmu.write_fmu("never.fmu", shaped)
-    with pytest.raises(NotOfferedError, match="knows bodies that contact alone holds not"):
-        c_header.c_header(hhr.condense(contract.blocks(free=True)), "press")
 
 
 @pytest.mark.parametrize(
@@ -181,8 +178,8 @@ def test_names_are_those_of_the_file_and_of_the_scene(tmp_path):
 
 
 def test_other_models_are_refused_by_name(monkeypatch):
-    with pytest.raises(NotOfferedError, match="friction in the plane alone"):
-        c_header.c_header(hhr.condense(rubbing(dimension=3, cells=2)), "press")
+    with pytest.raises(NotOfferedError, match="knows bodies that contact alone holds not"):
+        c_header.c_header(hhr.condense(contract.blocks(free=True)), "press")
     with pytest.raises(NotOfferedError, match="FullOrderModel"):
         c_header.c_header(hhr.FullOrderModel(contract.blocks()), "press")
     model = hhr.condense(contract.blocks())
@@ -302,10 +299,8 @@ int begin(const double *point, double *forces, double *outputs) {
 
 def rubbing_model(name):
     """Condensed, with outputs of forces, and a tour whose first point is at rest."""
-    outputs = (hhr.LargestPressure("peak", 0), hhr.ContactForce("pull", 0, (1.0, 0.0)))
-    model = hhr.condense(dataclasses.replace(RUBBING[name](), outputs=outputs), fields=True)
-    rest = (0.5,) * (len(model.parameters.names) - 2)
-    return model, [np.array([*point, *rest]) for point in TOUR]
+    model = hhr.condense(rubbed(name), fields=True)
+    return model, tour_of(model)
 
 
 def rubbing_library(folder, model):

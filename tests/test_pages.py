@@ -452,15 +452,24 @@ TOUR = [
 """Pressed, sheared, turned round, let go, and pressed again."""
 
 
+def rubbed(name):
+    """One of these scenes, with outputs of forces."""
+    scene = RUBBING[name]()
+    along = (1.0, 0.0, 0.0)[: 3 if scene.hypothesis == "solid" else 2]
+    return dataclasses.replace(scene, outputs=(hhr.LargestPressure("peak", 0), hhr.ContactForce("pull", 0, along)))
+
+
+def tour_of(model):
+    """The tour; in space to and fro aside too, elsewhere with half of what a law asks for."""
+    rest = [0.05 * np.sin(k) for k in range(len(TOUR))] if model.dimension == 3 else [0.5] * len(TOUR)
+    return [np.array([*point, other][: len(model.parameters.names)]) for point, other in zip(TOUR, rest, strict=True)]
+
+
 @in_node
 @pytest.mark.parametrize("name", RUBBING)
 def test_increments_with_friction_are_those_of_python(name):
-    scene = RUBBING[name]()
-    along = (1.0, 0.0, 0.0)[: 3 if scene.hypothesis == "solid" else 2]
-    outputs = (hhr.LargestPressure("peak", 0), hhr.ContactForce("pull", 0, along))
-    _, model, scenery = made(dataclasses.replace(scene, outputs=outputs))
-    rest = [0.05 * np.sin(k) for k in range(len(TOUR))] if model.dimension == 3 else [0.5] * len(TOUR)
-    tour = [np.array([*point, other][: len(model.parameters.names)]) for point, other in zip(TOUR, rest, strict=True)]
+    _, model, scenery = made(rubbed(name))
+    tour = tour_of(model)
     points = model.parameters.random(6, 3)
     text = page.page_text(model, scenery)
     asked = json.dumps({"page": text, "path": [point.tolist() for point in tour], "points": points.tolist()})

@@ -31,7 +31,7 @@ def write_c_header(path: str | Path, model: Any) -> Path:
 
     Args:
         path: of the header, ``.h``; its stem has to be an identifier of C.
-        model: that of ``hhr.condense``, ``hhr.reduce`` or a file, elastic; with friction in the plane alone.
+        model: that of ``hhr.condense``, ``hhr.reduce`` or a file, elastic, with friction too.
 
     Returns:
         The path.
@@ -153,12 +153,18 @@ class _Data:
         rows = {"normal": "normal", "tangential": "tangential", "owner": "owner", "law_of": "law", "twice": "twice"}
         return [
             *(self._array(name, self.arrays[item[key]]) for name, key in rows.items()),
+            self._array("along", self._starts(item)),
             self._array("area", self.arrays[item["area"]]),
             self._array("fixed", np.array(item["fixed"], dtype=int)),
             self._array("box_lower", np.array(self.tree["lower"])),
             self._array("box_upper", np.array(self.tree["upper"])),
             self._records("law", "laws", laws),
         ]
+
+    def _starts(self, item: dict[str, Any]) -> np.ndarray:
+        """Where the tangential rows of each contact begin, and the last one's end."""
+        contacts = np.arange(self.arrays[item["normal"]].size + 1)
+        return np.searchsorted(self.arrays[item["owner"]], contacts)
 
     def _sizes(self, places: np.ndarray) -> Iterable[str]:
         tree = self.tree

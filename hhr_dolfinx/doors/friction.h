@@ -1,5 +1,5 @@
 
-/* Increments with friction in the plane, one tangent for each contact: statuses and directions by a semi-smooth Newton
+/* Increments with friction, one tangent for each contact or in space two: statuses and directions by a semi-smooth Newton
    method, and what it does not settle brought nearer by sweeps over single contacts; friction.js says the same. */
 #define MODEL_NEWTON 40
 #define MODEL_GIVES 1e-4
@@ -18,11 +18,18 @@ typedef struct {
     unsigned char statuses[MODEL_CONTACTS]; /* 0 open, 1 sticks, 2 slips */
 } model_state;
 
+/* An unknown: what it is of rows, what tests it, and what it bears itself. */
+typedef struct {
+    int rows[3], tests[2], count, tested;
+    double shares[3], weights[2], own;
+} model_column;
+
 typedef struct {
     model_work *room;
     model_state *state, *pool;
-    double *schur, *slack, *stiffness, *y, *start, *forces, *left, *known, *x;
-    double coefficient[MODEL_CONTACTS], limit[MODEL_CONTACTS], largest, dissipated;
+    model_column *columns;
+    double *schur, *slack, *stiffness, *y, *start, *forces, *left, *known, *x, *ways; /* ways: of what slips, along its rows */
+    double coefficient[MODEL_CONTACTS], limit[MODEL_CONTACTS], shrunk[MODEL_CONTACTS], probe, largest, dissipated;
     int *place;
     unsigned char *at, *pressing, *seen; /* at: whether rows act, are at their limit, slip: 0, 1 or, backwards, 2 */
     int begun;
@@ -31,7 +38,7 @@ typedef struct {
 static inline void model_path_free(model_path *p) {
     if (!p) return;
     model_free(p->room), free(p->state), free(p->pool), free(p->schur), free(p->slack), free(p->stiffness), free(p->y);
-    free(p->start), free(p->forces), free(p->left), free(p->known), free(p->x), free(p->place), free(p->at);
+    free(p->start), free(p->forces), free(p->left), free(p->known), free(p->x), free(p->ways), free(p->columns), free(p->place), free(p->at);
     free(p->pressing), free(p->seen), free(p);
 }
 
@@ -42,12 +49,12 @@ static inline model_path *model_path_new(void) {
     if (!p) return NULL;
     p->room = model_new(), p->state = calloc(1, sizeof *p->state);
     p->pool = calloc(3 * (MODEL_CUTS + 2), sizeof *p->pool), p->schur = malloc(m * m * sizeof(double));
-    double **rows[] = {&p->slack, &p->stiffness, &p->y, &p->start, &p->forces, &p->left, &p->known, &p->x};
+    double **rows[] = {&p->slack, &p->stiffness, &p->y, &p->start, &p->forces, &p->left, &p->known, &p->x, &p->ways};
     int all = p->room && p->state && p->pool && p->schur;
     for (size_t k = 0; k < sizeof rows / sizeof *rows; k++) all = (*rows[k] = calloc(m, sizeof(double))) && all;
-    p->place = malloc(m * sizeof(int)), p->at = malloc(3 * m), p->pressing = malloc(m);
+    p->columns = malloc(m * sizeof *p->columns), p->place = malloc(m * sizeof(int)), p->at = malloc(3 * m), p->pressing = malloc(m);
     p->seen = malloc(3 * m * (MODEL_NEWTON + 1));
-    if (all && p->place && p->at && p->pressing && p->seen) {
+    if (all && p->columns && p->place && p->at && p->pressing && p->seen) {
         memset(p->pressing, 1, m);
         for (int k = 0; k < MODEL_TANGENTS; k++) p->pressing[model_tangential[k]] = 0;
         return p;
@@ -76,6 +83,8 @@ static inline void model_leave(const model_path *p, const double *forces, double
             for (int i = 0; i < m; i++) left[i] += p->schur[i * m + j] * forces[j];
 }
 
+static inline double model_share(double bound, double size) { return size > bound ? bound / size : 1; }
+
 /* What forces and slacks say of statuses; returns how far they are from a solution. */
 static inline double model_projected(model_path *p, double probe) {
     const int m = MODEL_CONDITIONS;
@@ -88,52 +97,94 @@ static inline double model_projected(model_path *p, double probe) {
             acting[i] = p->y[i] > 0;
             worst = fmax(worst, fabs(p->forces[i] - fmax(p->y[i], 0)));
         }
-    for (int k = 0; k < MODEL_TANGENTS; k++) {
-        const int row = model_tangential[k], contact = model_owner[k], normal = model_normal[contact];
+    p->probe = probe;
+    for (int contact = 0; contact < MODEL_CONTACTS; contact++) {
+        const int normal = model_normal[contact];
         const double bound = model_bounded(p, contact, p->y[normal]);
-        const double pushed = p->forces[row] + probe * (p->y[row] - p->forces[row]);
-        worst = fmax(worst, fabs(p->forces[row] - fmin(fmax(p->y[row], -bound), bound)));
-        acting[row] = acting[normal] || bound > 0;
-        limited[row] = bound >= p->limit[contact];
-        slips[row] = acting[row] && fabs(pushed) > bound ? (pushed > 0 ? 1 : 2) : 0;
+        double size = 0, pushes = 0;
+        for (int k = model_along[contact]; k < model_along[contact + 1]; k++) {
+            const int row = model_tangential[k];
+            p->ways[row] = p->forces[row] + probe * (p->y[row] - p->forces[row]);
+            size = hypot(size, p->y[row]), pushes = hypot(pushes, p->ways[row]);
+        }
+        const double share = model_share(bound, size);
+        p->shrunk[contact] = model_share(bound, pushes);
+        for (int k = model_along[contact]; k < model_along[contact + 1]; k++) {
+            const int row = model_tangential[k];
+            worst = fmax(worst, fabs(p->forces[row] - share * p->y[row]));
+            acting[row] = acting[normal] || bound > 0;
+            limited[row] = bound >= p->limit[contact];
+            slips[row] = acting[row] && pushes > bound ? (p->ways[row] >= 0 ? 1 : 2) : 0;
+            p->ways[row] = slips[row] ? p->ways[row] / pushes : 0;
+        }
     }
     return worst;
 }
 
-/* Forces on some statuses; 0 where these leave them undetermined. What slips follows its pressure or is at its limit. */
-static inline int model_on_statuses(model_path *p) {
+static inline model_column *model_unknown(model_path *p, int *n, int row) {
+    model_column *column = &p->columns[(*n)++];
+    memset(column, 0, sizeof *column);
+    column->rows[0] = column->tests[0] = row;
+    column->shares[0] = column->weights[0] = column->count = column->tested = 1;
+    return column;
+}
+
+/* Unknowns on some statuses; what slips at its limit is known. What slips follows its pressure, and in space its force
+   across, along e, is an unknown too: (1 - s) x + s p c e slack = 0 with s what it is shrunk by. */
+static inline int model_unknowns(model_path *p) {
     const int m = MODEL_CONDITIONS;
     const unsigned char *acting = p->at, *limited = p->at + m, *slips = p->at + 2 * m;
-    int *index = p->room->index, n = 0;
-    double *a = p->room->factored;
+    int n = 0;
     for (int i = 0; i < m; i++) {
         p->place[i] = -1, p->known[i] = 0;
-        if (acting[i] && !slips[i]) p->place[i] = n, index[n++] = i;
+        if (acting[i] && !slips[i]) p->place[i] = n, model_unknown(p, &n, i);
     }
+    for (int contact = 0; contact < MODEL_CONTACTS; contact++) {
+        const int first = model_along[contact], count = model_along[contact + 1] - first, place = p->place[model_normal[contact]];
+        if (!count || !slips[model_tangential[first]]) continue;
+        for (int k = first; k < first + count; k++) {
+            const int row = model_tangential[k];
+            if (limited[row]) {
+                p->known[row] = p->ways[row] * p->limit[contact];
+            } else if (place >= 0) {
+                model_column *leader = &p->columns[place];
+                leader->rows[leader->count] = row;
+                leader->shares[leader->count++] = p->ways[row] * p->coefficient[contact];
+            }
+        }
+        if (count < 2) continue;
+        const int one = model_tangential[first], two = model_tangential[first + 1];
+        const double tested = p->shrunk[contact] * p->probe * p->stiffness[one];
+        model_column *across = model_unknown(p, &n, one);
+        across->rows[1] = across->tests[1] = two, across->count = across->tested = 2;
+        across->shares[0] = -p->ways[two], across->shares[1] = p->ways[one];
+        across->weights[0] = tested * across->shares[0], across->weights[1] = tested * across->shares[1];
+        across->own = 1 - p->shrunk[contact];
+    }
+    return n;
+}
+
+/* Forces on some statuses; 0 where these leave them undetermined. */
+static inline int model_on_statuses(model_path *p) {
+    const int m = MODEL_CONDITIONS, n = model_unknowns(p);
+    double *a = p->room->factored, *pushed = p->y;
+    model_leave(p, p->known, pushed);
     for (int r = 0; r < n; r++) {
-        p->x[r] = -p->slack[index[r]];
-        for (int c = 0; c < n; c++) a[r * n + c] = p->schur[index[r] * m + index[c]];
-    }
-    for (int k = 0; k < MODEL_TANGENTS; k++) {
-        const int row = model_tangential[k], contact = model_owner[k], column = p->place[model_normal[contact]];
-        if (!slips[row]) continue;
-        const double sign = slips[row] == 1 ? 1 : -1;
-        if (limited[row]) {
-            p->known[row] = sign * p->limit[contact];
-            for (int r = 0; r < n; r++) p->x[r] -= p->schur[index[r] * m + row] * p->known[row];
-        } else if (column >= 0) {
-            for (int r = 0; r < n; r++) a[r * n + column] += sign * p->coefficient[contact] * p->schur[index[r] * m + row];
+        const model_column *tests = &p->columns[r];
+        p->x[r] = 0;
+        for (int c = 0; c < n; c++) a[r * n + c] = c == r ? tests->own : 0;
+        for (int t = 0; t < tests->tested; t++) {
+            const double *row = p->schur + tests->tests[t] * m;
+            p->x[r] -= tests->weights[t] * pushed[tests->tests[t]];
+            for (int c = 0; c < n; c++)
+                for (int k = 0; k < p->columns[c].count; k++)
+                    a[r * n + c] += tests->weights[t] * p->columns[c].shares[k] * row[p->columns[c].rows[k]];
         }
     }
     if (!model_factored(a, n, p->room->pivots, p->x)) return 0;
-    memset(p->forces, 0, m * sizeof(double));
-    for (int r = 0; r < n; r++) p->forces[index[r]] = p->x[r];
-    for (int k = 0; k < MODEL_TANGENTS; k++) {
-        const int row = model_tangential[k], contact = model_owner[k];
-        if (!slips[row]) continue;
-        const double carried = (slips[row] == 1 ? 1 : -1) * p->coefficient[contact] * p->forces[model_normal[contact]];
-        p->forces[row] = limited[row] ? p->known[row] : carried;
-    }
+    memcpy(p->forces, p->known, m * sizeof(double));
+    for (int c = 0; c < n; c++)
+        for (int k = 0; k < p->columns[c].count; k++) p->forces[p->columns[c].rows[k]] += p->columns[c].shares[k] * p->x[c];
     for (int i = 0; i < m; i++)
         if (!isfinite(p->forces[i])) return 0;
     return 1;
@@ -166,24 +217,25 @@ static inline int model_iterated(model_path *p, const double *start, double prob
     return 0;
 }
 
-/* Projections of single rows, one after another, in place. */
+static inline double model_moved(const model_path *p, const double *forces, int i) {
+    double left = p->slack[i];
+    for (int j = 0; j < MODEL_CONDITIONS; j++) left += p->schur[i * MODEL_CONDITIONS + j] * forces[j];
+    return forces[i] - p->stiffness[i] * left;
+}
+
+/* Projections of single contacts, one after another, in place. */
 static inline void model_swept(const model_path *p, double *forces, int count) {
-    const int m = MODEL_CONDITIONS;
-    for (int sweep = 0; sweep < count; sweep++)
-        for (int k = 0; k < m + MODEL_TANGENTS; k++) {
-            const int i = k < m ? k : model_tangential[k - m];
-            if (k < m && !p->pressing[k]) continue;
-            double left = p->slack[i];
-            for (int j = 0; j < m; j++) left += p->schur[i * m + j] * forces[j];
-            const double moved = forces[i] - p->stiffness[i] * left;
-            if (k < m) {
-                forces[i] = fmax(0, moved);
-            } else {
-                const int contact = model_owner[k - m];
-                const double bound = model_bounded(p, contact, forces[model_normal[contact]]);
-                forces[i] = fmin(fmax(moved, -bound), bound);
-            }
+    for (int sweep = 0; sweep < count; sweep++) {
+        for (int i = 0; i < MODEL_CONDITIONS; i++)
+            if (p->pressing[i]) forces[i] = fmax(0, model_moved(p, forces, i));
+        for (int contact = 0; contact < MODEL_CONTACTS; contact++) {
+            const int first = model_along[contact], count = model_along[contact + 1] - first;
+            double moved[2] = {0, 0};
+            for (int k = 0; k < count; k++) moved[k] = model_moved(p, forces, model_tangential[first + k]);
+            const double share = model_share(model_bounded(p, contact, forces[model_normal[contact]]), hypot(moved[0], moved[1]));
+            for (int k = 0; k < count; k++) forces[model_tangential[first + k]] = share * moved[k];
         }
+    }
 }
 
 static inline int model_settles(model_path *p) {
@@ -210,7 +262,7 @@ static inline void model_remember(const model_path *p, const model_state *before
     for (int k = 0; k < MODEL_TANGENTS; k++) {
         const int row = model_tangential[k], contact = model_owner[k];
         after->position[k] = before->position[k] + p->left[row];
-        slipped[contact] = fabs(p->left[row]);
+        slipped[contact] = hypot(slipped[contact], p->left[row]);
         slides[contact] = slips[row] != 0;
     }
     for (int k = 0; k < MODEL_CONTACTS; k++) {
@@ -236,6 +288,11 @@ static inline int model_increment(model_path *p, const model_state *before, cons
     for (int k = 0; k < MODEL_TANGENTS; k++) p->slack[model_tangential[k]] -= before->position[k];
     for (int k = 0; k < MODEL_TWICE; k++) p->schur[model_twice[k] * m + model_twice[k]] *= 1 + MODEL_GIVES;
     for (int i = 0; i < m; i++) p->stiffness[i] = 1 / fabs(p->schur[i * m + i]);
+    for (int k = 0; k < MODEL_CONTACTS; k++) /* both directions of a contact alike: the projection is that on a disc */
+        if (model_along[k + 1] - model_along[k] == 2) {
+            const int one = model_tangential[model_along[k]], two = model_tangential[model_along[k] + 1];
+            p->stiffness[one] = p->stiffness[two] = fmin(p->stiffness[one], p->stiffness[two]);
+        }
     for (int k = 0; k < MODEL_CONTACTS; k++) {
         const model_law *law = &model_laws[model_law_of[k]];
         p->coefficient[k] = law->coefficient ? law->coefficient(point) : INFINITY;

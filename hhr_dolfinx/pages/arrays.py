@@ -57,8 +57,6 @@ def check_model(model: Any, what: str = "a page", *, on_page: bool = True) -> No
             f"{what} answers by all contact conditions, and {_kind(model)} does not: condense the scene, "
             "hhr.condense(scene) or hhr train SCENE --model condensed"
         )
-    if not on_page and model.friction is not None and np.bincount(model.friction.owner, minlength=1).max() > 1:
-        raise NotOfferedError(f"{what} knows friction in the plane alone: in space its increments are solved in Python")
     if isinstance(model.eliminated, Compliances) and not model.eliminated.symmetric:
         raise NotOfferedError(f"{what} solves with a symmetric S, and that of this model is not")
 
