@@ -293,6 +293,30 @@ def test_snapshots_of_several_ranks_are_kept(found, ranks):
     assert change < 1e-12 and times == 3
 
 
+LONELY = """
+import hhr_dolfinx as hhr
+from hhr_dolfinx.geometries import block
+from mpi4py import MPI
+floor, lid = block.side(1, upper=False), block.side(1, upper=True)
+scene = hhr.Scene(
+    name="lonely", geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(2, 1), cells=(2, 1)),
+    hypothesis="plane_strain", bodies=(hhr.Body(block.SOLID, 1.0, 0.3),),
+    contacts=(hhr.Obstacle(floor, normal=(0, -1), offset=0.0),),
+    displacements=(*hhr.Displacement.clamp(block.side(0, upper=False), 2),),
+    loads=(hhr.Pressure(lid, hhr.Amplitude(slopes={"push": 1.0})),),
+    parameters=hhr.ParameterSpace(("push",), (0.0,), (1.0,)),
+)
+try:
+    hhr.FullOrderModel(scene, MPI.COMM_WORLD)
+except hhr.errors.SceneError as error:
+    print(error, flush=True)
+"""
+
+
+def test_a_rank_without_cells_is_told_on_every_rank():
+    assert launch(3, ["-c", LONELY]).count("1 of 3 ranks have no cell of the mesh: take fewer ranks") == 3
+
+
 STUDY = """
 import dataclasses, sys
 sys.path.insert(0, {demos!r})

@@ -115,10 +115,16 @@ def _check_mesh(scene, mesh, comm):
 
 
 def _check_cells(mesh, comm):
-    """Raise SceneError for cells that are folded or without volume: K takes the absolute value of their Jacobians."""
+    """Raise SceneError for cells that are folded or without volume, and ranks without any.
+
+    K takes the absolute value of Jacobians.
+    """
     dim = mesh.topology.dim
     count = CORNERS[mesh.topology.cell_name()]
     nodes = compat.geometry_dofmap(mesh)[: mesh.topology.index_map(dim).size_local]
+    without = comm.allgather(len(nodes)).count(0)
+    if without:
+        raise SceneError(f"{without} of {comm.size} ranks have no cell of the mesh: take fewer ranks, or a finer mesh")
     degree = compat.degree_of(mesh)
     if degree > 2:
         raise SceneError(
