@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 import contract
 import numpy as np
 import pytest
-from test_pages import RUBBING, SCENES, outputs_of_pellet, rubbed, tour_of
+from test_pages import MORE, RUBBING, SCENES, outputs_of_pellet, rubbed, tour_of
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.doors import c_header, fmu
@@ -40,10 +40,10 @@ int ask(int count, const double *points, double *forces, double *outputs, double
 DONE, OUTSIDE, NO_ANSWER, CHANGED = 0, 1, 2, 3
 
 
-def library(folder, model):
+def library(folder, model, program=CALLED):
     """A model compiled, without a warning, and called from here: status, forces, outputs, slopes of points, (n, P)."""
     c_header.write_c_header(folder / "press.h", model)
-    (folder / "press.c").write_text(CALLED)
+    (folder / "press.c").write_text(program)
     done = subprocess.run([CC, *WORDS, "-o", "press.so", "press.c", "-lm"], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     ask = ctypes.CDLL(str(folder / "press.so")).ask
@@ -60,9 +60,9 @@ def library(folder, model):
 
 
 @compiled
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", [*SCENES, "held by contact"])
 def test_a_header_has_the_digits_of_python(name, tmp_path):
-    model = hhr.condense(SCENES[name](), fields=True)
+    model = hhr.condense((SCENES | MORE)[name](), fields=True)
     ends = [model.parameters.lower, model.parameters.upper]
     points = np.vstack([model.parameters.random(30, 4), ends])
     status, forces, outputs, slopes = library(tmp_path, model)(points)
@@ -77,6 +77,24 @@ def test_a_header_has_the_digits_of_python(name, tmp_path):
             gradient = model.outputs(point, gradient=True).gradient[item["name"]]
             # by central differences of a hundred-thousandth of the box
             np.testing.assert_allclose(found, gradient, rtol=0, atol=1e-5 * np.abs(gradient).max() + 1e-9)
+
+
+OPENED = CALLED.replace(
+    "if (!status) status = press_derivatives",
+    "memset(work->active, 0, PRESS_CONDITIONS);\n"
+    "if (!status) status = press_solve(work, point, forces + k * PRESS_CONDITIONS, outputs + k * PRESS_OUTPUTS);\n"
+    "if (!status) status = press_derivatives",
+)
+
+
+@compiled
+def test_springs_hold_bodies_where_nothing_touches_at_first(tmp_path):
+    model = hhr.condense(MORE["held by contact"](), fields=True)
+    points = np.vstack([model.parameters.random(6, 4), [model.parameters.lower, model.parameters.upper]])
+    status, forces, *_ = library(tmp_path, model, OPENED)(points)
+    assert status == DONE
+    exact = np.array([answer.forces() for answer in model.solve_many(points)])
+    np.testing.assert_allclose(forces, exact, rtol=0, atol=1e-10 * np.abs(exact).max())
 
 
 @compiled
@@ -178,8 +196,8 @@ def test_names_are_those_of_the_file_and_of_the_scene(tmp_path):
 
 
 def test_other_models_are_refused_by_name(monkeypatch):
-    with pytest.raises(NotOfferedError, match="knows bodies that contact alone holds not"):
-        c_header.c_header(hhr.condense(contract.blocks(free=True)), "press")
+    with pytest.raises(NotOfferedError, match="contact alone holds without friction"):
+        c_header.c_header(hhr.condense(contract.blocks(free=True, friction=0.1)), "press")
     with pytest.raises(NotOfferedError, match="FullOrderModel"):
         c_header.c_header(hhr.FullOrderModel(contract.blocks()), "press")
     model = hhr.condense(contract.blocks())

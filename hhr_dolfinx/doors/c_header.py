@@ -69,8 +69,10 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
             stacklevel=3,
         )
     data = _Data(tree, arrays.arrays)
-    friction = kernel_file("friction.h") if tree["friction"] else ""
-    text = kernel_file("kernel.h").replace("MODEL_TITLE", name).replace("/*FRICTION*/", friction)
+    text = kernel_file("kernel.h").replace("MODEL_TITLE", name)
+    needs = {"friction": tree["friction"], "floating": tree["floating"], "springs": tree["floating"]}
+    for part, needed in needs.items():
+        text = text.replace(f"/*{part.upper()}*/", kernel_file(f"{part}.h") if needed else "")
     text = text.replace("/*DATA*/", data.text())
     own = {"model_": f"{name}_", "MODEL_": f"{name.upper()}_"}
     # what is quoted are words of the scene
@@ -132,9 +134,9 @@ class _Data:
         pairs = self.arrays[tree["groups"]] if tree["groups"] else np.zeros(tree["m"], dtype=int)
         places = np.unique(pairs, return_inverse=True)[1]
         constant = tree["schur"] is not None
-        rubbing = self._friction(tree["friction"]) if tree["friction"] else []
         own = [
-            *rubbing,
+            *(self._friction(tree["friction"]) if tree["friction"] else ()),
+            *(self._floating(tree["floating"]) if tree["floating"] else ()),
             self._array("pairs", places),
             self._array("constant", self.arrays[tree["amplitudes"]["constant"]]),
             self._array("slopes", self.arrays[tree["amplitudes"]["slopes"]]),
@@ -161,6 +163,15 @@ class _Data:
             self._records("law", "laws", laws),
         ]
 
+    def _floating(self, item: dict[str, Any]) -> list[str]:
+        """What rigid motions take, what drives them, their units, and what springs let them go."""
+        taken, driving = (self.arrays[item[key]] for key in ("taken", "driving"))
+        places = np.arange(len(taken))
+        size = float(np.abs(self.arrays[self.tree["schur"]][places * (places + 3) // 2]).mean() or 1.0)
+        scales = {"units": np.abs(taken).max(axis=0), "pushes": (taken**2).mean(axis=0)}
+        values = {name: size / np.where(scale > 0, scale, 1.0) for name, scale in scales.items()}
+        return [self._array(name, array) for name, array in ({"taken": taken, "driving": driving} | values).items()]
+
     def _starts(self, item: dict[str, Any]) -> np.ndarray:
         """Where the tangential rows of each contact begin, and the last one's end."""
         contacts = np.arange(self.arrays[item["normal"]].size + 1)
@@ -184,6 +195,7 @@ class _Data:
             "LONGEST": max([1, *(len(self.arrays[grid["weights"]]) for grid in grids)]),
             "NODES": max([1, *(len(grid["nodes"]) for grid in grids)]),
             "RUBS": int(rubs is not None),
+            "MOTIONS": self.arrays[tree["floating"]["taken"]].shape[1] if tree["floating"] else 0,
         }
         if rubs is not None:
             rows = {"CONTACTS": "normal", "TANGENTS": "tangential", "TWICE": "twice"}
@@ -261,7 +273,8 @@ class _Data:
 
     def _output(self, item: dict[str, Any]) -> str:
         if item["kind"] == "linear":
-            return f"{{.forces = {self._put(item['forces'])}, .terms = {self._put(item['terms'])}}}"
+            keys = [key for key in ("forces", "terms", "motions") if key in item]
+            return "{" + ", ".join(f".{key} = {self._put(item[key])}" for key in keys) + "}"
         own = f"{{.conditions = {self._put(item['conditions'])}, .areas = {self._put(item['areas'])}, "
         own += f".count = {self.arrays[item['conditions']].size}, "
         if item["kind"] == "largest":

@@ -39,7 +39,7 @@ typedef struct {
     int count, terms_count, forced;
 } model_part;
 typedef struct {
-    const double *forces, *terms, *areas; /* weights of a linear one; areas of the others */
+    const double *forces, *terms, *motions, *areas; /* weights of a linear one; areas of the others */
     const int *conditions;
     double offset, factor, least;
     int count, largest;
@@ -75,6 +75,11 @@ enum { MODEL_DONE = 0, MODEL_OUTSIDE = 1, MODEL_NO_ANSWER = 2, MODEL_CHANGED = 3
 
 typedef struct {
     double *schur, *slack, *theta, *factored, *forces, *left, *along, *sum, *gaps;
+#if MODEL_MOTIONS
+    double *whole, *right, *sprung, *moved, driving[MODEL_MOTIONS], motions[MODEL_MOTIONS];
+    unsigned char *start;
+    int held; /* by springs */
+#endif
     int *index, *pivots;
     unsigned char *active, *seen;
     int started;
@@ -83,21 +88,31 @@ typedef struct {
 static inline void model_free(model_work *w) {
     if (!w) return;
     free(w->schur), free(w->slack), free(w->theta), free(w->factored), free(w->forces), free(w->left);
-    free(w->along), free(w->sum), free(w->gaps), free(w->index), free(w->pivots), free(w->active), free(w->seen), free(w);
+    free(w->along), free(w->sum), free(w->gaps), free(w->index), free(w->pivots), free(w->active), free(w->seen);
+#if MODEL_MOTIONS
+    free(w->whole), free(w->right), free(w->sprung), free(w->moved), free(w->start);
+#endif
+    free(w);
 }
 
 /* Room to work in; NULL where there is none. */
 static inline model_work *model_new(void) {
-    const size_t m = MODEL_CONDITIONS, t = MODEL_TERMS;
+    const size_t m = MODEL_CONDITIONS, t = MODEL_TERMS, n = m + MODEL_MOTIONS;
     model_work *w = calloc(1, sizeof *w);
     if (!w) return NULL;
-    w->schur = malloc(m * m * sizeof(double)), w->factored = malloc(m * m * sizeof(double));
+    w->schur = malloc(m * m * sizeof(double)), w->factored = malloc(n * n * sizeof(double));
     w->slack = malloc(m * sizeof(double)), w->theta = malloc(t * sizeof(double));
-    w->forces = malloc(m * sizeof(double)), w->left = malloc(m * sizeof(double));
+    w->forces = malloc(m * sizeof(double)), w->left = malloc(n * sizeof(double));
     w->along = malloc(MODEL_LONGEST * sizeof(double)), w->sum = malloc(m * (m + 1) / 2 * sizeof(double));
-    w->gaps = malloc(m * t * sizeof(double)), w->index = malloc(m * sizeof(int)), w->pivots = malloc(m * sizeof(int));
+    w->gaps = malloc(m * t * sizeof(double)), w->index = malloc(m * sizeof(int)), w->pivots = malloc(n * sizeof(int));
     w->active = malloc(m), w->seen = malloc(m * MODEL_KEPT);
-    if (w->schur && w->factored && w->slack && w->theta && w->forces && w->left && w->along && w->sum && w->gaps &&
+    int all = 1;
+#if MODEL_MOTIONS
+    w->whole = malloc(n * n * sizeof(double)), w->right = malloc(n * sizeof(double)), w->start = malloc(m);
+    w->sprung = malloc(m * m * sizeof(double)), w->moved = malloc(m * sizeof(double));
+    all = w->whole && w->right && w->start && w->sprung && w->moved;
+#endif
+    if (all && w->schur && w->factored && w->slack && w->theta && w->forces && w->left && w->along && w->sum && w->gaps &&
         w->index && w->pivots && w->active && w->seen)
         return w;
     model_free(w);
@@ -202,6 +217,12 @@ static inline int model_set_contact(model_work *w, const double *point) {
         for (int t = 0; t < terms; t++) w->slack[i] += gaps[i * terms + t] * w->theta[t];
     }
     for (int k = 0; k < MODEL_PARTS; k++) model_add(w, &model_parts[k], point);
+#if MODEL_MOTIONS
+    for (int j = 0; j < MODEL_MOTIONS; j++) {
+        w->driving[j] = 0;
+        for (int t = 0; t < terms; t++) w->driving[j] += model_driving[j * terms + t] * w->theta[t];
+    }
+#endif
     for (int t = 0; t < terms; t++)
         if (!isfinite(w->theta[t])) return 0;
     for (int i = 0; i < m; i++)
@@ -248,6 +269,9 @@ static inline void model_read(const model_work *w, double *outputs) {
         if (item->forces) {
             for (int i = 0; i < MODEL_CONDITIONS; i++) value += item->forces[i] * w->forces[i];
             for (int t = 0; t < MODEL_TERMS; t++) value += item->terms[t] * w->theta[t];
+#if MODEL_MOTIONS
+            for (int j = 0; j < MODEL_MOTIONS && item->motions; j++) value += item->motions[j] * w->motions[j];
+#endif
             outputs[k] = value;
             continue;
         }
@@ -259,8 +283,12 @@ static inline void model_read(const model_work *w, double *outputs) {
 }
 
 #if !MODEL_RUBS
+/*FLOATING*/
 /* Forces and slack where statuses are given; 0 where they make a singular set. */
 static inline int model_equalities(model_work *w) {
+#if MODEL_MOTIONS
+    if (!w->held) return model_free_equalities(w);
+#endif
     const int m = MODEL_CONDITIONS;
     double *x = w->left; /* until the slack is known */
     int n = 0;
@@ -331,6 +359,7 @@ static inline int model_settled(model_work *w) {
     return 0;
 }
 
+/*SPRINGS*/
 /* Contact forces, (MODEL_CONDITIONS), and outputs, (MODEL_OUTPUTS), at a point, (MODEL_PARAMETERS); either may be NULL.
    It begins with the statuses of the answer before. */
 static inline int model_solve(model_work *w, const double *point, double *forces, double *outputs) {
@@ -342,7 +371,11 @@ static inline int model_solve(model_work *w, const double *point, double *forces
     }
     if (!w->started)
         for (int i = 0; i < MODEL_CONDITIONS; i++) w->active[i] = w->slack[i] < 0;
+#if MODEL_MOTIONS
+    w->started = model_held(w);
+#else
     w->started = model_settled(w);
+#endif
     if (!w->started) return MODEL_NO_ANSWER;
     if (forces) memcpy(forces, w->forces, MODEL_CONDITIONS * sizeof(double));
     if (outputs) model_read(w, outputs);

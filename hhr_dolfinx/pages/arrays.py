@@ -45,17 +45,16 @@ def check_model(model: Any, what: str = "a page", *, on_page: bool = True) -> No
 
         check_flow(model)
         return
-    floats = isinstance(model, CondensedModel) and isinstance(model.eliminated, FloatingElimination)
-    known = isinstance(model, CondensedModel) and isinstance(model.eliminated, ConstantElimination | Compliances)
-    if not (known or (floats and on_page and model.friction is None)):
-        if floats:
-            raise NotOfferedError(
-                f"{what} knows bodies that contact alone holds {'without friction' if on_page else 'not'}: "
-                "ask in Python, or hold them by a displacement"
-            )
+    known = ConstantElimination | Compliances | FloatingElimination
+    if not isinstance(model, CondensedModel) or not isinstance(model.eliminated, known):
         raise NotOfferedError(
             f"{what} answers by all contact conditions, and {_kind(model)} does not: condense the scene, "
             "hhr.condense(scene) or hhr train SCENE --model condensed"
+        )
+    if isinstance(model.eliminated, FloatingElimination) and model.friction is not None:
+        raise NotOfferedError(
+            f"{what} knows bodies that contact alone holds without friction: ask in Python, or hold them by a "
+            "displacement"
         )
     if isinstance(model.eliminated, Compliances) and not model.eliminated.symmetric:
         raise NotOfferedError(f"{what} solves with a symmetric S, and that of this model is not")
