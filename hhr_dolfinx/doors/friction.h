@@ -354,7 +354,7 @@ static inline int model_careful(model_path *p, const model_state *before, const 
     const int single = model_increment(p, before, point, whole);
     const int both = model_increment(p, before, middle, half) && model_increment(p, half, point, second);
     if (single && both) {
-        if (model_off(p, before, half, second, whole) <= MODEL_SETTLED || depth >= MODEL_CUTS) {
+        if (model_off(p, before, half, second, whole) <= MODEL_SETTLED || depth + 1 >= MODEL_CUTS) {
             *after = *second;
             return 1;
         }

@@ -9,11 +9,14 @@ hhr.Floating = class {
   static SINGULAR = 1e-8;
   static ROUND_OFF = 1e-13;
   static BALANCED = 1e-12;
+  static NOTHING = 1e-14;
+  static WEAK = 1e5; // of springs that derivatives are taken with, where what touches does not hold the bodies
 
   constructor(model) {
     const { taken, driving } = model.tree.floating, m = model.m, mean = (values) => values.reduce((a, b) => a + b, 0) / m;
     Object.assign(this, { model, taken: model.arrays[taken], driving: model.arrays[driving], count: model.arrays[taken].shape[1] });
     this.motions = [...Array(this.count).keys()];
+    this.statuses = null;
     this.size = mean(Array.from({ length: m }, (_, i) => Math.abs(model.constantSchur[i * m + i]))) || 1;
     const columns = this.motions.map((j) => Array.from({ length: m }, (_, i) => this.taken[i * this.count + j]));
     this.units = columns.map((own) => this.size / (Math.max(...own.map(Math.abs)) || 1));
@@ -38,9 +41,10 @@ hhr.Floating = class {
     });
   }
 
-  balanced(sides) {
+  balanced(sides, nothing = 0) {
     const most = Math.max(...sides.map(({ size }, j) => this.units[j] * size));
-    return sides.every(({ left, size }, j) => this.units[j] * Math.abs(left) <= hhr.Floating.SINGULAR * this.units[j] * size + hhr.Floating.ROUND_OFF * most);
+    return sides.every(({ left, size }, j) => this.units[j] * Math.abs(left)
+      <= hhr.Floating.SINGULAR * this.units[j] * size + hhr.Floating.ROUND_OFF * most + this.units[j] * nothing);
   }
 
   /* Forces, slack and motions where statuses are given; null where what touches does not hold all bodies. */
@@ -75,29 +79,55 @@ hhr.Floating = class {
     return motions.reduce((sum, q, j) => sum + this.taken[i * this.count + j] * q, 0);
   }
 
+  /* Bodies on weak springs whose ends are somewhere: what is left of the contact problem without motions. */
+  sprung({ schur, slack, driving }, weak, ends) {
+    const { model, count, taken } = this, m = model.m, compliance = this.pushes.map((push) => push * weak), held = schur.slice();
+    for (let i = 0; i < m; i++) for (let k = 0; k < m; k++) for (const j of this.motions) {
+      held[i * m + k] += taken[i * count + j] * compliance[j] * taken[k * count + j];
+    }
+    const offset = ends.map((end, j) => end + compliance[j] * driving[j]);
+    return { compliance, schur: held, slack: slack.map((s, i) => s - this.moved(i, offset)) };
+  }
+
+  /* Where motions are from the ends of springs, under forces. */
+  drawn(ends, compliance, sides) {
+    return ends.map((end, j) => end + compliance[j] * sides[j].left);
+  }
+
+  /* Forces and motions on the statuses of an answer, for derivatives: what contact does not hold moves as little as it may. */
+  near(contact, { active, motions }) {
+    const held = this.sprung(contact, hhr.Floating.WEAK, motions), found = this.model.equalities(held, active);
+    return found && { ...found, motions: this.drawn(motions, held.compliance, this.balance(found.forces, contact.driving)) };
+  }
+
   /* The plain active set, and where it meets sets that do not hold the bodies weak springs, whose ends follow. */
   touched(contact, start) {
     const direct = this.model.touched(contact, start);
     if (direct) return direct;
-    const { model, count, taken } = this, { schur, slack, driving } = contact, m = model.m;
+    const { model } = this, { schur, slack, driving } = contact, m = model.m;
+    // forces that close nothing but round-off of the gaps: without loads there are no others to compare with
+    const nothing = (hhr.Floating.NOTHING * slack.reduce((most, s) => Math.max(most, Math.abs(s)), 0)) / this.size;
     let active = start ?? Uint8Array.from(slack, (s) => (s < 0 ? 1 : 0)), ends = this.motions.map(() => 0);
-    for (const weak of hhr.Floating.WEAKNESS) {
-      const compliance = this.pushes.map((push) => push * weak), sprung = schur.slice();
-      for (let i = 0; i < m; i++) for (let k = 0; k < m; k++) for (const j of this.motions) {
-        sprung[i * m + k] += taken[i * count + j] * compliance[j] * taken[k * count + j];
-      }
-      for (let step = 0; step < hhr.Floating.MOST_STEPS; step++) {
-        const offset = ends.map((end, j) => end + compliance[j] * driving[j]);
-        const found = model.touched({ schur: sprung, slack: slack.map((s, i) => s - this.moved(i, offset)) }, active);
-        if (!found) return null;
-        const sides = this.balance(found.forces, driving), most = Math.max(...sides.map(({ size }) => size));
-        ends = ends.map((end, j) => end + compliance[j] * sides[j].left);
-        active = found.active;
-        if (sides.every(({ left }) => Math.abs(left) <= hhr.Floating.BALANCED * most) && this.balanced(sides)) return { ...found, motions: ends };
-        const again = model.touched(contact, active);
-        if (again) return again;
-      }
+    for (const weak of hhr.Floating.WEAKNESS) for (let step = 0; step < hhr.Floating.MOST_STEPS; step++) {
+      const held = this.sprung({ schur, slack, driving }, weak, ends), found = model.touched(held, active);
+      if (!found) return null;
+      const sides = this.balance(found.forces, driving), most = Math.max(...sides.map(({ size }) => size));
+      ends = this.drawn(ends, held.compliance, sides);
+      active = found.active;
+      const close = sides.every(({ left }) => Math.abs(left) <= hhr.Floating.BALANCED * most + nothing);
+      if (close && this.balanced(sides, nothing)) return { ...found, motions: ends };
+      const again = model.touched(contact, active);
+      if (again) return again;
     }
     return null;
+  }
+
+  /* Statuses to start from: where answers are not unique they depend on nothing but the point. */
+  first() {
+    if (!this.statuses) {
+      const { lower, upper } = this.model.tree, middle = lower.map((low, k) => (low + upper[k]) / 2);
+      this.statuses = this.touched(this.model.contact(middle), null)?.active ?? null;
+    }
+    return this.statuses;
   }
 };

@@ -89,7 +89,7 @@
       const half = this.increment(before, middle), second = half && this.increment(half, point);
       if (whole && second) {
         const off = this.difference(before, half, second, whole, scale);
-        if (off <= SETTLED || depth >= CUTS) { states.push(half, second); return second; }
+        if (off <= SETTLED || depth + 1 >= CUTS) { states.push(half, second); return second; }
       } else if (depth >= CUTS) return null;
       const first = this.careful(before, middle, states, scale, depth + 1);
       return first && this.careful(first, point, states, scale, depth + 1);

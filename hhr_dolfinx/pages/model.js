@@ -233,7 +233,7 @@ const hhr = (() => {
     }
 
     /* The answer at a point; statuses are searched from those of the last one. */
-    solve(point, start = this.last) {
+    solve(point, start = this.floating ? this.floating.first() : this.last) {
       const contact = this.contact(point), found = (this.floating ?? this).touched(contact, start);
       this.last = found && found.active;
       return found ? { point, theta: contact.theta, converged: true, ...found } : this.nothing(point);
@@ -305,7 +305,7 @@ const hhr = (() => {
         const ends = places.map((place) => {
           const point = answer.point.slice();
           point[axis] = place;
-          const contact = this.contact(point), there = this.equalities(contact, answer.active);
+          const contact = this.contact(point), there = this.equalities(contact, answer.active) ?? this.floating?.near(contact, answer);
           if (!there || !there.forces.every(Number.isFinite)) return null;
           return this.outputs({ converged: true, forces: there.forces, theta: contact.theta, motions: there.motions });
         });

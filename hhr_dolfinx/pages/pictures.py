@@ -35,7 +35,9 @@ from hhr_dolfinx.sampling import Sobol
 
 SEEN = 200
 FEW = 40
-"""Answers that these modes are made of; loaded in proportion, where a path does not settle."""
+CORNERS = 64
+"""Answers that these modes are made of; loaded in proportion, where a path does not settle; corners of the box that
+are among them."""
 FITTED = 512
 FORCE_MODES = 20
 DEGREE = 6
@@ -80,13 +82,34 @@ class Picture:
 
     Attributes:
         tree: what a page holds of them.
-        values: what it draws of some answers that these are not made of, (k, S).
-        apart: places of the latter.
+        values: what it draws of answers that tell how far off it is, (k, S).
+        apart: places of the latter, (S,).
     """
 
     tree: dict[str, Any]
     values: np.ndarray
-    apart: slice
+    apart: np.ndarray
+
+
+class Split:
+    """Answers that modes are made of, and those that tell how far off they are; corners of the box are both.
+
+    Args:
+        answers: those that there are, at corners behind the others.
+        corners: how many of these are at corners.
+    """
+
+    def __init__(self, answers: Iterable[Answer], corners: int):
+        every = list(answers)
+        first = len(every) - corners
+        self.answers = [answer for answer in every if answer.converged]
+        self._others = sum(answer.converged for answer in every[:first])
+
+    def held(self, every: int) -> tuple[np.ndarray, np.ndarray]:
+        """Places of the former and the latter, which are one of so many."""
+        count = len(self.answers)
+        held = np.arange(every - 1, self._others, every)
+        return np.delete(np.arange(count), held), np.append(held, np.arange(self._others, count))
 
 
 def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict[str, Any]:
@@ -106,18 +129,22 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
         return {"field": flow_field(model, scenery, rows_of(model, scenery), arrays), "stress": None}
     found: dict[str, Any] = {"field": None, "stress": None}
     fields = model.fields
-    maps: Callable[[Drawn, list[Answer], Packed], Picture | None]
-    answers: Iterable[Answer]
-    if isinstance(fields, ExactFields):
+    maps: Callable[[Drawn, Split, Packed], Picture | None]
+    corners = _corners(model)
+    if isinstance(fields, ExactFields) and model.friction is not None:
         maps = partial(_exact, model)
-        answers = _seen(model)
+        known = Split(_walked(model), 0)
+    elif isinstance(fields, ExactFields):
+        maps = partial(_exact, model)
+        points = np.vstack([model.parameters.random(SEEN, 0), corners])
+        known = Split(model.solve_many(points, raise_on_failure=False), len(corners))
     # with friction a fit would take as many paths as points
     elif isinstance(fields, InterpolatedFields) and fields.galerkin is not None and model.friction is None:
         maps = partial(_fitted, model)
-        answers = model.solve_many(Sobol(FITTED).points(model.parameters), raise_on_failure=False)
+        points = np.vstack([Sobol(FITTED).points(model.parameters), corners])
+        known = Split(model.solve_many(points, raise_on_failure=False), len(corners))
     else:
         return found
-    known = [answer for answer in answers if answer.converged]
     rows = rows_of(model, scenery)
     entries = np.ones(rows.size), (np.arange(rows.size), rows)
     chosen = csr_matrix(entries, shape=(rows.size, fields.lifts.shape[0]))
@@ -137,14 +164,13 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
 
 
 def _stress(
-    maps: Callable[[Drawn, list[Answer], Packed], Picture | None], drawn: Drawn, stress: Stress, answers: list[Answer],
-    arrays: Packed,
-) -> dict[str, Any] | None:  # fmt: skip
+    maps: Callable[[Drawn, Split, Packed], Picture | None], drawn: Drawn, stress: Stress, known: Split, arrays: Packed
+) -> dict[str, Any] | None:
     """The stress of the cells, and how far off it is; None where its largest value is far off."""
-    picture = maps(drawn, answers, arrays) if drawn.room > 0 else None
+    picture = maps(drawn, known, arrays) if drawn.room > 0 else None
     if picture is None:
         return None
-    off = stress.off(answers[picture.apart], picture.values)
+    off = stress.off([known.answers[place] for place in picture.apart], picture.values)
     return picture.tree | stress.tree(arrays) | {"off": off} if off["largest"] <= FALSE else None
 
 
@@ -154,12 +180,12 @@ def rows_of(model: Any, scenery: Scenery) -> np.ndarray:
     return (scenery.nodes[:, None] * dim + np.arange(dim)).ravel()
 
 
-def _exact(model: Any, drawn: Drawn, answers: list[Answer], arrays: Packed) -> Picture | None:
+def _exact(model: Any, drawn: Drawn, known: Split, arrays: Packed) -> Picture | None:
     """Where the stiffness is constant: c = W^T (C θ - K^-1 B^T λ + R q) with modes W of answers over the box."""
     fields = model.fields
-    seen = np.array([drawn.rows @ answer.displacement() for answer in answers]).T
-    apart = slice(APART - 1, None, APART)
-    ways = drawn.modes(np.delete(seen, apart, axis=1))
+    seen = np.array([drawn.rows @ answer.displacement() for answer in known.answers]).T
+    inner, apart = known.held(APART)
+    ways = drawn.modes(seen[:, inner])
     if ways is None:
         return None
     of_terms = ways.T @ (drawn.rows @ fields.per_term + dense(drawn.rows @ fields.lifts))
@@ -171,11 +197,19 @@ def _exact(model: Any, drawn: Drawn, answers: list[Answer], arrays: Packed) -> P
     return Picture(tree, kept_levels(tree, arrays).T @ (ways.T @ seen[:, apart]), apart)
 
 
-def _seen(model: Any) -> Iterable[Answer]:
-    """Answers over the box; with friction those along a path through it, whose laws are those of its middle."""
+def _corners(model: Any) -> np.ndarray:
+    """Corners of the box, (c, P); some of them where there are many."""
+    space = model.parameters
+    count = len(space.names)
+    ends = np.random.default_rng(0).integers(0, 2, (CORNERS, count))
+    if 2**count <= CORNERS:
+        ends = np.arange(2**count)[:, None] >> np.arange(count) & 1
+    return np.where(ends, space.upper, space.lower)
+
+
+def _walked(model: Any) -> Iterable[Answer]:
+    """Answers with friction along a path through the box, whose laws are those of its middle."""
     points = model.parameters.random(SEEN, 0)
-    if model.friction is None:
-        return model.solve_many(points, raise_on_failure=False)
     points[:, model.friction.fixed] = model.parameters.middle[model.friction.fixed]
     with warnings.catch_warnings(), suppress(ConvergenceError):
         # nobody has asked for this path
@@ -184,13 +218,14 @@ def _seen(model: Any) -> Iterable[Answer]:
     return model.solve_many(points[:FEW], raise_on_failure=False)
 
 
-def _fitted(model: Any, drawn: Drawn, answers: list[Answer], arrays: Packed) -> Picture | None:
+def _fitted(model: Any, drawn: Drawn, known: Split, arrays: Packed) -> Picture | None:
     """Where it varies: c = p(μ) + P(μ) Q^T λ, with modes Q of forces and polynomials that are fitted to some points.
 
     None where the fit is off by more than a picture may be at points that it has not seen, as where a load ends within
     the box.
     """
     fields = model.fields
+    answers = known.answers
     seen = np.array([drawn.rows @ answer.displacement() for answer in answers]).T
     ways = drawn.modes(seen) if len(answers) >= FITTED // 2 else None
     if ways is None:
@@ -209,12 +244,11 @@ def _fitted(model: Any, drawn: Drawn, answers: list[Answer], arrays: Packed) -> 
     powers = _powers(points.shape[1], len(answers) // 3)
     scaled, axes = _scaled(model, points)
     features = np.prod(scaled[:, None, :] ** powers, axis=2)
-    train = slice(0, None, 2)
+    inner, apart = known.held(2)
     flat = np.reshape(values, (len(answers), -1))
-    fitted = features @ np.linalg.lstsq(features[train], flat[train], rcond=None)[0]
+    fitted = features @ np.linalg.lstsq(features[inner], flat[inner], rcond=None)[0]
     along = fitted.reshape(len(answers), *values[0].shape)
     weights = np.column_stack([np.ones(len(answers)), forces.T @ pushes])
-    apart = slice(1, None, 2)
     coefficients = np.einsum("skr,sr->ks", along, weights)[:, apart]
     tree = {"kind": "fitted"} | packed_levels(f"{drawn.name}_modes", ways.T, arrays, drawn.levels)
     found = kept_levels(tree, arrays).T @ coefficients

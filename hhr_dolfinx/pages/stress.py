@@ -9,7 +9,7 @@ from scipy.sparse import csr_matrix, diags, kron
 
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.pages.packing import Packed, steps_of
+from hhr_dolfinx.pages.packing import NOTHING, Packed, steps_of
 from hhr_dolfinx.pages.scenery import Strains
 
 
@@ -69,12 +69,12 @@ class Stress:
 
         In any cell, and the largest value itself.
         """
-        cells = []
-        peaks = []
-        for answer, values in zip(answers, found.T, strict=True):
-            exact = self.mises(self.rows @ answer.displacement(), answer.parameter)
-            here = self.mises(values, answer.parameter)
-            if (largest := exact.max()) > 0:
-                cells.append(np.abs(here - exact).max() / largest)
-                peaks.append(abs(here.max() - largest) / largest)
+        pairs = [
+            (self.mises(self.rows @ answer.displacement(), answer.parameter), self.mises(values, answer.parameter))
+            for answer, values in zip(answers, found.T, strict=True)
+        ]
+        largest = max((exact.max() for exact, _ in pairs), default=0.0)
+        known = [(exact, here) for exact, here in pairs if exact.max() > NOTHING * largest]
+        cells = [np.abs(here - exact).max() / exact.max() for exact, here in known]
+        peaks = [abs(here.max() - exact.max()) / exact.max() for exact, here in known]
         return {"cells": float(max(cells, default=0.0)), "largest": float(max(peaks, default=0.0))}
