@@ -4,6 +4,8 @@
 #define MODEL_SINGULAR 1e-8
 #define MODEL_UNBALANCED 1e-13
 #define MODEL_BALANCED 1e-12
+#define MODEL_NOTHING 1e-14
+#define MODEL_WEAK 1e5
 #define MODEL_SPRINGS 30
 
 static inline double model_taken_by(int i, const double *motions) {
@@ -13,7 +15,7 @@ static inline double model_taken_by(int i, const double *motions) {
 }
 
 /* What forces leave of the balance along each motion, and how large what is balanced is; whether that is round-off. */
-static inline int model_balance(const model_work *w, double *left, double *sizes) {
+static inline int model_balance(const model_work *w, double *left, double *sizes, double nothing) {
     double most = 0;
     for (int j = 0; j < MODEL_MOTIONS; j++) {
         left[j] = w->driving[j], sizes[j] = fabs(w->driving[j]);
@@ -24,7 +26,8 @@ static inline int model_balance(const model_work *w, double *left, double *sizes
         most = fmax(most, model_units[j] * sizes[j]);
     }
     for (int j = 0; j < MODEL_MOTIONS; j++)
-        if (!(model_units[j] * fabs(left[j]) <= MODEL_SINGULAR * model_units[j] * sizes[j] + MODEL_UNBALANCED * most)) return 0;
+        if (!(model_units[j] * (fabs(left[j]) - nothing) <= MODEL_SINGULAR * model_units[j] * sizes[j] + MODEL_UNBALANCED * most))
+            return 0;
     return 1;
 }
 
@@ -57,7 +60,7 @@ static inline int model_free_equalities(model_work *w) {
     memset(w->forces, 0, m * sizeof(double));
     for (int i = 0; i < n; i++) w->forces[w->index[i]] = x[i];
     for (int j = 0; j < r; j++) w->motions[j] = model_units[j] * x[n + j];
-    if (!model_balance(w, left, sizes)) return 0;
+    if (!model_balance(w, left, sizes, 0)) return 0;
     for (int i = 0; i < m; i++) {
         w->left[i] = w->active[i] ? 0 : w->slack[i] - model_taken_by(i, w->motions);
         for (int j = 0; j < n && !w->active[i]; j++) w->left[i] += w->schur[i * m + w->index[j]] * w->forces[w->index[j]];

@@ -388,12 +388,21 @@ static inline int model_derivatives(model_work *w, const double *point, double *
     double there[MODEL_PARAMETERS], ends[2][MODEL_OUTPUTS + 1];
     if (!w->started) return MODEL_NO_ANSWER;
     memcpy(there, point, sizeof there);
+#if MODEL_MOTIONS
+    double motions[MODEL_MOTIONS];
+    memcpy(motions, w->motions, sizeof motions);
+#endif
     for (int k = 0; k < MODEL_PARAMETERS; k++) {
         const double step = MODEL_STEP * (model_upper[k] - model_lower[k]);
         const double low = fmax(model_lower[k], point[k] - step), high = fmin(model_upper[k], point[k] + step);
         for (int end = 0; end < 2; end++) {
             there[k] = end ? high : low;
-            if (!model_set_contact(w, there) || !model_equalities(w)) return MODEL_NO_ANSWER;
+            if (!model_set_contact(w, there)) return MODEL_NO_ANSWER;
+#if MODEL_MOTIONS
+            if (!model_near(w, motions)) return MODEL_NO_ANSWER;
+#else
+            if (!model_equalities(w)) return MODEL_NO_ANSWER;
+#endif
             model_read(w, ends[end]);
         }
         for (int i = 0; i < MODEL_OUTPUTS; i++)

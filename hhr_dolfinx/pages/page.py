@@ -57,6 +57,9 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
             f"the scenery is of {len(scenery.areas)} contact conditions and the model of {model.conditions}: they are "
             "of two scenes or meshes"
         )
+    dofs = len(model.fields.basis) if flows(model) else model.fields.lifts.shape[0]
+    if scenery.nodes.max(initial=0) * model.dimension >= dofs or (scenery.strains and scenery.strains.dofs != dofs):
+        raise NotOfferedError(f"the scenery is of another mesh than the model, which has {dofs} dofs")
     own = _compliance(model).sum(axis=1)
     if not np.linalg.norm(own - scenery.compliance) <= ALIKE * np.linalg.norm(own):
         raise NotOfferedError("the scenery is not of the scene of this model: its contact is stiffer or softer")
@@ -89,10 +92,11 @@ def _size(model: Any) -> str:
 
 def page_text(model: Any, scenery: Scenery) -> str:
     """The page."""
+    strained = 0 if scenery.strains is None else len(scenery.strains.bodies)
     scenery = thinned(scenery, DRAWN)
     of_scenery, placed = drawn(scenery)
     tree, arrays = packed(model, scenery, MOST_BYTES - SCRIPTS - sum(len(item["data"]) for item in placed.values()))
-    tree["scenery"] = of_scenery
+    tree |= {"scenery": of_scenery, "strained": strained}
     arrays |= placed
     tree["error"] = error_of(model)
     tree["made"] = f"{today()}, hhr_dolfinx {__version__}"

@@ -53,9 +53,17 @@ class Strains:
         rows = (kept[:, None] * self.components + np.arange(self.components)).ravel()
         return replace(self, cells=cells, bodies=self.bodies[kept], rows=csr_matrix(self.rows[rows]))
 
+    @property
+    def dofs(self) -> int:
+        """Of the displacement."""
+        return int(self.rows.shape[1])
+
     def fault(self, triangles: int, bodies: int) -> str:
         """What does not fit; nothing where all does."""
         count = len(self.bodies)
+        kinds = self.cells.dtype.kind + self.bodies.dtype.kind
+        if set(kinds) - set("iu") or self.bodies.ndim != 1 or not count:
+            return "cells and bodies of strains are no whole numbers"
         whole = self.cells.shape == (triangles,) and self.rows.shape[0] == count * self.components > 0
         inside = whole and 0 <= self.cells.min() <= self.cells.max() < count
         if not inside or self.components not in (4, 6) or not 0 <= self.bodies.min() <= self.bodies.max() < bodies:
@@ -133,6 +141,9 @@ class Scenery:
     def _fault(self) -> str:
         """What does not fit; nothing where all does."""
         count = len(self.points)
+        wholes = [self.nodes, self.triangles, self.lines, self.pairs]
+        if any(array.dtype.kind not in "iu" for array in wholes) or (count and self.nodes.min(initial=0) < 0):
+            return "numbers of nodes or contacts are no whole numbers"
         if self.points.ndim != 2 or self.points.shape[1] not in (2, 3) or self.nodes.shape != (count,):
             return "points and nodes do not fit"
         for name, width in (("triangles", 3), ("lines", 2)):
@@ -148,6 +159,7 @@ class Scenery:
         if shapes != ((m, self.points.shape[1]), (m,), (m,)):
             return "places of contact do not fit"
         named = isinstance(self.words, dict) and isinstance(self.words.get("scene"), str)
+        named = named and len(self.words.get("contacts", ())) > self.pairs.max(initial=-1)
         if not named or not isinstance(self.moves, bool):
             return "it has no words"
         own = self.strains
@@ -160,6 +172,8 @@ def _strains(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Strains:
     rows = csr_matrix(tuple(arrays[name] for name in _ROWS), shape=shape)
     rows.check_format()
     moduli = tuple((str(volume), str(shape)) for volume, shape in header["moduli"])
+    if not isinstance(header["plane_stress"], bool):
+        raise ValueError("plane_stress is neither true nor false")
     return Strains(arrays["cells"], arrays["bodies"], rows, moduli, bool(header["plane_stress"]))
 
 

@@ -220,8 +220,9 @@
   }
 
   function aboutStress() {
-    const { cells, largest } = tree.stress.off, part = (share) => `${Number((100 * share).toPrecision(2))} %`;
-    return `In the middle of cells, drawn by few modes: at points that these are not made of, off by at most ${part(cells)} of the largest one in any cell, and the largest one by ${part(largest)}.`;
+    const { cells, largest } = tree.stress.off, { strained } = tree, drawnOf = strained > arrays[tree.stress.bodies].length
+      ? ` Of ${strained} cells ${arrays[tree.stress.bodies].length} are drawn, and the largest is that of these.` : "", part = (share) => `${Number((100 * share).toPrecision(2))} %`;
+    return `In the middle of cells, drawn by few modes: at other points and corners of the box off by at most ${part(cells)} of the largest one in any cell, and the largest one by ${part(largest)}.${drawnOf}`;
   }
 
   /* Once a picture for all that changed since the last one; of what remembers increments for each. */
