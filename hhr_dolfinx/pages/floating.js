@@ -96,6 +96,7 @@ hhr.Floating = class {
 
   /* Forces and motions on the statuses of an answer, for derivatives: what contact does not hold moves as little as it may. */
   near(contact, { active, motions }) {
+    if (!motions) return null;
     const held = this.sprung(contact, hhr.Floating.WEAK, motions), found = this.model.equalities(held, active);
     return found && { ...found, motions: this.drawn(motions, held.compliance, this.balance(found.forces, contact.driving)) };
   }
