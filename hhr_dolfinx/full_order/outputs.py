@@ -282,13 +282,10 @@ def _mises(
         shares = gauss.operator.weights.ravel()[points]
         of_points = points.astype(np.int64), shares / shares.sum() if mean else np.zeros(0)
         return FlowMises(output.name, output.unit, *nothing, *of_points)
-    first = sum(discretisation.comm.allgather(_own_cells(discretisation))[: discretisation.comm.rank])
-    own = cells[(cells >= first) & (cells < first + _own_cells(discretisation))] - first
     place = next(k for k, body in enumerate(discretisation.scene.bodies) if body.tag == output.tag)
     if discretisation.scene.bodies[place].stress is not None:
         raise SceneError(f"output '{output.name}': body {output.tag!r} has a stress of its own: ask answer.stress()")
-    here = strain_in_middles(discretisation, own.astype(np.int32), place)
-    strain, dofs, factors, volumes = _gathered(discretisation, here)
+    strain, dofs, factors, volumes = strains_of_cells(discretisation, cells, place)
     count, components, _ = strain.shape
     rows = np.broadcast_to(np.arange(count * components).reshape(count, components, 1), strain.shape)
     columns = np.broadcast_to(dofs[:, None], strain.shape)
@@ -303,7 +300,7 @@ def _mises(
     found = Mises(output.name, output.unit, *matrix, names, *moduli, flat, factors, shares)
     if discretisation.reshaped is None:
         return found
-    moving = moving_cells(discretisation, own, mean_dilatation=discretisation.mean_dilatation[place])
+    moving = moving_cells(discretisation, cells, mean_dilatation=discretisation.mean_dilatation[place])
     return MovingMises(**{item.name: getattr(found, item.name) for item in fields(found)}, cells=moving)
 
 
@@ -364,11 +361,23 @@ def _own_cells(discretisation: DiscreteSpace) -> int:
     return discretisation.mesh.topology.index_map(discretisation.mesh.topology.dim).size_local
 
 
-def strain_in_middles(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> tuple[np.ndarray, ...]:
-    """Strain in the middles of some cells of this rank, its dofs, the factor of the modulus, and the volumes.
+def strains_of_cells(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> list[np.ndarray]:
+    """Strain in the middles of cells of a body, its dofs, the factor of the modulus, and the volumes. Collective.
 
     (c, components, k), (c, k), (c,), (c,); where the body takes the mean dilatation, so does its strain.
+
+    Args:
+        discretisation: the mesh.
+        cells: increasing, in the order of ``cell_nodes``, (c,).
+        place: of the body in the scene.
     """
+    first = sum(discretisation.comm.allgather(_own_cells(discretisation))[: discretisation.comm.rank])
+    own = cells[(cells >= first) & (cells < first + _own_cells(discretisation))] - first
+    return _gathered(discretisation, _tabulated(discretisation, own.astype(np.int32), place))
+
+
+def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> tuple[np.ndarray, ...]:
+    """The same of some cells of this rank."""
     mesh = discretisation.mesh
     space = discretisation.space
     hypothesis = discretisation.scene.hypothesis

@@ -145,6 +145,8 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
         known = Split(model.solve_many(points, raise_on_failure=False), len(corners))
     else:
         return found
+    if not known.answers:
+        return found
     rows = rows_of(model, scenery)
     entries = np.ones(rows.size), (np.arange(rows.size), rows)
     chosen = csr_matrix(entries, shape=(rows.size, fields.lifts.shape[0]))

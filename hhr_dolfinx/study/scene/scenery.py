@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
 
-from hhr_dolfinx.full_order.outputs import moduli_of, strain_in_middles
+from hhr_dolfinx.full_order.outputs import moduli_of, strains_of_cells
 from hhr_dolfinx.geometries.cells import CORNERS, TENSOR, outer_faces_of_cells
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.pages.scenery import Scenery, Strains
@@ -24,7 +24,7 @@ ALIKE = 1e-9
 
 
 def scenery_of(full: Any) -> Scenery:
-    """What a page draws of the scene of a full model, on one rank.
+    """What a page draws of the scene of a full model, on each of its ranks. Collective.
 
     In the plane all cells, in space faces of cells that no other cell shares. Of cells of second order the corners.
     """
@@ -70,12 +70,12 @@ def strains_of(full: Any, cells: np.ndarray) -> Strains | None:
     if own or len(drawn) > STRAINED or _stressed_at_rest(full):
         return None
     discretisation = full.discretisation
-    bodies = discretisation.cell_bodies()[drawn]
+    bodies = np.concatenate(discretisation.comm.allgather(discretisation.cell_bodies()))[drawn]
     components = 6 if scene.hypothesis == "solid" else 4
     rows = csr_matrix((len(drawn) * components, full.problem.free.size))
     for place in np.unique(bodies):
         here = np.flatnonzero(bodies == place)
-        strain, dofs, grading, _ = strain_in_middles(discretisation, drawn[here].astype(np.int32), int(place))
+        strain, dofs, grading, _ = strains_of_cells(discretisation, drawn[here], int(place))
         if scene.hypothesis == "plane_stress":
             strain[:, 2] = 0.0
         numbers = np.broadcast_to((here[:, None] * components + np.arange(components))[:, :, None], strain.shape)
