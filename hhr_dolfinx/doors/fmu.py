@@ -29,8 +29,8 @@ def write_fmu(path: str | Path, model: Any, compiler: str = "cc") -> Path:
 
     Args:
         path: of the archive, ``.fmu``.
-        model: that of ``hhr.condense``, ``hhr.reduce`` or a file, elastic; with friction a
-            step is an increment, and moduli and laws are fixed. Its scene has outputs.
+        model: that of ``hhr.condense``, ``hhr.reduce`` or a file, elastic; with friction a step is
+            an increment, and moduli and laws are fixed. Its scene has outputs.
         compiler: a C compiler that takes the words of gcc.
 
     Returns:
