@@ -1,11 +1,12 @@
 """Pages that answer without Python: the same digits in node as in Python, what is refused, what a page may not hold."""
 
 import dataclasses
+import itertools
 import json
 import re
 import shutil
 import subprocess
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import contract
@@ -80,7 +81,7 @@ def stress_drawn(full, model, scenery, point):
     order = np.unique(cells, return_index=True)[1]
     discretisation = full.discretisation
     corners = discretisation._cell_nodes()
-    # cells are known by the middle of their corners' numbers: triangles are of two or three of them
+    # the first triangle of each cell, whose corners are three nodes of this cell alone
     nodes = scenery.nodes[scenery.triangles[order]]
     owner = [np.flatnonzero(np.isin(corners, own).sum(axis=1) == 3)[0] for own in nodes]
     return von_mises(model.solve(point).stress()[owner])
@@ -116,6 +117,7 @@ MORE = {
     "held by contact": held,
     "sphere": lambda: sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3)),
     "plane stress": lambda: dataclasses.replace(SCENES["moduli"](), hypothesis="plane_stress"),
+    "heat": lambda: heated("axisymmetric", 0.05, load=10.0),
 }
 
 
@@ -158,6 +160,40 @@ def test_a_page_holds_bodies_by_springs_where_nothing_touches_at_first():
         np.testing.assert_allclose(found["forces"], forces, rtol=0, atol=1e-10 * forces.max())
 
 
+def loose():
+    """The upper block lies on the lower one, pressed from above, with play to two walls: nothing holds it across."""
+    scene = contract.blocks(free=True)
+    walls = [
+        hhr.Obstacle(side(SECOND, 0, upper), way, at)
+        for upper, way, at in ((True, (1, 0), 2.01), (False, (-1, 0), -0.99))
+    ]
+    held = tuple(item for item in scene.displacements if item.tag == side(FIRST, 1, False))
+    moved = hhr.DisplacementAt("sinks", (1.0, 2.0), 1, SECOND)
+    return dataclasses.replace(
+        scene,
+        contacts=(*scene.contacts, *walls),
+        displacements=held,
+        outputs=(*scene.outputs, moved),
+        parameters=hhr.ParameterSpace(("press",), (0.0,), (0.1,)),
+    )
+
+
+@in_node
+def test_derivatives_of_what_contact_does_not_hold():
+    """What no contact holds moves as little as it may."""
+    _, model, scenery = made(loose())
+    text = page.page_text(model, scenery)
+    points = np.array([[0.0404], [0.08]])
+    for point, found in zip(points, answered(text, points), strict=True):
+        outputs = model.outputs(point, gradient=True)
+        here = zip(outputs.values.items(), found["outputs"], found["slopes"], strict=True)
+        for (name, value), shown, slopes in here:
+            assert shown == pytest.approx(value, rel=1e-8)
+            exact = outputs.gradient[name]
+            # by central differences of a hundred-thousandth of the box, on springs a hundred thousand times as soft
+            np.testing.assert_allclose(slopes, exact, rtol=0, atol=1e-4 * np.abs(exact).max())
+
+
 def test_stress_is_drawn_though_there_is_none_in_some_answers():
     """Where bodies come off what is left of a stress is round-off, of which nothing is off."""
     space = hhr.ParameterSpace(("push",), (-0.02,), (0.05,))
@@ -177,15 +213,20 @@ def test_a_page_draws_the_stress_of_cells(name):
     text = page.page_text(model, scenery)
     told = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]["stress"]["off"]
     assert told["largest"] < 0.05 and told["largest"] <= told["cells"]
-    points = model.parameters.random(12, 4)
-    for point, found in zip(points, answered(text, points), strict=True):
+    corners = np.array(list(itertools.product(*zip(model.parameters.lower, model.parameters.upper, strict=True))))
+    inside = model.parameters.random(12, 4)
+    points = np.vstack([corners, inside])
+    for place, (point, found) in enumerate(zip(points, answered(text, points), strict=True)):
         exact = stress_drawn(full, model, scenery, point)
-        assert np.linalg.norm(found["stress"] - exact) < 0.03 * np.linalg.norm(exact)
-        assert np.abs(found["stress"] - exact).max() <= 1.5 * told["cells"] * exact.max()
+        off = np.abs(found["stress"] - exact).max() / exact.max()
+        # corners are among those that it tells of, in numbers of half the digits; others are as far off as these, about
+        assert off <= told["cells"] * (1.5 if place >= len(corners) else 1.0001)
+        if place >= len(corners):
+            assert np.linalg.norm(found["stress"] - exact) < 0.03 * np.linalg.norm(exact)
 
 
-def heated(hypothesis, **slopes):
-    warm = hhr.ThermalExpansion(FIRST, 1e-3, hhr.Amplitude(constant=0.0 if slopes else 2.0, slopes=slopes))
+def heated(hypothesis, expansion=1e-3, **slopes):
+    warm = hhr.ThermalExpansion(FIRST, expansion, hhr.Amplitude(constant=0.0 if slopes else 2.0, slopes=slopes))
     return dataclasses.replace(contract.blocks(), hypothesis=hypothesis, loads=(*contract.blocks().loads, warm))
 
 
@@ -421,15 +462,15 @@ console.log(JSON.stringify({ found, loaded: loaded.map(told) }));
 """
 
 
-def round_blocks_in_space(comm):
+def round_blocks_in_space(comm, cells=4):
     """A block, and another one that touches it with a round side."""
 
     def warp(points, tag):
         bulge = 0.2 * ((points[:, :2] - 0.5) ** 2).sum(axis=1) * (2 - points[:, 2]) if tag == SECOND else 0.0
         return points + np.outer(np.ones(len(points)) * bulge, (0.0, 0.0, 1.0))
 
-    first = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (4, 4, 4)
-    second = (0.0, 0.0, 1.0), (1.0, 1.0, 2.0), (4, 4, 4)
+    first = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (cells,) * 3
+    second = (0.0, 0.0, 1.0), (1.0, 1.0, 2.0), (cells,) * 3
     return two_blocks(comm, warp=warp, first=first, second=second)
 
 
@@ -523,6 +564,20 @@ def test_increments_with_friction_are_those_of_python(name):
         # the path that a page copies is all of it
         along = model.march(list(enumerate(map(np.array, found["path"])))).answers[-1]
         assert np.linalg.norm(found["forces"] - along.multipliers) < 1e-9 * size
+
+
+@in_node
+def test_loading_in_proportion_is_halved_as_often_as_in_python():
+    """Where contacts stick as they close one halving more changes forces by 1e-5."""
+    _, model, scenery = made(dataclasses.replace(in_space(1.0), geometry=partial(round_blocks_in_space, cells=3)))
+    points = model.parameters.random(6, 3)
+    rest = list(model.parameters.lower)
+    asked = json.dumps({"page": page.page_text(model, scenery), "path": [rest], "points": points.tolist()})
+    words = [NODE, "-e", ALONG, str(MODEL), str(FRICTION)]
+    done = subprocess.run(words, input=asked, capture_output=True, text=True, timeout=WAIT, check=True)
+    exact = np.array([model.solve(point).multipliers for point in points])
+    found = np.array([item["forces"] for item in json.loads(done.stdout)["loaded"]])
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
 
 
 TICKS = """

@@ -6,6 +6,7 @@
 #define MODEL_BALANCED 1e-12
 #define MODEL_NOTHING 1e-14
 #define MODEL_WEAK 1e5
+#define MODEL_BORNE 1e-3
 #define MODEL_SPRINGS 30
 
 static inline double model_taken_by(int i, const double *motions) {
@@ -34,7 +35,8 @@ static inline int model_balance(const model_work *w, double *left, double *sizes
 /* Forces, slack and motions where statuses are given; 0 where what touches does not hold all bodies. */
 static inline int model_free_equalities(model_work *w) {
     const int m = MODEL_CONDITIONS, r = MODEL_MOTIONS;
-    double *a = w->factored, *x = w->left, *whole = w->whole, *right = w->right, most = 0, left[MODEL_MOTIONS + 1], sizes[MODEL_MOTIONS + 1];
+    double *a = w->factored, *x = w->left, *whole = w->whole, *right = w->right, most = 0;
+    double left[MODEL_MOTIONS], sizes[MODEL_MOTIONS];
     int n = 0;
     for (int i = 0; i < m; i++)
         if (w->active[i]) w->index[n++] = i;

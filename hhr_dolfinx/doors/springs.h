@@ -30,7 +30,11 @@ static inline int model_on_springs(model_work *w, int (*ask)(model_work *), doub
 /* Forces and motions on the statuses of an answer, for derivatives: what contact does not hold moves as little as it may. */
 static inline int model_near(model_work *w, const double *motions) {
     double left[MODEL_MOTIONS], sizes[MODEL_MOTIONS];
-    return model_equalities(w) || model_on_springs(w, model_equalities, MODEL_WEAK, motions, left, sizes);
+    if (model_equalities(w)) return 1;
+    if (!model_on_springs(w, model_equalities, MODEL_WEAK, motions, left, sizes)) return 0;
+    for (int j = 0; j < MODEL_MOTIONS; j++)
+        if (fabs(left[j]) > MODEL_BORNE * sizes[j]) return 0; /* a load drives what nothing holds */
+    return 1;
 }
 
 /* The plain active set, and where it meets sets that do not hold the bodies weak springs, whose ends follow. */

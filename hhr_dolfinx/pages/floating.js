@@ -10,7 +10,9 @@ hhr.Floating = class {
   static ROUND_OFF = 1e-13;
   static BALANCED = 1e-12;
   static NOTHING = 1e-14;
-  static WEAK = 1e5; // of springs that derivatives are taken with, where what touches does not hold the bodies
+  // of springs that derivatives are taken with, where what touches does not hold the bodies, and the part of a load that they may bear
+  static WEAK = 1e5;
+  static BORNE = 1e-3;
 
   constructor(model) {
     const { taken, driving } = model.tree.floating, m = model.m, mean = (values) => values.reduce((a, b) => a + b, 0) / m;
@@ -81,7 +83,7 @@ hhr.Floating = class {
 
   /* Bodies on weak springs whose ends are somewhere: what is left of the contact problem without motions. */
   sprung({ schur, slack, driving }, weak, ends) {
-    const { model, count, taken } = this, m = model.m, compliance = this.pushes.map((push) => push * weak), held = schur.slice();
+    const { count, taken } = this, m = this.model.m, compliance = this.pushes.map((push) => push * weak), held = schur.slice();
     for (let i = 0; i < m; i++) for (let k = 0; k < m; k++) for (const j of this.motions) {
       held[i * m + k] += taken[i * count + j] * compliance[j] * taken[k * count + j];
     }
@@ -98,19 +100,22 @@ hhr.Floating = class {
   near(contact, { active, motions }) {
     if (!motions) return null;
     const held = this.sprung(contact, hhr.Floating.WEAK, motions), found = this.model.equalities(held, active);
-    return found && { ...found, motions: this.drawn(motions, held.compliance, this.balance(found.forces, contact.driving)) };
+    if (!found) return null;
+    const sides = this.balance(found.forces, contact.driving);
+    if (sides.some(({ left, size }) => Math.abs(left) > hhr.Floating.BORNE * size)) return null; // a load drives what nothing holds
+    return { ...found, motions: this.drawn(motions, held.compliance, sides) };
   }
 
   /* The plain active set, and where it meets sets that do not hold the bodies weak springs, whose ends follow. */
   touched(contact, start) {
     const direct = this.model.touched(contact, start);
     if (direct) return direct;
-    const { model } = this, { schur, slack, driving } = contact, m = model.m;
+    const { model } = this, { slack, driving } = contact;
     // forces that close nothing but round-off of the gaps: without loads there are no others to compare with
     const nothing = (hhr.Floating.NOTHING * slack.reduce((most, s) => Math.max(most, Math.abs(s)), 0)) / this.size;
     let active = start ?? Uint8Array.from(slack, (s) => (s < 0 ? 1 : 0)), ends = this.motions.map(() => 0);
     for (const weak of hhr.Floating.WEAKNESS) for (let step = 0; step < hhr.Floating.MOST_STEPS; step++) {
-      const held = this.sprung({ schur, slack, driving }, weak, ends), found = model.touched(held, active);
+      const held = this.sprung(contact, weak, ends), found = model.touched(held, active);
       if (!found) return null;
       const sides = this.balance(found.forces, driving), most = Math.max(...sides.map(({ size }) => size));
       ends = this.drawn(ends, held.compliance, sides);

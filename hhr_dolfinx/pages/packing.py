@@ -113,7 +113,7 @@ def modes_of(seen: np.ndarray, left: float = FIELD, numbers: int = int(ROOM / (2
         return None
     ways, sizes, _ = np.linalg.svd(seen[:, moves] / lengths[moves], full_matrices=False)
     rest = np.sqrt(np.cumsum(sizes[::-1] ** 2)[::-1])
-    count = min(int((rest > left * rest[0]).sum()), numbers // len(seen))
+    count = min(int((rest > left * rest[0]).sum()), max(numbers, 0) // len(seen))
     poor = count < len(rest) and rest[count] > POOR * rest[0]
     return None if poor else ways[:, :count]
 

@@ -11,7 +11,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
+from scipy.sparse import csr_matrix, vstack
 
 from hhr_dolfinx.errors import ConvergenceError, FarSlidingWarning
 from hhr_dolfinx.models.answer import Answer
@@ -128,52 +128,57 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
 
         return {"field": flow_field(model, scenery, rows_of(model, scenery), arrays), "stress": None}
     found: dict[str, Any] = {"field": None, "stress": None}
-    fields = model.fields
-    maps: Callable[[Drawn, Split, Packed], Picture | None]
-    corners = _corners(model)
-    if isinstance(fields, ExactFields) and model.friction is not None:
-        maps = partial(_exact, model)
-        known = Split(_walked(model), 0)
-    elif isinstance(fields, ExactFields):
-        maps = partial(_exact, model)
-        points = np.vstack([model.parameters.random(SEEN, 0), corners])
-        known = Split(model.solve_many(points, raise_on_failure=False), len(corners))
-    # with friction a fit would take as many paths as points
-    elif isinstance(fields, InterpolatedFields) and fields.galerkin is not None and model.friction is None:
-        maps = partial(_fitted, model)
-        points = np.vstack([Sobol(FITTED).points(model.parameters), corners])
-        known = Split(model.solve_many(points, raise_on_failure=False), len(corners))
-    else:
-        return found
+    known, maps = _answers(model)
     if not known.answers:
         return found
     rows = rows_of(model, scenery)
     entries = np.ones(rows.size), (np.arange(rows.size), rows)
-    chosen = csr_matrix(entries, shape=(rows.size, fields.lifts.shape[0]))
-    field = maps(Drawn("field", chosen), known, arrays)
+    chosen = csr_matrix(entries, shape=(rows.size, model.fields.lifts.shape[0]))
+    strains = scenery.strains
+    stress = None if strains is None else Stress(strains, model.parameters.names, model.parameters.middle)
+    every = chosen if stress is None else csr_matrix(vstack([chosen, stress.rows]))
+    seen = np.array([every @ answer.displacement() for answer in known.answers]).T  # each displacement once
+    field = maps(Drawn("field", chosen), known, seen[: rows.size], arrays)
     if field is None:
         return found
     found["field"] = field.tree
-    if scenery.strains is not None:
-        stress = Stress(scenery.strains, model.parameters.names, model.parameters.middle)
-        tried = Packed()
-        left = room - arrays.size - 2 * scenery.strains.cells.nbytes
-        drawn = Drawn("stress", stress.rows, STRESS, COARSE, min(ROOM, left))
-        found["stress"] = _stress(maps, drawn, stress, known, tried)
-        if found["stress"] is not None:
-            arrays.take(tried)
+    if stress is not None:
+        drawn = Drawn("stress", stress.rows, STRESS, COARSE, min(ROOM, room - arrays.size - stress.size))
+        found["stress"] = _stress(partial(maps, drawn, known), stress, known, seen[rows.size :], arrays)
     return found
 
 
+def _answers(model: Any) -> tuple[Split, Callable[[Drawn, Split, np.ndarray, Packed], Picture | None]]:
+    """Answers that pictures are made of, and what makes them; none where a model has no map of forces to them."""
+    fields = model.fields
+    if isinstance(fields, ExactFields) and model.friction is not None:
+        return Split(_walked(model), 0), partial(_exact, model)
+    corners = _corners(model)
+    if isinstance(fields, ExactFields):
+        points = np.vstack([model.parameters.random(SEEN, 0), corners])
+        return Split(model.solve_many(points, raise_on_failure=False), len(corners)), partial(_exact, model)
+    # with friction a fit would take as many paths as points
+    if isinstance(fields, InterpolatedFields) and fields.galerkin is not None and model.friction is None:
+        points = np.vstack([Sobol(FITTED).points(model.parameters), corners])
+        return Split(model.solve_many(points, raise_on_failure=False), len(corners)), partial(_fitted, model)
+    return Split([], 0), partial(_exact, model)
+
+
 def _stress(
-    maps: Callable[[Drawn, Split, Packed], Picture | None], drawn: Drawn, stress: Stress, known: Split, arrays: Packed
+    maps: Callable[[np.ndarray, Packed], Picture | None], stress: Stress, known: Split, seen: np.ndarray, arrays: Packed
 ) -> dict[str, Any] | None:
-    """The stress of the cells, and how far off it is; None where its largest value is far off."""
-    picture = maps(drawn, known, arrays) if drawn.room > 0 else None
+    """The stress of the cells, and how far off it is; None where its largest value is far off, or there is no room."""
+    tried = Packed()
+    picture = maps(seen, tried)
     if picture is None:
         return None
-    off = stress.off([known.answers[place] for place in picture.apart], picture.values)
-    return picture.tree | stress.tree(arrays) | {"off": off} if off["largest"] <= FALSE else None
+    points = np.array([known.answers[place].parameter for place in picture.apart])
+    off = stress.off(points, seen[:, picture.apart], picture.values)
+    if off["largest"] > FALSE:
+        return None
+    found = picture.tree | stress.tree(tried) | {"off": off}
+    arrays.take(tried)
+    return found
 
 
 def rows_of(model: Any, scenery: Scenery) -> np.ndarray:
@@ -182,10 +187,9 @@ def rows_of(model: Any, scenery: Scenery) -> np.ndarray:
     return (scenery.nodes[:, None] * dim + np.arange(dim)).ravel()
 
 
-def _exact(model: Any, drawn: Drawn, known: Split, arrays: Packed) -> Picture | None:
+def _exact(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Packed) -> Picture | None:
     """Where the stiffness is constant: c = W^T (C θ - K^-1 B^T λ + R q) with modes W of answers over the box."""
     fields = model.fields
-    seen = np.array([drawn.rows @ answer.displacement() for answer in known.answers]).T
     inner, apart = known.held(APART)
     ways = drawn.modes(seen[:, inner])
     if ways is None:
@@ -220,7 +224,7 @@ def _walked(model: Any) -> Iterable[Answer]:
     return model.solve_many(points[:FEW], raise_on_failure=False)
 
 
-def _fitted(model: Any, drawn: Drawn, known: Split, arrays: Packed) -> Picture | None:
+def _fitted(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Packed) -> Picture | None:
     """Where it varies: c = p(μ) + P(μ) Q^T λ, with modes Q of forces and polynomials that are fitted to some points.
 
     None where the fit is off by more than a picture may be at points that it has not seen, as where a load ends within
@@ -228,7 +232,6 @@ def _fitted(model: Any, drawn: Drawn, known: Split, arrays: Packed) -> Picture |
     """
     fields = model.fields
     answers = known.answers
-    seen = np.array([drawn.rows @ answer.displacement() for answer in answers]).T
     ways = drawn.modes(seen) if len(answers) >= FITTED // 2 else None
     if ways is None:
         return None

@@ -8,8 +8,8 @@ import numpy as np
 from scipy.sparse import csr_matrix, diags, kron
 
 from hhr_dolfinx.formulas import Scalar
-from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.pages.packing import NOTHING, Packed, steps_of
+from hhr_dolfinx.materials.elasticity import von_mises
+from hhr_dolfinx.pages.packing import BASE64, NOTHING, Packed, steps_of
 from hhr_dolfinx.pages.scenery import Strains
 
 
@@ -37,6 +37,11 @@ class Stress:
         scale = diags(self._middle[strains.bodies])
         self.rows = csr_matrix(kron(scale, np.delete(part, 2, axis=0)) @ strains.rows)
 
+    @property
+    def size(self) -> int:
+        """Bytes of text that its arrays take."""
+        return int(BASE64 * (4 * len(self._strains.cells) + len(self._strains.bodies)))
+
     def mises(self, values: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Von Mises' stress of what the rows give, (n c,), at a point, (P,): (c,)."""
         bodies = self._strains.bodies
@@ -46,11 +51,8 @@ class Stress:
         stress = 2 * shape[:, None] * strain
         if self._strains.plane_stress:
             stress[:, :2] += (volume * strain[:, :2].sum(axis=1))[:, None]
-        first = stress[:, 0]
-        second = stress[:, 1]
-        third = 0.0 if self._strains.plane_stress else -first - second
-        sheared = (stress[:, 2:] ** 2).sum(axis=1)
-        return np.sqrt(((first - second) ** 2 + (second - third) ** 2 + (third - first) ** 2) / 2 + 1.5 * sheared)
+        third = 0.0 if self._strains.plane_stress else -stress[:, 0] - stress[:, 1]
+        return von_mises(np.insert(stress, 2, third, axis=1))
 
     def tree(self, arrays: Packed) -> dict[str, Any]:
         """The same for a page."""
@@ -64,17 +66,16 @@ class Stress:
             "middle": self._middle.tolist(),
         }
 
-    def off(self, answers: list[Answer], found: np.ndarray) -> dict[str, float]:
-        """How far drawn values, (n c, S), are off of those of answers at most, relative to the largest of each.
+    def off(self, points: np.ndarray, exact: np.ndarray, found: np.ndarray) -> dict[str, float]:
+        """How far drawn values, (n c, S), are off of those at some points, (S, P), relative to the largest of each.
 
-        In any cell, and the largest value itself.
+        In any cell, and the largest value itself; answers of which nothing is left but round-off do not count.
         """
-        pairs = [
-            (self.mises(self.rows @ answer.displacement(), answer.parameter), self.mises(values, answer.parameter))
-            for answer, values in zip(answers, found.T, strict=True)
-        ]
-        largest = max((exact.max() for exact, _ in pairs), default=0.0)
-        known = [(exact, here) for exact, here in pairs if exact.max() > NOTHING * largest]
-        cells = [np.abs(here - exact).max() / exact.max() for exact, here in known]
-        peaks = [abs(here.max() - exact.max()) / exact.max() for exact, here in known]
-        return {"cells": float(max(cells, default=0.0)), "largest": float(max(peaks, default=0.0))}
+        right, here = (
+            np.array([self.mises(*pair) for pair in zip(own.T, points, strict=True)]) for own in (exact, found)
+        )
+        largest = right.max(axis=1, initial=0.0)
+        known = largest > NOTHING * largest.max(initial=0.0)
+        cells = np.abs(here - right).max(axis=1, initial=0.0)[known] / largest[known]
+        peaks = np.abs(here.max(axis=1, initial=0.0) - largest)[known] / largest[known]
+        return {"cells": float(cells.max(initial=0.0)), "largest": float(peaks.max(initial=0.0))}
