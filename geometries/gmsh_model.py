@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhr_dolfinx.compat import extra, gmsh_to_mesh
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.geometries.partition import shares
 
 with extra("mesh", "this geometry"):
@@ -36,11 +37,34 @@ def mesh_of(make: Callable[[], None], comm: Comm, dim: int, options: Mapping[str
         comm: MPI communicator.
         dim: dimension of the mesh, and of its points.
         options: of gmsh, as long as the model lives.
+
+    Raises:
+        SceneError: for facets that do not belong to the cells.
     """
     with _session({**_OPTIONS, **(options or {})}):
         if comm.rank == 0:
             make()
+        if comm.bcast(comm.rank == 0 and _facets_without_cells()):
+            raise SceneError(
+                "facets that gmsh made have nodes that no cell has, which DOLFINx does not survive: they do not fit "
+                "the cells, as with automatic transfinite tetrahedra. Recombine to hexahedra, or leave that out"
+            )
         return gmsh_to_mesh(gmsh.model, comm, dim, shares)
+
+
+def _facets_without_cells() -> bool:
+    """Whether facets of physical groups of the current model have nodes that no cell of one has."""
+    groups = gmsh.model.getPhysicalGroups()
+    dim = max((group[0] for group in groups), default=0)
+
+    def nodes_of(wanted: int) -> np.ndarray:
+        entities = {
+            entity for d, tag in groups if d == wanted for entity in gmsh.model.getEntitiesForPhysicalGroup(d, tag)
+        }
+        found = [nodes for entity in entities for nodes in gmsh.model.mesh.getElements(wanted, entity)[2]]
+        return np.unique(np.concatenate([np.zeros(0, dtype=np.uint64), *found]))
+
+    return bool(np.setdiff1d(nodes_of(dim - 1), nodes_of(dim)).size)
 
 
 @dataclass(frozen=True)

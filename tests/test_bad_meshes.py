@@ -16,6 +16,7 @@ from hhr_dolfinx.errors import NotSolvableError, SceneError, SceneWarning
 from hhr_dolfinx.forms.elasticity import HYPOTHESES
 from hhr_dolfinx.full_order.checks import build_geometry, corner_jacobians
 from hhr_dolfinx.geometries import block, two_blocks
+from hhr_dolfinx.geometries.gmsh_model import mesh_of
 
 LOWER, UPPER, LEFT = block.side(1, False), block.side(1, True), block.side(0, False)
 
@@ -144,6 +145,22 @@ def test_cells_of_third_order():
         dataclasses.replace(pressed_block("plane_strain"), geometry=curved),
         r"cells of order 3 are not supported: .*setOrder\(2\)",
     )
+
+
+def test_facets_that_no_cell_has():
+    """As automatic transfinite tetrahedra of second order have; DOLFINx ends the process."""
+
+    def make():
+        body = gmsh.model.occ.addBox(0, 0, 0, 2, 1, 1)
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(3, [body], 1)
+        gmsh.model.addPhysicalGroup(2, [1, 2, 3], LOWER)
+        gmsh.model.mesh.setTransfiniteAutomatic(recombine=False)
+        gmsh.model.mesh.generate(3)
+        gmsh.model.mesh.setOrder(2)
+
+    with pytest.raises(SceneError, match="nodes that no cell has"):
+        mesh_of(make, MPI.COMM_SELF, 3, options={"Mesh.MeshSizeMax": 0.6})
 
 
 def test_a_mesh_on_another_communicator():

@@ -18,8 +18,10 @@ from test_locking import FAR
 from test_plastic import tube
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx import compat
 from hhr_dolfinx.command.main import hhr as command
-from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, PairingWarning, ParameterError, SceneError
+from hhr_dolfinx.errors import ConvergenceError, PairingWarning, ParameterError, SceneError
+from hhr_dolfinx.full_order.locking import gauss_degree, stiffness_degree
 from hhr_dolfinx.geometries import block
 
 
@@ -199,13 +201,29 @@ def test_friction_slips_with_its_coefficient():
 def test_what_is_refused():
     with pytest.raises(SceneError, match="order = 3 must be 1 or 2"):
         second(dataclasses.replace(contract.blocks(), order=3))
+
+
+def test_shapes_as_parameters():
+    """Eight trained points leave 6e-6 at most but where statuses are new (24 %, as of first order)."""
     scene = second(contract.blocks(box=contract.SHAPE, shapes=(contract.CROWNED,)))
     training = hhr.train(scene, hhr.Sobol(8), held_out=0, comm=MPI.COMM_SELF)
-    with pytest.raises(NotOfferedError, match="cells of second order: condense"):
-        training.build(contract.AS_IT_IS)
+    model = training.build(contract.AS_IT_IS)
     point = training.full_order.parameters.middle
     exact = training.full_order.solve(point).forces()
     np.testing.assert_allclose(training.condense().solve(point).forces(), exact, rtol=1e-6, atol=1e-9)
+    errors = []
+    for place in training.full_order.parameters.random(5, seed=1):
+        exact = training.full_order.solve(place).forces()
+        errors.append(np.abs(model.solve(place).forces() - exact).max() / exact.max())
+    assert np.median(errors) < 1e-4 and max(errors) < 0.4
+
+
+@pytest.mark.parametrize("cell", ["triangle", "quadrilateral", "tetrahedron", "hexahedron"])
+@pytest.mark.parametrize("order", [1, 2])
+def test_rules_of_the_stiffness_have_positive_weights(cell, order):
+    """Energies of Gauss points would not be positive otherwise; of degree 3 on tetrahedra one weight is negative."""
+    degrees = gauss_degree(cell, order), *(stiffness_degree(cell, name, order) for name in ("solid", "axisymmetric"))
+    assert min(compat.quadrature(cell, degree)[1].min() for degree in degrees) > 0
 
 
 @pytest.mark.parametrize("pairing", [hhr.NodeToNode, hhr.NodeToSurface, hhr.DoublePass, hhr.Mortar])

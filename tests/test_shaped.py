@@ -5,6 +5,7 @@ import subprocess
 import sys
 import warnings
 from dataclasses import replace
+from itertools import product
 
 import numpy as np
 import press_fit
@@ -12,8 +13,10 @@ import pytest
 from bare import WAIT
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx import compat
 from hhr_dolfinx.errors import ParameterError, SceneError
 from hhr_dolfinx.geometries import block, two_blocks
+from hhr_dolfinx.geometries.gmsh_model import gmsh, mesh_of
 from hhr_dolfinx.models.eliminations.shaped import tributary_areas
 from hhr_dolfinx.models.functionals.cells import CellRule, element_stiffness
 from hhr_dolfinx.reduction.projection import load_nodes, project, reduced_domain
@@ -122,6 +125,61 @@ SCENES = {
 }  # fmt: skip
 
 
+
+def curved(*, simplices, contact, dim=2):
+    """Two blocks of cells of second order, with nodes of their own on both sides: shapes curve these cells."""
+
+    def make():
+        for body, low in ((FIRST, 0.0), (SECOND, 1.05)):
+            box = (0, 0, low, 2, 1, 1) if dim == 3 else (0, low, 0, 2, 1)
+            solid = (gmsh.model.occ.addBox if dim == 3 else gmsh.model.occ.addRectangle)(*box)
+            gmsh.model.occ.synchronize()
+            gmsh.model.addPhysicalGroup(dim, [solid], body)
+            for axis, upper in product(range(dim), (False, True)):
+                faces = [tag for _, tag in gmsh.model.getBoundary([(dim, solid)], oriented=False)
+                         if abs(gmsh.model.occ.getCenterOfMass(dim - 1, tag)[axis]
+                                - gmsh.model.getBoundingBox(dim, solid)[axis + 3 * upper]) < 1e-6]
+                gmsh.model.addPhysicalGroup(dim - 1, faces, side(body, axis, upper))
+        if not simplices:
+            gmsh.model.mesh.setTransfiniteAutomatic()
+        gmsh.model.mesh.generate(dim)
+        gmsh.model.mesh.setOrder(2)
+
+    last = dim - 1
+    plain = stacked(contact=contact, names=NAMES, shapes=crowned())
+    coordinates = ("x", "y", "z * (1 - c * (x - 1)**2 / 2)"), ("x", "y", "1.05 + (z - 1.05) * t")
+    sides = [hhr.Displacement(side(body, axis, False), axis) for body in (FIRST, SECOND) for axis in range(last)]
+    return replace(
+        plain,
+        geometry=lambda comm: mesh_of(make, comm, dim, options={"Mesh.MeshSizeMax": 0.6 if dim == 3 else 0.25}),
+        hypothesis="solid" if dim == 3 else "plane_strain",
+        displacements=(
+            hhr.Displacement(side(FIRST, last, False), last),
+            hhr.Displacement(side(SECOND, last, True), last, hhr.Amplitude(slopes={"push": -1.0})),
+            *sides,
+        ),
+        loads=(hhr.Pressure(side(SECOND, 0, True), hhr.Amplitude(slopes={"push": 3.0})),),
+        shapes=tuple(map(Shape, (FIRST, SECOND), coordinates)) if dim == 3 else crowned(),
+    )
+
+
+def facing(dim=2):
+    """Facing sides of these."""
+    return side(FIRST, dim - 1, True), side(SECOND, dim - 1, False)
+
+
+FLAT = ("quadrilaterals", "triangles", "along a normal", "a moved surface", "segments", "both ways",
+        "axisymmetric triangles", "obstacle in plane stress", "hexahedra")
+"""Scenes on flat cells whose displacement is made of second order."""
+SECOND_ORDER = {
+    **{f"{name}, second order": lambda name=name: replace(SCENES[name](), order=2) for name in FLAT},
+    "curved quadrilaterals": lambda: curved(simplices=False, contact=NODES),
+    "curved triangles": lambda: curved(simplices=True, contact=hhr.Mortar(TOP, BOTTOM)),
+    "curved tetrahedra": lambda: curved(simplices=True, contact=hhr.Mortar(*facing(3)), dim=3),
+    "curved hexahedra": lambda: curved(simplices=False, contact=hhr.NodeToNode(*facing(3), (0.0, 0.0, 1.0)), dim=3),
+}
+
+
 def projected(full, point, basis, sets):
     """The full problem at a point, projected, with the nodes that its conditions touch there: surfaces slide."""
     problem = full.problem.at(point)
@@ -149,6 +207,9 @@ def apart(found, wanted):
         name: np.abs(getattr(found, name) - getattr(wanted, name)).max() / (np.abs(getattr(wanted, name)).max() or 1.0)
         for name in FIELDS
     }
+
+
+SCENES |= SECOND_ORDER
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -278,7 +339,8 @@ def test_rigid_motions_cost_nothing(dim, simplex):
         corners = np.vstack([np.zeros(dim), np.eye(dim)])
     corners = corners + 0.1 * np.random.default_rng(0).standard_normal(corners.shape)
     gauss = np.array([0.2, 0.7])[(np.arange(2**dim)[:, None] >> np.arange(dim)) & 1] / (dim if simplex else 1)
-    rule = CellRule(gauss, np.full(len(gauss), 1 / len(gauss)), simplex)
+    kind = {2: ("quadrilateral", "triangle"), 3: ("hexahedron", "tetrahedron")}[dim][simplex]
+    rule = CellRule(np.full(len(gauss), 1 / len(gauss)), *compat.shape_functions(kind, gauss))
     spin = np.zeros((dim, dim))
     spin[0, 1] = 1.0
     spin[1, 0] = -1.0

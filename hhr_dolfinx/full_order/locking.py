@@ -90,8 +90,8 @@ def stiffness_degree(cell: str, hypothesis: str, order: int = 1) -> int:
 
     Simplices have a strain of a degree less than the displacement; in axisymmetry they take more points, for weights
     1 / r. Other cells take one point more than their order along each axis, the usual full integration: exact on
-    parallelograms and parallelepipeds.
+    parallelograms and parallelepipeds. All weights are positive: that of degree 3 on tetrahedra has a negative one.
     """
     if cell in SIMPLICES:
-        return 2 * order - 1 if hypothesis != "axisymmetric" else 2 * order + 2
+        return max(1, 2 * order - 2) if hypothesis != "axisymmetric" else 2 * order + 2
     return 2 * order + 1

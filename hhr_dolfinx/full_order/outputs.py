@@ -14,7 +14,7 @@ from scipy.sparse import csc_matrix, csr_matrix, hstack
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.contact.problem import ContactProblem, masked, strained
-from hhr_dolfinx.errors import NotOfferedError, SceneError
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.forms.return_mapping import strain_vector
 from hhr_dolfinx.models.functionals.cells import MovingCells
@@ -313,17 +313,14 @@ def moving_cells(discretisation: DiscreteSpace, cells: np.ndarray, *, mean_dilat
     kind = mesh.topology.cell_name()
     space = discretisation.space
     middle = compat.interpolation_points(fem.functionspace(mesh, ("Discontinuous Lagrange", 0)).element)
-    if discretisation.order != compat.degree_of(mesh):
-        raise NotOfferedError(
-            "von Mises' stress as an output is not built in where shapes are parameters and cells of first order have "
-            "displacements of second: ask answer.stress(), or mesh with cells of second order"
-        )
     points, weights = compat.quadrature(kind, discretisation.gauss_degree)
-    # functions of the displacement are those of the geometry: both are of one degree
+    # functions of the displacement are those of the geometry too, middles being where they are
     values, slopes = compat.shape_functions(kind, np.vstack([middle, points]), discretisation.order)
     nodes, cells_here = np.unique(space.dofmap.list[cells], return_inverse=True)
-    of_geometry = np.empty(nodes.size, dtype=np.int64)
-    of_geometry[cells_here.ravel()] = compat.geometry_dofmap(mesh)[cells].ravel()
+    cells_here = cells_here.reshape(len(cells), -1).astype(np.int64)
+    geometry = compat.geometry_dofmap(mesh)[cells]
+    of_geometry = np.full(nodes.size, -1)
+    of_geometry[cells_here[:, : geometry.shape[1]]] = geometry
     moves = [np.isin(of_geometry, own) for own in reshaped.nodes]
     given = [(shape, moved) for shape, moved in zip(scene.shapes, moves, strict=True) if moved.any()]
     taken = slice(1, None) if mean_dilatation else slice(1, 1)
@@ -332,9 +329,10 @@ def moving_cells(discretisation: DiscreteSpace, cells: np.ndarray, *, mean_dilat
         moved=tuple(moved for _, moved in given),
         coordinates=coordinate_names(scene.hypothesis),
         parameters=scene.parameters.names,
+        middles=reshaped.middles().among(nodes),
         points=reshaped.reference[of_geometry, : mesh.geometry.dim].copy(),
         nodes=nodes.astype(np.int64),
-        cells=cells_here.reshape(len(cells), -1).astype(np.int64),
+        cells=cells_here,
         values=values[0],
         slopes=slopes[0],
         weights=weights if mean_dilatation else np.zeros(0),

@@ -17,6 +17,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import PairingWarning, ParameterError, SceneError
 from hhr_dolfinx.formulas import box_samples
 from hhr_dolfinx.full_order.checks import FOLDED, jacobians_of
+from hhr_dolfinx.models.functionals.cells import Middles
 from hhr_dolfinx.shapes import coordinate_names
 
 CLOSE = 1e-9
@@ -84,6 +85,21 @@ class Reshaped:
             moved[nodes, :dim] = there
             seen[nodes] = True
         return moved
+
+    def middles(self) -> Middles:
+        """Nodes that the geometry does not have: displacements of second order on cells of first."""
+        cells = self._owner.space.dofmap.list
+        count = self._cells.shape[1]
+        if count == cells.shape[1]:
+            return Middles(np.zeros(0, dtype=np.int64), np.zeros((0, 1), dtype=np.int64))
+        kind = self._owner.mesh.topology.cell_name()
+        places = compat.nodes_of_cell(kind, self._owner.order)[count:]
+        weights = compat.shape_functions(kind, places)[0]
+        most = round(1 / weights[weights > CLOSE].min())
+        between = np.array([np.repeat(np.arange(count), np.round(row * most).astype(int)) for row in weights])
+        nodes, first = np.unique(cells[:, count:], return_index=True)
+        cell, place = np.divmod(first, len(places))
+        return Middles(nodes.astype(np.int64), cells[cell[:, None], between[place]].astype(np.int64))
 
     @contextmanager
     def at(self, point: np.ndarray) -> Iterator[None]:

@@ -11,10 +11,11 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, masked
-from hhr_dolfinx.errors import NotOfferedError, PairingWarning, SceneError
+from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.formulas import Modulus
-from hhr_dolfinx.full_order.locking import SIMPLICES, stiffness_degree
+from hhr_dolfinx.full_order.checks import CORNERS
+from hhr_dolfinx.full_order.locking import stiffness_degree
 from hhr_dolfinx.loads import first_load, placed
 from hhr_dolfinx.models.eliminations.shaped import SurfacePatch
 from hhr_dolfinx.models.functionals.cells import CellRule
@@ -53,6 +54,7 @@ class ShapedArrays:
         hypothesis: of the scene.
         names: of the parameters.
         axes: places of the parameters that shapes name, (d,).
+        middles: nodes that shapes leave in the middle of others.
         reference: coordinates of the nodes on the mesh as it was made, (n, dim).
         shapes: the shapes, and the nodes of each.
         bodies: the bodies.
@@ -76,18 +78,15 @@ class ShapedArrays:
                 "model cannot evaluate their grading where cells have moved. Divide a body into several, or take an "
                 "interpolated condensation"
             )
-        if discretisation.order > 1:
-            raise NotOfferedError(
-                "hyper-reduction is not built in where shapes are parameters of cells of second order: condense the "
-                "scene, hhr.condense(scene), or mesh it with cells of first order"
-            )
         self._owner = discretisation
         self._problem = problem
         self._reshaped = reshaped
         self.hypothesis = scene.hypothesis
         self.names = scene.parameters.names
         self.axes = np.array(reshaped.axes, dtype=np.int64)
-        self._order = self._geometry_nodes()
+        self._cell = discretisation.mesh.topology.cell_name()
+        self._geometry = self._geometry_nodes()
+        self.middles = reshaped.middles()
         self.reference = self._dof_order(reshaped.reference)
         self.shapes = self._shapes()
         self.bodies = tuple(self._bodies())
@@ -102,9 +101,9 @@ class ShapedArrays:
     @property
     def rule(self) -> CellRule:
         """Quadrature of the stiffness."""
-        cell = self._owner.mesh.topology.cell_name()
-        points, weights = compat.quadrature(cell, stiffness_degree(cell, self.hypothesis))
-        return CellRule(points, weights, cell in SIMPLICES)
+        order = self._owner.order
+        points, weights = compat.quadrature(self._cell, stiffness_degree(self._cell, self.hypothesis, order))
+        return CellRule(weights, *compat.shape_functions(self._cell, points, order))
 
     def coordinates(self, point: np.ndarray) -> np.ndarray:
         """Coordinates of all nodes at a point, (n, dim)."""
@@ -125,15 +124,16 @@ class ShapedArrays:
 
     def _geometry_nodes(self) -> np.ndarray:
         """Node of the geometry of each node of the dofs, (n,)."""
-        order = np.empty(len(self._problem.points), dtype=np.int64)
-        order[self._problem.cell_nodes] = compat.geometry_dofmap(self._owner.mesh)
+        order = np.zeros(len(self._problem.points), dtype=np.int64)
+        of_cells = compat.geometry_dofmap(self._owner.mesh)
+        order[self._problem.cell_nodes[:, : of_cells.shape[1]]] = of_cells
         return order
 
     def _dof_order(self, coordinates: np.ndarray) -> np.ndarray:
-        return coordinates[self._order, : self._problem.block_size]
+        return self.middles.placed(coordinates[self._geometry, : self._problem.block_size])
 
     def _shapes(self) -> tuple[tuple[Shape, np.ndarray], ...]:
-        cells = self._problem.cell_nodes
+        cells = self._problem.cell_nodes[:, : compat.geometry_dofmap(self._owner.mesh).shape[1]]
         scene = self._owner.scene
         return tuple((shape, np.unique(cells[self._owner.cells_of(shape.tag)])) for shape in scene.shapes)
 
@@ -149,7 +149,7 @@ class ShapedArrays:
         """A whole surface, with the nodes behind its facets."""
         surface = self._owner.surface(tag)
         cells = self._problem.cell_nodes
-        facets = surface.nodes[surface.facets]
+        facets = surface.nodes[surface.facets if surface.quadratic is None else surface.quadratic.nodes]
         count = facets.shape[1]
         nodes = len(self._problem.points)
         near = np.zeros(nodes, dtype=bool)
@@ -159,8 +159,9 @@ class ShapedArrays:
         shared = (_incidence(facets, nodes) @ _incidence(tried, nodes).T).tocoo()
         whole = shared.data > count - 0.5
         behind = tried[shared.col[whole]][np.argsort(shared.row[whole], kind="stable")]
-        on_facet = (behind[:, :, None] == facets[:, None]).any(axis=2)
-        return SurfacePatch(tag, facets, behind[~on_facet].reshape(len(facets), -1), np.zeros(0, dtype=np.int64))
+        corners = behind[:, : CORNERS[self._cell]]
+        far = corners[~(corners[:, :, None] == facets[:, None]).any(axis=2)]
+        return SurfacePatch(tag, facets, far.reshape(len(facets), -1), np.zeros(0, dtype=np.int64))
 
 
 def _incidence(parts: np.ndarray, nodes: int) -> csr_matrix:

@@ -29,7 +29,7 @@ from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.plain import add_kind, as_plain, by_name, restored
 
 FORMAT = "hhr_dolfinx model"
-VERSION = 4
+VERSION = 5
 
 MODULES = {
     "amplitudes": "Amplitudes Coverage",
@@ -54,7 +54,7 @@ MODULES = {
     "RidBody RidShape SurfacePatch",
     "models.exact": "ExactFields SolvedFields",
     "models.frictional_fields": "FrictionalFields",
-    "models.functionals.cells": "CellRule MovingCells",
+    "models.functionals.cells": "CellRule Middles MovingCells",
     "models.functionals.friction": "Remembered StatusArea",
     "models.functionals.functional": "Functionals",
     "models.functionals.kinds": "Energy FlowMises Largest Linear Loaded Mises MovingMises",

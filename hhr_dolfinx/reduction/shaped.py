@@ -21,6 +21,7 @@ from hhr_dolfinx.models.eliminations.shaped import (
     CellProjection,
     ContactPatch,
     FixedCells,
+    PlacedNodes,
     RidAssembly,
     RidBody,
     RidShape,
@@ -82,6 +83,8 @@ def rid_assembly(
         hypothesis=arrays.hypothesis,
         names=arrays.names,
         reference=arrays.reference[nodes],
+        free=problem.free.reshape(-1, problem.block_size)[nodes],
+        middles=arrays.middles.among(nodes),
         shapes=tuple(
             RidShape(shape, numbers[np.intersect1d(own, nodes, assume_unique=True)]) for shape, own in arrays.shapes
         ),
@@ -173,14 +176,12 @@ class _Known(NamedTuple):
     """Conditions of whole surfaces at one point.
 
     Attributes:
-        points: coordinates of the nodes, (n, dim).
-        weights: of the surface measure, (n,).
+        placed: the nodes.
         rows: conditions of all pairs.
         pairs: pair of each.
     """
 
-    points: np.ndarray
-    weights: np.ndarray
+    placed: PlacedNodes
     rows: ContactRows
     pairs: np.ndarray
 
@@ -192,11 +193,11 @@ class _Known(NamedTuple):
 def _known(arrays: ShapedArrays, problem: ContactProblem) -> list[_Known]:
     """Conditions in the middle of the box and at two ends."""
     space = problem.parameters
+    free = problem.free.reshape(-1, problem.block_size)
     found = []
     for point in (problem.middle, np.array(space.lower, dtype=float), np.array(space.upper, dtype=float)):
-        points = arrays.coordinates(point)
-        weights = 2 * np.pi * points[:, 0] if arrays.hypothesis == "axisymmetric" else np.ones(len(points))
-        found.append(_Known(points, weights, *arrays.rows(point)))
+        placed = PlacedNodes.at(arrays.coordinates(point), arrays.hypothesis, free)
+        found.append(_Known(placed, *arrays.rows(point)))
     return found
 
 
@@ -212,7 +213,7 @@ def _patches(
         raise ReductionError(f"the contact {arrays.pairings[pair]} has several conditions at one slave: not built in")
     for surfaces in _candidates(arrays.surfaces[pair], known[0].of(pair), slaves, problem.block_size):
         patch = ContactPatch(arrays.pairings[pair], surfaces, slaves, places)
-        if all(_agrees(patch, item.points, item.weights, item.of(pair)) for item in known):
+        if all(_agrees(patch, item.placed, item.of(pair)) for item in known):
             yield patch
             return
     raise ReductionError(
@@ -220,14 +221,14 @@ def _patches(
     )
 
 
-def _agrees(patch: ContactPatch, points: np.ndarray, weights: np.ndarray, whole: ContactRows) -> bool:
+def _agrees(patch: ContactPatch, placed: PlacedNodes, whole: ContactRows) -> bool:
     """Whether a patch makes the conditions of whole surfaces."""
-    place = np.full(len(points), -1)
+    place = np.full(len(placed.points), -1)
     place[whole.slaves] = np.arange(len(whole.slaves))
     if (place[patch.slaves] < 0).any():
         return True  # the shape changes what is in contact there: the full model refuses it
     try:
-        found, kept = patch.found(points, weights)
+        found, kept = patch.found(placed)
     except ParameterError:
         return False
     there = whole.take(place[patch.slaves])

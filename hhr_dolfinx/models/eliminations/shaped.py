@@ -20,14 +20,15 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.contact.problem import ContactRows
-from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.declared import Booleans, Floats, Integers
 from hhr_dolfinx.errors import PairingWarning, ParameterError, SceneError, SingularError
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination
 from hhr_dolfinx.models.eliminations.interpolation import Interpolant
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
-from hhr_dolfinx.models.functionals.cells import CellRule, element_stiffness
+from hhr_dolfinx.models.functionals.cells import CellRule, Middles, element_stiffness
 from hhr_dolfinx.pairings.projection import shape_functions
+from hhr_dolfinx.pairings.second_order import flat_parts
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.parameters import ParameterSpace, Tag
 from hhr_dolfinx.shapes import Shape, coordinate_names
@@ -141,14 +142,34 @@ ROUND_OFF = 1e-12
 _SILENT = RLock()
 
 
+class PlacedNodes(NamedTuple):
+    """Nodes of a mesh at one parameter.
+
+    Attributes:
+        points: their coordinates, (n, dim).
+        weights: of the surface measure there, (n,).
+        free: which components of their displacement are not imposed, (n, dim) bool.
+    """
+
+    points: np.ndarray
+    weights: np.ndarray
+    free: np.ndarray
+
+    @classmethod
+    def at(cls, points: np.ndarray, hypothesis: str, free: np.ndarray) -> PlacedNodes:
+        """Nodes at some points, (n, dim), of a scene of one hypothesis."""
+        weights = 2 * np.pi * points[:, 0] if hypothesis == "axisymmetric" else np.ones(len(points))
+        return cls(points, weights, free)
+
+
 @dataclass(frozen=True)
 class SurfacePatch:
     """A part of a tagged surface, its nodes by number.
 
     Attributes:
         tag: facet tag.
-        facets: nodes of each facet, (f, k), quadrilaterals in tensor order.
-        behind: nodes of the far side of the cell behind each facet, (f, r).
+        facets: nodes of each facet, (f, k), quadrilaterals in tensor order; all of those of second order.
+        behind: corners of the far side of the cell behind each facet, (f, r).
         edge: nodes where the surface goes on beyond the patch, (e,).
     """
 
@@ -166,10 +187,13 @@ class SurfacePatch:
         """The same for new numbers of the nodes, by the old ones."""
         return replace(self, facets=numbers[self.facets], behind=numbers[self.behind], edge=numbers[self.edge])
 
-    def surface(self, points: np.ndarray, weights: np.ndarray) -> Surface:
-        """The surface where nodes lie at some points, (n, dim), with weights of the surface measure, (n,)."""
-        areas = tributary_areas(self.facets, points, weights)
-        return make_surface(self.tag, self.facets, points[self.behind].mean(axis=1), points, weights, areas)
+    def surface(self, placed: PlacedNodes) -> Surface:
+        """The surface where nodes lie at some points."""
+        points, weights, free = placed
+        facets = self.facets if self.facets.shape[1] <= 2 * points.shape[1] - 2 else flat_parts(self.facets)
+        areas = tributary_areas(facets, points, weights)
+        made = make_surface(self.tag, self.facets, points[self.behind].mean(axis=1), points, weights, areas)
+        return made if made.quadratic is None else replace(made, free=free[made.nodes])
 
 
 @dataclass(frozen=True)
@@ -198,18 +222,17 @@ class ContactPatch:
         surfaces = tuple(surface.renumbered(numbers) for surface in self.surfaces)
         return replace(self, surfaces=surfaces, slaves=numbers[self.slaves])
 
-    def rows(self, points: np.ndarray, weights: np.ndarray, tested: np.ndarray) -> ContactRows:
+    def rows(self, placed: PlacedNodes, tested: np.ndarray) -> ContactRows:
         """Its conditions where nodes lie at some points, in their order.
 
         Args:
-            points: (n, dim).
-            weights: of the surface measure at the nodes, (n,).
+            placed: the nodes.
             tested: dofs on which all contact forces must be known, (n dim,) bool.
 
         Raises:
             ParameterError: if a condition is not there, reaches beyond the patch, or others act on tested dofs.
         """
-        found, kept = self.found(points, weights)
+        found, kept = self.found(placed)
         others = np.setdiff1d(np.arange(len(found.slaves)), kept)
         if _touch(found.matrix[others], tested):
             raise ParameterError(
@@ -217,16 +240,16 @@ class ContactPatch:
                 "it was built: surfaces slide along each other. Narrow the box, or add layers to the domain"
             )
         rows = found.take(kept)
-        edge = np.zeros(len(points), dtype=bool)
+        edge = np.zeros(len(placed.points), dtype=bool)
         edge[np.concatenate([part.edge for part in self.surfaces])] = True
-        if _touch(rows.matrix, np.repeat(edge, points.shape[1])):
+        if _touch(rows.matrix, np.repeat(edge, placed.points.shape[1])):
             raise ParameterError(
                 f"for this shape conditions of the contact {self.pairing} reach beyond the part of the surfaces that "
                 "the reduced model knows: surfaces slide along each other. Narrow the box"
             )
         return rows
 
-    def found(self, points: np.ndarray, weights: np.ndarray) -> tuple[ContactRows, np.ndarray]:
+    def found(self, placed: PlacedNodes) -> tuple[ContactRows, np.ndarray]:
         """All conditions that the pairing finds on the patch, and the places of its own among them, (m,).
 
         Raises:
@@ -235,10 +258,10 @@ class ContactPatch:
         try:
             with _SILENT, warnings.catch_warnings():
                 warnings.simplefilter("ignore", PairingWarning)  # said where the full model was built
-                found = self.pairing.rows([part.surface(points, weights) for part in self.surfaces], points.size)
+                found = self.pairing.rows([part.surface(placed) for part in self.surfaces], placed.points.size)
         except SceneError as error:
             raise ParameterError(f"the contact {self.pairing} cannot be evaluated for this shape: {error}") from None
-        place = np.full(len(points), -1)
+        place = np.full(len(placed.points), -1)
         place[found.slaves] = np.arange(len(found.slaves))
         kept = place[self.slaves]
         if (kept < 0).any():
@@ -352,7 +375,9 @@ class RidAssembly:
         hypothesis: of the scene.
         names: of the parameters, in the order of a point.
         reference: coordinates of the nodes on the mesh as it was made, (n, dim).
+        free: which components of their displacement are not imposed, (n, dim).
         shapes: how they move, in the order of the scene.
+        middles: those that stay in the middle of others.
         rule: quadrature on the cells, that of the full model.
         bodies: cells that move.
         fixed: what the others add.
@@ -368,7 +393,9 @@ class RidAssembly:
     hypothesis: str
     names: tuple[str, ...]
     reference: Annotated[Floats, "nodes", "dim"]
+    free: Annotated[Booleans, "nodes", "dim"]
     shapes: tuple[RidShape, ...]
+    middles: Middles
     rule: CellRule
     bodies: tuple[RidBody, ...]
     fixed: FixedCells
@@ -385,7 +412,7 @@ class RidAssembly:
         of_cells = [body.cells for body in self.bodies]
         of_shapes = [part.nodes for part in self.shapes]
         of_surfaces = [patch.nodes for patch in self.patches]
-        for nodes in (*of_cells, *of_shapes, *of_surfaces):
+        for nodes in (*of_cells, *of_shapes, *of_surfaces, self.middles.nodes, self.middles.between):
             if nodes.size and not 0 <= nodes.min() <= nodes.max() < len(self.reference):
                 yield f"it names nodes outside 0 .. {len(self.reference) - 1}"
 
@@ -414,7 +441,7 @@ class RidAssembly:
         values = dict(zip(self.names, point.tolist(), strict=True))
         for part in self.shapes:
             moved[part.nodes] = part.shape.moved(self.reference[part.nodes], names, values)
-        return moved
+        return self.middles.placed(moved)
 
     def stiffness(self, point: np.ndarray, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K~, (ell, ell), and V[A]^T K[A, :] lifts, (ell, 1 + T), with the nodes at some points, (n, dim)."""
@@ -431,7 +458,7 @@ class RidAssembly:
         """Contact conditions with the nodes at some points, (n, dim)."""
         count = points.shape[0]
         dim = points.shape[1]
-        weights = 2 * np.pi * points[:, 0] if self.hypothesis == "axisymmetric" else np.ones(count)
+        placed = PlacedNodes.at(points, self.hypothesis, self.free)
         tested = np.zeros(count * dim, dtype=bool)
         tested[self.tested] = True
         size = len(self.pairs)
@@ -443,7 +470,7 @@ class RidAssembly:
             areas=np.zeros(size),
         )
         for patch in self.patches:
-            rows = patch.rows(points, weights, tested)
+            rows = patch.rows(placed, tested)
             matrix = rows.matrix
             acting = csr_matrix((matrix.data * tested[matrix.indices], matrix.indices, matrix.indptr), matrix.shape)
             found.test[patch.places] = acting @ self.basis

@@ -1,14 +1,12 @@
-"""Cells of degree 1 in NumPy: their stiffness and strain from their corners, without a mesh library.
+"""Cells in NumPy: their stiffness and strain from their nodes and tabulated shape functions, without a mesh library.
 
-Cells are triangles, quadrilaterals, tetrahedra and hexahedra, their nodes in the order of DOLFINx (tensor order where
-there is a choice). Where shapes move the nodes, the strain in the middle of a cell is computed anew: interpolated it
-would suffer from cancellation, as a small difference of large displacements.
+Shape functions of the displacement are those of the geometry. Where shapes move the nodes, the strain in the middle of
+a cell is computed anew: interpolated it would suffer from cancellation, as a small difference of large displacements.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from functools import cached_property
 from typing import Annotated, NamedTuple
 
 import numpy as np
@@ -20,37 +18,44 @@ from hhr_dolfinx.shapes import Shape
 
 @dataclass(frozen=True)
 class CellRule:
-    """Quadrature on the reference cell.
+    """Quadrature on the reference cell, and the shape functions at its points.
 
     Attributes:
-        points: (q, dim).
         weights: (q,).
-        simplex: whether the cell is a triangle or a tetrahedron, else a square or a cube.
+        values: of the shape functions, (q, n).
+        slopes: of the shape functions, (q, n, dim).
     """
 
-    points: Annotated[Floats, "points", "dim"]
     weights: Annotated[Floats, "points"]
-    simplex: bool
+    values: Annotated[Floats, "points", "nodes of a cell"]
+    slopes: Annotated[Floats, "points", "nodes of a cell", "dim"]
 
-    @cached_property
-    def functions(self) -> tuple[np.ndarray, np.ndarray]:
-        """Shape functions at the points, (q, n), and their slopes, (q, n, dim)."""
-        count, dim = self.points.shape
-        if self.simplex:
-            values = np.column_stack([1 - self.points.sum(axis=1), self.points])
-            slopes = np.vstack([-np.ones(dim), np.eye(dim)])
-            return values, np.broadcast_to(slopes, (count, dim + 1, dim))
-        upper = (np.arange(2**dim)[:, None] >> np.arange(dim)) & 1
-        along = np.where(upper, self.points[:, None], 1 - self.points[:, None])
-        slopes = np.empty((count, 2**dim, dim))
-        for axis in range(dim):
-            others = np.delete(along, axis, axis=2).prod(axis=2)
-            slopes[:, :, axis] = np.where(upper[:, axis], others, -others)
-        return along.prod(axis=2), slopes
+
+@dataclass(frozen=True)
+class Middles:
+    """Nodes in the middle of others, wherever these lie.
+
+    Attributes:
+        nodes: their numbers, (h,).
+        between: nodes that each lies between, (h, k), one for each k-th of its weight.
+    """
+
+    nodes: Annotated[Integers, "middles"]
+    between: Annotated[Integers, "middles", "weights"]
+
+    def placed(self, points: np.ndarray) -> np.ndarray:
+        """Coordinates of all nodes, (n, dim), with those of the middles put right in place."""
+        points[self.nodes] = points[self.between].mean(axis=1)
+        return points
+
+    def among(self, nodes: np.ndarray) -> Middles:
+        """Those among some nodes, in ascending order, by their places there; all that they lie between must be too."""
+        kept = np.isin(self.nodes, nodes)
+        return Middles(np.searchsorted(nodes, self.nodes[kept]), np.searchsorted(nodes, self.between[kept]))
 
 
 def element_stiffness(
-    corners: np.ndarray, rule: CellRule, hypothesis: str, volume: float, shape: float, mean_dilatation: bool
+    nodes: np.ndarray, rule: CellRule, hypothesis: str, volume: float, shape: float, mean_dilatation: bool
 ) -> np.ndarray:
     """Stiffness of isotropic cells, (c, n dim, n dim), dofs node by node.
 
@@ -59,7 +64,7 @@ def element_stiffness(
     dilatation m in place of the trace t, a third of it on each axis, changes these to m² and ε : ε + (m² - t²) / 3.
 
     Args:
-        corners: coordinates of the nodes, (c, n, dim).
+        nodes: their coordinates, (c, n, dim).
         rule: quadrature.
         hypothesis: of the scene; axisymmetric weights are 2 π r.
         volume: λ', weight of the change of volume.
@@ -69,14 +74,14 @@ def element_stiffness(
     Raises:
         ParameterError: for cells without volume.
     """
-    count, nodes, dim = corners.shape
-    gradients, measures = _gradients(corners, rule)
+    count, size, dim = nodes.shape
+    gradients, measures = _gradients(nodes, rule)
     hoops = None
     if hypothesis == "axisymmetric":
-        radii = corners[:, :, 0] @ rule.functions[0].T
+        radii = nodes[:, :, 0] @ rule.values.T
         measures = measures * (2 * np.pi * radii)
-        hoops = np.zeros((count, len(rule.weights), nodes, dim))
-        hoops[..., 0] = rule.functions[0] / radii[:, :, None]
+        hoops = np.zeros((count, len(rule.weights), size, dim))
+        hoops[..., 0] = rule.values / radii[:, :, None]
     roots = np.sqrt(measures)[:, :, None, None]
     gradients *= roots
     products = _squared(gradients)
@@ -85,7 +90,7 @@ def element_stiffness(
         hoops *= roots
         gradients += hoops
         traces = _squared(gradients)
-    by_node = products.reshape(count, nodes, dim, nodes, dim)
+    by_node = products.reshape(count, size, dim, size, dim)
     stiffness = by_node.transpose(0, 1, 4, 3, 2) * shape
     laplace = sum(by_node[:, :, axis, :, axis] for axis in range(dim)) * shape
     for axis in range(dim):
@@ -103,17 +108,17 @@ def element_stiffness(
     return stiffness
 
 
-def _gradients(corners: np.ndarray, rule: CellRule) -> tuple[np.ndarray, np.ndarray]:
+def _gradients(nodes: np.ndarray, rule: CellRule) -> tuple[np.ndarray, np.ndarray]:
     """Gradients of the shape functions, (c, q, n, dim), and volumes of the Gauss points without weight, (c, q)."""
-    count, nodes, dim = corners.shape
-    slopes = rule.functions[1]
-    flat = np.ascontiguousarray(slopes.transpose(1, 2, 0)).reshape(nodes, -1)
+    count, size, dim = nodes.shape
+    slopes = rule.slopes
+    flat = np.ascontiguousarray(slopes.transpose(1, 2, 0)).reshape(size, -1)
     # d x_i / d ξ_k at each point: jacobian[i, k] is (c, q)
-    jacobian = (np.ascontiguousarray(corners.transpose(2, 0, 1)) @ flat).reshape(dim, count, dim, -1).swapaxes(1, 2)
+    jacobian = (np.ascontiguousarray(nodes.transpose(2, 0, 1)) @ flat).reshape(dim, count, dim, -1).swapaxes(1, 2)
     inverse, determinant = _inverse(jacobian)
     if not (np.abs(determinant) > 0).all():
         raise ParameterError("a cell of the reduced domain has no volume for this shape: narrow the box")
-    gradients = np.empty((count, len(rule.weights), nodes, dim))
+    gradients = np.empty((count, len(rule.weights), size, dim))
     for axis in range(dim):
         parts = (slopes[:, :, k] * inverse[k][axis][:, :, None] for k in range(dim))
         gradients[..., axis] = sum(parts)
@@ -190,6 +195,7 @@ class MovingCells:
         moved: which of its nodes each moves, (n,) bool.
         coordinates: names of the coordinates in their formulas.
         parameters: names of the parameters.
+        middles: nodes that stay in the middle of others, by their places among these.
         points: the nodes as the mesh of the scene has them, (n, dim).
         nodes: their numbers in the mesh, (n,).
         cells: places of the nodes of each cell among these, (c, k).
@@ -203,6 +209,7 @@ class MovingCells:
     moved: tuple[Annotated[Booleans, "nodes"], ...]
     coordinates: tuple[str, ...]
     parameters: tuple[str, ...]
+    middles: Middles
     points: Annotated[Floats, "nodes", "dim"]
     nodes: Annotated[Integers, "nodes"]
     cells: Annotated[Integers, "cells", "nodes of a cell", "< nodes"]
@@ -225,7 +232,7 @@ class MovingCells:
         points = self.points.copy()
         for shape, moved in zip(self.shapes, self.moved, strict=True):
             points[moved] = shape.moved(self.points[moved], self.coordinates, values)
-        corners = points[self.cells]
+        corners = self.middles.placed(points)[self.cells]
         gradients, _ = _moved_gradients(corners, self.slopes)
         hoop = self.values / (corners[:, :, 0] @ self.values)[:, None] if self.axisymmetric else None
         return CellStrain(self.cells, gradients, hoop, self._dilatation(corners) if self.weights.size else None)
