@@ -125,7 +125,6 @@ SCENES = {
 }  # fmt: skip
 
 
-
 def curved(*, simplices, contact, dim=2):
     """Two blocks of cells of second order, with nodes of their own on both sides: shapes curve these cells."""
 
@@ -136,9 +135,15 @@ def curved(*, simplices, contact, dim=2):
             gmsh.model.occ.synchronize()
             gmsh.model.addPhysicalGroup(dim, [solid], body)
             for axis, upper in product(range(dim), (False, True)):
-                faces = [tag for _, tag in gmsh.model.getBoundary([(dim, solid)], oriented=False)
-                         if abs(gmsh.model.occ.getCenterOfMass(dim - 1, tag)[axis]
-                                - gmsh.model.getBoundingBox(dim, solid)[axis + 3 * upper]) < 1e-6]
+                faces = [
+                    tag
+                    for _, tag in gmsh.model.getBoundary([(dim, solid)], oriented=False)
+                    if abs(
+                        gmsh.model.occ.getCenterOfMass(dim - 1, tag)[axis]
+                        - gmsh.model.getBoundingBox(dim, solid)[axis + 3 * upper]
+                    )
+                    < 1e-6
+                ]
                 gmsh.model.addPhysicalGroup(dim - 1, faces, side(body, axis, upper))
         if not simplices:
             gmsh.model.mesh.setTransfiniteAutomatic()
@@ -168,8 +173,17 @@ def facing(dim=2):
     return side(FIRST, dim - 1, True), side(SECOND, dim - 1, False)
 
 
-FLAT = ("quadrilaterals", "triangles", "along a normal", "a moved surface", "segments", "both ways",
-        "axisymmetric triangles", "obstacle in plane stress", "hexahedra")
+FLAT = (
+    "quadrilaterals",
+    "triangles",
+    "along a normal",
+    "a moved surface",
+    "segments",
+    "both ways",
+    "axisymmetric triangles",
+    "obstacle in plane stress",
+    "hexahedra",
+)
 """Scenes on flat cells whose displacement is made of second order."""
 SECOND_ORDER = {
     **{f"{name}, second order": lambda name=name: replace(SCENES[name](), order=2) for name in FLAT},
