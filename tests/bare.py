@@ -23,7 +23,7 @@ def bare_problem(dofs=6, conditions=2):
     """A contact problem as far as a store looks at it; there is no stiffness, no load and no contact: all solve it."""
     return ContactProblem(
         stiffness_terms=(csr_matrix((dofs, dofs)),),
-        mass=csr_matrix((dofs, dofs)),
+        node_mass=csr_matrix((1, 1)),
         free=np.ones(dofs, bool),
         loads=csc_matrix((dofs, 1)),
         lifts=csc_matrix((dofs, 1)),

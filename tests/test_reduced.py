@@ -165,7 +165,7 @@ def renumbered(problem: ContactProblem, seed: int) -> tuple[ContactProblem, np.n
         dataclasses.replace(
             problem,
             stiffness_terms=(problem.stiffness[dofs][:, dofs],),
-            mass=problem.mass[dofs][:, dofs],
+            node_mass=problem.node_mass[order][:, order],
             free=problem.free[dofs],
             loads=problem.loads[dofs],
             lifts=problem.lifts[dofs],

@@ -112,7 +112,7 @@ def test_parts_of_the_stiffness_are_restricted_one_by_one(case):
 def test_rows_of_one_rank_are_not_enough(hertz):
     problem, half = hertz.problem, 500
     own = dataclasses.replace(
-        problem, stiffness_terms=(problem.stiffness[half:],), mass=problem.mass[half:], first=half
+        problem, stiffness_terms=(problem.stiffness[half:],), node_mass=problem.node_mass[half // 2 :], first=half
     )
     assert own.rows == slice(half, problem.free.size) and not own.whole
     with pytest.raises(SceneError, match=rf"rows 500 to {problem.free.size - 1} of {problem.free.size} are held"):

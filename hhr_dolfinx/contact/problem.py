@@ -18,7 +18,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix, diags, issparse, vstack
+from scipy.sparse import csc_matrix, csr_matrix, diags, identity, issparse, kron, vstack
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
@@ -183,7 +183,7 @@ class ContactProblem:
         lift_terms: each part of K times the lifts, on free dofs, (N, 1 + T) each; none where ``moduli`` are none.
         reshaped: maps a point, (P,), to the problem on the mesh as it is there, whose gaps, rows and loads have changed
             too, and has a text ``described``; None where the mesh does not depend on parameters.
-        mass: own rows of the Gram matrix of the L2 product, (own, N).
+        node_mass: own rows of the Gram matrix of the L2 product of one component, (own nodes, nodes).
         free: dofs that are not imposed, (N,) bool.
         loads: F - K lift without imposed dofs, thesis (1.22), sparse, (N, 1 + T).
         lifts: imposed displacements, sparse, (N, 1 + T): carried by the imposed dofs alone (section 2.6) or, of bodies
@@ -210,7 +210,7 @@ class ContactProblem:
     """
 
     stiffness_terms: tuple[csr_matrix, ...]
-    mass: csr_matrix
+    node_mass: csr_matrix
     free: np.ndarray
     loads: csc_matrix
     lifts: csc_matrix
@@ -339,27 +339,27 @@ class ContactProblem:
     @property
     def rows(self) -> slice:
         """Range of the dofs whose rows are held."""
-        return slice(self.first, self.first + self.mass.shape[0])
+        return slice(self.first, self.first + self.block_size * self.node_mass.shape[0])
 
     @property
     def whole(self) -> bool:
         """Whether all rows are held."""
-        return self.mass.shape[0] == self.free.size
+        return self.node_mass.shape[0] == len(self.points)
 
     def gathered(self, comm: Comm) -> ContactProblem:
         """The problem with all rows on every rank; itself where they are all there already. Collective."""
         if all(comm.allgather(self.whole)):
             return self
-        starts, terms, masses = zip(*comm.allgather((self.first, self.stiffness_terms, self.mass)), strict=True)
+        starts, terms, masses = zip(*comm.allgather((self.first, self.stiffness_terms, self.node_mass)), strict=True)
         order = sorted(range(len(starts)), key=lambda rank: starts[rank])
-        held = sum(mass.shape[0] for mass in masses)
+        held = self.block_size * sum(mass.shape[0] for mass in masses)
         if held != self.free.size:
             raise SceneError(
                 f"the ranks hold {held} rows of a problem of {self.free.size} dofs: give the communicator of its model"
             )
         stiffness = [csr_matrix(vstack([parts[rank] for rank in order])) for parts in zip(*terms, strict=True)]
         mass = csr_matrix(vstack([masses[rank] for rank in order]))
-        return replace(self, stiffness_terms=tuple(stiffness), mass=mass, first=0)
+        return replace(self, stiffness_terms=tuple(stiffness), node_mass=mass, first=0)
 
     def require_whole(self) -> None:
         """Raise SceneError for a problem by rows where all of them are needed."""
@@ -377,6 +377,11 @@ class ContactProblem:
     def theta(self, mu: Any) -> Theta:
         """θ at a parameter given as a number, a sequence or a mapping; see :meth:`ParameterSpace.point`."""
         return self.amplitudes(self.parameters.point(mu))
+
+    @property
+    def mass(self) -> csr_matrix:
+        """Own rows of the Gram matrix of the L2 product, in which components do not meet, (own, N)."""
+        return csr_matrix(kron(self.node_mass, identity(self.block_size), format="csr"))
 
     @cached_property
     def own_stiffness(self) -> csr_matrix:

@@ -69,7 +69,7 @@ def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
     part = replace(
         problem,
         stiffness_terms=tuple(term[dofs][:, dofs] for term in problem.stiffness_terms),
-        mass=problem.mass[dofs][:, dofs],
+        node_mass=problem.node_mass[nodes][:, nodes],
         free=free,
         loads=masked(problem.loads[dofs], free),
         lifts=csc_matrix(problem.lifts[dofs]),

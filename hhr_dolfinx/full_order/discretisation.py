@@ -131,7 +131,7 @@ class Discretisation(DiscreteSpace):
             stiffness_terms=stiffness,
             moduli=moduli,
             lift_terms=tuple(lifted) if moduli else (),
-            mass=self._mass(),
+            node_mass=self._node_mass(),
             free=free,
             loads=masked(forces, free) - csc_matrix(sum(w * term for w, term in zip(weights, lifted, strict=True))),
             lifts=lifts,
@@ -150,13 +150,12 @@ class Discretisation(DiscreteSpace):
             friction=friction,
         )
 
-    def _mass(self) -> csr_matrix:
-        """Own rows of the Gram matrix of the L2 product, (own dofs, N), in which components do not meet."""
+    def _node_mass(self) -> csr_matrix:
+        """Own rows of the Gram matrix of the L2 product of one component, (own nodes, nodes)."""
         mass = fem_petsc.assemble_matrix(self._mass_form)
         mass.assemble()
-        own = self.own_rows(mass)
-        own.eliminate_zeros()
-        return own
+        dim = self.mesh.geometry.dim
+        return csr_matrix(self.own_rows(mass)[::dim][:, ::dim])
 
     def _with_tangents(
         self, rows: ContactRows, pairs: np.ndarray, free: np.ndarray

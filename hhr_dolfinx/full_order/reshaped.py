@@ -124,7 +124,7 @@ class Reshaped:
     def attached(self, problem: ContactProblem) -> ContactProblem:
         """The base problem, that of the middle of the box, which others are ordered like."""
         self._base = replace(problem, reshaped=self)
-        terms = sum(term.data.nbytes for term in problem.stiffness_terms) + 2 * problem.mass.data.nbytes
+        terms = sum(term.data.nbytes for term in problem.stiffness_terms) + problem.node_mass.data.nbytes
         # grids of forces, fields and outputs ask for the same shapes, which take seconds to assemble and to pair
         self._kept = lru_cache(maxsize=max(1, int(MOST_BYTES / terms)))(self._assembled)
         return self._base
