@@ -19,7 +19,7 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 
 if TYPE_CHECKING:
-    from scipy.sparse import csc_matrix
+    from scipy.sparse import csc_matrix, csr_matrix
 
     from hhr_dolfinx.formulas import Formula
 
@@ -355,6 +355,30 @@ class Amplitudes:
             terms.extend([first + column for column in columns])
             values.extend(weights)
         return Theta(np.array(terms), np.array(values, dtype=float))
+
+    def of_many(self, points: np.ndarray) -> np.ndarray | csr_matrix:
+        """θ at every point, (n, 1 + T); sparse where most terms may be zero."""
+        from scipy.sparse import csr_matrix
+
+        affine = self.constant + points @ self.slopes.T
+        if not self.nonaffine:
+            return affine
+        terms = [np.broadcast_to(np.arange(affine.shape[1]), affine.shape)]
+        values = [affine]
+        quick = [amplitude for amplitude in self.nonaffine if isinstance(amplitude, Coverage)]
+        if len(quick) == len(self.nonaffine):
+            for first, amplitude in zip(self.firsts, quick, strict=False):
+                columns, weights = amplitude.rows(points)
+                terms.append(first + columns)
+                values.append(weights)
+            columns = np.hstack(terms)
+            entries = np.hstack(values)
+            starts = np.arange(len(points) + 1) * columns.shape[1]
+        else:
+            given = [self(point) for point in points]
+            columns, entries = (np.concatenate([getattr(theta, part) for theta in given]) for part in Theta.__slots__)
+            starts = np.cumsum([0, *(theta.values.size for theta in given)])
+        return csr_matrix((entries.ravel(), columns.ravel(), starts), shape=(len(points), self.firsts[-1]))
 
     def sum_columns(self, matrix: np.ndarray | csc_matrix, points: np.ndarray) -> np.ndarray:
         """``matrix @ theta`` at every point, (n, len(points))."""

@@ -17,7 +17,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError
 from hhr_dolfinx.full_order import full as full_order
 from hhr_dolfinx.linear import schur, sparse
-from hhr_dolfinx.models.bounds import output_bound, varying_bound
+from hhr_dolfinx.models.bounds import least_response, output_bound
 from hhr_dolfinx.models.exact import SolvedFields
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction import components, condense
@@ -302,14 +302,14 @@ def test_bounds_know_what_compressed_factors_leave_out(part, monkeypatch):
         error = np.linalg.norm(answer.forces() - exact) / np.linalg.norm(exact)
         known = answer.estimate().forces_euclid_relative
         assert 0.1 * part < error < known < 1e4 * part, (error, known)
-        # by the factor of the middle, as of large S: pressures, whose factor is exact, are bounded by more than by the
-        # factor of the point, and by the root of the ratio of the moduli at most, 3
+        # by the factor of the middle, as of large S: pressures are bounded by more than by that of weights next to
+        # those of the point, which is wider by the root of a step at most, and by the root of the ratio of the moduli
         with monkeypatch.context() as large:
-            large.setattr(varying_bound, "FACTORED", 0)
+            large.setattr(least_response, "FACTORED", 0)
             coarse = answer.estimate()
         assert error < coarse.forces_euclid_relative
         fine = answer.estimate().pressure_relative
-        assert fine * (1 - 1e-9) <= coarse.pressure_relative < 3**0.5 * fine
+        assert fine * np.exp(-least_response.STEP / 2) <= coarse.pressure_relative < 3**0.5 * fine
 
 
 def test_options_count_more_than_the_usual_compression(monkeypatch):

@@ -15,6 +15,8 @@ from test_shapes import CROWNED, SPACE
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import BoundError, ModelFileError
 from hhr_dolfinx.geometries import two_blocks
+from hhr_dolfinx.models.bounds import least_response
+from hhr_dolfinx.models.eliminations import interpolated
 from hhr_dolfinx.reduction.varying_bound import EnergySolver, _check_resolved, varying_bound
 
 ALL = {"E1": (1.0, 6.0), "nu1": (0.1, 0.42), "E2": (2.0, 9.0), "nu2": (0.1, 0.42)}
@@ -153,7 +155,7 @@ def test_an_energy_is_that_of_the_field_in_equilibrium(varying):
         _, problem = schur_at(full, point)
         forces = rng.uniform(0, 1e-2, len(problem.gaps))
         there = bound.at(point[None], bound.compliances.amplitudes(point))
-        found = there._energies(forces, bound.compliances.theta(point))
+        found = there._energies(forces[None])
         theta, free = problem.theta(point), problem.free
         pulled = problem.loads @ theta - problem.contact.T @ forces
         field = np.zeros(free.size)
@@ -189,7 +191,77 @@ def test_many_estimates_are_those_of_each(varying, tmp_path):
     for other in (hhr.load_model(tmp_path / "model.npz"), pickle.loads(pickle.dumps(model))):
         for k, point in enumerate(points):
             alone = other.solve(point, outside="ignore").estimate()
-            assert np.allclose(alone[1:5], found[k][1:5], rtol=1e-6, atol=1e-12)
+            # 1e-13 of an energy is what is left here, known to its round-off of 1e-16: 3e-6 of the root were measured
+            assert np.allclose(alone[1:5], found[k][1:5], rtol=1e-4, atol=1e-12)
+
+
+def test_s_is_at_least_what_bounds_take_it_for(varying):
+    """And hardly more: factors are steps apart; what modes may take at most, they take of few forces."""
+    training, model, _ = varying
+    bound = model.fields.bound
+    found = bound.compliances.many(training.full_order.parameters.random(20, 1))
+    responses = bound._least.at(found)
+    for schur, response in zip(found.schur, responses.each, strict=True):
+        ratios = eigvalsh(schur, response.least * response.lower @ response.lower.T)
+        assert 1 - 1e-9 <= ratios[0] < 1.5 and response.known is not None
+        inverse = np.linalg.inv(schur)
+        longest, sizes = response.amplified
+        assert np.sqrt(np.linalg.norm(inverse, 2)) <= longest * (1 + 1e-9)
+        assert (np.sqrt(inverse.diagonal()) <= sizes * (1 + 1e-9)).all()
+
+
+def test_modes_that_take_too_much_leave_a_factor_of_the_point(monkeypatch):
+    training, model, _ = trained("lower")
+    point = training.full_order.parameters.random(1, 1)
+    usual = model.solve(point[0], outside="ignore").estimate()
+    monkeypatch.setattr(least_response, "LEAST", 0.9999)
+    bound = model.fields.bound
+    (alone,) = bound._least.at(bound.compliances.many(point)).each
+    assert alone.known is None and alone.least == 1.0
+    exact = model.solve(point[0], outside="ignore").estimate()
+    assert exact.dual == usual.dual and exact.pressure <= usual.pressure * (1 + 1e-12)
+
+
+def test_conditions_that_depend_on_each_other_on_a_body():
+    """Twelve nodes in front of two cells: S of the coarse body is singular, and S of both is not."""
+    meshes = {"first": ((1.0, 0.0), (2.0, 1.0), (12, 4)), "second": ((1.0, 1.0), (2.0, 2.0), (2, 3))}
+    bodies = (("E1", "nu1"), ("E2", "nu2"))
+    plain = pressed_pair("plane_strain", bodies, ALL, cells=3, matching=False)
+    scene = dataclasses.replace(plain, geometry=lambda comm: two_blocks.two_blocks(comm, **meshes))
+    training = hhr.train(scene, hhr.Sobol(8), held_out=0)
+    model = training.condense()
+    sizes = np.linalg.eigvalsh(model.fields.bound._least._shares[1].schur)
+    assert sizes[0] < 1e-12 * sizes[-1]
+    test_s_is_at_least_what_bounds_take_it_for((training, model, ""))
+
+
+@pytest.mark.parametrize("name", ["both", "shaped"])
+def test_what_is_left_at_many_points_is_that_at_each(name, request):
+    training = request.getfixturevalue("shaped")[0] if name == "shaped" else trained(name)[0]
+    compliances = training.condense().eliminated
+    points = training.full_order.parameters.random(5, 2)
+    many = compliances.many(points)
+    for k, point in enumerate(points):
+        alone = compliances(point)
+        np.testing.assert_allclose(many.schur[k], alone.schur, rtol=1e-12, atol=1e-14 * np.abs(alone.schur).max())
+        size = np.abs(alone.free_slack).max()
+        np.testing.assert_allclose(many.free_slack[k], alone.free_slack, rtol=1e-11, atol=1e-13 * size)
+
+
+@pytest.mark.parametrize("name", ["both", "shaped"])
+def test_tables_of_condensed_models_have_the_bounds_of_each(name, request):
+    """Blocks of few points, as of many conditions, and statuses that no start knows."""
+    training = request.getfixturevalue("shaped")[0] if name == "shaped" else trained(name)[0]
+    model = training.condense()
+    points = training.full_order.parameters.random(30, 2)
+    with pytest.MonkeyPatch.context() as small:
+        small.setattr(interpolated, "TOGETHER_BYTES", 8 * 7 * model.conditions**2)
+        many = model.solve_many(points, outside="ignore")
+        found = many.estimates()
+    for k, point in enumerate(points):
+        alone = model.solve(point, outside="ignore")
+        np.testing.assert_allclose(many[k].multipliers, alone.multipliers, atol=1e-11 * alone.multipliers.max())
+        np.testing.assert_allclose(found[k][1:5], alone.estimate()[1:5], rtol=1e-3, atol=1e-10)
 
 
 def test_a_damaged_bound_is_no_model(tmp_path):

@@ -16,6 +16,7 @@ is never singular, and passes over statuses that would make the set singular.
 
 from __future__ import annotations
 
+from collections import defaultdict
 from collections.abc import Callable
 from contextlib import suppress
 from enum import Enum
@@ -261,7 +262,7 @@ class SchurEqualities:
         self._factorise = factorise
         self._entries: dict[bytes, _Entry] = {}  # the oldest first
         self._prepared: dict[bytes, _Entry] = {}
-        self._kept: list[list[bytes]] = [[] for _ in range(size + 1)]
+        self._kept: defaultdict[int, list[bytes]] = defaultdict(list)
         self.kept_bytes = 0
         self._lock = Lock()
 

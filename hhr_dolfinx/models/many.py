@@ -6,11 +6,10 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csr_matrix
 from scipy.spatial import cKDTree
 from threadpoolctl import threadpool_limits
 
-from hhr_dolfinx.amplitudes import Amplitudes, Coverage
+from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Status, settled
 from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers
 from hhr_dolfinx.models.eliminations.elimination import Responses
@@ -168,7 +167,7 @@ def answers_by_statuses(
     per_force = responses.primal_per_force
     m = len(schur)
     n = len(points)
-    theta = amplitudes_at(amplitudes, points)
+    theta = amplitudes.of_many(points)
     free_slack = np.asarray(theta @ response[:m].T)
     active = _starts(model.known, schur, points, free_slack)
     forces, iterations, left = settled(schur, free_slack, active)
@@ -202,26 +201,3 @@ def _starts(known: KnownStatuses, schur: np.ndarray, points: np.ndarray, free_sl
     spread = np.ptp(points, axis=0)
     spread[spread == 0] = 1.0
     return statuses[cKDTree(points[first] / spread).query(points / spread)[1]]
-
-
-def amplitudes_at(amplitudes: Amplitudes, points: np.ndarray) -> np.ndarray | csr_matrix:
-    """θ at every point, (n, 1 + T); sparse where most terms may be zero."""
-    if not amplitudes.nonaffine:
-        return amplitudes.constant + points @ amplitudes.slopes.T
-    affine = amplitudes.constant + points @ amplitudes.slopes.T
-    terms = [np.broadcast_to(np.arange(affine.shape[1]), affine.shape)]
-    values = [affine]
-    quick = [amplitude for amplitude in amplitudes.nonaffine if isinstance(amplitude, Coverage)]
-    if len(quick) == len(amplitudes.nonaffine):
-        for first, amplitude in zip(amplitudes.firsts, quick, strict=False):
-            columns, weights = amplitude.rows(points)
-            terms.append(first + columns)
-            values.append(weights)
-        columns = np.hstack(terms)
-        entries = np.hstack(values)
-        starts = np.arange(len(points) + 1) * columns.shape[1]
-    else:
-        given = [amplitudes(point) for point in points]
-        columns, entries = (np.concatenate([getattr(theta, part) for theta in given]) for part in ("terms", "values"))
-        starts = np.cumsum([0, *(theta.values.size for theta in given)])
-    return csr_matrix((entries.ravel(), columns.ravel(), starts), shape=(len(points), amplitudes.firsts[-1]))

@@ -19,7 +19,7 @@ from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
 from hhr_dolfinx.linear.layout import lay_out
 from hhr_dolfinx.models.answer import Answer, ModelFields
-from hhr_dolfinx.models.bounds.error_bound import Bound, BoundThere, ErrorBound, driven
+from hhr_dolfinx.models.bounds.error_bound import Bound, BoundThere, driven
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.estimates import FORCES, NUMBERS, STRESS, Estimate, Estimates
 from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
@@ -33,9 +33,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals.functional import Functionals
     from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
     from hhr_dolfinx.models.many import ManyAnswers
-
-TOGETHER = 1024
-"""Answers that are bounded at once, so that what is made on the way stays small."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -402,21 +399,21 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
     def estimates(self, many: ManyAnswers) -> Estimates | None:
         """The bounds of many answers at once; None where they are made one by one."""
-        from hhr_dolfinx.models.many import amplitudes_at
-
-        if not isinstance(self.bound, ErrorBound) or self.force_snapshots is not None:
+        bound = self.bound
+        by_itself = bound is None or bound.together == 1 or self.reshaped_contact is not None
+        if bound is None or by_itself or self.force_snapshots is not None:
             return None
         solved = np.flatnonzero([status is Status.CONVERGED for status in many.status])
         numbers = np.full((len(NUMBERS), len(many)), np.nan)
-        for first in range(0, solved.size, TOGETHER):
-            rows = solved[first : first + TOGETHER]
-            theta = amplitudes_at(self.amplitudes, many.points[rows])
-            there = self.bound.at(many.points[rows], theta)
+        for first in range(0, solved.size, bound.together):
+            rows = solved[first : first + bound.together]
+            theta = self.amplitudes.of_many(many.points[rows])
+            there = bound.at(many.points[rows], theta)
             forces = there.completed(many.multipliers[rows], self._outside)
             unknown = many.unknown[rows]
             found = there.of(unknown, forces, partial(self._slack, theta, unknown, many.points[rows[0]]))
             numbers[:, rows] = found.numbers
-        return Estimates("bound", *numbers)
+        return Estimates(bound.kind, *numbers)
 
     def _indicated(self, answer: Answer) -> Estimate | None:
         """What an indicator says: a user's own, that of contact with friction, or of bodies that flow."""

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg.lapack import dtrtri, dtrtrs
@@ -83,6 +83,10 @@ class ContactResponse(Rebuilt):
     least: float = 1.0
     known: tuple[float, np.ndarray] | None = None
 
+    def pushed(self, forces: np.ndarray) -> np.ndarray:
+        """S times forces, (n, m) each."""
+        return forces @ self.schur
+
     def outside(self, inside: np.ndarray, outside: np.ndarray | None = None) -> Outside:
         """What conditions do to each other where the forces of some, ``inside``, are given; the others if known."""
         if outside is None:
@@ -125,28 +129,42 @@ class ContactResponse(Rebuilt):
             alone = active_set(self.equalities, free[k], touching[k])
             closed[k] = alone.status is Status.CONVERGED
             found[k] = alone.forces if closed[k] else forces[k]
-        better = np.maximum(found, 0.0)
-        less = better @ self.schur
-        slack = free + less
-        # a force that was cut off leaves gaps open elsewhere
-        closed &= found.min(axis=1) >= 0
-        slack[(better > 0) & closed[:, None]] = 0.0
-        if closed.all() and slack.min() >= 0:
-            return better, less, np.zeros(len(forces))
-        return better, less, self.off(slack, better)
+        return kept(found, closed, free, self)
 
     @cached_property
     def _stiffness(self) -> np.ndarray:
         """Diagonal of S, (m,)."""
         return self.schur.diagonal().copy()
 
-    def off(self, slack: np.ndarray, forces: np.ndarray) -> np.ndarray:
+    def off(self, slack: np.ndarray, forces: np.ndarray, _: Any = None) -> np.ndarray:
         """|r|_{S^-1} of slacks and forces, (n, m) each: r is the slack where there is a force, or it is negative."""
         left = np.where((forces > 0) | (slack < 0), slack, 0.0)
         if not left.any():
             return np.zeros(len(left))
         found = dtrtrs(self.lower, left.T, lower=1, overwrite_b=1)[0].T
         return np.sqrt((found[:, None, :] @ found[:, :, None])[:, 0, 0] / self.least)
+
+
+def kept(found: np.ndarray, closed: np.ndarray, free: np.ndarray, response: Any) -> tuple[np.ndarray, ...]:
+    """Forces that a search found, without negative ones, S times them, (n, m) each, and their error, (n,).
+
+    Args:
+        found: by the search, (n, m).
+        closed: whether it settled, so that gaps are closed where there are forces, (n,) bool.
+        free: slack without forces, (n, m).
+        response: S of the answers.
+    """
+    better = np.maximum(found, 0.0)
+    less = response.pushed(better)
+    slack = free + less
+    # a force that was cut off leaves gaps open elsewhere
+    closed &= found.min(axis=1) >= 0
+    slack[(better > 0) & closed[:, None]] = 0.0
+    off = np.zeros(len(found))
+    rows = np.flatnonzero(~(closed & (slack.min(axis=1) >= 0)))
+    if rows.size:
+        off[rows] = response.off(slack[rows], better[rows], rows)
+    return better, less, off
 
 
 def amplified_by(lower: np.ndarray) -> tuple[float, np.ndarray]:

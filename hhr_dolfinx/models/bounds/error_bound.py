@@ -63,7 +63,7 @@ class ForceScale:
 
     Attributes:
         areas: tributary area of each condition, by which a nodal force is a pressure, (m,); that of one without an
-            area is zero, and so is its pressure.
+            area is zero, and so is its pressure; of answers on their own shapes (n, m).
         least: S norm, Euclidean norm and peak pressure below which relative errors are taken over these, (3,).
     """
 
@@ -75,14 +75,31 @@ class ForceScale:
         """One over the areas, (m,)."""
         return np.divide(1.0, self.areas, out=np.zeros(self.areas.shape), where=self.areas > 0)
 
-    def amplified(self, response: ContactResponse) -> np.ndarray:
-        """The most that forces of S norm 1 have in the S norm, in the Euclidean norm, and as a pressure, (3,)."""
+    def amplified(self, response: Response) -> np.ndarray:
+        """The most that forces of S norm 1 have in the S norm, in the Euclidean norm, and as a pressure, (3, ...)."""
         longest, most = response.amplified
-        return np.array((1.0, longest, (most * self.per_area).max()))
+        return np.array((np.ones_like(longest), longest, (most * self.per_area).max(axis=-1)))
 
     def peak(self, forces: np.ndarray) -> np.ndarray:
         """Largest pressure of forces that are not negative, (..., m): (...,)."""
         return np.maximum.reduce(forces * self.per_area, axis=-1, initial=0.0)
+
+
+class Response(Protocol):
+    """S of n answers, all the same or each its own; see :class:`ContactResponse`."""
+
+    @property
+    def amplified(self) -> tuple[Any, np.ndarray]:
+        """The most that forces of S norm 1 have in the Euclidean norm, and at each condition."""
+
+    def pushed(self, forces: np.ndarray) -> np.ndarray:
+        """S times forces, (n, m) each."""
+
+    def settled(self, forces: np.ndarray, free: np.ndarray, pushed: np.ndarray) -> tuple[np.ndarray, ...]:
+        """Forces that solve the contact problem on S, S times them, and their error in the S norm."""
+
+    def off(self, slack: np.ndarray, forces: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """Norms of residuals of some answers, by their numbers, (k,)."""
 
 
 class Given(NamedTuple):
@@ -125,7 +142,7 @@ class Bounded(NamedTuple):
 
 def bounded(
     given: Given,
-    response: ContactResponse,
+    response: Response,
     fields: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]],
     scale: ForceScale,
     amplified: np.ndarray,
@@ -144,13 +161,13 @@ def bounded(
         fields: maps forces, (n, m), to |ρ|_{K^-1}, to the energy norm of the field, and to that of the field in
             equilibrium with them, as far as this is only known up to ``inexact``, (n,) each.
         scale: what forces are measured by.
-        amplified: see :meth:`ForceScale.amplified`, (3,).
+        amplified: see :meth:`ForceScale.amplified`, (3,), or (3, n) of answers that have S of their own.
         kind: of the bounds.
         inexact: relative error of S and of the free slack, in the order of energies.
     """
     forces = given.forces
     free = given.free
-    pushed = forces @ response.schur
+    pushed = response.pushed(forces)
     better, less, nearer = response.settled(forces, free, pushed)
     off = forces - better
     pulled = pushed - less
@@ -164,11 +181,11 @@ def bounded(
     # row by row, so that a bound is the same in any table
     if given.slack is not None and (rows := np.flatnonzero(nearer > NOTHING * unbalanced)).size:
         alone = unbalanced[rows]
-        left = response.off(given.slack()[rows], better[rows])
+        left = response.off(given.slack()[rows], better[rows], rows)
         primal[rows] = np.minimum(primal[rows], (alone + np.sqrt(alone**2 + 4 * nearer[rows] * left)) / 2)
     # S and its inverse are right to a factor of 1 + ε or 1 - ε
     wider = 1 + 2 * inexact
-    further = amplified[:, None] * ((nearer + noise) * wider**2)
+    further = amplified.reshape(3, -1) * ((nearer + noise) * wider**2)
     pressures = scale.peak(np.array((np.abs(off), better)))
     errors = further + np.array((apart * wider, apart_euclid, pressures[0]))
     least = np.maximum(np.array((exact / wider, exact_euclid, pressures[1])) - further, scale.least[:, None])
@@ -218,6 +235,10 @@ class BoundThere(Protocol):
 
 class Bound(Protocol):
     """What bounds the errors of the answers of a model."""
+
+    @property
+    def together(self) -> int:
+        """Answers that are bounded at once, so that what is made on the way stays small."""
 
     @property
     def kind(self) -> str:
@@ -273,6 +294,8 @@ class ErrorBound:
     lifts: Annotated[Floats, "lift rows", "terms"]
     areas: Annotated[Floats, "N_lambda"]
     least: Annotated[Floats, "3"]
+
+    together = 1024
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """A wrong factor of S; directions of unit energy that are not in the order of the sets that they span."""

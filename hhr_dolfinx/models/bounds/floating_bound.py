@@ -82,6 +82,8 @@ class FloatingBound(Rebuilt):
     areas: Annotated[Floats, "N_lambda"]
     least: Annotated[Floats, "3"]
 
+    together = 1
+
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """A wrong factor of S, and motions that move no condition."""
         if not self.taken.any(axis=0).all():

@@ -13,22 +13,20 @@ docs/bounds.md says where that error is proved; elsewhere the estimate is called
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, cholesky
+from scipy.linalg import LinAlgError
 
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import BoundError, ConvergenceError
-from hhr_dolfinx.models.bounds.contact_response import ContactResponse, amplified_by
 from hhr_dolfinx.models.bounds.error_bound import ForceScale, Given, bounded
+from hhr_dolfinx.models.bounds.least_response import LeastResponse, ManyResponses
 from hhr_dolfinx.models.eliminations.block import Block, blocks_of
-from hhr_dolfinx.models.eliminations.elimination import CondensedContact
-from hhr_dolfinx.models.eliminations.interpolated import Compliances, InterpolatedStiffness
+from hhr_dolfinx.models.eliminations.interpolated import Compliances, ManyContacts
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.parameters import is_number
@@ -40,8 +38,6 @@ if TYPE_CHECKING:
 
 ROUND_OFF = 1e-13
 """Part of an energy that is round-off of the sums it is made of."""
-FACTORED = 1500
-"""Conditions up to which S is factored at each point: with 4761 a bound took 1.8 s so, measured once."""
 
 
 @dataclass(frozen=True)
@@ -99,9 +95,12 @@ class VaryingBound:
         """What forces are measured by, in the middle of the box."""
         return ForceScale(self.areas, self.least)
 
-    def scale_at(self, point: np.ndarray) -> ForceScale:
-        """What forces are measured by at a point."""
-        return self._scale if self.reshaped_areas is None else ForceScale(self.reshaped_areas.value(point), self.least)
+    def scale_at(self, points: np.ndarray) -> ForceScale:
+        """What forces are measured by at some points, (n, P)."""
+        if self.reshaped_areas is None:
+            return self._scale
+        areas = self.reshaped_areas.many_along_modes(points) @ self.reshaped_areas.modes.T
+        return ForceScale(areas, self.least)
 
     @property
     def free_slack(self) -> np.ndarray:
@@ -118,39 +117,36 @@ class VaryingBound:
         return inside, np.setdiff1d(np.arange(self.areas.size), inside, assume_unique=True)
 
     def at(self, points: np.ndarray, theta: Any) -> VaryingThere:
-        """See :class:`Bound`; for one answer."""
-        point = points[0]
-        stiffness = self.compliances.stiffness(point)
+        """See :class:`Bound`."""
+        found = self.compliances.many(points)
         try:
-            response = self._response_at(point, stiffness.schur)
+            response = self._least.at(found)
         except LinAlgError:
             raise ConvergenceError(
-                f"S, interpolated between parameters, is not definite at {point.tolist()}: build the model without "
+                f"S, interpolated between parameters, is not definite at {points.tolist()}: build the model without "
                 "a bound, Recipe(bound=False), or condense(..., bound=False)"
             ) from None
-        contact = self.compliances(point, stiffness)
-        return VaryingThere(self, point, stiffness, contact, response)
+        return VaryingThere(self, found, response)
 
-    def _response_at(self, point: np.ndarray, schur: np.ndarray) -> ContactResponse:
-        """S at a point and its factor; of large ones that differ by factors of their parts that of the middle."""
-        parts = self.compliances.parts
-        if len(schur) <= FACTORED or any(part.interpolant.axes.size for part in parts):
-            return ContactResponse(schur, cholesky(schur, lower=True))
-        least = min(part.compliance(point) / part.compliance(self.middle) for part in parts)
-        lower, amplified = self._of_middle
-        return ContactResponse(schur, lower, least, amplified)
+    @property
+    def together(self) -> int:
+        """See :class:`Bound`."""
+        return self.compliances.together
 
     @cached_property
-    def _of_middle(self) -> tuple[np.ndarray, tuple[float, np.ndarray]]:
-        """Cholesky factor of S in the middle of the box, and what it amplifies."""
-        lower = np.asfortranarray(cholesky(self.schur, lower=True))
-        return lower, amplified_by(lower)
+    def _least(self) -> LeastResponse:
+        """Bounds S from below."""
+        return LeastResponse(self.compliances, self.middle)
 
-    def problem_at(self, point: np.ndarray) -> ReducedProblem:
-        """The reduced problem of the whole mesh at a point, whose stiffness is constant."""
-        if not isinstance(self.whole, ReducedProblem):
-            return self.whole(point)
-        return self.whole if self.whole.terms is None else self.whole.weighted(self.whole.terms.weights(point))
+    def slack_of(self, unknown: np.ndarray, points: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Slack of fields V γ, (n, m), of γ, (n, ell), at points, (n, P), of θ, (n, 1 + T)."""
+        if isinstance(self.whole, ReducedProblem):
+            return theta @ self.whole.gaps.T - unknown @ self.whole.contact_trial.T
+        problems = map(self.whole, points)
+        return np.array([
+            problem.gaps @ own - problem.contact_trial @ gamma
+            for problem, own, gamma in zip(problems, theta, unknown, strict=True)
+        ])  # fmt: skip
 
     @cached_property
     def _blocks(self) -> list[Block]:
@@ -158,24 +154,36 @@ class VaryingBound:
         assert isinstance(self.whole, ReducedProblem)
         return blocks_of(self.whole)
 
-    def field(self, gamma: np.ndarray, point: np.ndarray, theta: np.ndarray) -> tuple[float, np.ndarray, np.ndarray]:
-        """γ^T V^T K V γ, V^T loads θ, (ell,), and B V, (m, ell), at a point; parts of K are not added up."""
-        if not isinstance(self.whole, ReducedProblem) or self.whole.terms is None:
-            problem = self.problem_at(point)
-            return float(gamma @ problem.stiffness @ gamma), problem.loads @ theta, problem.contact_trial
-        terms = self.whole.terms
-        energy = 0.0
-        weights = terms.weights(point)
+    def fields(
+        self, unknown: np.ndarray, points: np.ndarray, theta: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """γ^T V^T K V γ, (n,), γ^T V^T loads θ, (n,), and B V γ, (n, m), of many γ, (n, ell)."""
+        whole = self.whole
+        if not isinstance(whole, ReducedProblem):
+            found = [_field(whole(point), *given) for point, *given in zip(points, unknown, theta, strict=True)]
+            return tuple(np.array(values) for values in zip(*found, strict=True))  # type: ignore[return-value]
+        if whole.terms is None:
+            energies = np.sum(unknown @ whole.stiffness * unknown, axis=1)
+            return energies, np.sum(theta @ whole.loads.T * unknown, axis=1), unknown @ whole.contact_trial.T
+        weights = whole.terms.many_weights(points)
+        energies = np.zeros(len(points))
         for block in self._blocks:
-            own = gamma[block.modes]
-            parts = (block.entries.reshape(-1, own.size) @ own).reshape(-1, own.size) @ own
-            energy += float(weights[block.parts] @ parts)
-        loads = terms.forces @ theta - weights @ (terms.lifts @ theta)
-        return energy, loads, self.whole.contact_trial
+            own = unknown[:, block.modes]
+            for part, entries in zip(block.parts, block.entries, strict=True):
+                energies += weights[:, part] * np.sum(own @ entries.reshape(len(block.modes), -1) * own, axis=1)
+        pulled = np.sum(theta @ whole.terms.forces.T * unknown, axis=1)
+        for part, lifts in zip(weights.T, whole.terms.lifts, strict=True):
+            pulled -= part * np.sum(theta @ lifts.T * unknown, axis=1)
+        return energies, pulled, unknown @ whole.contact_trial.T
+
+
+def _field(problem: ReducedProblem, gamma: np.ndarray, theta: np.ndarray) -> tuple[float, float, np.ndarray]:
+    """The same of one, on its own problem of constant stiffness."""
+    return float(gamma @ problem.stiffness @ gamma), float(gamma @ problem.loads @ theta), problem.contact_trial @ gamma
 
 
 class _Energies(NamedTuple):
-    """Energies of a field in equilibrium.
+    """Energies of fields in equilibrium, (n,) each.
 
     Attributes:
         moved: of what is free to move, f^T K^-1 f.
@@ -183,86 +191,84 @@ class _Energies(NamedTuple):
         scale: of the sums that make them, of which part is round-off.
     """
 
-    moved: float
-    size: float
-    scale: float
+    moved: np.ndarray
+    size: np.ndarray
+    scale: np.ndarray
 
 
 class VaryingThere(NamedTuple):
-    """See :class:`hhr_dolfinx.models.bounds.error_bound.BoundThere`; of one answer.
+    """See :class:`hhr_dolfinx.models.bounds.error_bound.BoundThere`.
 
     Attributes:
         owner: what is interpolated.
-        point: the parameter, (P,).
-        stiffness: S there, and what it is made of.
-        found: S and the free slack there.
-        response: S with its factor.
+        found: S and the free slack at each point.
+        response: S with what it is at least.
     """
 
     owner: VaryingBound
-    point: np.ndarray
-    stiffness: InterpolatedStiffness
-    found: CondensedContact
-    response: ContactResponse
+    found: ManyContacts
+    response: ManyResponses
 
     def slack(self, forces: np.ndarray) -> np.ndarray:
         """See :class:`BoundThere`."""
-        return self.found.free_slack + forces @ self.found.schur
+        return self.found.free_slack + self.response.pushed(forces)
 
     def completed(self, own: np.ndarray, outside: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """See :class:`BoundThere`."""
-        return self.response.outside(*outside).completed(own, self.found.free_slack[None])
+        free = self.found.free_slack[:, None]
+        return np.concatenate([
+            self.response[k].outside(*outside).completed(own[k, None], free[k]) for k in range(len(own))
+        ])  # fmt: skip
 
     def force_changes(
         self, forces: np.ndarray, outside: tuple[np.ndarray, np.ndarray], gradient: Gradient, changes: np.ndarray
     ) -> np.ndarray:
         """See :class:`BoundThere`."""
-        fixed, _ = self.found.at_fixed_forces(forces, np.zeros(0))
-        return self.response.outside(*outside).changes(forces, gradient.multipliers, fixed)
+        fixed, _ = self.found[0].at_fixed_forces(forces, np.zeros(0))
+        return self.response[0].outside(*outside).changes(forces, gradient.multipliers, fixed)
 
     def of(self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]) -> Estimates:
         """See :class:`BoundThere`."""
-        gamma = unknown[0]
-        found = self.found
         inexact = self.owner.inexact
-        theta = self.owner.compliances.theta(self.point)
-        own, loads, contact = self.owner.field(gamma, self.point, theta)
+        own, loaded, pressed = self.owner.fields(unknown, self.found.points, self.found.theta)
 
         def fields(better: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-            pulled = float(gamma @ (loads - better[0] @ contact))
-            energies = self._energies(better[0], theta)
-            noise = inexact * energies.moved + ROUND_OFF * (own + 2 * abs(pulled) + energies.scale)
-            left = max(own - 2 * pulled + energies.moved, 0.0) + noise
-            norms = np.sqrt([[left], [energies.size], [energies.moved]])
-            return norms[0], norms[1], norms[2]
+            pulled = loaded - np.sum(better * pressed, axis=1)
+            energies = self._energies(better)
+            noise = inexact * energies.moved + ROUND_OFF * (own + 2 * np.abs(pulled) + energies.scale)
+            left = np.maximum(own - 2 * pulled + energies.moved, 0.0) + noise
+            return np.sqrt(left), np.sqrt(energies.size), np.sqrt(energies.moved)
 
-        given = Given(forces, slack, found.free_slack[None])
-        scale = self.owner.scale_at(self.point)
+        given = Given(forces, slack, self.found.free_slack)
+        scale = self.owner.scale_at(self.found.points)
         how = scale, scale.amplified(self.response), self.owner.kind, inexact
         return bounded(given, self.response, fields, *how).estimates()
 
-    def _energies(self, forces: np.ndarray, theta: np.ndarray) -> _Energies:
-        """Of the field in equilibrium with forces, (m,)."""
+    def _energies(self, forces: np.ndarray) -> _Energies:
+        """Of the fields in equilibrium with forces, (n, m)."""
         found = self.found
-        driven = 0.0
-        held = 0.0
-        lifted = 0.0
-        for energy, (part, along, compliance) in zip(self.owner.energies, self.stiffness.parts, strict=True):
-            count = part.forced.size
-            weights = theta[part.terms]
+        driven, held, lifted = np.zeros((3, len(forces)))
+        for energy, part, along, sizes in zip(
+            self.owner.energies, found.owner.parts, found.along, found.compliances, strict=True
+        ):
             # of a lift L forces feel -K L, and K is as much larger as K^-1 is smaller
-            weights = np.append(weights[:count] * math.sqrt(compliance), -weights[count:] / math.sqrt(compliance))
-            used = np.flatnonzero(weights)
-            work = np.tensordot(along, energy.work[:, used[:, None], used], 1)
-            driven += float(weights[used] @ work @ weights[used])
-            if (lifts := used >= count).any():
-                pulling = np.where(lifts, -weights[used], 0.0)
-                moved = part.columns[part.forced.size :] @ along @ forces[part.where]
-                held += float(pulling @ work @ weights[used]) - float(theta[part.lifted] @ moved)
-                own = weights[count:]
-                lifted += float(own @ np.tensordot(along, energy.lifted, 1) @ own)
-        closed = self.owner.compliances.gaps_at(self.point) @ theta - found.free_slack
-        pulled = float(closed @ forces)
-        pushed = float(forces @ found.schur @ forces)
-        moved = max(driven - 2 * pulled + pushed, 0.0)
-        return _Energies(moved, max(moved + 2 * held + lifted, 0.0), driven + 2 * abs(pulled) + pushed)
+            roots = np.sqrt(sizes)[:, None]
+            weights = found.theta[:, part.terms]
+            lifts = np.arange(weights.shape[1]) >= part.forced.size
+            weights = np.where(lifts, -weights / roots, weights * roots)
+            for k in range(len(forces)):
+                used = np.flatnonzero(weights[k])
+                work = np.tensordot(along[k], energy.work[:, used[:, None], used], 1) @ weights[k, used]
+                driven[k] += weights[k, used] @ work
+                held[k] -= (weights[k, used] * lifts[used]) @ work
+            if part.lifted.size:
+                acting = found.theta[:, part.lifted]
+                moved = np.einsum("nr,tmr,nm->nt", along, part.columns[part.forced.size :], forces[:, part.where])
+                held -= np.sum(acting * moved, axis=1)
+                own = weights[:, lifts]
+                lifted += np.einsum("ns,nr,rst,nt->n", own, along, energy.lifted, own, optimize=True)
+        closed = found.owner.many_driven(found.points, found.theta) - found.free_slack
+        pulled = np.sum(closed * forces, axis=1)
+        pushed = np.sum(self.response.pushed(forces) * forces, axis=1)
+        moved = np.maximum(driven - 2 * pulled + pushed, 0.0)
+        return _Energies(moved, np.maximum(moved + 2 * held + lifted, 0.0), driven + 2 * np.abs(pulled) + pushed)

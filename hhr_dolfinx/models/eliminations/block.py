@@ -18,6 +18,7 @@ from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import SingularError
+from hhr_dolfinx.models.displacement import dense
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem, ReducedTerms
 from hhr_dolfinx.plain import Rebuilt
@@ -136,6 +137,23 @@ class BlockElimination(Rebuilt, Elimination):
             found[block.modes] = solved
         return found
 
+    def many_under(self, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """The same at many points, (n, P), under forces of each, (n, m): (n, ell)."""
+        if None in self._diagonal:
+            return np.array([self.under(*one) for one in zip(points, forces, strict=True)])
+        theta = dense(self.amplitudes.of_many(points))
+        weights = self._terms.many_weights(points)
+        loads = theta @ self._forces.T
+        if self._lifts is not None:
+            for part, lift in zip(weights.T, self._lifts, strict=True):
+                loads -= part[:, None] * (theta @ lift.T)
+        found = np.empty(loads.shape)
+        for block, diagonal in zip(self.blocks, self._diagonal, strict=True):
+            assert diagonal is not None
+            right = loads[:, block.modes] - forces @ block.test.T
+            found[:, block.modes] = diagonal.many_solved(weights[:, block.parts], right)
+        return found
+
     @cached_property
     def _diagonal(self) -> list[DiagonalBlock | None]:
         return [DiagonalBlock.of(block) for block in self.blocks]
@@ -233,6 +251,10 @@ class DiagonalBlock:
     def solved(self, weights: np.ndarray, right: np.ndarray) -> np.ndarray:
         """K~^-1 times a right-hand side, (k,), for weights of the parts, (q,)."""
         return self.modes @ ((right @ self.modes) / (weights @ self.entries))
+
+    def many_solved(self, weights: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """The same of many, (n, k), each with its own weights, (n, q)."""
+        return ((right @ self.modes) / (weights @ self.entries)) @ self.modes.T
 
 
 def blocks_of(problem: ReducedProblem) -> list[Block]:

@@ -25,16 +25,21 @@ from hhr_dolfinx.models.bounds.error_bound import Bound
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination
 from hhr_dolfinx.models.eliminations.interpolation import Interpolant
+from hhr_dolfinx.models.estimates import NUMBERS, Estimate, Estimates
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
     from hhr_dolfinx.models.eliminations.block import BlockElimination
-    from hhr_dolfinx.models.eliminations.projected import ReducedProblem
     from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
-    from hhr_dolfinx.models.estimates import Estimate
     from hhr_dolfinx.models.functionals.functional import Functionals
     from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
+
+
+TOGETHER_BYTES = 4e6
+"""Memory of matrices S that are made at once."""
+MOSTLY = 0.5
+"""Share of points that bring another stiffness from which on S is made for many of them at once."""
 
 
 @dataclass(frozen=True)
@@ -95,10 +100,14 @@ class Compliance:
         """1 / E."""
         return 1.0 if self.factor is None else 1.0 / self.factor.value(point)
 
+    def compliances(self, points: np.ndarray) -> np.ndarray:
+        """1 / E at many points, (n, P): (n,)."""
+        return np.ones(len(points)) if self.factor is None else 1.0 / self.factor.values(points)
+
     def schur(self, along: np.ndarray) -> np.ndarray:
-        """S_c for the factor 1, from components along the modes, (m_c, m_c)."""
+        """S_c for the factor 1, from components along the modes, (..., r): (..., m_c, m_c)."""
         m = self.conditions.size
-        return (self.interpolant.modes @ along).reshape(m, m)
+        return (along @ self.interpolant.modes.T).reshape(*along.shape[:-1], m, m)
 
     def moved(self, columns: np.ndarray, along: np.ndarray, theta: np.ndarray, compliance: float) -> np.ndarray:
         """Columns of F less those of K lift: forces move by the compliance 1/E, lifts by 1 whatever it is."""
@@ -108,6 +117,17 @@ class Compliance:
         # a partial pressure has hundreds of columns, of which three act
         used = weights.nonzero()[0]
         return weights[used] @ (columns[used] @ along) if used.size else np.zeros(columns.shape[1])
+
+    def many_moved(self, along: np.ndarray, theta: np.ndarray, compliances: np.ndarray) -> np.ndarray:
+        """The same of its own columns at many points, of (n, r), (n, 1 + T) and (n,): (n, m_c)."""
+        weights = theta[:, self.terms]
+        weights[:, : self.forced.size] *= compliances[:, None]
+        weights[:, self.forced.size :] *= -1.0
+        found = np.zeros((len(theta), self.conditions.size))
+        for term in np.flatnonzero(weights.any(axis=0)):
+            rows = np.flatnonzero(weights[:, term])
+            found[rows] += weights[rows, term, None] * (along[rows] @ self.columns[term].T)
+        return found
 
     def moved_slopes(
         self, columns: np.ndarray, ways: np.ndarray, theta: np.ndarray, changes: np.ndarray, factor: Factored
@@ -184,6 +204,39 @@ class InterpolatedStiffness:
         return SchurEqualities.symmetric(self.schur) if self.symmetric else SchurEqualities.of(self.schur, LapackLU)
 
 
+@dataclass(frozen=True, eq=False)
+class ManyContacts:
+    """What is left at many points (n points, m conditions).
+
+    Attributes:
+        owner: all parts.
+        points: parameters, (n, P).
+        theta: θ, (n, 1 + T).
+        along: components along the modes of each part, (n, r) each.
+        compliances: 1 / E of each part, (n,) each.
+        schur: S, (n, m, m).
+        free_slack: slack without contact forces, (n, m).
+    """
+
+    owner: Compliances
+    points: np.ndarray
+    theta: np.ndarray
+    along: list[np.ndarray]
+    compliances: list[np.ndarray]
+    schur: np.ndarray
+    free_slack: np.ndarray
+
+    def stiffness(self, k: int) -> InterpolatedStiffness:
+        """S at one of them."""
+        along, compliances = ([values[k] for values in part] for part in (self.along, self.compliances))
+        parts = list(zip(self.owner.parts, along, compliances, strict=True))
+        return InterpolatedStiffness(self.schur[k], parts, self.owner.symmetric)
+
+    def __getitem__(self, k: int) -> CondensedContact:
+        """What is left at one of them, of parts that say nothing of unknowns."""
+        return self.owner.contact(self.points[k], self.theta[k], self.stiffness(k), self.free_slack[k], np.zeros(0))
+
+
 @dataclass(frozen=True)
 class Compliances(Elimination):
     """Eliminates between parameters: all parts of a scene, interpolated.
@@ -220,11 +273,40 @@ class Compliances(Elimination):
             slack[part.where] -= part.moved(part.columns, along, theta, compliance)
             if part.primal is not None:
                 free[part.primal.unknowns] = part.moved(part.primal.columns, along, theta, compliance)
+        return self.contact(point, theta, found, slack, free)
+
+    def contact(
+        self, point: np.ndarray, theta: np.ndarray, found: InterpolatedStiffness, slack: np.ndarray, free: np.ndarray
+    ) -> CondensedContact:
+        """What is left at a point, (P,), of known θ, S, free slack, (m,), and free unknown."""
         pushed = partial(self._pushed, found)
         changes = partial(self._changes, point, theta, found)
-        return CondensedContact(
-            found.schur, slack, free, pushed, changes, symmetric=self.symmetric, factored=found.equalities
-        )
+        shared = found.equalities
+        return CondensedContact(found.schur, slack, free, pushed, changes, self.symmetric, factored=shared)
+
+    def many(self, points: np.ndarray) -> ManyContacts:
+        """What is left at many points, (n, P), by products of matrices; see :attr:`together` for how many."""
+        theta = dense(self.amplitudes.of_many(points))
+        slack = self.many_driven(points, theta)
+        schur = np.zeros((len(points), *[len(self.gaps)] * 2))
+        along = [part.interpolant.many_along_modes(points) for part in self.parts]
+        compliances = [part.compliances(points) for part in self.parts]
+        for part, ways, sizes in zip(self.parts, along, compliances, strict=True):
+            schur[(slice(None), *part.block)] += part.schur(sizes[:, None] * ways)
+            slack[:, part.where] -= part.many_moved(ways, theta, sizes)
+        return ManyContacts(self, points, theta, along, compliances, schur, slack)
+
+    def many_driven(self, points: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """D θ at many points, of θ, (n, 1 + T): (n, m)."""
+        if self.reshaped is None:
+            return theta @ self.gaps.T
+        gaps = self.reshaped.many_along_modes(points) @ self.reshaped.modes.T
+        return (gaps.reshape(len(points), *self.gaps.shape) @ theta[:, :, None])[:, :, 0]
+
+    @property
+    def together(self) -> int:
+        """Points whose S are made at once, so that they stay small."""
+        return max(1, int(TOGETHER_BYTES / (8 * self.gaps.shape[0] ** 2)))
 
     def theta(self, point: np.ndarray) -> np.ndarray:
         """θ at a point, (1 + T,)."""
@@ -309,25 +391,37 @@ class Compliances(Elimination):
         return made
 
     def answers(self, model: Any, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
-        """Neighbours that share their stiffness share S and its factors."""
+        """Neighbours that share their stiffness share S and its factors; else S of many points is made at once."""
         from hhr_dolfinx.models.many import ManyAnswers
 
         answers: list[Answer] = []
-        stiffness = None
-        before = points[0]
-        for point in points:
-            if stiffness is None or not self.same_stiffness(before, point):
-                try:
-                    stiffness = self.stiffness(point)
-                except (NotSolvableError, ParameterError):
-                    if raise_on_failure:
-                        raise
-                    stiffness = None
-                    answers.append(unanswered(point, model.sizes, model.fields))
-                    continue
-            before = point
-            answers.append(model.from_contact(self(point, stiffness), point, raise_on_failure))
+        changes = (points[1:, self.stiffness_axes] != points[:-1, self.stiffness_axes]).any(axis=1)
+        alike = bool(changes.mean() < MOSTLY) if len(points) > 1 else True
+        if alike or self.unknowns:
+            made = self.along_path()
+            for point in points:
+                answers.append(self._answer(model, point, made, raise_on_failure))
+            return ManyAnswers.of(answers, model.fields)
+        for block in np.array_split(points, -(-len(points) // self.together)):
+            try:
+                contacts = self.many(block)
+            except ParameterError:  # of a table, at one of them: at which, and why, is told one by one
+                answers += [self._answer(model, point, self, raise_on_failure) for point in block]
+                continue
+            answers += [model.from_contact(contacts[k], block[k], raise_on_failure) for k in range(len(block))]
         return ManyAnswers.of(answers, model.fields)
+
+    def _answer(
+        self, model: Any, point: np.ndarray, made: Callable[[np.ndarray], CondensedContact], raise_on_failure: bool
+    ) -> Answer:
+        """The answer to one point; none where nothing can be made of it, unless that is to be raised."""
+        try:
+            contact = made(point)
+        except (NotSolvableError, ParameterError):
+            if raise_on_failure:
+                raise
+            return unanswered(point, model.sizes, model.fields)
+        return model.from_contact(contact, point, raise_on_failure)
 
     def gaps_at(self, point: np.ndarray) -> np.ndarray:
         """D at a point, (m, 1 + T)."""
@@ -337,8 +431,8 @@ class Compliances(Elimination):
 class FieldBound(Bound, Protocol):
     """A bound that knows the reduced problem whose solution a field is."""
 
-    def problem_at(self, point: np.ndarray) -> ReducedProblem:
-        """The problem at a point, (P,), of constant stiffness."""
+    def slack_of(self, unknown: np.ndarray, points: np.ndarray, theta: np.ndarray) -> np.ndarray:
+        """Slack of fields of unknowns, (n, ell), at points, (n, P), of θ, (n, 1 + T): (n, m)."""
 
 
 @dataclass(frozen=True)
@@ -375,17 +469,24 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
         """The bound; None without one, or without an answer."""
         if self.bound is None or not answer.converged:
             return None
-        point = answer.parameter
-        forces = np.maximum(answer.multipliers, 0.0)
-        gamma = self._solver.under(point, forces)
-        theta = self.amplitudes(point)
-        bound = self.bound
+        return self._estimated(self.bound, answer.parameter[None], answer.multipliers[None])[0]
 
-        def slack() -> np.ndarray:
-            problem = bound.problem_at(point)
-            return (problem.gaps @ theta - problem.contact_trial @ gamma)[None]
+    def estimates(self, many: Any) -> Estimates | None:
+        """The bounds of many answers, so many at once as have room."""
+        if self.bound is None:
+            return None
+        solved = np.flatnonzero(many.converged)
+        numbers = np.full((len(NUMBERS), len(many)), np.nan)
+        for rows in np.array_split(solved, -(-solved.size // self.bound.together)) if solved.size else ():
+            numbers[:, rows] = self._estimated(self.bound, many.points[rows], many.multipliers[rows]).numbers
+        return Estimates(self.bound.kind, *numbers)
 
-        return bound.at(point[None], theta).of(gamma[None], forces[None], slack)[0]
+    def _estimated(self, bound: FieldBound, points: np.ndarray, forces: np.ndarray) -> Estimates:
+        """The bounds of answers at points, (n, P), of forces, (n, m)."""
+        forces = np.maximum(forces, 0.0)
+        gamma = self._solver.many_under(points, forces)
+        theta = dense(self.amplitudes.of_many(points))
+        return bound.at(points, theta).of(gamma, forces, lambda: bound.slack_of(gamma, points, theta))
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """V gamma and the lift, (N,)."""

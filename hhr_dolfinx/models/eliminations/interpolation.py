@@ -84,6 +84,11 @@ class Interpolant:
         """Components of the value along the modes, (r,)."""
         return self.weights @ self.polynomials(point)
 
+    def many_along_modes(self, points: np.ndarray) -> np.ndarray:
+        """The same at many points, (n, P): (n, r)."""
+        scaled = 2 * (points[:, self.axes] - self.lower) / (self.upper - self.lower) - 1
+        return polynomials_of(self.levels, scaled) @ self.weights.T
+
     def slopes_along_modes(self, point: np.ndarray) -> np.ndarray:
         """Their derivatives along its own axes, (r, d)."""
         columns = [self.weights @ self._derived(point, axis) for axis in range(self.axes.size)]

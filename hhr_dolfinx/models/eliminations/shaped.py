@@ -93,6 +93,10 @@ class ReshapedElimination(Elimination):
         problem, theta, factors = self._factored(point)
         return dgetrs(*factors, problem.loads @ theta - problem.contact_test.T @ forces)[0]
 
+    def many_under(self, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """The same at many points, (n, P), under forces of each, (n, m): (n, ell)."""
+        return np.array([self.under(*one) for one in zip(points, forces, strict=True)])
+
     def __call__(self, point: np.ndarray) -> CondensedContact:
         """Factor K~ of a point.
 

@@ -1,0 +1,184 @@
+"""What S is at least where it depends on parameters, so that bounds need no factor of S at each of them.
+
+S is the sum of what connected components c of a scene have of it, S_c, and beside the middle of the box
+
+    S_c(mu) >= a_c(mu) S_c(middle),  a_c(mu) = E_c(middle) / E_c(mu) (1 + sum_k min eig of d_k S_c(middle)^-1 M_ck),
+
+d_k being how far the components along the modes M_ck of its interpolation are off those of the middle. With any weights
+w > 0, S(mu) >= min_c (a_c(mu) / w_c) sum_c w_c S_c(middle): sums whose weights are powers of a number are factored
+once, and each point takes that of the powers next to its a_c.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from scipy.linalg import cholesky, eigh, eigvalsh
+
+from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
+from hhr_dolfinx.models.bounds.contact_response import ContactResponse, amplified_by, kept
+from hhr_dolfinx.models.eliminations.interpolated import Compliance, Compliances, ManyContacts
+
+STEP = math.log(1.1)
+"""Of logarithms of weights: bounds of forces are at most the root of its half wider than with weights of each point."""
+KEPT = 64
+"""Factors that are kept."""
+FACTORED = 1500
+"""Conditions up to which weights have steps; beyond, those of the middle serve all points: a factor took a second."""
+WITH_MODES = 400
+"""Conditions up to which modes of the interpolation are measured; beyond, their eigenvalues take a minute."""
+NOTHING = 1e-10
+"""Part of the largest eigenvalue of S_c below which it is nothing: conditions may depend on each other on a body."""
+LEAST = 0.2
+"""Part of S_c(middle) that S_c must be at least: where modes add up to more a point has a factor of its own."""
+
+
+class Share(NamedTuple):
+    """S_c in the middle of the box, and what modes may take from it.
+
+    Attributes:
+        schur: S_c(middle), (m_c, m_c).
+        compliance: 1 / E_c there.
+        along: components along the modes there, (r,).
+        extremes: least and largest eigenvalue of S_c(middle)^-1 M_ck, (r, 2), where S_c is not zero; infinite ones
+            where a mode is not zero elsewhere.
+    """
+
+    schur: np.ndarray
+    compliance: float
+    along: np.ndarray
+    extremes: np.ndarray
+
+    @classmethod
+    def of(cls, part: Compliance, middle: np.ndarray) -> Share:
+        """Of one part; nothing is measured where it has no axis, along which its modes change."""
+        along = part.interpolant.along_modes(middle)
+        compliance = part.compliance(middle)
+        schur = part.schur(compliance * along)
+        extremes = np.zeros((along.size, 2))
+        if part.interpolant.axes.size:
+            sizes, ways = eigh(part.schur(along))
+            there = sizes > NOTHING * sizes[-1]
+            half = ways[:, there] / np.sqrt(sizes[there])
+            for place, unit in enumerate(np.eye(along.size)):
+                mode = part.schur(unit)
+                values = eigvalsh(half.T @ mode @ half)
+                elsewhere = np.abs(mode @ ways[:, ~there]).max(initial=0.0) > NOTHING * sizes[-1]
+                extremes[place] = (-np.inf, np.inf) if elsewhere else (values[0], values[-1])
+        return cls(schur, compliance, along, extremes)
+
+    def least(self, along: np.ndarray, compliances: np.ndarray) -> np.ndarray:
+        """a_c at components along the modes, (n, r), and compliances, (n,): (n,); zero where it may be small."""
+        if not self.extremes.any():
+            return compliances / self.compliance
+        off = along - self.along
+        with np.errstate(invalid="ignore"):
+            left = 1 + np.where(off > 0, off * self.extremes[:, 0], off * self.extremes[:, 1]).sum(axis=1)
+        return np.where(left > LEAST, left, 0.0) * compliances / self.compliance
+
+
+@dataclass(frozen=True)
+class ManyResponses:
+    """S of several answers, each its own (n answers, m conditions); see :class:`ContactResponse`.
+
+    Attributes:
+        each: of each.
+        schur: S, (n, m, m).
+    """
+
+    each: list[ContactResponse]
+    schur: np.ndarray
+
+    def __getitem__(self, k: int) -> ContactResponse:
+        return self.each[k]
+
+    @property
+    def amplified(self) -> tuple[np.ndarray, np.ndarray]:
+        """See :class:`ContactResponse`: (n,), and (n, m)."""
+        found = [one.amplified for one in self.each]
+        return np.array([longest for longest, _ in found]), np.array([sizes for _, sizes in found])
+
+    def pushed(self, forces: np.ndarray) -> np.ndarray:
+        """S times forces, (n, m) each."""
+        return (forces[:, None] @ self.schur)[:, 0]
+
+    def settled(self, forces: np.ndarray, free: np.ndarray, pushed: np.ndarray) -> tuple[np.ndarray, ...]:
+        """See :class:`ContactResponse`."""
+        touching = self.schur.diagonal(axis1=1, axis2=2) * forces > free + pushed
+        found = forces.copy()
+        closed = np.ones(len(forces), dtype=bool)
+        for k, schur in enumerate(self.schur):
+            alone = active_set(SchurEqualities.symmetric(schur), free[k], touching[k])
+            closed[k] = alone.status is Status.CONVERGED
+            if closed[k]:
+                found[k] = alone.forces
+        return kept(found, closed, free, self)
+
+    def off(self, slack: np.ndarray, forces: np.ndarray, rows: np.ndarray) -> np.ndarray:
+        """See :class:`ContactResponse`; of some answers, by their numbers."""
+        return np.array([self.each[k].off(slack[[i]], forces[[i]])[0] for i, k in enumerate(rows)])
+
+
+def _alone(schur: np.ndarray) -> ContactResponse:
+    """S with a factor of its own."""
+    return ContactResponse(schur, cholesky(schur, lower=True))
+
+
+class LeastResponse:
+    """Bounds S from below by few matrices that are factored.
+
+    Args:
+        compliances: S.
+        middle: of the box, (P,).
+    """
+
+    def __init__(self, compliances: Compliances, middle: np.ndarray):
+        self.compliances = compliances
+        self.middle = middle
+        self._kept: dict[tuple[int, ...], tuple[np.ndarray, tuple[float, np.ndarray]]] = {}
+
+    def at(self, found: ManyContacts) -> ManyResponses:
+        """S of some points with factors of what they are at least, or of themselves.
+
+        Raises:
+            LinAlgError: where one is not definite.
+        """
+        conditions = found.schur.shape[1]
+        if any(part.interpolant.axes.size for part in self.compliances.parts) and conditions > WITH_MODES:
+            return ManyResponses([_alone(schur) for schur in found.schur], found.schur)
+        columns = zip(self._shares, found.along, found.compliances, strict=True)
+        shares = np.stack([share.least(along, sizes) for share, along, sizes in columns], axis=1)
+        steps = np.zeros(shares.shape)
+        known = (shares > 0).all(axis=1)
+        if conditions <= FACTORED:
+            steps[known] = np.round(np.log(shares[known] / shares[known, :1]) / STEP)
+        least = (shares / np.exp(STEP * steps)).min(axis=1)
+        responses = []
+        for schur, own, size in zip(found.schur, steps.astype(int).tolist(), least.tolist(), strict=True):
+            if not size > 0:
+                responses.append(_alone(schur))
+                continue
+            lower, amplified = self._factored(tuple(own))
+            responses.append(ContactResponse(schur, lower, size, amplified))
+        return ManyResponses(responses, found.schur)
+
+    @cached_property
+    def _shares(self) -> list[Share]:
+        return [Share.of(part, self.middle) for part in self.compliances.parts]
+
+    def _factored(self, steps: tuple[int, ...]) -> tuple[np.ndarray, tuple[float, np.ndarray]]:
+        """Cholesky factor of a sum with weights of so many steps, and what it amplifies."""
+        found = self._kept.get(steps)
+        if found is None:
+            schur = np.zeros((len(self.compliances.gaps),) * 2)
+            for part, share, step in zip(self.compliances.parts, self._shares, steps, strict=True):
+                schur[part.block] += math.exp(STEP * step) * share.schur
+            lower = np.asfortranarray(cholesky(schur, lower=True))
+            found = self._kept[steps] = lower, amplified_by(lower)
+            if len(self._kept) > KEPT:
+                self._kept.pop(next(iter(self._kept)), None)
+        return found
