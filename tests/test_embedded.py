@@ -1,22 +1,26 @@
 """A model as a C header and as a unit for co-simulation: compiled and asked here, beside Python; what is refused."""
 
+import copy
 import ctypes
 import dataclasses
 import platform
 import shutil
 import subprocess
 import zipfile
+from types import SimpleNamespace
 from xml.etree import ElementTree
 
 import contract
 import numpy as np
 import pytest
+from test_flow_pages import EXACT, cycle, pair, yielding
 from test_pages import MORE, RUBBING, SCENES, outputs_of_pellet, rubbed, tour_of
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.doors import c_header, fmu
 from hhr_dolfinx.errors import MissingPackageError, ModelFileWarning, NotOfferedError
 from hhr_dolfinx.formulas import Scalar
+from hhr_dolfinx.materials.update import Group
 from hhr_dolfinx.pages.arrays import contact_tree
 from hhr_dolfinx.pages.packing import Packed, steps_of
 
@@ -469,3 +473,139 @@ def test_a_unit_with_friction_runs_in_fmpy(rubbing_unit):
         values = np.array([outputs[name] for outputs in known])
         # a step ends with what its inputs were as it began
         np.testing.assert_allclose(found[name][2:], values[:-1], rtol=1e-8, atol=1e-10 * np.abs(values).max())
+
+
+FLOWED = """
+#include "press.h"
+int ask(int count, const double *points, double *forces, double *outputs, double *cumulated) {
+    press_path *path = press_path_new();
+    int status = press_rest(path, points);
+    for (int k = 1; k < count && !status; k++) {
+        double *own = forces + (k - 1) * PRESS_CONDITIONS, *told = outputs + (k - 1) * PRESS_OUTPUTS;
+        status = press_go(path, points + k * PRESS_PARAMETERS, own, told);
+        memcpy(cumulated + (k - 1) * PRESS_POINTS, path->state->cumulated, sizeof path->state->cumulated);
+    }
+    press_path_free(path);
+    return status;
+}
+int begin(const double *point, double *forces, double *outputs) {
+    press_path *path = press_path_new();
+    const int status = press_begin(path, point, forces, outputs);
+    press_path_free(path);
+    return status;
+}
+"""
+
+
+def flowing(name):
+    """Condensed flow, and a path that pushes and lets go."""
+    if name == "moduli":
+        return pair()[1], [point for _, point in cycle(2.9)]
+    return yielding()[1], [np.array(point) for _, point in contract.path(0.04)]
+
+
+def flowing_library(folder, model):
+    """The functions above, compiled without a warning."""
+    c_header.write_c_header(folder / "press.h", model)
+    (folder / "press.c").write_text(FLOWED)
+    done = subprocess.run([CC, *WORDS, "-o", "press.so", "press.c", "-lm"], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return ctypes.CDLL(str(folder / "press.so"))
+
+
+def room_for(model, steps):
+    """Forces, outputs and cumulated strains of some steps."""
+    count = len(contact_tree(model, Packed())["outputs"])
+    return [np.zeros((steps, size)) for size in (model.conditions, count, len(model.flow.parts))]
+
+
+@compiled
+@pytest.mark.parametrize("name", ["moduli", "outputs"])
+def test_increments_of_flow_in_c_are_those_of_python(name, tmp_path):
+    model, path = flowing(name)
+    made = flowing_library(tmp_path, model)
+    outputs = contact_tree(model, Packed())["outputs"]
+    points, found = np.array(path), room_for(model, len(path) - 1)
+    assert made.ask(len(path), *at(points, *found)) == DONE
+    forces, told, cumulated = found
+    history = model.march(list(enumerate(path)), EXACT)
+    assert history.cuts == 0
+    largest = max(np.abs(answer.forces()).max() for answer in history.answers)
+    flowed = max(answer.state().state.cumulated.max() for answer in history.answers)
+    assert flowed > 0
+    for k, answer in enumerate(history.answers):
+        np.testing.assert_allclose(forces[k], answer.forces(), rtol=0, atol=1e-9 * largest)
+        np.testing.assert_allclose(cumulated[k], answer.state().state.cumulated, rtol=0, atol=1e-9 * flowed)
+        known = [answer.outputs()[item["name"]] for item in outputs]
+        np.testing.assert_allclose(told[k], known, rtol=1e-8, atol=1e-10)
+
+
+@compiled
+def test_flow_in_c_begins_in_proportion_and_ends_where_python_does(tmp_path):
+    """In increments of a fortieth of the box; outside of it, and where a modulus changes on the way, it is refused."""
+    model, path = flowing("moduli")
+    made = flowing_library(tmp_path, model)
+    forces, outputs, cumulated = room_for(model, 9)
+    point = np.array([0.04, 3.1])
+    assert made.begin(*at(point, forces, outputs)) == DONE
+    rest = [np.clip(0.0, model.parameters.lower[0], None), point[1]]
+    steps = [rest + share * (point - rest) for share in np.linspace(0, 1, 28)]
+    last = model.march(list(enumerate(steps)), EXACT).answers[-1].forces()
+    np.testing.assert_allclose(forces[0], last, rtol=0, atol=1e-9 * last.max())
+    for change, status in ((0.1, CHANGED), (50.0, OUTSIDE), (np.nan, OUTSIDE)):
+        points = np.array(path[:3])
+        points[2, 1] += change
+        assert made.ask(3, *at(points, forces, outputs, cumulated)) == status
+
+
+@compiled
+def test_flow_in_c_is_without_undefined_behaviour(tmp_path):
+    """Under the sanitisers of the compiler, as a program of its own."""
+    model, path = flowing("outputs")
+    c_header.write_c_header(tmp_path / "press.h", model)
+    numbers = ", ".join(repr(value) for value in np.array(path).ravel().tolist())
+    count = len(contact_tree(model, Packed())["outputs"])
+    text = f"""{FLOWED}
+int main(void) {{
+    static const double points[] = {{{numbers}}};
+    static double forces[{len(path) * model.conditions}], outputs[{len(path) * max(count, 1)}];
+    static double cumulated[{len(path) * len(model.flow.parts)}];
+    return ask({len(path)}, points, forces, outputs, cumulated) + begin(points + {len(path[0])}, forces, outputs);
+}}"""
+    (tmp_path / "press.c").write_text(text)
+    words = ["-std=c99", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    words += ["-o", "press", "press.c", "-lm"]
+    built = subprocess.run([CC, *words], cwd=tmp_path, capture_output=True, text=True)
+    if built.returncode:
+        pytest.skip("the compiler has no sanitisers")
+    done = subprocess.run([tmp_path / "press"], capture_output=True, text=True)
+    assert done.returncode == 0 and not done.stderr, done.stderr[:2000]
+
+
+def test_a_unit_that_flows_runs_in_fmpy(tmp_path):
+    """Steps are increments; a modulus is a parameter, and a step ends with what its inputs were as it began."""
+    fmpy = pytest.importorskip("fmpy")
+    validation = pytest.importorskip("fmpy.validation")
+    model, path = flowing("outputs")
+    unit = fmu.write_fmu(tmp_path / "flowing.fmu", model)
+    assert validation.validate_fmu(str(unit)) == []
+    names = model.parameters.names
+    signals = np.array(
+        [(float(time), *point) for time, point in enumerate(path)], dtype=[(name, float) for name in ("time", *names)]
+    )
+    start = dict(zip(names, path[0], strict=True))
+    stop = float(len(path) - 1)
+    found = fmpy.simulate_fmu(str(unit), input=signals, start_values=start, stop_time=stop, output_interval=1.0)
+    answers = model.march(list(enumerate(path)), EXACT).answers
+    read = [item["name"] for item in contact_tree(model, Packed())["outputs"]]
+    for name in read:
+        values = np.array([answer.outputs()[name] for answer in answers])
+        np.testing.assert_allclose(found[name][2:], values[:-1], rtol=1e-7, atol=1e-8 * np.abs(values).max())
+
+
+def test_flow_that_c_does_not_know_is_refused_by_name():
+    creeping = SimpleNamespace(groups=(Group(np.arange(3), 1.0, 0.3, hhr.Norton(1.0, 2.0)),))
+    model = copy.copy(flowing("outputs")[0])
+    model.flow = creeping
+    with pytest.raises(NotOfferedError, match="a header knows the law Plasticity"):
+        c_header.c_header(model, "press")

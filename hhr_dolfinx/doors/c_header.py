@@ -31,7 +31,8 @@ def write_c_header(path: str | Path, model: Any) -> Path:
 
     Args:
         path: of the header, ``.h``; its stem has to be an identifier of C.
-        model: that of ``hhr.condense``, ``hhr.reduce`` or a file, elastic, with friction too.
+        model: that of ``hhr.condense``, ``hhr.reduce`` or a file, elastic, with friction too, or one that flows by
+            Plasticity.
 
     Returns:
         The path.
@@ -53,9 +54,11 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
     """The header, with ``name`` in the place of ``model``, and the tree that it was made of."""
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
         raise NotOfferedError(f"{name!r} is no identifier of C, from which names of the header are made: name it else")
-    check_model(model, "a header", on_page=False)
+    check_model(model, "a header")
     arrays = Packed()
     tree = contact_tree(model, arrays)
+    if tree["flow"]:  # which a page may keep with fewer digits
+        arrays.put(tree["flow"]["per_force"], model.flow.per_force)
     count = sum(array.size for array in arrays.arrays.values())
     if count > MOST_NUMBERS:
         raise NotOfferedError(
@@ -70,7 +73,7 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
         )
     data = _Data(tree, arrays.arrays)
     text = kernel_file("kernel.h").replace("MODEL_TITLE", name)
-    needs = {"friction": tree["friction"], "floating": tree["floating"], "springs": tree["floating"]}
+    needs = {name: tree[name] for name in ("friction", "floating", "flow")} | {"springs": tree["floating"]}
     for part, needed in needs.items():
         text = text.replace(f"/*{part.upper()}*/", kernel_file(f"{part}.h") if needed else "")
     text = text.replace("/*DATA*/", data.text())
@@ -135,19 +138,52 @@ class _Data:
         places = np.unique(pairs, return_inverse=True)[1]
         constant = tree["schur"] is not None
         own = [
+            *(self._flow(tree["flow"]) if tree["flow"] else ()),
             *(self._friction(tree["friction"]) if tree["friction"] else ()),
             *(self._floating(tree["floating"]) if tree["floating"] else ()),
             self._array("pairs", places),
             self._array("constant", self.arrays[tree["amplitudes"]["constant"]]),
             self._array("slopes", self.arrays[tree["amplitudes"]["slopes"]]),
             self._array("schur", self.arrays[tree["schur"]] if constant else np.zeros(1)),
-            self._array("gaps", self.arrays[tree["free_slack" if constant else "gaps"]]),
+            self._array("gaps", self._gaps),
             self._records("amplitude", "others", amplitudes),
             self._records("part", "parts", components),
             self._records("output", "outputs", outputs),
             f"static const model_interpolant model_reshaped = {reshaped};",
         ]
         return "\n".join([*self._sizes(places), *self._names(), *self.parts, *own])
+
+    @property
+    def _gaps(self) -> np.ndarray:
+        """Gaps, or the free slack of a constant S, as terms of θ."""
+        tree = self.tree
+        return self.arrays[(tree["flow"] or tree)["gaps" if tree["schur"] is None else "free_slack"]]
+
+    def _path(self, fixed: list[int]) -> list[str]:
+        """What stays on a path, and the whole box, in which it begins."""
+        ends = {name: np.array(self.tree[name]) for name in ("lower", "upper")}
+        own = [self._array(f"box_{name}", values) for name, values in ends.items()]
+        return [self._array("fixed", np.array(fixed, dtype=int)), *own]
+
+    def _flow(self, item: dict[str, Any]) -> list[str]:
+        """Arrays of an increment, and the laws of bodies."""
+        same = {name: name for name in ("per_mode", "per_force", "forced", "given", "moved", "modal", "coupled")}
+        names = same | {"pressed": "pressed", "weights": "weights", "flow_schur": "schur", "share_of": "parts"}
+        bodies = []
+        for group in item["groups"]:
+            law = group["law"] or (None, None)
+            functions = {"young": group["young"], "yields": law[0], "hardens": law[1]}
+            words = ", ".join(f".{name} = {self._function(steps)}" for name, steps in functions.items())
+            bodies.append(f"{{{words}, .poisson = {group['poisson']!r}, .points = {group['points']}}}")
+        moduli = [f"{{{self._function(steps)}}}" for steps in item["moduli"]]
+        return [
+            *(self._array(name, self.arrays[item[key]]) for name, key in names.items()),
+            self._array("mode_share", self.arrays[item["mode_parts"]]),
+            self._array("middle", np.array(item["middle"], dtype=float)),
+            *self._path(item["fixed"]),
+            self._records("body", "bodies", bodies),
+            "static const model_modulus model_moduli[] = {" + (", ".join(moduli) or "{0}") + "};",
+        ]
 
     def _friction(self, item: dict[str, Any]) -> list[str]:
         """Rows of friction, and its laws."""
@@ -157,9 +193,7 @@ class _Data:
             *(self._array(name, self.arrays[item[key]]) for name, key in rows.items()),
             self._array("along", self._starts(item)),
             self._array("area", self.arrays[item["area"]]),
-            self._array("fixed", np.array(item["fixed"], dtype=int)),
-            self._array("box_lower", np.array(self.tree["lower"])),
-            self._array("box_upper", np.array(self.tree["upper"])),
+            *self._path(item["fixed"]),
             self._records("law", "laws", laws),
         ]
 
@@ -186,7 +220,7 @@ class _Data:
             "PARAMETERS": len(tree["names"]),
             "CONDITIONS": tree["m"],
             "OUTPUTS": len(tree["outputs"]),
-            "TERMS": self.arrays[tree["free_slack" if constant else "gaps"]].shape[1],
+            "TERMS": self._gaps.shape[1],
             "AFFINE": len(self.arrays[tree["amplitudes"]["constant"]]),
             "OTHERS": len(tree["amplitudes"]["others"]),
             "PARTS": len(tree["parts"]),
@@ -195,13 +229,26 @@ class _Data:
             "LONGEST": max([1, *(len(self.arrays[grid["weights"]]) for grid in grids)]),
             "NODES": max([1, *(len(grid["nodes"]) for grid in grids)]),
             "RUBS": int(rubs is not None),
+            "FLOWS": int(tree["flow"] is not None),
             "MOTIONS": self.arrays[tree["floating"]["taken"]].shape[1] if tree["floating"] else 0,
         }
         if rubs is not None:
             rows = {"CONTACTS": "normal", "TANGENTS": "tangential", "TWICE": "twice"}
             sizes |= {name: self.arrays[rubs[key]].size for name, key in rows.items()}
-            sizes["FIXED_COUNT"] = len(rubs["fixed"])
+        if tree["flow"]:
+            sizes |= self._flow_sizes(tree["flow"])
+        if paths := rubs or tree["flow"]:
+            sizes["FIXED_COUNT"] = len(paths["fixed"])
         return [f"#define MODEL_{name} {size}" for name, size in sizes.items()]
+
+    def _flow_sizes(self, item: dict[str, Any]) -> dict[str, int]:
+        """Of modes, and of points at which laws are evaluated."""
+        modes, size = self.arrays[item["per_mode"]].shape
+        points = self.arrays[item["parts"]].size
+        return {
+            "MODES": modes, "POINTS": points, "COMPONENTS": size // points, "BODIES": len(item["groups"]),
+            "SHARES": len(self.arrays[item["schur"]]), "MODULI": len(item["moduli"]),
+        }  # fmt: skip
 
     def _names(self) -> Iterable[str]:
         """Names, units and the box."""
@@ -273,8 +320,8 @@ class _Data:
 
     def _output(self, item: dict[str, Any]) -> str:
         if item["kind"] == "linear":
-            keys = [key for key in ("forces", "terms", "motions") if key in item]
-            return "{" + ", ".join(f".{key} = {self._put(item[key])}" for key in keys) + "}"
+            names = {key: item[key] for key in ("forces", "terms", "motions") if key in item} | item.get("moved", {})
+            return "{" + ", ".join(f".{key} = {self._put(name)}" for key, name in names.items()) + "}"
         own = f"{{.conditions = {self._put(item['conditions'])}, .areas = {self._put(item['areas'])}, "
         own += f".count = {self.arrays[item['conditions']].size}, "
         if item["kind"] == "largest":

@@ -1,5 +1,6 @@
 /* A model of model.h as a unit for co-simulation, FMI 3.0: parameters are inputs, outputs are outputs, and a step is
-   one answer; with friction it is an increment from where the path is, which begins at rest, loaded in proportion.
+   one answer; with friction, and where bodies flow, an increment from where the path is, which begins at rest, loaded in
+   proportion.
    Value references: 0 the time, 1 ... the inputs, then the outputs. */
 #include <stddef.h>
 #include <stdint.h>
@@ -9,7 +10,8 @@ enum { OK = 0, DISCARD = 2, ERROR = 3 };
 typedef uint32_t reference;
 typedef void (*logger)(void *environment, int status, const char *category, const char *message);
 
-#if MODEL_RUBS
+#define PATHS (MODEL_RUBS || MODEL_FLOWS)
+#if PATHS
 typedef model_path work;
 #define new_work model_path_new
 #define free_work model_path_free
@@ -38,7 +40,7 @@ static int complaint(unit *u, int status, const char *message) {
     return status;
 }
 
-#if MODEL_RUBS
+#if PATHS
 static int solved(unit *u) {
     return u->begun ? model_go(u->work, u->point, NULL, u->outputs) : model_begin(u->work, u->point, NULL, u->outputs);
 }
@@ -49,15 +51,15 @@ static int solved(unit *u) { return model_solve(u->work, u->point, NULL, u->outp
 static int answered(unit *u) {
     if (u->known) return OK;
     const int status = solved(u);
-    if (status == MODEL_CHANGED) return complaint(u, DISCARD, "a modulus, or a law of friction, does not change on the way");
+    if (status == MODEL_CHANGED) return complaint(u, DISCARD, "a modulus, or a law, does not change on the way");
     if (status == MODEL_OUTSIDE) return complaint(u, DISCARD, "an input is outside of what the model was made for");
     if (status == MODEL_NO_ANSWER) return complaint(u, DISCARD, "the contact problem has no answer for these inputs");
     u->known = u->begun = 1;
     return OK;
 }
 
-/* What outputs are of: without friction the inputs, with it the last step. */
-static int told(unit *u) { return MODEL_RUBS && u->begun ? OK : answered(u); }
+/* What outputs are of: the inputs, or, on a path, the last step. */
+static int told(unit *u) { return PATHS && u->begun ? OK : answered(u); }
 
 static void at_start(unit *u) {
     for (int k = 0; k < MODEL_PARAMETERS; k++) u->point[k] = (model_lower[k] + model_upper[k]) / 2;
@@ -131,7 +133,7 @@ SHARED int fmi3GetFloat64(void *instance, const reference which[], size_t count,
     return OK;
 }
 
-#if !MODEL_RUBS
+#if !PATHS
 /* Derivatives of some outputs along some inputs, times a seed. */
 SHARED int fmi3GetDirectionalDerivative(void *instance, const reference unknowns[], size_t unknown_count,
                                         const reference knowns[], size_t known_count, const double seed[],
@@ -169,7 +171,7 @@ SHARED int fmi3DoStep(void *instance, double time, double size, _Bool no_earlier
 
 /* What a unit of static answers has not. */
 #define NOTHING(name) SHARED int name(void *instance) { return (void)instance, ERROR; }
-#if MODEL_RUBS
+#if PATHS
 NOTHING(fmi3GetDirectionalDerivative)
 #endif
 #define BOTH(type) NOTHING(fmi3Get##type) NOTHING(fmi3Set##type)

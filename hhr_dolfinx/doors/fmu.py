@@ -29,7 +29,7 @@ def write_fmu(path: str | Path, model: Any, compiler: str = "cc") -> Path:
 
     Args:
         path: of the archive, ``.fmu``.
-        model: that of ``hhr.condense``, ``hhr.reduce`` or a file, elastic; with friction a step is
+        model: that of ``hhr.condense``, ``hhr.reduce`` or a file; with friction, and where bodies flow, a step is
             an increment, and moduli and laws are fixed. Its scene has outputs.
         compiler: a C compiler that takes the words of gcc.
 
@@ -81,13 +81,13 @@ def description(tree: dict[str, Any], name: str, token: str) -> bytes:
         generationTool=f"hhr_dolfinx {__version__}",
         description=f"A contact problem, condensed to {tree['m']} conditions; made {today()}",
     )
-    rubs = tree["friction"]
+    path = tree["friction"] or tree["flow"]
     ElementTree.SubElement(
         root,
         "CoSimulation",
         modelIdentifier=IDENTIFIER,
         canHandleVariableCommunicationStepSize="true",
-        providesDirectionalDerivatives="false" if rubs else "true",
+        providesDirectionalDerivatives="false" if path else "true",
     )
     units = dict.fromkeys(item["unit"] for item in tree["outputs"] if item["unit"])
     if units:
@@ -100,7 +100,7 @@ def description(tree: dict[str, Any], name: str, token: str) -> bytes:
     )
     for k, parameter in enumerate(tree["names"]):
         words = {"min": repr(lower[k]), "max": repr(upper[k]), "start": repr((lower[k] + upper[k]) / 2)}
-        stays = rubs is not None and k in rubs["fixed"]
+        stays = path is not None and k in path["fixed"]
         _variable(variables, parameter, 1 + k, "parameter" if stays else "input", words)
     first = 1 + len(tree["names"])
     structure = ElementTree.SubElement(root, "ModelStructure")

@@ -9,6 +9,7 @@
 #define MODEL_SETTLED 1e-3
 #define MODEL_WORK_LEAST 1e-3
 #define MODEL_APART 1e-9
+#define MODEL_LAST (3 * (MODEL_CUTS + 1)) /* room for the end of an increment */
 
 /* What is remembered of contacts: where they stick, how far they have slipped, the work and the wear of that. */
 typedef struct {
@@ -304,10 +305,6 @@ static inline int model_increment(model_path *p, const model_state *before, cons
     return 1;
 }
 
-static inline void model_between(const double *from, const double *to, double share, double *out) {
-    for (int k = 0; k < MODEL_PARAMETERS; k++) out[k] = from[k] + (to[k] - from[k]) * share;
-}
-
 /* An increment, cut into halves where it has to be. */
 static inline int model_reached(model_path *p, const model_state *before, const double *point, model_state *after, int depth) {
     double middle[MODEL_PARAMETERS];
@@ -371,12 +368,6 @@ static inline int model_told(model_path *p, double *forces, double *outputs) {
     return MODEL_DONE;
 }
 
-static inline int model_inside(const double *point) {
-    for (int k = 0; k < MODEL_PARAMETERS; k++)
-        if (!(point[k] >= model_lower[k] && point[k] <= model_upper[k])) return 0;
-    return 1;
-}
-
 /* Begin at rest where the box is nearest to zero, at the parameters of moduli and laws that a point has. */
 static inline int model_rest(model_path *p, const double *point) {
     double from[MODEL_PARAMETERS];
@@ -396,7 +387,7 @@ static inline int model_rest(model_path *p, const double *point) {
    NULL. */
 static inline int model_begin(model_path *p, const double *point, double *forces, double *outputs) {
     double from[MODEL_PARAMETERS], next[MODEL_PARAMETERS];
-    model_state *reached = &p->pool[3 * (MODEL_CUTS + 1)];
+    model_state *reached = &p->pool[MODEL_LAST];
     if (!model_inside(point)) return MODEL_OUTSIDE;
     if (model_rest(p, point)) return MODEL_NO_ANSWER;
     memcpy(from, p->state->point, sizeof from);
@@ -408,18 +399,5 @@ static inline int model_begin(model_path *p, const double *point, double *forces
         }
         *p->state = *reached;
     }
-    return model_told(p, forces, outputs);
-}
-
-/* Go on from where the path is: an increment to a point, whose moduli and laws are those of the beginning. Where it does
-   not settle the path stays where it was. */
-static inline int model_go(model_path *p, const double *point, double *forces, double *outputs) {
-    model_state *reached = &p->pool[3 * (MODEL_CUTS + 1)];
-    if (!p->begun) return MODEL_NO_ANSWER;
-    if (!model_inside(point)) return MODEL_OUTSIDE;
-    for (int k = 0; k < MODEL_FIXED_COUNT; k++)
-        if (point[model_fixed[k]] != p->state->point[model_fixed[k]]) return MODEL_CHANGED;
-    if (!model_reached(p, p->state, point, reached, 0)) return MODEL_NO_ANSWER;
-    *p->state = *reached;
     return model_told(p, forces, outputs);
 }

@@ -9,8 +9,8 @@
        if (model_solve(work, point, forces, outputs) == MODEL_DONE) ...
        model_free(work);
 
-   With friction answers depend on the path: model_path_new, model_begin at a point, loaded in proportion, model_go from
-   there on, an increment each time, and model_path_free are in the place of these.
+   With friction, and where bodies flow, answers depend on the path: model_path_new, model_begin at a point, loaded in
+   proportion, model_go from there on, an increment each time, and model_path_free are in the place of these.
 
    One work, or path, for each thread. Include it in one file, or in several: all is static. */
 #ifndef MODEL_H
@@ -43,6 +43,7 @@ typedef struct {
     const int *conditions;
     double offset, factor, least;
     int count, largest;
+    const double *modes, *given, *pushed, *forced; /* of a displacement where bodies flow */
 } model_output;
 
 /* The smaller and the larger one of two numbers; none where either is none. */
@@ -60,10 +61,18 @@ static inline double model_table(int count, const double *values) {
 typedef struct {
     double (*coefficient)(const double *), (*limit)(const double *); /* of friction; none where there is no bound */
 } model_law;
+typedef struct {
+    double (*value)(const double *);
+} model_modulus;
+typedef struct {
+    double (*young)(const double *), (*yields)(const double *), (*hardens)(const double *); /* none where it does not flow */
+    double poisson;
+    int points;
+} model_body;
 
 /*DATA*/
 
-/* CHANGED: a modulus, or a law of friction, within a path */
+/* CHANGED: a modulus or a law, within a path */
 enum { MODEL_DONE = 0, MODEL_OUTSIDE = 1, MODEL_NO_ANSWER = 2, MODEL_CHANGED = 3 };
 
 /* Sizes a contact is told apart from round-off by: pairs[i] is the contact of condition i. */
@@ -83,6 +92,7 @@ typedef struct {
     int *index, *pivots;
     unsigned char *active, *seen;
     int started;
+    const double *correction, *gives; /* of bodies that flow */
 } model_work;
 
 static inline void model_free(model_work *w) {
@@ -230,8 +240,8 @@ static inline int model_set_contact(model_work *w, const double *point) {
     return 1;
 }
 
-/* LU with the largest pivots, in place, and its solution; 0 where it is singular. */
-static inline int model_factored(double *a, int n, int *pivots, double *x) {
+/* LU with the largest pivots, in place; 0 where it is singular. */
+static inline int model_lu(double *a, int n, int *pivots) {
     for (int k = 0; k < n; k++) {
         int best = k;
         for (int i = k + 1; i < n; i++)
@@ -249,6 +259,11 @@ static inline int model_factored(double *a, int n, int *pivots, double *x) {
                 for (int j = k + 1; j < n; j++) a[i * n + j] -= share * a[k * n + j];
         }
     }
+    return 1;
+}
+
+/* A solution by LU, in place. */
+static inline void model_lu_solved(const double *a, int n, const int *pivots, double *x) {
     for (int k = 0; k < n; k++) {
         const double swap = x[pivots[k]];
         x[pivots[k]] = x[k], x[k] = swap;
@@ -259,8 +274,30 @@ static inline int model_factored(double *a, int n, int *pivots, double *x) {
         for (int j = i + 1; j < n; j++) x[i] -= a[i * n + j] * x[j];
         x[i] /= a[i * n + i];
     }
+}
+
+/* Both, once; 0 where it is singular. */
+static inline int model_factored(double *a, int n, int *pivots, double *x) {
+    if (!model_lu(a, n, pivots)) return 0;
+    model_lu_solved(a, n, pivots, x);
     return 1;
 }
+
+#if MODEL_FLOWS
+/* What an output reads of the displacement: of corrections, of what is imposed, and of forces and loads by part. */
+static inline double model_displaced(const model_work *w, const model_output *item) {
+    double value = 0;
+    for (int j = 0; j < MODEL_MODES; j++) value += item->modes[j] * w->correction[j];
+    for (int t = 0; t < MODEL_TERMS; t++) value += item->given[t] * w->theta[t];
+    for (int q = 0; q < MODEL_SHARES; q++) {
+        double elastic = 0;
+        for (int t = 0; t < MODEL_TERMS; t++) elastic += item->forced[q * MODEL_TERMS + t] * w->theta[t];
+        for (int i = 0; i < MODEL_CONDITIONS; i++) elastic -= item->pushed[q * MODEL_CONDITIONS + i] * w->forces[i];
+        value += w->gives[q] * elastic;
+    }
+    return value;
+}
+#endif
 
 static inline void model_read(const model_work *w, double *outputs) {
     for (int k = 0; k < MODEL_OUTPUTS; k++) {
@@ -272,6 +309,9 @@ static inline void model_read(const model_work *w, double *outputs) {
 #if MODEL_MOTIONS
             for (int j = 0; j < MODEL_MOTIONS && item->motions; j++) value += item->motions[j] * w->motions[j];
 #endif
+#if MODEL_FLOWS
+            if (item->modes) value += model_displaced(w, item);
+#endif
             outputs[k] = value;
             continue;
         }
@@ -281,6 +321,18 @@ static inline void model_read(const model_work *w, double *outputs) {
         outputs[k] = item->largest ? most : item->offset + item->factor * loaded;
     }
 }
+
+#if MODEL_RUBS || MODEL_FLOWS
+static inline int model_inside(const double *point) {
+    for (int k = 0; k < MODEL_PARAMETERS; k++)
+        if (!(point[k] >= model_lower[k] && point[k] <= model_upper[k])) return 0;
+    return 1;
+}
+
+static inline void model_between(const double *from, const double *to, double share, double *out) {
+    for (int k = 0; k < MODEL_PARAMETERS; k++) out[k] = from[k] + (to[k] - from[k]) * share;
+}
+#endif
 
 #if !MODEL_RUBS
 /*FLOATING*/
@@ -359,6 +411,9 @@ static inline int model_settled(model_work *w) {
     return 0;
 }
 
+#if MODEL_FLOWS
+/*FLOW*/
+#else
 /*SPRINGS*/
 /* Contact forces, (MODEL_CONDITIONS), and outputs, (MODEL_OUTPUTS), at a point, (MODEL_PARAMETERS); either may be NULL.
    It begins with the statuses of the answer before. */
@@ -411,7 +466,23 @@ static inline int model_derivatives(model_work *w, const double *point, double *
     }
     return MODEL_DONE;
 }
+#endif
 #else
 /*FRICTION*/
+#endif
+
+#if MODEL_RUBS || MODEL_FLOWS
+/* Go on from where the path is: an increment to a point, whose moduli and laws are those of the beginning. Where it does
+   not settle the path stays where it was. */
+static inline int model_go(model_path *p, const double *point, double *forces, double *outputs) {
+    model_state *reached = &p->pool[MODEL_LAST];
+    if (!p->begun) return MODEL_NO_ANSWER;
+    if (!model_inside(point)) return MODEL_OUTSIDE;
+    for (int k = 0; k < MODEL_FIXED_COUNT; k++)
+        if (point[model_fixed[k]] != p->state->point[model_fixed[k]]) return MODEL_CHANGED;
+    if (!model_reached(p, p->state, point, reached, 0)) return MODEL_NO_ANSWER;
+    *p->state = *reached;
+    return model_told(p, forces, outputs);
+}
 #endif
 #endif

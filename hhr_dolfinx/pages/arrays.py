@@ -35,15 +35,12 @@ FLAT = 0.3
 """Part of its width that a contact may rise by to be drawn from above."""
 
 
-def check_model(model: Any, what: str = "a page", *, on_page: bool = True) -> None:
-    """Raise NotOfferedError for a model that ``what`` is not built for; says what to take.
-
-    Bodies that flow are for what is ``on_page`` alone.
-    """
-    if flows(model) and on_page:
+def check_model(model: Any, what: str = "a page") -> None:
+    """Raise NotOfferedError for a model that ``what`` is not built for; says what to take."""
+    if flows(model):
         from hhr_dolfinx.pages.flowing import check_flow
 
-        check_flow(model)
+        check_flow(model, what)
         return
     known = ConstantElimination | Compliances | FloatingElimination
     if not isinstance(model, CondensedModel) or not isinstance(model.eliminated, known):

@@ -35,21 +35,21 @@ EXACT = 100_000
 """Most strains of contact forces that are kept with all digits: with half of them forces were off by 8e-9."""
 
 
-def check_flow(model: Any) -> None:
-    """Raise NotOfferedError for other models than condensed ones, laws that a page does not know, and friction."""
+def check_flow(model: Any, what: str = "a page") -> None:
+    """Raise NotOfferedError for other models than condensed ones, laws that ``what`` does not know, and friction."""
     if not isinstance(model, CondensedFlowModel):
         raise NotOfferedError(
-            f"a page marches with condensed flow, and a {type(model).__name__} is not of that kind: "
+            f"{what} marches with condensed flow, and a {type(model).__name__} is not of that kind: "
             "hhr.train(scene, paths).condense(), or hhr reduce SCENE with PATHS beside the scene"
         )
     if model.friction is not None:
         raise NotOfferedError(
-            "a page knows friction of elastic bodies alone: histories that flow and rub run in Python"
+            f"{what} knows friction of elastic bodies alone: histories that flow and rub run in Python"
         )
     for group in model.flow.groups:
         if group.law is not None and type(group.law) is not Plasticity:
             raise NotOfferedError(
-                f"a page knows the law Plasticity, and none with rates or of your own, as {type(group.law).__name__} "
+                f"{what} knows the law Plasticity, and none with rates or of your own, as {type(group.law).__name__} "
                 "is: histories run in Python, or by hhr answer"
             )
 

@@ -1,0 +1,392 @@
+
+/* Histories of bodies that flow: plastic corrections and all contact forces of an increment, by Newton's method with a line
+   search; flow.js says the same. Strains lie component by component. */
+#define MODEL_SIZE (MODEL_COMPONENTS * MODEL_POINTS)
+#define MODEL_NEWTON 60
+#define MODEL_CORRECTED 1e-11
+#define MODEL_NOISE 1e-14
+#define MODEL_QUICK 0.1
+#define MODEL_LEAST (1.0 / 256)
+#define MODEL_DECREASE 1e-4
+#define MODEL_HALVED 6
+#define MODEL_LAST (MODEL_HALVED + 1) /* room for the end of an increment */
+#define MODEL_STEPS 40
+#define MODEL_ALONE 0.01 /* strains that are none of small strains: above 1 in more than this part of the points, */
+#define MODEL_RUNAWAY 100
+
+/* Where a history is. */
+typedef struct {
+    double point[MODEL_PARAMETERS], correction[MODEL_MODES], forces[MODEL_CONDITIONS], plastic[MODEL_SIZE], cumulated[MODEL_POINTS];
+    double largest; /* size of corrections, by which theirs is measured */
+    unsigned char active[MODEL_CONDITIONS], elastic[MODEL_CONDITIONS];
+    int loaded; /* whether statuses are known */
+} model_state;
+
+/* What a correction makes of an increment. */
+typedef struct {
+    double correction[MODEL_MODES], residual[MODEL_MODES], forces[MODEL_CONDITIONS], strain[MODEL_SIZE], deviator[MODEL_SIZE];
+    double plastic[MODEL_SIZE], cumulated[MODEL_POINTS], amount[MODEL_POINTS], slope[MODEL_POINTS], trial[MODEL_POINTS], merit;
+    unsigned char active[MODEL_CONDITIONS];
+} model_trial;
+
+typedef struct {
+    model_work *room;
+    model_state *state, *pool;
+    model_trial *here, *next;
+    double *tested, *scale, *coupled, *shear, *yields, *hardens, *slack, *strain, *elastic, *sizes; /* of an increment */
+    double *jacobian, *inner, *columns, *under, *flowing, gives[MODEL_SHARES], weight;
+    int *order, *on, *places, tangent, known, begun;
+} model_path;
+
+static inline void model_path_free(model_path *p) {
+    if (!p) return;
+    model_free(p->room), free(p->state), free(p->pool), free(p->here), free(p->next), free(p->tested), free(p->scale);
+    free(p->coupled), free(p->shear), free(p->yields), free(p->hardens), free(p->slack), free(p->strain), free(p->elastic);
+    free(p->sizes), free(p->jacobian), free(p->inner), free(p->columns), free(p->under), free(p->flowing);
+    free(p->order), free(p->on), free(p->places), free(p);
+}
+
+static inline double model_norm(const double *values, int count) {
+    double squares = 0;
+    for (int k = 0; k < count; k++) squares += values[k] * values[k];
+    return sqrt(squares);
+}
+
+/* Weights times 2 mu times the deviator of the strain of each mode. */
+static inline void model_set_tested(model_path *p) {
+    const int n = MODEL_POINTS;
+    for (int j = 0; j < MODEL_MODES; j++)
+        for (int k = 0; k < n; k++) {
+            const double *own = model_per_mode + (size_t)j * MODEL_SIZE + k;
+            const double mean = (own[0] + own[n] + own[2 * n]) / 3;
+            for (int i = 0; i < MODEL_COMPONENTS; i++)
+                p->tested[(size_t)j * MODEL_SIZE + i * n + k] = model_weights[k] * (own[i * n] - (i < 3 ? mean : 0));
+        }
+    p->weight = model_norm(p->tested, MODEL_MODES * MODEL_SIZE);
+}
+
+/* A history that has not begun; NULL where there is no room. */
+static inline model_path *model_path_new(void) {
+    const size_t m = MODEL_CONDITIONS, ell = MODEL_MODES, size = MODEL_SIZE, n = MODEL_POINTS;
+    model_path *p = calloc(1, sizeof *p);
+    if (!p) return NULL;
+    p->room = model_new(), p->state = calloc(1, sizeof *p->state), p->pool = calloc(MODEL_HALVED + 2, sizeof *p->pool);
+    p->here = calloc(1, sizeof *p->here), p->next = calloc(1, sizeof *p->next);
+    const struct {
+        double **rows;
+        size_t count;
+    } wanted[] = {{&p->tested, ell * size}, {&p->scale, n},           {&p->coupled, ell * m}, {&p->shear, n},   {&p->yields, n},
+                  {&p->hardens, n},         {&p->slack, m},           {&p->strain, size},     {&p->elastic, m}, {&p->sizes, n},
+                  {&p->jacobian, ell * ell}, {&p->inner, m * m},      {&p->columns, ell * m}, {&p->under, ell * size},
+                  {&p->flowing, size}};
+    int all = p->room && p->state && p->pool && p->here && p->next;
+    for (size_t k = 0; k < sizeof wanted / sizeof *wanted; k++)
+        all = (*wanted[k].rows = calloc(wanted[k].count, sizeof(double))) && all;
+    p->order = malloc(ell * sizeof(int)), p->on = malloc(m * sizeof(int)), p->places = malloc(size * sizeof(int));
+    if (all && p->order && p->on && p->places) {
+        model_set_tested(p);
+        return p;
+    }
+    model_path_free(p);
+    return NULL;
+}
+
+/* Elasticity at a point; moduli do not change within a history. */
+static inline int model_set_elasticity(model_path *p, const double *point) {
+    const int m = MODEL_CONDITIONS;
+    double *schur = p->room->schur;
+    int same = p->known;
+    for (int q = 0; q < MODEL_SHARES; q++) {
+        const double gives = MODEL_MODULI ? model_middle[q] / model_moduli[q].value(point) : 1;
+        if (!isfinite(gives)) return 0;
+        same = same && p->gives[q] == gives;
+        p->gives[q] = gives;
+    }
+    if (same) return 1;
+    p->known = 1, p->tangent = 0;
+    memset(schur, 0, m * m * sizeof(double));
+    const double *half = model_flow_schur;
+    for (int q = 0; q < MODEL_SHARES; q++)
+        for (int i = 0; i < m; i++)
+            for (int j = 0; j <= i; j++, half++) {
+                schur[i * m + j] += p->gives[q] * *half;
+                if (i != j) schur[j * m + i] += p->gives[q] * *half;
+            }
+    for (int k = 0; k < MODEL_POINTS; k++) p->scale[k] = p->gives[model_share_of[k]];
+    for (int j = 0; j < MODEL_MODES; j++)
+        for (int i = 0; i < m; i++) p->coupled[j * m + i] = model_coupled[j * m + i] * p->gives[model_mode_share[j]];
+    return 1;
+}
+
+/* Shear modulus and constants of the law of each point; 0 where one is no number. */
+static inline int model_set_laws(model_path *p, const double *point) {
+    int place = 0;
+    for (int g = 0; g < MODEL_BODIES; g++) {
+        const model_body *body = &model_bodies[g];
+        const double shear = body->young(point) / (2 * (1 + body->poisson));
+        const double yields = body->yields ? body->yields(point) : INFINITY, hardens = body->yields ? body->hardens(point) : 0;
+        if (isnan(shear) || isnan(yields) || isnan(hardens)) return 0;
+        for (int k = 0; k < body->points; k++, place++) p->shear[place] = shear, p->yields[place] = yields, p->hardens[place] = hardens;
+    }
+    return 1;
+}
+
+/* Slack and strain of loads, without correction and forces. */
+static inline void model_set_loads(model_path *p) {
+    const int m = MODEL_CONDITIONS, terms = MODEL_TERMS;
+    const double *theta = p->room->theta;
+    for (int i = 0; i < m; i++) {
+        p->slack[i] = 0;
+        for (int t = 0; t < terms; t++) {
+            double share = model_gaps[i * terms + t];
+            for (int q = 0; q < MODEL_SHARES; q++) share -= p->gives[q] * model_pressed[((size_t)q * m + i) * terms + t];
+            p->slack[i] += share * theta[t];
+        }
+    }
+    for (int k = 0; k < MODEL_SIZE; k++) {
+        p->strain[k] = 0;
+        for (int t = 0; t < terms; t++) {
+            const size_t place = (size_t)k * terms + t;
+            p->strain[k] += (p->scale[k % MODEL_POINTS] * model_forced[place] + model_given[place]) * theta[t];
+        }
+    }
+}
+
+/* The contact problem of a slack, begun with some statuses or, where there are none, with those of the slack. */
+static inline int model_touched(model_path *p, const double *slack, const unsigned char *start) {
+    model_work *w = p->room;
+    for (int i = 0; i < MODEL_CONDITIONS; i++) {
+        if (!isfinite(slack[i])) return 0;
+        w->slack[i] = slack[i], w->active[i] = start ? start[i] : slack[i] < 0;
+    }
+    return model_settled(w);
+}
+
+/* Deviatoric stress, and what flows by the law (radial return). */
+static inline void model_set_flow(const model_path *p, const model_state *before, model_trial *out) {
+    const int n = MODEL_POINTS;
+    memcpy(out->plastic, before->plastic, sizeof out->plastic);
+    memcpy(out->cumulated, before->cumulated, sizeof out->cumulated);
+    for (int k = 0; k < n; k++) {
+        const double *strain = out->strain + k, *plastic = before->plastic + k;
+        const double mean = (strain[0] + strain[n] + strain[2 * n]) / 3;
+        double squares = 0;
+        for (int i = 0; i < MODEL_COMPONENTS; i++) {
+            const double value = 2 * p->shear[k] * (strain[i * n] - plastic[i * n] - (i < 3 ? mean : 0));
+            out->deviator[i * n + k] = value, squares += value * value;
+        }
+        out->trial[k] = sqrt(1.5 * squares), out->amount[k] = out->slope[k] = 0;
+        const double over = out->trial[k] - p->yields[k] - p->hardens[k] * before->cumulated[k];
+        if (!(over > 0)) continue;
+        out->slope[k] = 1 / (3 * p->shear[k] + p->hardens[k]);
+        out->amount[k] = over * out->slope[k];
+        out->cumulated[k] += out->amount[k];
+        for (int i = 0; i < MODEL_COMPONENTS; i++)
+            out->plastic[i * n + k] += 1.5 * out->amount[k] / out->trial[k] * out->deviator[i * n + k];
+    }
+}
+
+/* Contact forces, strain, flow and residual at the correction of a trial; 0 where there are none. */
+static inline int model_tried(model_path *p, const model_state *before, const unsigned char *start, model_trial *out) {
+    const int m = MODEL_CONDITIONS, ell = MODEL_MODES, n = MODEL_POINTS;
+    double slack[MODEL_CONDITIONS];
+    memcpy(slack, p->slack, sizeof slack);
+    for (int i = 0; i < m; i++)
+        for (int j = 0; j < ell; j++) slack[i] -= model_moved[i * ell + j] * out->correction[j];
+    if (!model_touched(p, slack, start)) return 0;
+    memcpy(out->forces, p->room->forces, sizeof out->forces);
+    memcpy(out->active, p->room->active, sizeof out->active);
+    memset(out->strain, 0, sizeof out->strain);
+    for (int i = 0; i < m; i++)
+        if (out->forces[i] != 0)
+            for (int k = 0; k < MODEL_SIZE; k++) out->strain[k] += out->forces[i] * model_per_force[(size_t)i * MODEL_SIZE + k];
+    for (int k = 0; k < MODEL_SIZE; k++) out->strain[k] = p->strain[k] - p->scale[k % n] * out->strain[k];
+    for (int j = 0; j < ell; j++)
+        for (int k = 0; k < MODEL_SIZE; k++) out->strain[k] += out->correction[j] * model_per_mode[(size_t)j * MODEL_SIZE + k];
+    model_set_flow(p, before, out);
+    for (int j = 0; j < ell; j++) {
+        double left = 0;
+        for (int k = 0; k < MODEL_SIZE; k++) left += p->tested[(size_t)j * MODEL_SIZE + k] * out->plastic[k];
+        for (int i = 0; i < ell; i++) left -= model_modal[j * ell + i] * out->correction[i];
+        for (int i = 0; i < m; i++) left -= p->coupled[j * m + i] * (out->forces[i] - p->elastic[i]);
+        out->residual[j] = left;
+    }
+    out->merit = model_norm(out->residual, ell);
+    return isfinite(out->merit);
+}
+
+/* Takes from Newton's matrix what flows, where anything does, with the forces of n conditions moved by each mode. */
+static inline void model_take_flow(model_path *p, const model_trial *here, int n) {
+    const int ell = MODEL_MODES, m = MODEL_CONDITIONS;
+    int count = 0;
+    for (int k = 0; k < MODEL_POINTS; k++)
+        if (here->amount[k] > 0)
+            for (int i = 0; i < MODEL_COMPONENTS; i++) p->places[count++] = i * MODEL_POINTS + k;
+    for (int j = 0; j < ell; j++) {
+        double *strain = p->under + (size_t)j * count;
+        for (int q = 0; q < count; q++) strain[q] = model_per_mode[(size_t)j * MODEL_SIZE + p->places[q]];
+        for (int a = 0; a < n; a++) {
+            const double *row = model_per_force + (size_t)p->on[a] * MODEL_SIZE, share = p->columns[j * m + a];
+            for (int q = 0; q < count; q++) strain[q] -= share * p->scale[p->places[q] % MODEL_POINTS] * row[p->places[q]];
+        }
+    }
+    for (int j = 0; j < ell; j++) {
+        const double *tested = p->tested + (size_t)j * MODEL_SIZE;
+        for (int first = 0; first < count; first += MODEL_COMPONENTS) {
+            const int k = p->places[first];
+            const double turned = 3 * p->shear[k] * here->amount[k] / here->trial[k];
+            const double along = 1.5 * (3 * p->shear[k] * here->slope[k] - turned) / (here->trial[k] * here->trial[k]);
+            double onto = 0;
+            for (int q = first; q < first + MODEL_COMPONENTS; q++) onto += tested[p->places[q]] * here->deviator[p->places[q]];
+            for (int q = first; q < first + MODEL_COMPONENTS; q++)
+                p->flowing[q] = tested[p->places[q]] * turned + onto * along * here->deviator[p->places[q]];
+        }
+        for (int l = 0; l < ell; l++) {
+            double total = 0;
+            for (int q = 0; q < count; q++) total += p->flowing[q] * p->under[(size_t)l * count + q];
+            p->jacobian[j * ell + l] -= total;
+        }
+    }
+}
+
+/* Newton's matrix at a trial, factored: -J = Q + P_A W less what flows under E_p - E_X,A^T W, W = S_AA^-1 (B V)_A. */
+static inline int model_linearised(model_path *p, const model_trial *here) {
+    const int m = MODEL_CONDITIONS, ell = MODEL_MODES;
+    int n = 0;
+    for (int i = 0; i < m; i++)
+        if (here->active[i]) p->on[n++] = i;
+    for (int a = 0; a < n; a++)
+        for (int b = 0; b < n; b++) p->inner[a * n + b] = p->room->schur[p->on[a] * m + p->on[b]];
+    if (!model_lu(p->inner, n, p->room->pivots)) return 0;
+    memcpy(p->jacobian, model_modal, ell * ell * sizeof(double));
+    for (int j = 0; j < ell; j++) {
+        double *column = p->columns + j * m;
+        for (int a = 0; a < n; a++) column[a] = model_moved[p->on[a] * ell + j];
+        model_lu_solved(p->inner, n, p->room->pivots, column);
+        for (int a = 0; a < n; a++)
+            for (int row = 0; row < ell; row++) p->jacobian[row * ell + j] += p->coupled[row * m + p->on[a]] * column[a];
+    }
+    model_take_flow(p, here, n);
+    if (!model_lu(p->jacobian, ell, p->order)) return 0;
+    for (int k = 0; k < ell * ell; k++)
+        if (!isfinite(p->jacobian[k])) return 0;
+    return 1;
+}
+
+/* A part of Newton's step from one trial to the next; 0 where that brings less than a merit. */
+static inline int model_stepped(model_path *p, const model_state *before, double share, double most) {
+    double step[MODEL_MODES];
+    memcpy(step, p->here->residual, sizeof step);
+    model_lu_solved(p->jacobian, MODEL_MODES, p->order, step);
+    for (int j = 0; j < MODEL_MODES; j++) p->next->correction[j] = p->here->correction[j] + share * step[j];
+    if (!model_tried(p, before, p->here->active, p->next) || !(p->next->merit <= most)) return 0;
+    model_trial *past = p->here;
+    p->here = p->next, p->next = past;
+    return 1;
+}
+
+/* A step by the matrix at hand, if that brings much, or by that of this place, or as much of it as brings anything. */
+static inline int model_nearer(model_path *p, const model_state *before) {
+    const double merit = p->here->merit;
+    if (p->tangent && model_stepped(p, before, 1, MODEL_QUICK * merit)) return 1;
+    p->tangent = model_linearised(p, p->here);
+    for (double share = 1; p->tangent && share >= MODEL_LEAST; share /= 2)
+        if (model_stepped(p, before, share, (1 - MODEL_DECREASE * share) * merit)) return 1;
+    p->tangent = 0;
+    return 0;
+}
+
+static inline int model_larger(const void *one, const void *other) {
+    const double a = *(const double *)one, b = *(const double *)other;
+    return (a < b) - (a > b);
+}
+
+/* Whether strains are such as a theory of small strains knows. */
+static inline int model_small(model_path *p) {
+    const int n = MODEL_POINTS, alone = (int)fmax(floor(MODEL_ALONE * n), 1);
+    for (int k = 0; k < n; k++) p->sizes[k] = 0;
+    for (int k = 0; k < MODEL_SIZE; k++) p->sizes[k % n] = fmax(p->sizes[k % n], fabs(p->here->strain[k]));
+    qsort(p->sizes, n, sizeof(double), model_larger);
+    return p->sizes[alone - 1] <= 1 && p->sizes[0] <= MODEL_RUNAWAY;
+}
+
+/* Where an increment from a state to a point leads; 0 where it does not settle. */
+static inline int model_increment(model_path *p, const model_state *before, const double *point, model_state *after) {
+    model_set_theta(p->room, point);
+    if (!model_set_elasticity(p, point) || !model_set_laws(p, point)) return 0;
+    model_set_loads(p);
+    if (!model_touched(p, p->slack, before->loaded ? before->elastic : NULL)) return 0;
+    memcpy(p->elastic, p->room->forces, MODEL_CONDITIONS * sizeof(double));
+    unsigned char elastic[MODEL_CONDITIONS];
+    memcpy(elastic, p->room->active, sizeof elastic);
+    memcpy(p->here->correction, before->correction, sizeof p->here->correction);
+    if (!model_tried(p, before, before->active, p->here)) return 0;
+    double largest = fmax(before->largest, MODEL_NOISE * p->weight * model_norm(p->here->strain, MODEL_SIZE) / MODEL_CORRECTED);
+    int iteration = 0;
+    while (!(p->here->merit <= MODEL_CORRECTED * fmax(model_norm(p->here->correction, MODEL_MODES), largest)))
+        if (++iteration == MODEL_NEWTON || !model_nearer(p, before)) return 0;
+    if (!model_small(p)) return 0;
+    largest = fmax(largest, model_norm(p->here->correction, MODEL_MODES));
+    memcpy(after->point, point, sizeof after->point);
+    memcpy(after->correction, p->here->correction, sizeof after->correction);
+    memcpy(after->forces, p->here->forces, sizeof after->forces);
+    memcpy(after->plastic, p->here->plastic, sizeof after->plastic);
+    memcpy(after->cumulated, p->here->cumulated, sizeof after->cumulated);
+    memcpy(after->active, p->here->active, sizeof after->active);
+    memcpy(after->elastic, elastic, sizeof after->elastic);
+    after->largest = largest, after->loaded = 1;
+    return 1;
+}
+
+/* An increment, cut into halves where it has to be. */
+static inline int model_reached(model_path *p, const model_state *before, const double *point, model_state *after, int depth) {
+    double middle[MODEL_PARAMETERS];
+    model_state *half = &p->pool[depth];
+    if (model_increment(p, before, point, after)) return 1;
+    if (depth == MODEL_HALVED) return 0;
+    model_between(before->point, point, 0.5, middle);
+    return model_reached(p, before, middle, half, depth + 1) && model_reached(p, half, point, after, depth + 1);
+}
+
+static inline int model_told(model_path *p, double *forces, double *outputs) {
+    model_work *w = p->room;
+    model_set_theta(w, p->state->point);
+    memcpy(w->forces, p->state->forces, MODEL_CONDITIONS * sizeof(double));
+    w->correction = p->state->correction, w->gives = p->gives;
+    if (forces) memcpy(forces, w->forces, MODEL_CONDITIONS * sizeof(double));
+    if (outputs) model_read(w, outputs);
+    return MODEL_DONE;
+}
+
+/* Begin at rest where the box is nearest to zero, at the moduli and constants of laws that a point has. */
+static inline int model_rest(model_path *p, const double *point) {
+    memset(p->state, 0, sizeof *p->state);
+    for (int k = 0; k < MODEL_PARAMETERS; k++) p->state->point[k] = fmin(fmax(0, model_box_lower[k]), model_box_upper[k]);
+    for (int k = 0; k < MODEL_FIXED_COUNT; k++) p->state->point[model_fixed[k]] = point[model_fixed[k]];
+    p->begun = 1, p->tangent = 0;
+    return MODEL_DONE;
+}
+
+/* Begin at rest, and load in proportion up to a point, in increments of a fortieth of the box. Forces, (MODEL_CONDITIONS),
+   and outputs, (MODEL_OUTPUTS), may be NULL. */
+static inline int model_begin(model_path *p, const double *point, double *forces, double *outputs) {
+    double from[MODEL_PARAMETERS], next[MODEL_PARAMETERS], far = 0;
+    model_state *reached = &p->pool[MODEL_LAST];
+    if (!model_inside(point)) return MODEL_OUTSIDE;
+    model_rest(p, point);
+    memcpy(from, p->state->point, sizeof from);
+    for (int k = 0; k < MODEL_PARAMETERS; k++) {
+        const double wide = model_box_upper[k] - model_box_lower[k];
+        far = fmax(far, fabs(point[k] - from[k]) / (wide > 0 ? wide : 1));
+    }
+    const int steps = (int)fmax(1, ceil(far * MODEL_STEPS - 1e-9));
+    for (int step = 1; step <= steps; step++) {
+        model_between(from, point, (double)step / steps, next);
+        if (!model_reached(p, p->state, step == steps ? point : next, reached, 0)) {
+            p->begun = 0;
+            return MODEL_NO_ANSWER;
+        }
+        *p->state = *reached;
+    }
+    return model_told(p, forces, outputs);
+}
