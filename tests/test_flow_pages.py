@@ -20,6 +20,7 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import NotOfferedError, ParameterError
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.geometries import two_blocks
+from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.materials.update import Group
 from hhr_dolfinx.models.histories.condensed_fields import PartFactors
 from hhr_dolfinx.pages import flowing, page
@@ -34,7 +35,8 @@ let state = flow.rest(path[0]);
 for (const point of path.slice(1)) {
   state = flow.reached(state, point);
   found.push({ forces: [...state.forces], cumulated: [...state.cumulated], outputs: model.outputs(state),
-    estimate: flow.estimate(state), field: [...model.displacement(state)], strained: [...flow.strained(state)] });
+    estimate: flow.estimate(state), field: [...model.displacement(state)], strained: [...flow.strained(state)],
+    stress: [...model.stress(state)] });
 }
 const begun = points.map((point) => flow.begun(point).map(({ point, forces }) => ({ point, forces: [...forces] })));
 console.log(JSON.stringify({ found, begun, fixed: flow.fixed }));
@@ -73,6 +75,13 @@ def marched(model, scenery, path, points=()):
     return json.loads(done.stdout)
 
 
+def behind(model, scenery):
+    """The cells that a page draws, each once, in their order: those all of whose corners a triangle has three of."""
+    nodes = model.fields.flow.strain.dofs[:, :: model.dimension] // model.dimension
+    drawn = [set(corners) for corners in scenery.nodes[scenery.triangles].tolist()]
+    return [cell for cell, own in enumerate(nodes.tolist()) if any(corners <= set(own) for corners in drawn)]
+
+
 def check_alike(model, scenery, path, given):
     """Hold what a page found along a path against Python."""
     history = model.march(path, EXACT)
@@ -83,7 +92,16 @@ def check_alike(model, scenery, path, given):
     dim = model.dimension
     rows = (scenery.nodes[:, None] * dim + np.arange(dim)).ravel()
     moved = max(np.linalg.norm(answer.displacement()) for answer in history.answers)
+    owner = behind(model, scenery)
+    weights = model.fields.flow.strain.weights
     for found, answer in zip(given["found"], history.answers, strict=True):
+        # means of cells, by modes of other histories
+        means = (
+            np.einsum("cp,cpk->ck", weights, answer.stress().reshape(*weights.shape, -1)) / weights.sum(axis=1)[:, None]
+        )
+        exact = von_mises(means[owner])
+        assert np.abs(np.array(found["stress"]) - exact).max() < 0.03 * exact.max()
+        assert max(found["stress"]) == pytest.approx(exact.max(), rel=0.01)
         np.testing.assert_allclose(found["forces"], answer.forces(), rtol=0, atol=1e-9 * largest)
         np.testing.assert_allclose(found["cumulated"], answer.state().state.cumulated, rtol=0, atol=1e-9 * flowed)
         # directions in whole numbers of half the digits

@@ -275,6 +275,27 @@
       return found;
     }
 
+    /* Coefficients of the modes of the stress: of forces and loads, and, by part, of what is imposed and has flowed. */
+    stressed(field, { forces, theta, gives, plastic }) {
+      const [pushed, forced, given, flowed, fit] = ["pushed", "forced", "given", "plastic", "fit"].map((name) => this.model.arrays[field[name]]);
+      const { m, terms, points, components } = this, count = field.scales.length, r = fit.shape[0], shares = new Float64Array(r);
+      for (let a = 0; a < r; a++) for (let k = 0; k < points; k++) for (let i = 0; i < components; i++) {
+        shares[a] += fit[(a * points + k) * components + i] * plastic[i * points + k];
+      }
+      return field.scales.map((_, mode) => {
+        let along = 0;
+        for (let i = 0; i < m; i++) along += pushed[mode * m + i] * forces[i];
+        for (let t = 0; t < terms; t++) along += forced[mode * terms + t] * theta[t];
+        gives.forEach((c, q) => {
+          let own = 0;
+          for (let t = 0; t < terms; t++) own += given[(q * count + mode) * terms + t] * theta[t];
+          for (let a = 0; a < r; a++) own += flowed[(q * count + mode) * r + a] * shares[a];
+          along += own / c;
+        });
+        return along;
+      });
+    }
+
     /* Stress of the plastic strain that the other points do not foretell, over the stress where laws are evaluated. */
     estimate({ strain, plastic, point, gives }) {
       const { points, components } = this, { modes, scales, without } = this.flow.unforeseen, inner = this.model.arrays[without];

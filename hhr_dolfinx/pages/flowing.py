@@ -7,7 +7,7 @@ contact problem for each correction, and Newton's method on both.
 from __future__ import annotations
 
 import warnings
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from typing import Any
 
@@ -20,6 +20,7 @@ from hhr_dolfinx.formulas import Scalar, formula_of
 from hhr_dolfinx.materials.constants import parameters_of
 from hhr_dolfinx.materials.laws import Plasticity
 from hhr_dolfinx.materials.update import Group
+from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.functionals.kinds import Linear
 from hhr_dolfinx.models.histories.condensed_fields import CondensedFlowFields, PlasticFields
 from hhr_dolfinx.models.histories.condensed_flow import CondensedFlow, CondensedFlowModel
@@ -149,10 +150,12 @@ def _of_part(rows: csr_matrix, fields: CondensedFlowFields, part: int) -> csr_ma
     return csr_matrix(rows.multiply(fields.parts == part))
 
 
-def flow_field(model: CondensedFlowModel, scenery: Scenery, rows: np.ndarray, arrays: Packed) -> dict[str, Any] | None:
-    """The displacement of the dofs that are drawn in modes of some histories, and how plastic strain is drawn."""
+def flow_field(
+    model: CondensedFlowModel, answers: Sequence[Answer], scenery: Scenery, rows: np.ndarray, arrays: Packed
+) -> dict[str, Any] | None:
+    """The displacement of the dofs that are drawn in modes of some answers, and how plastic strain is drawn."""
     fields = model.fields
-    seen = np.array([answer.displacement()[rows] for answer in _walked(model)]).T
+    seen = np.array([answer.displacement()[rows] for answer in answers]).T
     ways = modes_of(seen)
     if ways is None:
         return None
@@ -166,7 +169,7 @@ def flow_field(model: CondensedFlowModel, scenery: Scenery, rows: np.ndarray, ar
     return {"kind": "flow"} | tree | found | _plastic(fields, scenery, arrays)
 
 
-def _walked(model: CondensedFlowModel) -> Iterator[Any]:
+def walked(model: CondensedFlowModel) -> Iterator[Answer]:
     """Answers of histories that nobody has asked for, loaded in proportion to random points of what was trained."""
     space = model.parameters
     rest = np.clip(0.0, space.lower, space.upper)

@@ -338,7 +338,7 @@ const hhr = (() => {
     drawn(field, answer) {
       const modes = this.arrays[field.modes], n = modes.shape[1], found = new Float32Array(n);
       const along = field.kind === "linear" ? this.linear(field, answer) : field.kind === "fitted" ? this.fitted(field, answer)
-        : this.flow.along({ ...field, modes: field.modes_of_flow }, answer);
+        : field.kind === "stressed" ? this.flow.stressed(field, answer) : this.flow.along({ ...field, modes: field.modes_of_flow }, answer);
       field.scales.forEach((scale, k) => {
         for (let i = 0; i < n; i++) found[i] += scale * along[k] * modes[k * n + i];
       });

@@ -90,9 +90,18 @@ def _size(model: Any) -> str:
     return f"{conditions}, {len(flow.per_mode)} modes and {flow.points.size} points at which laws are evaluated"
 
 
+def _strained(model: Any, scenery: Scenery) -> int:
+    """Cells whose stress could be drawn."""
+    if flows(model):
+        from hhr_dolfinx.pages.flow_stress import cells_of
+
+        return int(np.unique(cells_of(model, scenery)).size)
+    return 0 if scenery.strains is None else len(scenery.strains.bodies)
+
+
 def page_text(model: Any, scenery: Scenery) -> str:
     """The page."""
-    strained = 0 if scenery.strains is None else len(scenery.strains.bodies)
+    strained = _strained(model, scenery)
     scenery = thinned(scenery, DRAWN)
     of_scenery, placed = drawn(scenery)
     tree, arrays = packed(model, scenery, MOST_BYTES - SCRIPTS - sum(len(item["data"]) for item in placed.values()))

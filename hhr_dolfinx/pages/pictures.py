@@ -30,7 +30,7 @@ from hhr_dolfinx.pages.packing import (
     steps_of,
 )
 from hhr_dolfinx.pages.scenery import Scenery
-from hhr_dolfinx.pages.stress import Stress
+from hhr_dolfinx.pages.stress import APART, COARSE, FALSE, STRESS, Stress
 from hhr_dolfinx.sampling import Sobol
 
 SEEN = 200
@@ -44,13 +44,6 @@ DEGREE = 6
 OFF = 0.03
 """Points to which the picture of a varying model is fitted, modes of forces, highest degree, and how far off it may be
 at half of the points by a fit to the other half."""
-STRESS = 3e-3
-COARSE = 127
-FALSE = 0.05
-"""Part of the stress that its modes leave out, levels of their numbers, which a scale of colours does not tell from
-finer ones, and part of itself that the largest stress may be off by."""
-APART = 4
-"""One of so many answers is held out of the modes, and tells how far off they are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -124,9 +117,12 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
         room: bytes of a page that are left for all arrays.
     """
     if model.equilibrium is not None:
-        from hhr_dolfinx.pages.flowing import flow_field
+        from hhr_dolfinx.pages.flow_stress import flow_stress
+        from hhr_dolfinx.pages.flowing import flow_field, walked
 
-        return {"field": flow_field(model, scenery, rows_of(model, scenery), arrays), "stress": None}
+        answers = list(walked(model))
+        moved = flow_field(model, answers, scenery, rows_of(model, scenery), arrays)
+        return {"field": moved, "stress": moved and flow_stress(model, scenery, answers, arrays, room)}
     found: dict[str, Any] = {"field": None, "stress": None}
     known, maps = _answers(model)
     if not known.answers:

@@ -17,7 +17,10 @@ const plots = (() => {
       pen.textAlign = "right"; pen.fillText(said(t), LEFT - 6, py(t) + 4);
     }
     pen.textAlign = "center";
-    for (const t of ticks(from, to, across)) pen.fillText(said(t), px(t), height - bottom + 16);
+    for (const t of ticks(from, to, across)) { // not beyond the edge
+      const text = said(t), furthest = width - pen.measureText(text).width / 2;
+      pen.fillText(text, Math.min(px(t), furthest), height - bottom + 16);
+    }
     return { px, py };
   }
 

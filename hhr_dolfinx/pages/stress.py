@@ -12,6 +12,14 @@ from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.pages.packing import BASE64, NOTHING, Packed, steps_of
 from hhr_dolfinx.pages.scenery import Strains
 
+STRESS = 3e-3
+COARSE = 127
+FALSE = 0.05
+"""Part of the stress that its modes leave out, levels of their numbers, which a scale of colours does not tell from
+finer ones, and part of itself that the largest stress may be off by."""
+APART = 4
+"""One of so many answers is held out of the modes, and tells how far off they are."""
+
 
 class Stress:
     """What a page makes of strains.
@@ -67,15 +75,20 @@ class Stress:
         }
 
     def off(self, points: np.ndarray, exact: np.ndarray, found: np.ndarray) -> dict[str, float]:
-        """How far drawn values, (n c, S), are off of those at some points, (S, P), relative to the largest of each.
-
-        In any cell, and the largest value itself; answers of which nothing is left but round-off do not count.
-        """
+        """How far drawn values, (n c, S), are off of those at some points, (S, P), see :func:`far_off`."""
         right, here = (
             np.array([self.mises(*pair) for pair in zip(own.T, points, strict=True)]) for own in (exact, found)
         )
-        largest = right.max(axis=1, initial=0.0)
-        known = largest > NOTHING * largest.max(initial=0.0)
-        cells = np.abs(here - right).max(axis=1, initial=0.0)[known] / largest[known]
-        peaks = np.abs(here.max(axis=1, initial=0.0) - largest)[known] / largest[known]
-        return {"cells": float(cells.max(initial=0.0)), "largest": float(peaks.max(initial=0.0))}
+        return far_off(right, here)
+
+
+def far_off(exact: np.ndarray, found: np.ndarray) -> dict[str, float]:
+    """How far von Mises' stress that is drawn is off that of answers, (S, c) each, relative to the largest of each.
+
+    In any cell, and the largest value itself; answers of which nothing is left but round-off do not count.
+    """
+    largest = exact.max(axis=1, initial=0.0)
+    known = largest > NOTHING * largest.max(initial=0.0)
+    cells = np.abs(found - exact).max(axis=1, initial=0.0)[known] / largest[known]
+    peaks = np.abs(found.max(axis=1, initial=0.0) - largest)[known] / largest[known]
+    return {"cells": float(cells.max(initial=0.0)), "largest": float(peaks.max(initial=0.0))}
