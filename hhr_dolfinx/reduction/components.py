@@ -202,10 +202,16 @@ class Solver:
         return self.solved_columns(problem, point, hstack([pushed, loads], format="csc"))
 
     def fields_under(self, point: np.ndarray, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """Displacements under the loads at some points, (k, P), and contact forces, (k, m), at another one: (N, k)."""
+        """Displacements under the loads at some points, (k, P), and contact forces, (k, m), at another one: (N, k).
+
+        Of all components where factors serve all of them.
+        """
         problem = self.with_stiffness(point)
         loaded = np.stack([problem.external @ problem.amplitudes(one) for one in points], axis=1)
-        return self.solved_columns(problem, point, csc_matrix(loaded - problem.contact.T @ forces.T))
+        columns = csc_matrix(loaded - problem.contact.T @ forces.T)
+        return (
+            self.solved_everywhere(point, columns) if self.serves_all else self.solved_columns(problem, point, columns)
+        )
 
     def fields_of_lifts(self, point: np.ndarray) -> np.ndarray:
         """Displacements under K times its lifts, (N, T)."""
@@ -233,6 +239,16 @@ class Solver:
             self._last = None  # K may be as large as all else
             self._last = (place, self.problem.at(point))
         return self._last[1]
+
+    @property
+    def serves_all(self) -> bool:
+        """Whether its factors are those of all components: one solution serves them all."""
+        return self._full.scaled is not None
+
+    def solved_everywhere(self, point: np.ndarray, columns: spmatrix) -> np.ndarray:
+        """K^-1 of all components at a point times columns, (N, k), where factors serve all of them."""
+        scaled = self._full.scaled
+        return self._full.solved_columns(csc_matrix(diags(1 / scaled.on_dofs(scaled.at(point))) @ columns))
 
     def solved_columns(self, problem: ContactProblem, point: np.ndarray, columns: spmatrix) -> np.ndarray:
         """K^-1 of the component times columns, (N, k), with the problem at this point."""

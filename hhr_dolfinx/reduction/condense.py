@@ -305,8 +305,9 @@ def _fields_along(
             point = solver.problem.middle
             share = slice(first, count, len(nodes))
             point[part.interpolant.axes] = node
-            own = np.arange(count)[share]
-            for some in np.array_split(own, -(-own.size // TOGETHER)):
+            # of all components by the first of them where factors serve all
+            own = np.arange(count)[share] if solver is solvers[0] or not solver.serves_all else np.arange(0)
+            for some in np.array_split(own, -(-own.size // TOGETHER)) if own.size else ():
                 moved[:, some] += solver.fields_under(point, points[some], forces[some])
             moved[:, place : place + part.lifted.size] = solver.fields_of_lifts(point)
             place += part.lifted.size

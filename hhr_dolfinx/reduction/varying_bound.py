@@ -185,6 +185,50 @@ def _seen(solver: EnergySolver, part: Compliance, energy: PartEnergy) -> float:
     return float(worst)
 
 
+class _Probe(NamedTuple):
+    """One component whose S_c is compared with solutions.
+
+    Attributes:
+        solver: of the component.
+        conditions: that act on it, (m_c,).
+        rows: B on its dofs, (m_c, N).
+        schur: S_c in the middle of the box.
+    """
+
+    solver: Solver
+    conditions: np.ndarray
+    rows: csr_matrix
+    schur: np.ndarray
+
+    @classmethod
+    def of(cls, solver: Solver, part: Compliance, problem: ContactProblem) -> _Probe:
+        """Of a part."""
+        rows = csr_matrix(problem.contact[part.conditions].multiply(solver.component.dofs))
+        middle = problem.middle
+        schur = part.schur(part.compliance(middle) * part.interpolant.along_modes(middle))
+        return cls(solver, part.conditions, rows, schur)
+
+
+def _largest_images(probes: Sequence[_Probe], lower: np.ndarray, problem: ContactProblem) -> float:
+    """Sum of what powers of A say of the norm of each; of several components at once, which one solution serves."""
+    solver = probes[0].solver
+    middle = problem.middle
+    images = [np.random.default_rng(PROBES).standard_normal((len(lower), PROBES)) for _ in probes]
+    for _ in range(POWERS):
+        forces = [
+            solve_triangular(lower, image, lower=True, trans="T")[probe.conditions]
+            for probe, image in zip(probes, images, strict=True)
+        ]
+        pushed = csc_matrix(sum(probe.rows.T @ own for probe, own in zip(probes, forces, strict=True)))
+        every = solver.serves_all
+        moved = solver.solved_everywhere(middle, pushed) if every else solver.solved_columns(problem, middle, pushed)
+        for place, (probe, own) in enumerate(zip(probes, forces, strict=True)):
+            off = np.zeros(images[place].shape)
+            off[probe.conditions] = probe.schur @ own - probe.rows @ moved
+            images[place] = solve_triangular(lower, off, lower=True)
+    return sum((CERTAIN * float(np.linalg.norm(image, axis=0).max())) ** (1 / POWERS) for image in images)
+
+
 def probed(solvers: Sequence[Solver], compliances: Compliances, problem: ContactProblem) -> float:
     """What solutions tell of the error of S under random forces, in the order of energies, at the worst of the box.
 
@@ -200,20 +244,14 @@ def probed(solvers: Sequence[Solver], compliances: Compliances, problem: Contact
     schur[np.diag_indices(len(schur))] += NOISE * schur.diagonal().mean()
     lower = cholesky(schur, lower=True, overwrite_a=True)  # S may be as large as a tenth of all memory
     del schur
-    error = 0.0
-    for solver, part in zip(solvers, compliances.parts, strict=True):
-        if part.interpolant.axes.size:
-            continue
-        rows = csr_matrix(problem.contact[part.conditions])
-        schur = part.schur(part.compliance(middle) * part.interpolant.along_modes(middle))
-        images = np.random.default_rng(PROBES).standard_normal((len(lower), PROBES))
-        for _ in range(POWERS):
-            own = solve_triangular(lower, images, lower=True, trans="T")[part.conditions]
-            off = np.zeros(images.shape)
-            off[part.conditions] = schur @ own
-            off[part.conditions] -= rows @ solver.solved_columns(problem, middle, csc_matrix(rows.T @ own))
-            images = solve_triangular(lower, off, lower=True)
-        error += (CERTAIN * float(np.linalg.norm(images, axis=0).max())) ** (1 / POWERS)
+    kept = [
+        _Probe.of(*one, problem)
+        for one in zip(solvers, compliances.parts, strict=True)
+        if not one[1].interpolant.axes.size
+    ]
+    together = bool(kept) and kept[0].solver.serves_all
+    groups = [kept] if together else [[one] for one in kept]
+    error = sum(_largest_images(group, lower, problem) for group in groups)
     places = problem.parameters.random(PLACES_OF_FACTORS, seed=PLACES)
     softer = np.array(
         [[part.compliance(point) / part.compliance(middle) for part in compliances.parts] for point in places]
