@@ -609,3 +609,68 @@ def test_flow_that_c_does_not_know_is_refused_by_name():
     model.flow = creeping
     with pytest.raises(NotOfferedError, match="a header knows the law Plasticity"):
         c_header.c_header(model, "press")
+
+
+class Instance:
+    """An instance of a unit, called by its functions."""
+
+    def __init__(self, folder, model):
+        path = fmu.write_fmu(folder / "unit.fmu", model)
+        with zipfile.ZipFile(path) as archive:
+            archive.extractall(folder)
+        (binary,) = (folder / "binaries").glob("*/model.*")
+        self.made = ctypes.CDLL(str(binary))
+        self.made.fmi3InstantiateCoSimulation.restype = ctypes.c_void_p
+        token = ElementTree.parse(folder / "modelDescription.xml").getroot().get("instantiationToken").encode()
+        rest = [None, False, False, False, False, None, ctypes.c_size_t(0), None, None, None]
+        self.at = ctypes.c_void_p(self.made.fmi3InstantiateCoSimulation(b"one", token, *rest))
+        self.inputs, self.outputs = len(model.parameters.names), len(contact_tree(model, Packed())["outputs"])
+
+    def put(self, point):
+        places, count = (ctypes.c_uint32 * self.inputs)(*range(1, self.inputs + 1)), ctypes.c_size_t(self.inputs)
+        return self.made.fmi3SetFloat64(self.at, places, count, (ctypes.c_double * self.inputs)(*point), count)
+
+    def read(self):
+        first, count, found = self.inputs + 1, ctypes.c_size_t(self.outputs), (ctypes.c_double * self.outputs)()
+        places = (ctypes.c_uint32 * self.outputs)(*range(first, first + self.outputs))
+        assert self.made.fmi3GetFloat64(self.at, places, count, found, count) == 0
+        return np.array(found)
+
+
+@compiled
+@pytest.mark.parametrize("name", ["flow", "formula and limit"])
+def test_outputs_that_are_read_before_a_path_begins_do_not_begin_it(name, tmp_path):
+    """In initialization mode inputs may be set and outputs read over and over, laws and moduli too."""
+    model, path = flowing("outputs") if name == "flow" else rubbing_model(name)
+    unit = Instance(tmp_path, model)
+    first, second = path[4], path[2]
+    assert unit.put(second) == 0
+    expected = unit.read()
+    assert unit.made.fmi3Reset(unit.at) == 0
+    for point in (first, second):
+        assert unit.put(point) == 0
+        found = unit.read()
+    assert unit.made.fmi3ExitInitializationMode(unit.at) == 0
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(unit.read(), expected)
+    assert unit.put(first) == 0
+    np.testing.assert_array_equal(unit.read(), expected)  # until a step is made
+
+
+@compiled
+@pytest.mark.parametrize("name", ["flow", "friction"])
+def test_a_path_in_c_does_not_begin_at_laws_outside_of_the_box(name, tmp_path):
+    if name == "flow":
+        model, path = flowing("moduli")
+        made, room, place = flowing_library(tmp_path, model), room_for(model, 9), 1
+    else:
+        model, path = rubbing_model("formula and limit")
+        made, place = rubbing_library(tmp_path, model), model.friction.fixed[0]
+        contacts = model.friction.normal.size
+        room = [np.zeros((9, model.conditions)), np.zeros((9, 2)), np.zeros((9, contacts, 3))]
+        room.append(np.zeros((9, contacts), dtype=np.int32))
+    points = np.array(path[:3])
+    points[:, place] = np.nan
+    assert made.ask(3, *at(points, *room)) == OUTSIDE
+    points[:, place] = 1e3
+    assert made.ask(3, *at(points, *room)) == OUTSIDE

@@ -118,14 +118,14 @@ static inline int model_set_elasticity(model_path *p, const double *point) {
     return 1;
 }
 
-/* Shear modulus and constants of the law of each point; 0 where one is no number. */
+/* Shear modulus and constants of the law of each point; 0 where they are none of a body. */
 static inline int model_set_laws(model_path *p, const double *point) {
     int place = 0;
     for (int g = 0; g < MODEL_BODIES; g++) {
         const model_body *body = &model_bodies[g];
         const double shear = body->young(point) / (2 * (1 + body->poisson));
         const double yields = body->yields ? body->yields(point) : INFINITY, hardens = body->yields ? body->hardens(point) : 0;
-        if (isnan(shear) || isnan(yields) || isnan(hardens)) return 0;
+        if (!(shear > 0 && yields > 0 && hardens >= 0)) return 0;
         for (int k = 0; k < body->points; k++, place++) p->shear[place] = shear, p->yields[place] = yields, p->hardens[place] = hardens;
     }
     return 1;
@@ -363,7 +363,9 @@ static inline int model_rest(model_path *p, const double *point) {
     memset(p->state, 0, sizeof *p->state);
     for (int k = 0; k < MODEL_PARAMETERS; k++) p->state->point[k] = fmin(fmax(0, model_box_lower[k]), model_box_upper[k]);
     for (int k = 0; k < MODEL_FIXED_COUNT; k++) p->state->point[model_fixed[k]] = point[model_fixed[k]];
-    p->begun = 1, p->tangent = 0;
+    p->begun = p->tangent = 0;
+    if (!model_stays(point)) return MODEL_OUTSIDE;
+    p->begun = 1;
     return MODEL_DONE;
 }
 

@@ -26,7 +26,7 @@ typedef struct {
     void *environment;
     logger log;
     double time, point[MODEL_PARAMETERS], outputs[MODEL_OUTPUTS + 1];
-    int known, begun;
+    int known, begun; /* outputs are those of the inputs; inputs are no longer those of the beginning */
 } unit;
 
 #if defined _WIN32
@@ -54,8 +54,15 @@ static int answered(unit *u) {
     if (status == MODEL_CHANGED) return complaint(u, DISCARD, "a modulus, or a law, does not change on the way");
     if (status == MODEL_OUTSIDE) return complaint(u, DISCARD, "an input is outside of what the model was made for");
     if (status == MODEL_NO_ANSWER) return complaint(u, DISCARD, "the contact problem has no answer for these inputs");
-    u->known = u->begun = 1;
+    u->known = 1;
     return OK;
+}
+
+/* From here on inputs change on the way: until then a path begins anew with each. */
+static int set_out(unit *u) {
+    const int status = answered(u);
+    if (!status) u->begun = 1;
+    return status;
 }
 
 /* What outputs are of: the inputs, or, on a path, the last step. */
@@ -97,7 +104,7 @@ SHARED int fmi3EnterInitializationMode(void *instance, _Bool defined, double tol
     ((unit *)instance)->time = start;
     return OK;
 }
-SHARED int fmi3ExitInitializationMode(void *instance) { return answered(instance); }
+SHARED int fmi3ExitInitializationMode(void *instance) { return set_out(instance); }
 SHARED int fmi3EnterStepMode(void *instance) { return (void)instance, OK; }
 SHARED int fmi3EnterConfigurationMode(void *instance) { return (void)instance, OK; }
 SHARED int fmi3ExitConfigurationMode(void *instance) { return (void)instance, OK; }
@@ -162,8 +169,8 @@ SHARED int fmi3DoStep(void *instance, double time, double size, _Bool no_earlier
     unit *u = instance;
     (void)no_earlier;
     *event = 0, *terminate = 0, *early = 0, *last = time;
-    if (!(size >= 0)) return complaint(u, ERROR, "a step must not go back");
-    const int status = answered(u);
+    if (!(size >= 0) || !isfinite(time + size)) return complaint(u, ERROR, "a step must not go back, and time is a number");
+    const int status = set_out(u);
     if (status) return status;
     *last = u->time = time + size;
     return OK;

@@ -106,7 +106,9 @@ def description(tree: dict[str, Any], name: str, token: str) -> bytes:
     structure = ElementTree.SubElement(root, "ModelStructure")
     for kind in ("Output", "InitialUnknown"):
         for k in range(len(tree["outputs"])):
-            inputs = " ".join(str(place) for place in range(1, first))
+            # on a path outputs are those of the last step, whatever the inputs
+            ways = range(1, 1 if path and kind == "Output" else first)
+            inputs = " ".join(str(place) for place in ways)
             ElementTree.SubElement(structure, kind, valueReference=str(first + k), dependencies=inputs)
     for k, output in enumerate(tree["outputs"]):
         _variable(variables, output["name"], first + k, "output", {"unit": output["unit"]} if output["unit"] else {})

@@ -376,6 +376,7 @@ static inline int model_rest(model_path *p, const double *point) {
     memset(p->state, 0, sizeof *p->state);
     memcpy(p->state->point, from, sizeof from);
     p->begun = 0, p->largest = p->dissipated = 0;
+    if (!model_stays(point)) return MODEL_OUTSIDE;
     if (!model_set_contact(p->room, from)) return MODEL_NO_ANSWER;
     p->room->started = 1;
     for (int k = 0; k < MODEL_CONTACTS; k++) p->state->gap[k] = p->room->slack[model_normal[k]];

@@ -13,8 +13,11 @@
    proportion, model_go from there on, an increment each time, and model_path_free are in the place of these.
 
    One work, or path, for each thread. Include it in one file, or in several: all is static. */
-#ifndef MODEL_H
-#define MODEL_H
+#ifndef model_HEADER
+#define model_HEADER
+#ifdef __cplusplus
+#error "compile what includes this header as C99, and call it from C++ through functions of your own"
+#endif
 #include <float.h>
 #include <math.h>
 #include <stdlib.h>
@@ -323,6 +326,13 @@ static inline void model_read(const model_work *w, double *outputs) {
 }
 
 #if MODEL_RUBS || MODEL_FLOWS
+/* Whether what stays on a path is inside of the box at a point. */
+static inline int model_stays(const double *point) {
+    for (int k = 0; k < MODEL_FIXED_COUNT; k++)
+        if (!(point[model_fixed[k]] >= model_lower[model_fixed[k]] && point[model_fixed[k]] <= model_upper[model_fixed[k]])) return 0;
+    return 1;
+}
+
 static inline int model_inside(const double *point) {
     for (int k = 0; k < MODEL_PARAMETERS; k++)
         if (!(point[k] >= model_lower[k] && point[k] <= model_upper[k])) return 0;

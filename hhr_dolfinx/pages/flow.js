@@ -48,12 +48,13 @@
       return (this.moduli = { key, gives, schur, scale, coupled });
     }
 
-    /* Shear modulus and constants of the law of each point. */
+    /* Shear modulus and constants of the law of each point; null where they are none of a body. */
     laws(point) {
       const found = { shear: new Float64Array(this.points), yields: new Float64Array(this.points).fill(Infinity), hardens: new Float64Array(this.points) };
       let place = 0;
       for (const { points, young, poisson, law } of this.flow.groups) {
         const shear = hhr.formula(young, point) / (2 * (1 + poisson)), constants = law && law.map((steps) => hhr.formula(steps, point));
+        if (!(shear > 0) || (law && !(constants[0] > 0 && constants[1] >= 0))) return null;
         found.shear.fill(shear, place, place + points);
         if (law) { found.yields.fill(constants[0], place, place + points); found.hardens.fill(constants[1], place, place + points); }
         place += points;
@@ -100,6 +101,7 @@
 
     increment(before, point) {
       const theta = this.model.theta(point), elasticity = this.elasticity(point), laws = this.laws(point);
+      if (!laws) return null;
       const load = { theta, ...elasticity, laws, before, slack: this.slack(theta, elasticity), strain: this.strain(theta, elasticity) };
       const elastic = this.model.touched({ schur: load.schur, slack: load.slack }, before.elastic);
       if (!elastic) return null;
