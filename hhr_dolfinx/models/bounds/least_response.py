@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from typing import NamedTuple
 
 import numpy as np
@@ -26,7 +26,7 @@ from hhr_dolfinx.models.eliminations.interpolated import Compliance, Compliances
 STEP = math.log(1.1)
 """Of logarithms of weights: bounds of forces are at most the root of its half wider than with weights of each point."""
 KEPT = 64
-"""Factors that are kept."""
+"""Factors that are kept, of the weights asked for last."""
 FACTORED = 1500
 """Conditions up to which weights have steps; beyond, those of the middle serve all points: a factor took a second."""
 WITH_MODES = 400
@@ -139,7 +139,7 @@ class LeastResponse:
     def __init__(self, compliances: Compliances, middle: np.ndarray):
         self.compliances = compliances
         self.middle = middle
-        self._kept: dict[tuple[int, ...], tuple[np.ndarray, tuple[float, np.ndarray]]] = {}
+        self._factored = lru_cache(maxsize=KEPT)(self._made)
 
     def at(self, found: ManyContacts) -> ManyResponses:
         """S of some points with factors of what they are at least, or of themselves.
@@ -170,15 +170,10 @@ class LeastResponse:
     def _shares(self) -> list[Share]:
         return [Share.of(part, self.middle) for part in self.compliances.parts]
 
-    def _factored(self, steps: tuple[int, ...]) -> tuple[np.ndarray, tuple[float, np.ndarray]]:
+    def _made(self, steps: tuple[int, ...]) -> tuple[np.ndarray, tuple[float, np.ndarray]]:
         """Cholesky factor of a sum with weights of so many steps, and what it amplifies."""
-        found = self._kept.get(steps)
-        if found is None:
-            schur = np.zeros((len(self.compliances.gaps),) * 2)
-            for part, share, step in zip(self.compliances.parts, self._shares, steps, strict=True):
-                schur[part.block] += math.exp(STEP * step) * share.schur
-            lower = np.asfortranarray(cholesky(schur, lower=True))
-            found = self._kept[steps] = lower, amplified_by(lower)
-            if len(self._kept) > KEPT:
-                self._kept.pop(next(iter(self._kept)), None)
-        return found
+        schur = np.zeros((len(self.compliances.gaps),) * 2)
+        for part, share, step in zip(self.compliances.parts, self._shares, steps, strict=True):
+            schur[part.block] += math.exp(STEP * step) * share.schur
+        lower = np.asfortranarray(cholesky(schur, lower=True))
+        return lower, amplified_by(lower)

@@ -30,6 +30,7 @@ from hhr_dolfinx.models.eliminations.interpolated import Compliances, ManyContac
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.parameters import is_number
+from hhr_dolfinx.plain import Rebuilt
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.eliminations.interpolation import Interpolant
@@ -54,7 +55,7 @@ class PartEnergy:
 
 
 @dataclass(frozen=True)
-class VaryingBound:
+class VaryingBound(Rebuilt):
     """See :class:`hhr_dolfinx.models.bounds.error_bound.Bound` (m conditions, ell modes).
 
     Attributes:
