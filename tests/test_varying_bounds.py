@@ -13,7 +13,7 @@ from test_shapes import BODIES as SHAPED_BODIES
 from test_shapes import CROWNED, SPACE
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import BoundError, ModelFileError
+from hhr_dolfinx.errors import BoundError, ModelFileError, NotSolvableError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.bounds import least_response
 from hhr_dolfinx.models.eliminations import interpolated
@@ -330,3 +330,21 @@ def test_round_off_of_a_slender_body_that_does_not_change_leaves_a_bound():
         error = answer.estimate()
         assert error.kind == "bound" and error.dual_relative < 1e-5  # 3e-6: the root of the energy of that round-off
         assert np.linalg.norm(answer.forces() - exact.forces()) <= error.forces_euclid
+
+
+@pytest.mark.parametrize("young", [
+    "E1 + 1e-30 / (E1 - 2.3456)", "E1 * min(1, 1e6 * abs(E1 - 2.3456))",
+    "E1 * (1 + 0 * sqrt(1e6 * abs(E1 - 2.3456) - 0.5))", "E1 * min(1, 1e6 * abs(E1 - 2.3456) - 3)",
+])  # fmt: skip
+def test_a_modulus_that_is_none_at_one_row_has_no_answer_there(young):
+    """Infinite, zero, no number and negative, in a spike that no check of the box sees; other rows have theirs."""
+    scene = pressed_pair("plane_strain", ((young, 0.3), ("E2", "nu2")), {key: ALL[key] for key in ("E1", "E2", "nu2")})
+    model = hhr.train(scene, hhr.Sobol(8), held_out=0).condense()
+    points = model.parameters.random(4, 1)
+    points[2, model.parameters.names.index("E1")] = 2.3456
+    many = model.solve_many(points, raise_on_failure=False, outside="ignore")
+    assert many.converged.tolist() == [True, True, False, True]
+    assert np.isfinite(many.estimates().pressure).tolist() == [True, True, False, True]
+    assert not model.solve(points[2], raise_on_failure=False, outside="ignore").converged
+    with pytest.raises(NotSolvableError, match="must be positive"):
+        model.solve_many(points, outside="ignore")

@@ -97,12 +97,29 @@ class Compliance:
         return np.concatenate([self.forced, self.lifted])
 
     def compliance(self, point: np.ndarray) -> float:
-        """1 / E."""
-        return 1.0 if self.factor is None else 1.0 / self.factor.value(point)
+        """1 / E.
+
+        Raises:
+            NotSolvableError: where E is no positive number.
+        """
+        return float(self.compliances(point[None])[0])
 
     def compliances(self, points: np.ndarray) -> np.ndarray:
-        """1 / E at many points, (n, P): (n,)."""
-        return np.ones(len(points)) if self.factor is None else 1.0 / self.factor.values(points)
+        """1 / E at many points, (n, P): (n,).
+
+        Raises:
+            NotSolvableError: where E is no positive number at one of them.
+        """
+        if self.factor is None:
+            return np.ones(len(points))
+        moduli = self.factor.values(points)
+        bad = np.flatnonzero(~((moduli > 0) & (moduli < np.inf)))
+        if bad.size:
+            raise NotSolvableError(
+                f"the modulus {self.factor.text[:60]} is {moduli[bad[0]]:g} at {points[bad[0]].tolist()}, and must be "
+                "positive: correct its formula, or narrow the box"
+            )
+        return 1.0 / moduli
 
     def schur(self, along: np.ndarray) -> np.ndarray:
         """S_c for the factor 1, from components along the modes, (..., r): (..., m_c, m_c)."""
@@ -405,7 +422,7 @@ class Compliances(Elimination):
         for block in np.array_split(points, -(-len(points) // self.together)):
             try:
                 contacts = self.many(block)
-            except ParameterError:  # of a table, at one of them: at which, and why, is told one by one
+            except (NotSolvableError, ParameterError):  # at one of them: at which, and why, is told one by one
                 answers += [self._answer(model, point, self, raise_on_failure) for point in block]
                 continue
             answers += [model.from_contact(contacts[k], block[k], raise_on_failure) for k in range(len(block))]
