@@ -567,6 +567,29 @@ def test_increments_with_friction_are_those_of_python(name):
 
 
 @in_node
+def test_bodies_that_rub_are_drawn_where_their_moduli_vary():
+    """By a fit of the maps of forces, whose answers it has not seen."""
+    bodies = (hhr.Body(FIRST, "E1", 0.3), hhr.Body(SECOND, "2 * E2", "nu"))
+    box = {"E1": (2.0, 6.0), "E2": (2.0, 4.0), "nu": (0.2, 0.3)}
+    _, model, scenery = made(rubbing(geometry=round_block, bodies=bodies, box=box), fields=True)
+    text = page.page_text(model, scenery)
+    tree = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]
+    assert tree["field"]["kind"] == "fitted"
+    tour = [np.array([*point, 3.1, 2.7, 0.23]) for point in TOUR]
+    asked = json.dumps({"page": text, "path": [point.tolist() for point in tour], "points": []})
+    words = [NODE, "-e", ALONG, str(MODEL), str(FRICTION)]
+    done = subprocess.run(words, input=asked, capture_output=True, text=True, timeout=WAIT)
+    assert done.returncode == 0, done.stderr
+    answers = model.march(list(enumerate(tour))).answers
+    largest = max(np.abs(answer.multipliers).max() for answer in answers)
+    rows = (scenery.nodes[:, None] * model.dimension + np.arange(model.dimension)).ravel()
+    for found, answer in zip(json.loads(done.stdout)["found"], answers, strict=True):
+        np.testing.assert_allclose(found["forces"], answer.multipliers, rtol=0, atol=1e-9 * largest)
+        exact = answer.displacement()[rows]
+        assert np.linalg.norm(np.array(found["field"]) - exact) < 0.03 * max(np.linalg.norm(exact), 0.05)
+
+
+@in_node
 def test_loading_in_proportion_is_halved_as_often_as_in_python():
     """Where contacts stick as they close one halving more changes forces by 1e-5."""
     _, model, scenery = made(dataclasses.replace(in_space(1.0), geometry=partial(round_blocks_in_space, cells=3)))

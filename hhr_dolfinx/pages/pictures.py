@@ -153,10 +153,11 @@ def _answers(model: Any) -> tuple[Split, Callable[[Drawn, Split, np.ndarray, Pac
     if isinstance(fields, ExactFields):
         points = np.vstack([model.parameters.random(SEEN, 0), corners])
         return Split(model.solve_many(points, raise_on_failure=False), len(corners)), partial(_exact, model)
-    # with friction a fit would take as many paths as points
-    if isinstance(fields, InterpolatedFields) and fields.galerkin is not None and model.friction is None:
-        points = np.vstack([Sobol(FITTED).points(model.parameters), corners])
-        return Split(model.solve_many(points, raise_on_failure=False), len(corners)), partial(_fitted, model)
+    if isinstance(fields, InterpolatedFields) and fields.galerkin is not None:
+        # with friction each point is the end of a path, and maps are fitted elsewhere
+        count = FITTED if model.friction is None else FEW
+        points = np.vstack([Sobol(count).points(model.parameters), corners])
+        return Split(_reached(model, points), len(corners)), partial(_fitted, model)
     return Split([], 0), partial(_exact, model)
 
 
@@ -220,35 +221,37 @@ def _walked(model: Any) -> Iterable[Answer]:
     return model.solve_many(points[:FEW], raise_on_failure=False)
 
 
+def _reached(model: Any, points: np.ndarray) -> Iterable[Answer]:
+    """Answers at some points, with friction loaded in proportion: where that does not settle there is none."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FarSlidingWarning)  # nobody has asked for these points
+        return list(model.solve_many(points, raise_on_failure=False))
+
+
 def _fitted(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Packed) -> Picture | None:
     """Where it varies: c = p(μ) + P(μ) Q^T λ, with modes Q of forces and polynomials that are fitted to some points.
 
     None where the fit is off by more than a picture may be at points that it has not seen, as where a load ends within
     the box.
     """
-    fields = model.fields
     answers = known.answers
-    ways = drawn.modes(seen) if len(answers) >= FITTED // 2 else None
+    alone = model.friction is None
+    ways = drawn.modes(seen) if len(answers) >= (FITTED if alone else FEW) // 2 else None
     if ways is None:
         return None
     forces = np.array([answer.multipliers for answer in answers]).T
     pushes, sizes, _ = np.linalg.svd(forces, full_matrices=False)
     pushes = pushes[:, : min(FORCE_MODES, max(1, int((sizes > FIELD * sizes[0]).sum())))]
-    basis = ways.T @ (drawn.rows @ fields.basis)
-    lifts = ways.T @ dense(drawn.rows @ fields.lifts)
-    values = []
-    for answer in answers:
-        contact = fields.galerkin(answer.parameter)
-        free = basis @ contact.unknown(np.zeros(model.conditions)) + lifts @ fields.amplitudes(answer.parameter)
-        values.append(np.column_stack([free, -basis @ contact.pushed(pushes)]))
-    points = np.array([answer.parameter for answer in answers])
-    powers = _powers(points.shape[1], len(answers) // 3)
-    scaled, axes = _scaled(model, points)
-    features = np.prod(scaled[:, None, :] ** powers, axis=2)
-    inner, apart = known.held(2)
-    flat = np.reshape(values, (len(answers), -1))
-    fitted = features @ np.linalg.lstsq(features[inner], flat[inner], rcond=None)[0]
-    along = fitted.reshape(len(answers), *values[0].shape)
+    here = np.array([answer.parameter for answer in answers])
+    points = here if alone else Sobol(FITTED).points(model.parameters)
+    values = _maps_at(model, drawn, ways, pushes, points)
+    monomials = Monomials(model, points)
+    features = monomials.at(points)
+    flat = values.reshape(len(points), -1)
+    # one half is held against the other; answers that are apart are held against the fit itself
+    inner, apart = known.held(2) if alone else (np.arange(len(points)), np.arange(len(answers)))
+    fitted = monomials.at(here) @ np.linalg.lstsq(features[inner], flat[inner], rcond=None)[0]
+    along = fitted.reshape(len(answers), *values.shape[1:])
     weights = np.column_stack([np.ones(len(answers)), forces.T @ pushes])
     coefficients = np.einsum("skr,sr->ks", along, weights)[:, apart]
     tree = {"kind": "fitted"} | packed_levels(f"{drawn.name}_modes", ways.T, arrays, drawn.levels)
@@ -256,9 +259,55 @@ def _fitted(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Pa
     off = np.linalg.norm(found - seen[:, apart], axis=0) / np.linalg.norm(seen[:, apart], axis=0)
     if np.median(off) > OFF:
         return None
-    whole = np.linalg.lstsq(features, flat, rcond=None)[0].reshape(len(powers), *values[0].shape)
-    tree |= {"axes": axes, "powers": powers.tolist(), "pushes": arrays.put(f"{drawn.name}_pushes", pushes.T, "<f4")}
+    whole = np.linalg.lstsq(features, flat, rcond=None)[0].reshape(-1, *values.shape[1:])
+    tree |= monomials.tree | {"pushes": arrays.put(f"{drawn.name}_pushes", pushes.T, "<f4")}
     return Picture(tree | {"fit": arrays.put(f"{drawn.name}_fit", whole, "<f4")}, found, apart)
+
+
+def _maps_at(model: Any, drawn: Drawn, ways: np.ndarray, pushes: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """p(μ) and P(μ) at some points, (S, P): (S, k, 1 + R)."""
+    fields = model.fields
+    basis = ways.T @ (drawn.rows @ fields.basis)
+    lifts = ways.T @ dense(drawn.rows @ fields.lifts)
+    values = []
+    for point in points:
+        contact = fields.galerkin(point)
+        free = basis @ contact.unknown(np.zeros(model.conditions)) + lifts @ fields.amplitudes(point)
+        values.append(np.column_stack([free, -basis @ contact.pushed(pushes)]))
+    return np.array(values)
+
+
+class Monomials:
+    """Monomials of parameters, each about from -1 to 1 at some points, (S, P), of which there are a third as many.
+
+    Of a parameter that alone makes the modulus of a component its compliance, 1 over the modulus, in which answers are
+    nearly linear; of others themselves.
+    """
+
+    def __init__(self, model: Any, points: np.ndarray):
+        factors = [part.factor for part in model.eliminated.parts if part.factor is not None]
+        alone = {factor.formula.variables[0]: factor for factor in factors if len(factor.formula.variables) == 1}
+        self._factors = [alone.get(name) for name in model.parameters.names]
+        columns = self._columns(points)
+        self._low = columns.min(axis=0)
+        self._high = columns.max(axis=0)
+        self._powers = _powers(points.shape[1], len(points) // 3)
+
+    def _columns(self, points: np.ndarray) -> np.ndarray:
+        pairs = zip(points.T, self._factors, strict=True)
+        return np.column_stack([own if factor is None else 1 / factor.values(points) for own, factor in pairs])
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """At other points, (S, P): (S, F)."""
+        scaled = 2 * (self._columns(points) - self._low) / (self._high - self._low) - 1
+        return np.prod(scaled[:, None, :] ** self._powers, axis=2)
+
+    @property
+    def tree(self) -> dict[str, Any]:
+        """How a page makes them of a point."""
+        ends = zip(self._factors, self._low.tolist(), self._high.tolist(), strict=True)
+        axes = [{"modulus": steps_of(factor), "low": low, "high": high} for factor, low, high in ends]
+        return {"axes": axes, "powers": self._powers.tolist()}
 
 
 def _powers(parameters: int, most: int) -> np.ndarray:
@@ -271,23 +320,3 @@ def _powers(parameters: int, most: int) -> np.ndarray:
             break
         found = np.vstack([found, more])
     return found
-
-
-def _scaled(model: Any, points: np.ndarray) -> tuple[np.ndarray, list[dict[str, Any]]]:
-    """What monomials are of, about -1 to 1 at some points, (S, P), and how a page makes it of a point.
-
-    Of a parameter that alone makes the modulus of a component its compliance, 1 over the modulus, in which answers are
-    nearly linear; of others themselves.
-    """
-    factors = [part.factor for part in model.eliminated.parts if part.factor is not None]
-    alone = {factor.formula.variables[0]: factor for factor in factors if len(factor.formula.variables) == 1}
-    columns = []
-    axes: list[dict[str, Any]] = []
-    for place, name in enumerate(model.parameters.names):
-        factor = alone.get(name)
-        column = points[:, place] if factor is None else 1 / factor.values(points)
-        low = float(column.min())
-        high = float(column.max())
-        axes.append({"modulus": steps_of(factor), "low": low, "high": high})
-        columns.append(2 * (column - low) / (high - low) - 1)
-    return np.column_stack(columns), axes
