@@ -10,10 +10,10 @@ from __future__ import annotations
 import os
 import sys
 import traceback
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from threading import Event
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx import errors
 
@@ -69,6 +69,19 @@ def each_for_itself(comm: Comm, task: str) -> Iterator[None]:
     if comm.size > 1 and failed:
         rank, name, text = failed[0]
         raise _class_of(name)(f"{task} failed on rank {rank} of {comm.size}, {name}: {text}")
+
+
+def shared_out(comm: Comm, count: int, work: Callable[[int], Any], task: str) -> list[Any]:
+    """What the ranks make of so many pieces of work, a part of them each; all of it on every rank. Collective.
+
+    Raises:
+        HHRError: on all ranks, if a piece failed on one of them, see :func:`each_for_itself`.
+    """
+    if comm.size == 1:
+        return [work(number) for number in range(count)]
+    with each_for_itself(comm, task):
+        own = [work(number) for number in share(count, comm.rank, comm.size)]
+    return [item for part in comm.allgather(own) for item in part]
 
 
 @contextmanager

@@ -141,7 +141,7 @@ def condense(
         compliances, grids = interpolated_compliances(problem, solvers, settings)[:2]
     _warn_of_budget(full, grids, settings)
     with log.stage("starts"):
-        known, forces = starts_of(compliances, Sobol(_starts(problem)).points(problem.parameters), problem)
+        known, forces = starts_of(compliances, _starts(problem), problem, full.comm)
     with log.stage("fields"):
         if not fields:
             made = _no_fields(full, settings)
@@ -171,10 +171,10 @@ def _record(
     return CondensedRecord(settings, *numbers, unresolved, comparison, log)
 
 
-def _starts(problem: ContactProblem) -> int:
-    """Number of points at which statuses are known beforehand, a power of two."""
+def _starts(problem: ContactProblem) -> np.ndarray:
+    """Points at which statuses are known beforehand, a power of two of them, (S, P)."""
     room = int(np.log2(START_BYTES / (8 * problem.free.size)))
-    return min(STARTS, max(FEWEST_STARTS, 2**room))
+    return Sobol(min(STARTS, max(FEWEST_STARTS, 2**room))).points(problem.parameters)
 
 
 def _warn_of_budget(full: Any, grids: list[GrownGrid], settings: GridSettings) -> None:
@@ -207,7 +207,7 @@ def _fields(full: Any, seen: list[np.ndarray], settings: GridSettings) -> Interp
     problem: ContactProblem = full.problem
     displacements = seen[0] if len(seen) == 1 else np.column_stack(seen)
     seen.clear()  # as large as all else of a model
-    basis = Pod(FIELD_TOLERANCE, relative=True, by_body=True).of_columns(problem, displacements)
+    basis = Pod(FIELD_TOLERANCE, relative=True, by_body=True).of_columns(problem, displacements, full.comm)
     del displacements
     if problem.reshaped is not None:
         basis = _of_energy(basis, problem)

@@ -10,10 +10,11 @@ from collections.abc import Callable
 from dataclasses import dataclass, fields, replace
 from itertools import pairwise
 from numbers import Real
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from hhr_dolfinx import ranks
 from hhr_dolfinx.certify.trust import TrustLimits
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
@@ -23,6 +24,9 @@ from hhr_dolfinx.reduction.enrichment import check_basis
 from hhr_dolfinx.reduction.modes import deim, pod
 from hhr_dolfinx.reduction.projection import checked_nodes, holding, load_nodes
 from hhr_dolfinx.snapshots.records import SnapshotSet
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
 
 MOST_LAYERS = 1000
 """Layers of cells beyond which any mesh of ours is covered."""
@@ -110,8 +114,8 @@ class Pod(_Truncated):
         """The leading modes, (N, ell)."""
         return self.of_columns(problem, snapshots.displacements)
 
-    def of_columns(self, problem: ContactProblem, columns: np.ndarray) -> np.ndarray:
-        """The same of any displacements, (N, S)."""
+    def of_columns(self, problem: ContactProblem, columns: np.ndarray, comm: Comm | None = None) -> np.ndarray:
+        """The same of any displacements, (N, S); ranks, if there are several, share out what is decomposed by body."""
         gram = {"euclidean": None, "energy": problem.stiffness, "l2": problem.mass}[self.norm]
         weights = _weights(columns) if self.relative else None
         if not self.by_body:
@@ -119,7 +123,13 @@ class Pod(_Truncated):
         bodies = [dofs for dofs in problem.bodies if columns[dofs].any()]
         if not bodies:
             raise ReductionError("nothing moves in any answer, so that no displacement is spanned: raise the loads")
-        modes = [self._of_body(dofs, columns, weights, gram) for dofs in bodies]
+
+        def of_body(number: int) -> np.ndarray:
+            return self._of_body(bodies[number], columns, weights, gram)
+
+        numbers = range(len(bodies))
+        task = "decomposing displacements"
+        modes = list(map(of_body, numbers)) if comm is None else ranks.shared_out(comm, len(bodies), of_body, task)
         ends = np.cumsum([0, *(own.shape[1] for own in modes)])
         found = np.zeros((len(columns), ends[-1]))
         for dofs, own, (first, last) in zip(bodies, modes, pairwise(ends), strict=True):

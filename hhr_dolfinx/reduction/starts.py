@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hhr_dolfinx import ranks
 from hhr_dolfinx.contact.active_set import Pairs
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, ReductionError
 from hhr_dolfinx.models.answer import ModelFields
 from hhr_dolfinx.models.eliminations.elimination import Elimination, answer_of
 from hhr_dolfinx.models.starts import KnownStatuses, LinearStarts
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
 
 ALONG = 4
 """Points along each path that shows forces of friction."""
@@ -20,7 +24,11 @@ NO_FIELDS: Any = ModelFields()
 
 
 def linear_starts(
-    eliminated: Elimination, points: np.ndarray, pairs: np.ndarray | None, active: np.ndarray | None = None
+    eliminated: Elimination,
+    points: np.ndarray,
+    pairs: np.ndarray | None,
+    active: np.ndarray | None = None,
+    comm: Comm | None = None,
 ) -> LinearStarts:
     """Starts at those of some points, (S, P), that have an answer, with derivatives.
 
@@ -32,34 +40,43 @@ def linear_starts(
         points: (S, P).
         pairs: number of the contact pair of each condition, (m,).
         active: statuses to start from there, (S, m) bool; None for those of the free slack.
+        comm: ranks that share the points out, if there are several.
 
     Raises:
         ReductionError: if no point has an answer.
     """
-    found = []
-    for number, point in enumerate(points):
+
+    def start_at(number: int) -> tuple[np.ndarray, ...] | None:
+        """Point, statuses, margins and their changes; None without an answer."""
+        point = points[number]
         contact = eliminated(point)
         start = None if active is None else active[number]
         answer = answer_of(contact, point, start, Pairs.of(pairs), NO_FIELDS, gradient=True)
         if answer.gradient is None:
-            continue
+            return None
         slack = contact.free_slack + contact.schur @ answer.multipliers
         margins = np.where(answer.active, answer.multipliers, -slack)
         changes = np.where(answer.active[:, None], answer.gradient.multipliers, -answer.gradient.slack)
-        found.append((point, answer.active, margins, changes))
+        return point, answer.active, margins, changes
+
+    places = range(len(points))
+    every = map(start_at, places) if comm is None else ranks.shared_out(comm, len(points), start_at, "finding starts")
+    found = [item for item in every if item is not None]
     if not found:
         raise ReductionError("no point of the box has an answer: contact rows are dependent, or the box is empty")
     return LinearStarts(*(np.array(part) for part in zip(*found, strict=True)))
 
 
-def starts_of(eliminated: Elimination, points: np.ndarray, problem: ContactProblem) -> tuple[KnownStatuses, np.ndarray]:
+def starts_of(
+    eliminated: Elimination, points: np.ndarray, problem: ContactProblem, comm: Comm | None = None
+) -> tuple[KnownStatuses, np.ndarray]:
     """What searches start from, and forces as they occur, (S, m), of a condensed model at some points, (S, P).
 
     With friction increments start from the one before, and forces are those along paths through a few points each,
     which load, unload and turn round; what stays along a path is that of its first point.
     """
     if problem.friction is None:
-        known = linear_starts(eliminated, points, problem.contact_pairs)
+        known = linear_starts(eliminated, points, problem.contact_pairs, comm=comm)
         return known, np.maximum(known.margins, 0.0)
     from hhr_dolfinx.models.condensed import CondensedModel
 
