@@ -192,21 +192,28 @@ class _Probe(NamedTuple):
         solver: of the component.
         conditions: that act on it, (m_c,).
         rows: B on its dofs, (m_c, N).
-        schur: S_c in the middle of the box.
+        modes: of S_c, (r, m_c, m_c), which may take a tenth of all memory: there is no other copy.
+        weights: S_c in the middle of the box along them, (r,).
     """
 
     solver: Solver
     conditions: np.ndarray
     rows: csr_matrix
-    schur: np.ndarray
+    modes: np.ndarray
+    weights: np.ndarray
 
     @classmethod
     def of(cls, solver: Solver, part: Compliance, problem: ContactProblem) -> _Probe:
         """Of a part."""
         rows = csr_matrix(problem.contact[part.conditions].multiply(solver.component.dofs))
         middle = problem.middle
-        schur = part.schur(part.compliance(middle) * part.interpolant.along_modes(middle))
-        return cls(solver, part.conditions, rows, schur)
+        count = part.conditions.size
+        modes = part.interpolant.modes.T.reshape(-1, count, count)
+        return cls(solver, part.conditions, rows, modes, part.compliance(middle) * part.interpolant.along_modes(middle))
+
+    def slack(self, forces: np.ndarray) -> np.ndarray:
+        """S_c times forces, (m_c, k) each."""
+        return sum(weight * (mode @ forces) for weight, mode in zip(self.weights, self.modes, strict=True))
 
 
 def _largest_images(probes: Sequence[_Probe], lower: np.ndarray, problem: ContactProblem) -> float:
@@ -224,7 +231,7 @@ def _largest_images(probes: Sequence[_Probe], lower: np.ndarray, problem: Contac
         moved = solver.solved_everywhere(middle, pushed) if every else solver.solved_columns(problem, middle, pushed)
         for place, (probe, own) in enumerate(zip(probes, forces, strict=True)):
             off = np.zeros(images[place].shape)
-            off[probe.conditions] = probe.schur @ own - probe.rows @ moved
+            off[probe.conditions] = probe.slack(own) - probe.rows @ moved
             images[place] = solve_triangular(lower, off, lower=True)
     return sum((CERTAIN * float(np.linalg.norm(image, axis=0).max())) ** (1 / POWERS) for image in images)
 
