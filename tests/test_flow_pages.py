@@ -1,5 +1,6 @@
 """Pages of bodies that flow: increments in node are those of Python, what is refused, what is drawn."""
 
+import base64
 import dataclasses
 import json
 import subprocess
@@ -23,7 +24,8 @@ from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.materials.update import Group
 from hhr_dolfinx.models.histories.condensed_fields import PartFactors
-from hhr_dolfinx.pages import flowing, page
+from hhr_dolfinx.pages import flow_stress, flowing, page
+from hhr_dolfinx.pages.scenery import thinned
 
 ALONG = """
 const fs = require("fs"), hhr = require(process.argv[1]);
@@ -219,3 +221,28 @@ def test_a_browser_loads_in_proportion_to_its_address(tmp_path):
     path = [(float(k), np.array([0.05 * share, 3.0])) for k, share in enumerate(shares)]
     forces = model.march(path, EXACT).answers[-1].forces()
     assert f"<td>sum of forces</td><td>{float(f'{forces.sum():.6g}'):.12g}</td>" in found
+
+
+def test_each_triangle_has_the_stress_of_its_own_cell_where_a_mesh_is_thinned(monkeypatch):
+    full, model = pair()
+    scenery = hhr.scenery_of(full)
+    owners = flow_stress.cells_of(model, scenery)
+    nodes = model.fields.flow.strain.dofs[:, :: model.dimension] // model.dimension
+    for cell, corners in zip(owners, scenery.nodes[scenery.triangles], strict=True):
+        assert set(corners) <= set(nodes[cell])
+    monkeypatch.setattr(page, "DRAWN", len(scenery.points) // 2)
+    text = page.page_text(model, scenery)
+    told = json.loads(text.split('application/json">')[1].split("</script>")[0])
+    thin = thinned(dataclasses.replace(scenery, owners=owners), page.DRAWN)
+    assert told["tree"]["strained"] == len(nodes) > len(np.unique(thin.owners))
+    kept = np.frombuffer(base64.b64decode(told["arrays"]["stress_cells"]["data"]), dtype="<i4")
+    np.testing.assert_array_equal(np.unique(thin.owners)[kept], thin.owners)
+
+
+def test_scenery_of_another_mesh_is_refused():
+    full, model = pair()
+    scenery = hhr.scenery_of(full)
+    moved = scenery.nodes.copy()
+    moved[:3] = moved[3:6]
+    with pytest.raises(NotOfferedError, match="of another mesh"):
+        page.page_text(model, dataclasses.replace(scenery, nodes=moved[::-1].copy()))

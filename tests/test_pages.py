@@ -26,6 +26,8 @@ from hhr_dolfinx.errors import FileContentError, NotOfferedError
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.pages import page
+from hhr_dolfinx.pages.packing import Packed
+from hhr_dolfinx.pages.pictures import pictures_of
 from hhr_dolfinx.pages.scenery import thinned
 
 MODEL = Path(page.__file__).with_name("model.js")
@@ -587,6 +589,19 @@ def test_bodies_that_rub_are_drawn_where_their_moduli_vary():
         np.testing.assert_allclose(found["forces"], answer.multipliers, rtol=0, atol=1e-9 * largest)
         exact = answer.displacement()[rows]
         assert np.linalg.norm(np.array(found["field"]) - exact) < 0.03 * max(np.linalg.norm(exact), 0.05)
+
+
+def test_a_picture_of_bodies_that_rub_is_left_out_where_it_has_no_room():
+    """And moduli that name a parameter without changing are those of a constant."""
+    bodies = (hhr.Body(FIRST, "3 + 0 * E1", 0.3), hhr.Body(SECOND, "E2", 0.2))
+    box = {"E1": (2.0, 6.0), "E2": (2.0, 4.0)}
+    _, model, scenery = made(rubbing(geometry=round_block, bodies=bodies, box=box), fields=True)
+    arrays = Packed()
+    assert pictures_of(model, scenery, arrays, 3_000_000)["field"]["kind"] == "fitted" and arrays.arrays
+    for value in arrays.arrays.values():
+        assert np.isfinite(value).all()
+    nothing = Packed()
+    assert pictures_of(model, scenery, nothing, 1000)["field"] is None and not nothing.arrays
 
 
 @in_node

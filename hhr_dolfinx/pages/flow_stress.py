@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
 
+from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
@@ -28,7 +29,11 @@ MOST_CELLS = 20_000
 
 
 def cells_of(model: CondensedFlowModel, scenery: Scenery) -> np.ndarray:
-    """The cell behind each triangle that is drawn, (t,): the one that has all of its nodes."""
+    """The cell behind each triangle that is drawn, (t,): the one that has all of its nodes.
+
+    Raises:
+        NotOfferedError: where none has, of a scenery of another mesh.
+    """
     cells = model.fields.flow.strain.dofs[:, :: model.dimension] // model.dimension
     count = len(model.fields.basis) // model.dimension
     corners = scenery.nodes[scenery.triangles]
@@ -38,7 +43,10 @@ def cells_of(model: CondensedFlowModel, scenery: Scenery) -> np.ndarray:
         )
         for nodes in (corners, cells)
     )
-    return np.asarray((of_triangles @ of_cells.T).tocsr().argmax(axis=1)).ravel()
+    shared = (of_triangles @ of_cells.T).tocsr()
+    if (shared.max(axis=1).toarray() < corners.shape[1]).any():
+        raise NotOfferedError("the scenery is of another mesh than the model: its triangles are none of its cells'")
+    return np.asarray(shared.argmax(axis=1)).ravel()
 
 
 class CellMeans:
@@ -87,18 +95,20 @@ def mises(deviators: np.ndarray, count: int) -> np.ndarray:
 
 
 def flow_stress(
-    model: CondensedFlowModel, scenery: Scenery, answers: Sequence[Answer], arrays: Packed, room: int
+    model: CondensedFlowModel, scenery: Scenery, histories: Sequence[Sequence[Answer]], arrays: Packed, room: int
 ) -> dict[str, Any] | None:
-    """The stress of the cells that are drawn in modes of some histories, and how far off it is.
+    """The stress of the cells that are drawn in modes of some histories, and how far off it is along others.
 
     None where there are too many cells, where the largest one would be far off, or where there is no room.
     """
-    cells, places = np.unique(cells_of(model, scenery), return_inverse=True)
-    if len(cells) > MOST_CELLS or not answers:
+    assert scenery.owners is not None
+    cells, places = np.unique(scenery.owners, return_inverse=True)
+    if not 0 < len(cells) <= MOST_CELLS or len(histories) < APART:
         return None
     means = CellMeans(model, cells)
-    seen = np.array([means.stressed(model.fields.stress(answer)) for answer in answers]).T
-    apart = np.arange(APART - 1, len(answers), APART)
+    seen = np.array([means.stressed(model.fields.stress(answer)) for along in histories for answer in along]).T
+    number = np.repeat(np.arange(len(histories)), [len(along) for along in histories])
+    apart = np.flatnonzero(number % APART == APART - 1)
     ways = modes_of(np.delete(seen, apart, axis=1), STRESS, int((room - arrays.size) / BASE64))
     if ways is None:
         return None
@@ -106,7 +116,10 @@ def flow_stress(
     tree = {"kind": "stressed"} | packed_levels("stress_modes", ways.T, tried, COARSE)
     tree |= _maps(model, means, cells, ways, tried)
     found = kept_levels(tree, tried).T @ (ways.T @ seen[:, apart])
-    off = far_off(*(np.array([mises(one, len(cells)) for one in own.T]) for own in (seen[:, apart], found)))
+    exact, drawn = (np.array([mises(one, len(cells)) for one in own.T]) for own in (seen[:, apart], found))
+    # what is left of a stress behind unloading is small beside that of its history
+    scales = np.array([exact[number[apart] == own].max() for own in number[apart]])
+    off = far_off(exact, drawn, scales)
     tree |= {
         "cells": tried.put("stress_cells", places.ravel(), "<i4"),
         "off": off,

@@ -28,7 +28,7 @@ from hhr_dolfinx.pages.packing import Packed, half, modes_of, packed_levels, ste
 from hhr_dolfinx.pages.scenery import Scenery
 from hhr_dolfinx.trained import TrainedPaths
 
-WALKS = 12
+WALKS = 16
 WALK = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 0.6, 0.3, 0.0)
 """Histories that the modes of the picture are made of, in proportion to random points and back, and their steps."""
 
@@ -151,11 +151,11 @@ def _of_part(rows: csr_matrix, fields: CondensedFlowFields, part: int) -> csr_ma
 
 
 def flow_field(
-    model: CondensedFlowModel, answers: Sequence[Answer], scenery: Scenery, rows: np.ndarray, arrays: Packed
+    model: CondensedFlowModel, histories: Sequence[Sequence[Answer]], scenery: Scenery, rows: np.ndarray, arrays: Packed
 ) -> dict[str, Any] | None:
-    """The displacement of the dofs that are drawn in modes of some answers, and how plastic strain is drawn."""
+    """The displacement of the dofs that are drawn in modes of some histories, and how plastic strain is drawn."""
     fields = model.fields
-    seen = np.array([answer.displacement()[rows] for answer in answers]).T
+    seen = np.array([answer.displacement()[rows] for along in histories for answer in along]).T
     ways = modes_of(seen)
     if ways is None:
         return None
@@ -169,7 +169,7 @@ def flow_field(
     return {"kind": "flow"} | tree | found | _plastic(fields, scenery, arrays)
 
 
-def walked(model: CondensedFlowModel) -> Iterator[Answer]:
+def walked(model: CondensedFlowModel) -> Iterator[list[Answer]]:
     """Answers of histories that nobody has asked for, loaded in proportion to random points of what was trained."""
     space = model.parameters
     rest = np.clip(0.0, space.lower, space.upper)
@@ -184,7 +184,7 @@ def walked(model: CondensedFlowModel) -> Iterator[Answer]:
         path = [(float(time), start + share * (point - start)) for time, share in enumerate(WALK)]
         with warnings.catch_warnings(), suppress(ConvergenceError):
             warnings.simplefilter("ignore")
-            yield from model.march(path).answers
+            yield model.march(path).answers
 
 
 def _plastic(fields: CondensedFlowFields, scenery: Scenery, arrays: Packed) -> dict[str, Any]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+from dataclasses import replace
 from html import escape
 from importlib import resources
 from pathlib import Path
@@ -90,18 +91,20 @@ def _size(model: Any) -> str:
     return f"{conditions}, {len(flow.per_mode)} modes and {flow.points.size} points at which laws are evaluated"
 
 
-def _strained(model: Any, scenery: Scenery) -> int:
+def _strained(scenery: Scenery) -> int:
     """Cells whose stress could be drawn."""
-    if flows(model):
-        from hhr_dolfinx.pages.flow_stress import cells_of
-
-        return int(np.unique(cells_of(model, scenery)).size)
+    if scenery.owners is not None:
+        return int(np.unique(scenery.owners).size)
     return 0 if scenery.strains is None else len(scenery.strains.bodies)
 
 
 def page_text(model: Any, scenery: Scenery) -> str:
     """The page."""
-    strained = _strained(model, scenery)
+    if flows(model):
+        from hhr_dolfinx.pages.flow_stress import cells_of
+
+        scenery = replace(scenery, owners=cells_of(model, scenery))
+    strained = _strained(scenery)
     scenery = thinned(scenery, DRAWN)
     of_scenery, placed = drawn(scenery)
     tree, arrays = packed(model, scenery, MOST_BYTES - SCRIPTS - sum(len(item["data"]) for item in placed.values()))

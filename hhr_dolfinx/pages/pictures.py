@@ -56,6 +56,7 @@ class Drawn:
         left: part of what is seen that modes may leave out.
         levels: of their numbers to either side of zero.
         room: bytes that they may take.
+        most: bytes that all arrays of a page may take; None where that is seen to elsewhere.
     """
 
     name: str
@@ -63,6 +64,7 @@ class Drawn:
     left: float = FIELD
     levels: int = LEVELS
     room: int = ROOM
+    most: int | None = None
 
     def modes(self, seen: np.ndarray) -> np.ndarray | None:
         """Of answers, (k, S)."""
@@ -120,9 +122,9 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
         from hhr_dolfinx.pages.flow_stress import flow_stress
         from hhr_dolfinx.pages.flowing import flow_field, walked
 
-        answers = list(walked(model))
-        moved = flow_field(model, answers, scenery, rows_of(model, scenery), arrays)
-        return {"field": moved, "stress": moved and flow_stress(model, scenery, answers, arrays, room)}
+        histories = list(walked(model))
+        moved = flow_field(model, histories, scenery, rows_of(model, scenery), arrays)
+        return {"field": moved, "stress": moved and flow_stress(model, scenery, histories, arrays, room)}
     found: dict[str, Any] = {"field": None, "stress": None}
     known, maps = _answers(model)
     if not known.answers:
@@ -134,7 +136,7 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
     stress = None if strains is None else Stress(strains, model.parameters.names, model.parameters.middle)
     every = chosen if stress is None else csr_matrix(vstack([chosen, stress.rows]))
     seen = np.array([every @ answer.displacement() for answer in known.answers]).T  # each displacement once
-    field = maps(Drawn("field", chosen), known, seen[: rows.size], arrays)
+    field = maps(Drawn("field", chosen, most=room), known, seen[: rows.size], arrays)
     if field is None:
         return found
     found["field"] = field.tree
@@ -155,9 +157,9 @@ def _answers(model: Any) -> tuple[Split, Callable[[Drawn, Split, np.ndarray, Pac
         return Split(model.solve_many(points, raise_on_failure=False), len(corners)), partial(_exact, model)
     if isinstance(fields, InterpolatedFields) and fields.galerkin is not None:
         # with friction each point is the end of a path, and maps are fitted elsewhere
-        count = FITTED if model.friction is None else FEW
-        points = np.vstack([Sobol(count).points(model.parameters), corners])
-        return Split(_reached(model, points), len(corners)), partial(_fitted, model)
+        points = Sobol(FITTED if model.friction is None else FEW).points(model.parameters)
+        corners = corners if model.friction is None else corners[:0]
+        return Split(_reached(model, np.vstack([points, corners])), len(corners)), partial(_fitted, model)
     return Split([], 0), partial(_exact, model)
 
 
@@ -254,14 +256,20 @@ def _fitted(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Pa
     along = fitted.reshape(len(answers), *values.shape[1:])
     weights = np.column_stack([np.ones(len(answers)), forces.T @ pushes])
     coefficients = np.einsum("skr,sr->ks", along, weights)[:, apart]
-    tree = {"kind": "fitted"} | packed_levels(f"{drawn.name}_modes", ways.T, arrays, drawn.levels)
-    found = kept_levels(tree, arrays).T @ coefficients
-    off = np.linalg.norm(found - seen[:, apart], axis=0) / np.linalg.norm(seen[:, apart], axis=0)
+    tried = Packed()
+    tree = {"kind": "fitted"} | packed_levels(f"{drawn.name}_modes", ways.T, tried, drawn.levels)
+    found = kept_levels(tree, tried).T @ coefficients
+    sizes = np.linalg.norm(seen[:, apart], axis=0)
+    off = np.linalg.norm(found - seen[:, apart], axis=0)[sizes > 0] / sizes[sizes > 0]
     if np.median(off) > OFF:
         return None
     whole = np.linalg.lstsq(features, flat, rcond=None)[0].reshape(-1, *values.shape[1:])
-    tree |= monomials.tree | {"pushes": arrays.put(f"{drawn.name}_pushes", pushes.T, "<f4")}
-    return Picture(tree | {"fit": arrays.put(f"{drawn.name}_fit", whole, "<f4")}, found, apart)
+    tree |= monomials.tree | {"pushes": tried.put(f"{drawn.name}_pushes", pushes.T, "<f4")}
+    tree |= {"fit": tried.put(f"{drawn.name}_fit", whole, "<f4")}
+    if drawn.most is not None and arrays.size + tried.size > drawn.most:
+        return None
+    arrays.take(tried)
+    return Picture(tree, found, apart)
 
 
 def _maps_at(model: Any, drawn: Drawn, ways: np.ndarray, pushes: np.ndarray, points: np.ndarray) -> np.ndarray:
@@ -288,6 +296,8 @@ class Monomials:
         factors = [part.factor for part in model.eliminated.parts if part.factor is not None]
         alone = {factor.formula.variables[0]: factor for factor in factors if len(factor.formula.variables) == 1}
         self._factors = [alone.get(name) for name in model.parameters.names]
+        still = np.ptp(self._columns(points), axis=0) == 0  # a modulus that names a parameter and does not change
+        self._factors = [None if one else factor for one, factor in zip(still, self._factors, strict=True)]
         columns = self._columns(points)
         self._low = columns.min(axis=0)
         self._high = columns.max(axis=0)

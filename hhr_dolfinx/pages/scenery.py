@@ -86,6 +86,7 @@ class Scenery:
         compliance: S times ones in the middle of the box, (m,), by which a page tells whose model it draws.
         moves: whether shapes are parameters: areas are then those of the middle of the box alone.
         strains: of the cells that are drawn; None where their stress is not that of a displacement alone.
+        owners: cell of each triangle in a model that flows, (t,), which alone knows them; None elsewhere.
         words: ``scene``, ``contacts`` (a name for each), ``bodies`` (a line for each), ``hypothesis``, ``length`` and
             ``stress`` (units, or nothing), ``units`` of parameters by name.
     """
@@ -101,6 +102,7 @@ class Scenery:
     moves: bool
     words: dict[str, Any]
     strains: Strains | None = None
+    owners: np.ndarray | None = None
 
     def write(self, path: str | Path) -> None:
         """Keep it in a file.
@@ -208,6 +210,7 @@ def thinned(scenery: Scenery, most: int) -> Scenery:
         triangles=triangles[whole],
         lines=lines[_whole(lines)],
         strains=None if scenery.strains is None else scenery.strains.taken(whole),
+        owners=None if scenery.owners is None else scenery.owners[whole],
     )
 
 

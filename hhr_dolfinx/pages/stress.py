@@ -82,13 +82,15 @@ class Stress:
         return far_off(right, here)
 
 
-def far_off(exact: np.ndarray, found: np.ndarray) -> dict[str, float]:
-    """How far von Mises' stress that is drawn is off that of answers, (S, c) each, relative to the largest of each.
+def far_off(exact: np.ndarray, found: np.ndarray, scales: np.ndarray | None = None) -> dict[str, float]:
+    """How far von Mises' stress that is drawn is off that of answers, (S, c) each, relative to some scales, (S,).
 
-    In any cell, and the largest value itself; answers of which nothing is left but round-off do not count.
+    By default to the largest of each. In any cell, and the largest value itself; answers of which nothing is left but
+    round-off do not count.
     """
     largest = exact.max(axis=1, initial=0.0)
-    known = largest > NOTHING * largest.max(initial=0.0)
-    cells = np.abs(found - exact).max(axis=1, initial=0.0)[known] / largest[known]
-    peaks = np.abs(found.max(axis=1, initial=0.0) - largest)[known] / largest[known]
+    scales = largest if scales is None else scales
+    known = scales > NOTHING * scales.max(initial=0.0)
+    cells = np.abs(found - exact).max(axis=1, initial=0.0)[known] / scales[known]
+    peaks = np.abs(found.max(axis=1, initial=0.0) - largest)[known] / scales[known]
     return {"cells": float(cells.max(initial=0.0)), "largest": float(peaks.max(initial=0.0))}

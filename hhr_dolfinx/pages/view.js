@@ -221,9 +221,9 @@
 
   function aboutStress() {
     const { cells, largest } = tree.stress.off, drawn = arrays[tree.stress.bodies].length, part = (share) => `${Number((100 * share).toPrecision(2))} %`;
-    const where = sliding || flowing ? "at other increments of a path" : "at other points and corners of the box";
+    const where = flowing ? "along other histories" : sliding ? "at other increments of a path" : "at other points and corners of the box";
     const thinned = tree.strained > drawn ? ` Of ${tree.strained} cells ${drawn} are drawn, and the largest is that of these.` : "";
-    return `${flowing ? "Means of cells" : "In the middle of cells"}, drawn by few modes: ${where} off by at most ${part(cells)} of the largest one in any cell, and the largest one by ${part(largest)}.${thinned}`;
+    return `${flowing ? "Means of cells" : "In the middle of cells"}, drawn by few modes: ${where} off by ${flowing ? "up to" : "at most"} ${part(cells)} of the largest one${flowing ? " of a history" : ""} in any cell, and the largest one by ${part(largest)}.${thinned}`;
   }
 
   /* Once a picture for all that changed since the last one; of what remembers increments for each. */
