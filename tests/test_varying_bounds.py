@@ -2,19 +2,22 @@
 
 import dataclasses
 import pickle
+import warnings
 
 import numpy as np
 import pytest
 import your_scene
 from kept_values import put, rewrite_model
+from mpi4py import MPI
 from scenes import pressed_pair
 from scipy.linalg import eigvalsh
 from test_shapes import BODIES as SHAPED_BODIES
 from test_shapes import CROWNED, SPACE
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import BoundError, ModelFileError, NotSolvableError
+from hhr_dolfinx.errors import BoundError, ModelFileError, NoBoundWarning, NotSolvableError, SceneWarning
 from hhr_dolfinx.geometries import two_blocks
+from hhr_dolfinx.geometries.gmsh_model import gmsh, mesh_of
 from hhr_dolfinx.models.bounds import least_response
 from hhr_dolfinx.models.eliminations import interpolated
 from hhr_dolfinx.reduction.varying_bound import EnergySolver, _check_resolved, varying_bound
@@ -348,3 +351,52 @@ def test_a_modulus_that_is_none_at_one_row_has_no_answer_there(young):
     assert not model.solve(points[2], raise_on_failure=False, outside="ignore").converged
     with pytest.raises(NotSolvableError, match="must be positive"):
         model.solve_many(points, outside="ignore")
+
+
+def apart(push):
+    """The pair of blocks, and beside them a third one that nothing touches, moved by ``push`` of the parameter."""
+
+    def make():
+        for number, (x, y) in enumerate(((0, 0), (0, 1), (3, 0)), start=1):
+            body = gmsh.model.occ.addRectangle(x, y, 0, 1, 1)
+            gmsh.model.occ.synchronize()
+            gmsh.model.addPhysicalGroup(2, [body], number)
+            for side, (dx, dy) in enumerate(((0, 0.5), (1, 0.5), (0.5, 0), (0.5, 1))):
+                lines = [
+                    tag
+                    for _, tag in gmsh.model.getBoundary([(2, body)], oriented=False)
+                    if np.allclose(gmsh.model.occ.getCenterOfMass(1, tag)[:2], (x + dx, y + dy))
+                ]
+                gmsh.model.addPhysicalGroup(1, lines, 10 * number + side)
+        gmsh.model.mesh.setTransfiniteAutomatic()
+        gmsh.model.mesh.generate(2)
+
+    moved = hhr.Amplitude(slopes={"push": -1.0})
+    held = [hhr.Displacement(tag, 0) for tag in (10, 20, 30)] + [hhr.Displacement(tag, 1) for tag in (12, 32)]
+    return hhr.Scene(
+        name="apart",
+        geometry=lambda comm: mesh_of(make, comm, 2, options={"Mesh.MeshSizeMax": 0.34}),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(1, "E1", 0.3), hhr.Body(2, "E2", 0.3), hhr.Body(3, "E3", 0.3)),
+        contacts=(hhr.NodeToNode(13, 22, (0.0, 1.0)),),
+        displacements=(*held, hhr.Displacement(23, 1, moved), *([hhr.Displacement(33, 1, moved)] if push else [])),
+        loads=(hhr.Traction(31, (1.0, 0.0), hhr.Amplitude(slopes={"push": 1.0})),),
+        parameters=hhr.ParameterSpace(("push", "E1", "E2", "E3"), (0.01, 1.0, 1.0, 1.0), (0.1, 3.0, 3.0, 3.0)),
+    )
+
+
+def test_bodies_that_nothing_touches_are_right_or_warned_of():
+    """Loads are carried by the factors that serve all bodies; what imposed displacements do there is not spanned."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SceneWarning)
+        warnings.simplefilter("ignore", NoBoundWarning)
+        full = hhr.FullOrderModel(apart(push=False), MPI.COMM_SELF)
+        model = hhr.condense(full, fields=True)
+    for point in full.parameters.random(3, 0):
+        exact = full.solve(point).displacement()
+        assert np.linalg.norm(model.solve(point).displacement() - exact) < 1e-9 * np.linalg.norm(exact)
+    with pytest.warns(SceneWarning, match="nothing can touch a body"):
+        model = hhr.condense(apart(push=True), fields=True)
+    full = hhr.FullOrderModel(apart(push=True), MPI.COMM_SELF)
+    point = full.parameters.middle
+    np.testing.assert_allclose(model.solve(point).forces(), full.solve(point).forces(), rtol=1e-8, atol=1e-12)

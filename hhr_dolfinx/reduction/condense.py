@@ -12,13 +12,14 @@ from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.certify.compare import Comparison, compare_points
 from hhr_dolfinx.certify.trust import OF_CONDENSATION, TrustLimits, check_comparison
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import BoundError, NotOfferedError, ReductionError, StabilityWarning
+from hhr_dolfinx.errors import BoundError, NotOfferedError, ReductionError, SceneWarning, StabilityWarning
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.block import BlockElimination
 from hhr_dolfinx.models.eliminations.interpolated import Compliances, InterpolatedFields
@@ -190,6 +191,29 @@ def _warn_of_budget(full: Any, grids: list[GrownGrid], settings: GridSettings) -
         )
 
 
+def _warn_of_untouched(snapshots: SnapshotSet | None, solvers: list[Solver]) -> None:
+    """Warn of bodies that nothing can touch and that are moved: without snapshots no field of theirs is spanned."""
+    if snapshots is not None:
+        return
+    problem = solvers[0].problem
+    touched = {solver.component.number for solver in solvers}
+    moved = csr_matrix(problem.external)
+    lifts = csr_matrix(problem.lifts)
+    wrong = [
+        body
+        for number, body in enumerate(problem.bodies)
+        # factors that serve all bodies have found what loads do there
+        if number not in touched and moved[body].nnz and (lifts[body].nnz or not solvers[0].serves_all)
+    ]
+    if wrong:
+        warnings.warn(
+            "nothing can touch a body that loads or displacements move: contact forces are right, its displacement is "
+            "not. Leave it out of the scene, train and condense, or ask the full model",
+            SceneWarning,
+            stacklevel=4,
+        )
+
+
 def _no_fields(full: Any, settings: GridSettings) -> InterpolatedFields:
     """Outputs of forces, and no displacement."""
     problem = full.problem
@@ -263,6 +287,7 @@ def _spanning(
     along: bool,
 ) -> list[np.ndarray]:
     """Displacements that span the fields, (N, k) each: of snapshots, and of forces, (S, m), at solved points."""
+    _warn_of_untouched(snapshots, solvers)
     seen = [] if solvers[0].problem.reshaped is None else _fields_seen(compliances, solvers, forces)
     if snapshots is None or along:
         seen += _fields_along(compliances, solvers, known.points, forces)
