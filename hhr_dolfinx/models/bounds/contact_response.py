@@ -173,7 +173,8 @@ def amplified_by(lower: np.ndarray) -> tuple[float, np.ndarray]:
     Of the second ((L L^T)^-1)_ii^1/2 is the exact value. The first, |L^-1|, is at most the Frobenius norm, and at most
     the root of the largest column sum times the largest row sum.
     """
-    inverse = np.abs(dtrtri(lower, lower=1)[0])
-    sizes = np.sqrt((inverse * inverse).sum(axis=0))
+    inverse = dtrtri(lower, lower=1)[0]
+    np.abs(inverse, out=inverse)
+    sizes = np.sqrt(np.einsum("ij,ij->j", inverse, inverse))
     sums = float(inverse.sum(axis=0).max() * inverse.sum(axis=1).max())
     return math.sqrt(min(sums, float(sizes @ sizes))), sizes

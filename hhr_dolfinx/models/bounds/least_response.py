@@ -38,17 +38,15 @@ LEAST = 0.2
 
 
 class Share(NamedTuple):
-    """S_c in the middle of the box, and what modes may take from it.
+    """What S_c is made of in the middle of the box, and what modes may take from it.
 
     Attributes:
-        schur: S_c(middle), (m_c, m_c).
         compliance: 1 / E_c there.
         along: components along the modes there, (r,).
         extremes: least and largest eigenvalue of S_c(middle)^-1 M_ck, (r, 2), where S_c is not zero; infinite ones
             where a mode is not zero elsewhere.
     """
 
-    schur: np.ndarray
     compliance: float
     along: np.ndarray
     extremes: np.ndarray
@@ -57,8 +55,6 @@ class Share(NamedTuple):
     def of(cls, part: Compliance, middle: np.ndarray) -> Share:
         """Of one part; nothing is measured where it has no axis, along which its modes change."""
         along = part.interpolant.along_modes(middle)
-        compliance = part.compliance(middle)
-        schur = part.schur(compliance * along)
         extremes = np.zeros((along.size, 2))
         if part.interpolant.axes.size:
             sizes, ways = eigh(part.schur(along))
@@ -69,7 +65,7 @@ class Share(NamedTuple):
                 values = eigvalsh(half.T @ mode @ half)
                 elsewhere = np.abs(mode @ ways[:, ~there]).max(initial=0.0) > NOTHING * sizes[-1]
                 extremes[place] = (-np.inf, np.inf) if elsewhere else (values[0], values[-1])
-        return cls(schur, compliance, along, extremes)
+        return cls(part.compliance(middle), along, extremes)
 
     def least(self, along: np.ndarray, compliances: np.ndarray) -> np.ndarray:
         """a_c at components along the modes, (n, r), and compliances, (n,): (n,); zero where it may be small."""
@@ -174,6 +170,7 @@ class LeastResponse:
         """Cholesky factor of a sum with weights of so many steps, and what it amplifies."""
         schur = np.zeros((len(self.compliances.gaps),) * 2)
         for part, share, step in zip(self.compliances.parts, self._shares, steps, strict=True):
-            schur[part.block] += math.exp(STEP * step) * share.schur
-        lower = np.asfortranarray(cholesky(schur, lower=True))
+            schur[part.block] += part.schur(math.exp(STEP * step) * share.compliance * share.along)
+        # symmetric, and as large as a hundredth of all memory: LAPACK takes it as it lies
+        lower = cholesky(schur.T, lower=True, overwrite_a=True)
         return lower, amplified_by(lower)
