@@ -93,9 +93,13 @@ def test_many_answers_say_what_single_ones_say(pellet, reduced, condensed):
         many = model.solve_many(points, outside="ignore").estimates()
         for k, point in enumerate(points):
             alone = model.solve(point, outside="ignore").estimate()
-            own, other = ([getattr(item, name) for name in NUMBERS] for item in (alone, many[k]))
+            own, other = ({name: getattr(item, name) for name in NUMBERS} for item in (alone, many[k]))
             # two ways to the same forces, to round-off of the forces themselves
-            assert other == pytest.approx(own, rel=1e-6, abs=1e-9 * max(own))
+            least = 1e-9 * max(own.values())
+            for name in NUMBERS:
+                # of displacements 1e-9 of their energies is left, known to the round-off of these: 2e-6 were measured
+                part = 1e-5 if name.startswith("primal") else 1e-6
+                assert other[name] == pytest.approx(own[name], rel=part, abs=least), name
 
 
 def test_estimates_of_parts_are_put_in_order():
