@@ -226,7 +226,11 @@ def apart(found, wanted):
 SCENES |= SECOND_ORDER
 
 
-@pytest.mark.parametrize("name", SCENES)
+SLOW = ("hexahedra, second order", "curved hexahedra")
+"""What takes five seconds each; tetrahedra are as much of second order and in space."""
+
+
+@pytest.mark.parametrize("name", [pytest.param(name, marks=[pytest.mark.slow] * (name in SLOW)) for name in SCENES])
 def test_it_is_the_projection_of_the_full_problem_at_any_point(name):
     full, basis, sets, assembly = reduced(SCENES[name]())
     assert full.problem.varies and len(sets.A_lambda) > 1
