@@ -301,6 +301,14 @@ def test_a_unit_keeps_to_what_was_trained_within_the_box():
     assert ends == {"push": [0.25, 1.0, 0.625], "load": [0.0, 0.5, 0.25]}
 
 
+BEGUN = """
+int begin(const double *point, double *forces, double *outputs) {
+    press_path *path = press_path_new();
+    const int status = press_begin(path, point, forces, outputs);
+    press_path_free(path);
+    return status;
+}
+"""
 RUBBED = """
 #include "press.h"
 int ask(int count, const double *points, double *forces, double *outputs, double *slips, int *statuses) {
@@ -318,12 +326,6 @@ int ask(int count, const double *points, double *forces, double *outputs, double
     press_path_free(path);
     return status;
 }
-int begin(const double *point, double *forces, double *outputs) {
-    press_path *path = press_path_new();
-    const int status = press_begin(path, point, forces, outputs);
-    press_path_free(path);
-    return status;
-}
 """
 
 
@@ -336,7 +338,7 @@ def rubbing_model(name):
 def rubbing_library(folder, model):
     """The functions above, compiled without a warning."""
     c_header.write_c_header(folder / "press.h", model)
-    (folder / "press.c").write_text(RUBBED)
+    (folder / "press.c").write_text(RUBBED + BEGUN)
     done = subprocess.run([CC, *WORDS, "-o", "press.so", "press.c", "-lm"], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return ctypes.CDLL(str(folder / "press.so"))
@@ -488,12 +490,6 @@ int ask(int count, const double *points, double *forces, double *outputs, double
     press_path_free(path);
     return status;
 }
-int begin(const double *point, double *forces, double *outputs) {
-    press_path *path = press_path_new();
-    const int status = press_begin(path, point, forces, outputs);
-    press_path_free(path);
-    return status;
-}
 """
 
 
@@ -507,7 +503,7 @@ def flowing(name):
 def flowing_library(folder, model):
     """The functions above, compiled without a warning."""
     c_header.write_c_header(folder / "press.h", model)
-    (folder / "press.c").write_text(FLOWED)
+    (folder / "press.c").write_text(FLOWED + BEGUN)
     done = subprocess.run([CC, *WORDS, "-o", "press.so", "press.c", "-lm"], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     return ctypes.CDLL(str(folder / "press.so"))
@@ -565,7 +561,7 @@ def test_flow_in_c_is_without_undefined_behaviour(tmp_path):
     c_header.write_c_header(tmp_path / "press.h", model)
     numbers = ", ".join(repr(value) for value in np.array(path).ravel().tolist())
     count = len(contact_tree(model, Packed())["outputs"])
-    text = f"""{FLOWED}
+    text = f"""{FLOWED}{BEGUN}
 int main(void) {{
     static const double points[] = {{{numbers}}};
     static double forces[{len(path) * model.conditions}], outputs[{len(path) * max(count, 1)}];

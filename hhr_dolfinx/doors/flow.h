@@ -361,8 +361,7 @@ static inline int model_told(model_path *p, double *forces, double *outputs) {
 /* Begin at rest where the box is nearest to zero, at the moduli and constants of laws that a point has. */
 static inline int model_rest(model_path *p, const double *point) {
     memset(p->state, 0, sizeof *p->state);
-    for (int k = 0; k < MODEL_PARAMETERS; k++) p->state->point[k] = fmin(fmax(0, model_box_lower[k]), model_box_upper[k]);
-    for (int k = 0; k < MODEL_FIXED_COUNT; k++) p->state->point[model_fixed[k]] = point[model_fixed[k]];
+    model_start(point, p->state->point);
     p->begun = p->tangent = 0;
     if (!model_stays(point)) return MODEL_OUTSIDE;
     p->begun = 1;

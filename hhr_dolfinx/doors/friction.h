@@ -371,8 +371,7 @@ static inline int model_told(model_path *p, double *forces, double *outputs) {
 /* Begin at rest where the box is nearest to zero, at the parameters of moduli and laws that a point has. */
 static inline int model_rest(model_path *p, const double *point) {
     double from[MODEL_PARAMETERS];
-    for (int k = 0; k < MODEL_PARAMETERS; k++) from[k] = fmin(fmax(0, model_box_lower[k]), model_box_upper[k]);
-    for (int k = 0; k < MODEL_FIXED_COUNT; k++) from[model_fixed[k]] = point[model_fixed[k]];
+    model_start(point, from);
     memset(p->state, 0, sizeof *p->state);
     memcpy(p->state->point, from, sizeof from);
     p->begun = 0, p->largest = p->dissipated = 0;

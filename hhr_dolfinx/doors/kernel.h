@@ -333,6 +333,12 @@ static inline int model_stays(const double *point) {
     return 1;
 }
 
+/* Where a path begins: where the box is nearest to zero, with what stays on it as at a point. */
+static inline void model_start(const double *point, double *from) {
+    for (int k = 0; k < MODEL_PARAMETERS; k++) from[k] = fmin(fmax(0, model_box_lower[k]), model_box_upper[k]);
+    for (int k = 0; k < MODEL_FIXED_COUNT; k++) from[model_fixed[k]] = point[model_fixed[k]];
+}
+
 static inline int model_inside(const double *point) {
     for (int k = 0; k < MODEL_PARAMETERS; k++)
         if (!(point[k] >= model_lower[k] && point[k] <= model_upper[k])) return 0;

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -119,6 +119,18 @@ class Estimates:
     pressure: np.ndarray
     forces_euclid_relative: np.ndarray
     pressure_relative: np.ndarray
+
+    @classmethod
+    def by_blocks(
+        cls, kind: str, solved: np.ndarray, together: int, bounded: Callable[[np.ndarray], Estimates]
+    ) -> Estimates:
+        """Of those answers that there are, (n,) bool, so many rows at once; NaN elsewhere."""
+        rows = np.flatnonzero(solved)
+        numbers = np.full((len(NUMBERS), len(solved)), np.nan)
+        for first in range(0, rows.size, together):
+            some = rows[first : first + together]
+            numbers[:, some] = bounded(some).numbers
+        return cls(kind, *numbers)
 
     def __len__(self) -> int:
         return len(self.primal)

@@ -14,14 +14,13 @@ from scipy.optimize import nnls
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
 from hhr_dolfinx.linear.layout import lay_out
 from hhr_dolfinx.models.answer import Answer, ModelFields
 from hhr_dolfinx.models.bounds.error_bound import Bound, BoundThere, driven
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
-from hhr_dolfinx.models.estimates import FORCES, NUMBERS, STRESS, Estimate, Estimates
+from hhr_dolfinx.models.estimates import FORCES, STRESS, Estimate, Estimates
 from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
 from hhr_dolfinx.trained import share_of_stress
 
@@ -403,17 +402,15 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         by_itself = bound is None or bound.together == 1 or self.reshaped_contact is not None
         if bound is None or by_itself or self.force_snapshots is not None:
             return None
-        solved = np.flatnonzero([status is Status.CONVERGED for status in many.status])
-        numbers = np.full((len(NUMBERS), len(many)), np.nan)
-        for first in range(0, solved.size, bound.together):
-            rows = solved[first : first + bound.together]
+
+        def bounded(rows: np.ndarray) -> Estimates:
             theta = self.amplitudes.of_many(many.points[rows])
             there = bound.at(many.points[rows], theta)
             forces = there.completed(many.multipliers[rows], self._outside)
             unknown = many.unknown[rows]
-            found = there.of(unknown, forces, partial(self._slack, theta, unknown, many.points[rows[0]]))
-            numbers[:, rows] = found.numbers
-        return Estimates(bound.kind, *numbers)
+            return there.of(unknown, forces, partial(self._slack, theta, unknown, many.points[rows[0]]))
+
+        return Estimates.by_blocks(bound.kind, many.converged, bound.together, bounded)
 
     def _indicated(self, answer: Answer) -> Estimate | None:
         """What an indicator says: a user's own, that of contact with friction, or of bodies that flow."""

@@ -178,7 +178,7 @@ def bounded(
     sizes, exact, apart, apart_euclid, exact_euclid = lengths(one, other)
     noise = inexact * (sizes + exact + balanced)
     primal = unbalanced + nearer
-    # row by row, so that a bound is the same in any table
+    # of those alone that are not in equilibrium
     if given.slack is not None and (rows := np.flatnonzero(nearer > NOTHING * unbalanced)).size:
         alone = unbalanced[rows]
         left = response.off(given.slack()[rows], better[rows], rows)

@@ -7,6 +7,7 @@ interpolated.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property, partial
@@ -25,7 +26,7 @@ from hhr_dolfinx.models.bounds.error_bound import Bound
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination
 from hhr_dolfinx.models.eliminations.interpolation import Interpolant
-from hhr_dolfinx.models.estimates import NUMBERS, Estimate, Estimates
+from hhr_dolfinx.models.estimates import Estimate, Estimates
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 
 if TYPE_CHECKING:
@@ -102,7 +103,12 @@ class Compliance:
         Raises:
             NotSolvableError: where E is no positive number.
         """
-        return float(self.compliances(point[None])[0])
+        if self.factor is None:
+            return 1.0
+        modulus = self.factor.value(point)
+        if not 0 < modulus < math.inf:
+            raise NotSolvableError(self._refused(modulus, point))
+        return 1.0 / modulus
 
     def compliances(self, points: np.ndarray) -> np.ndarray:
         """1 / E at many points, (n, P): (n,).
@@ -115,11 +121,16 @@ class Compliance:
         moduli = self.factor.values(points)
         bad = np.flatnonzero(~((moduli > 0) & (moduli < np.inf)))
         if bad.size:
-            raise NotSolvableError(
-                f"the modulus {self.factor.text[:60]} is {moduli[bad[0]]:g} at {points[bad[0]].tolist()}, and must be "
-                "positive: correct its formula, or narrow the box"
-            )
+            raise NotSolvableError(self._refused(moduli[bad[0]], points[bad[0]]))
         return 1.0 / moduli
+
+    def _refused(self, modulus: float, point: np.ndarray) -> str:
+        """Why there is no compliance at a point."""
+        assert self.factor is not None
+        return (
+            f"the modulus {self.factor.text[:60]} is {modulus:g} at {point.tolist()}, and must be positive: correct "
+            "its formula, or narrow the box"
+        )
 
     def schur(self, along: np.ndarray) -> np.ndarray:
         """S_c for the factor 1, from components along the modes, (..., r): (..., m_c, m_c)."""
@@ -490,13 +501,14 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
 
     def estimates(self, many: Any) -> Estimates | None:
         """The bounds of many answers, so many at once as have room."""
-        if self.bound is None:
+        bound = self.bound
+        if bound is None:
             return None
-        solved = np.flatnonzero(many.converged)
-        numbers = np.full((len(NUMBERS), len(many)), np.nan)
-        for rows in np.array_split(solved, -(-solved.size // self.bound.together)) if solved.size else ():
-            numbers[:, rows] = self._estimated(self.bound, many.points[rows], many.multipliers[rows]).numbers
-        return Estimates(self.bound.kind, *numbers)
+
+        def bounded(rows: np.ndarray) -> Estimates:
+            return self._estimated(bound, many.points[rows], many.multipliers[rows])
+
+        return Estimates.by_blocks(bound.kind, many.converged, bound.together, bounded)
 
     def _estimated(self, bound: FieldBound, points: np.ndarray, forces: np.ndarray) -> Estimates:
         """The bounds of answers at points, (n, P), of forces, (n, m)."""
