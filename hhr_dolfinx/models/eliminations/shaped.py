@@ -28,7 +28,6 @@ from hhr_dolfinx.models.eliminations.interpolation import Interpolant
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.functionals.cells import CellRule, Middles, element_stiffness
 from hhr_dolfinx.pairings.projection import shape_functions
-from hhr_dolfinx.pairings.second_order import flat_parts
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.parameters import ParameterSpace, Tag
 from hhr_dolfinx.shapes import Shape, coordinate_names
@@ -194,7 +193,11 @@ class SurfacePatch:
     def surface(self, placed: PlacedNodes) -> Surface:
         """The surface where nodes lie at some points."""
         points, weights, free = placed
-        facets = self.facets if self.facets.shape[1] <= 2 * points.shape[1] - 2 else flat_parts(self.facets)
+        facets = self.facets
+        if facets.shape[1] > 2 * (points.shape[1] - 1):
+            from hhr_dolfinx.pairings.second_order import flat_parts
+
+            facets = flat_parts(facets)
         areas = tributary_areas(facets, points, weights)
         made = make_surface(self.tag, self.facets, points[self.behind].mean(axis=1), points, weights, areas)
         return made if made.quadratic is None else replace(made, free=free[made.nodes])
