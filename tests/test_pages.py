@@ -25,6 +25,9 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileContentError, NotOfferedError
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
 from hhr_dolfinx.materials.elasticity import von_mises
+from hhr_dolfinx.models.bounds.contact_response import ContactResponse
+from hhr_dolfinx.models.bounds.least_response import ManyResponses
+from hhr_dolfinx.models.displacement import dense
 from hhr_dolfinx.pages import page
 from hhr_dolfinx.pages.packing import Packed
 from hhr_dolfinx.pages.pictures import pictures_of
@@ -45,11 +48,17 @@ if (data.tree.floating) {
   require(process.argv[1].replace("model.js", "floating.js"));
   new hhr.Floating(model);
 }
+if (data.tree.bound) {
+  global.hhr = hhr;
+  require(process.argv[1].replace("model.js", "bound.js"));
+}
+const bound = data.tree.bound && new hhr.Bound(model);
 const found = points.map((point) => {
   const open = starts === "open" ? new Uint8Array(model.m) : null;
   const answer = model.solve(point, starts === true ? undefined : open), field = model.displacement(answer);
   return { forces: [...answer.forces], outputs: model.outputs(answer), slopes: model.slopes(answer),
-    converged: answer.converged, field: field && [...field], stress: model.tree.stress && [...model.stress(answer)] };
+    converged: answer.converged, error: bound && bound.at(answer),
+    field: field && [...field], stress: model.tree.stress && [...model.stress(answer)] };
 });
 console.log(JSON.stringify(found));
 """
@@ -150,6 +159,35 @@ def test_a_page_has_the_digits_of_python(name):
     unread = {"partial pressure": ["stress"], "shape": ["peak", "force"]}
     unread["space"] = ["torque of a quarter", "largest stress", "lost contact"]
     assert missing == unread.get(name, [])
+
+
+@in_node
+@pytest.mark.parametrize("name", ["moduli", "formula", "shape"])
+def test_a_page_bounds_the_error_of_its_answer(name):
+    """As Python does with a factor of S at each point, if interpolation is all that is off by more than round-off."""
+    _, model, scenery = known(name)
+    # so far off that the bound is more than round-off, which is not that of Python
+    bound = dataclasses.replace(model.fields.bound, inexact=1e-3)
+    model = model.changed(fields=dataclasses.replace(model.fields, bound=bound))
+    points = model.parameters.random(12, 4)
+    many = model.solve_many(points)
+    there = bound.at(points, dense(model.fields.amplitudes.of_many(points)))
+    schurs = there.found.schur
+    alone = ManyResponses([ContactResponse(schur, np.linalg.cholesky(schur)) for schur in schurs], schurs)
+    forces = np.maximum(many.multipliers, 0.0)
+    gamma = model.fields._solver.many_under(points, forces)
+    exact = there._replace(response=alone).of(gamma, forces, lambda: forces)
+    wider = many.estimates()
+    for k, found in enumerate(answered(page.page_text(model, scenery), points)):
+        error = found["error"]
+        assert error["forces"]["error"] == pytest.approx(exact.forces_euclid[k], rel=1e-6)
+        assert error["forces"]["relative"] == pytest.approx(exact.forces_euclid_relative[k], rel=1e-6)
+        assert exact.forces_euclid[k] <= wider.forces_euclid[k] * (1 + 1e-6)
+        if name == "shape":
+            assert error["pressure"] is None
+            continue
+        assert error["pressure"]["error"] == pytest.approx(exact.pressure[k], rel=1e-6)
+        assert error["pressure"]["relative"] == pytest.approx(exact.pressure_relative[k], rel=1e-6)
 
 
 @in_node

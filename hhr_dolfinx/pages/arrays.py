@@ -27,6 +27,7 @@ from hhr_dolfinx.models.eliminations.interpolation import Interpolant, leja_poin
 from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.models.functionals.kinds import LOADED, Largest, Linear, Loaded
 from hhr_dolfinx.models.model import KeptModel
+from hhr_dolfinx.pages.bounding import bound_tree
 from hhr_dolfinx.pages.packing import Packed, half, steps_of
 from hhr_dolfinx.pages.pictures import pictures_of
 from hhr_dolfinx.pages.scenery import Scenery
@@ -76,7 +77,8 @@ def packed(model: Any, scenery: Scenery, room: int) -> tuple[dict[str, Any], dic
         NotOfferedError: for an amplitude of a user's own.
     """
     arrays = Packed()
-    tree = contact_tree(model, arrays) | pictures_of(model, scenery, arrays, room)
+    tree = contact_tree(model, arrays) | {"bound": bound_tree(model, arrays)}
+    tree |= pictures_of(model, scenery, arrays, room)
     return tree, arrays.texts()
 
 

@@ -95,6 +95,10 @@ const hhr = (() => {
     return x;
   }
 
+  function dot(one, other) {
+    return one.reduce((sum, x, k) => sum + x * other[k], 0);
+  }
+
   class Model {
     constructor(tree, arrays) {
       this.tree = tree;
@@ -150,7 +154,7 @@ const hhr = (() => {
       return found;
     }
 
-    /* S, (m, m), and the free slack, (m,), at a point. */
+    /* S, (m, m), the free slack, and the gaps of bodies that nothing moves, (m,) each, at a point. */
     contact(point) {
       const theta = this.theta(point), m = this.m, T = this.terms, slack = new Float64Array(m);
       if (this.constantSchur) {
@@ -165,16 +169,20 @@ const hhr = (() => {
         along.forEach((a, k) => { for (let i = 0; i < m * T; i++) gaps[i] += a * modes[k * m * T + i]; });
       }
       for (let i = 0; i < m; i++) for (let t = 0; t < T; t++) slack[i] += gaps[i * T + t] * theta[t];
-      const schur = new Float64Array(m * m);
+      const schur = new Float64Array(m * m), opened = slack.slice();
       for (const part of this.tree.parts) this.add(part, point, theta, schur, slack);
-      return { schur, slack, theta };
+      return { schur, slack, theta, opened };
+    }
+
+    compliance(part, point) {
+      return part.factor ? 1 / formula(part.factor, point) : 1;
     }
 
     /* What one connected component adds to S and to the free slack. */
     add(part, point, theta, schur, slack) {
       const along = this.along(part, point), modes = this.arrays[part.modes], own = this.arrays[part.conditions];
       const m = this.m, c = own.length, half = (c * (c + 1)) / 2, r = along.length, columns = this.arrays[part.columns];
-      const compliance = part.factor ? 1 / formula(part.factor, point) : 1;
+      const compliance = this.compliance(part, point);
       const sum = new Float64Array(half);
       for (let k = 0; k < r; k++) for (let i = 0; i < half; i++) sum[i] += compliance * along[k] * modes[k * half + i];
       for (let i = 0, k = 0; i < c; i++) for (let j = 0; j <= i; j++, k++) {
@@ -284,8 +292,8 @@ const hhr = (() => {
     output(item, answer) {
       const { forces, theta, motions } = answer;
       if (item.kind === "linear") {
-        const sum = (weights, values) => weights.reduce((total, weight, k) => total + weight * values[k], 0);
-        return sum(this.arrays[item.forces], forces) + sum(this.arrays[item.terms], theta) + (item.motions ? sum(this.arrays[item.motions], motions) : 0) + (item.moved ? this.flow.along(item.moved, answer)[0] : 0);
+        const [pushed, loaded] = [dot(this.arrays[item.forces], forces), dot(this.arrays[item.terms], theta)];
+        return pushed + loaded + (item.motions ? dot(this.arrays[item.motions], motions) : 0) + (item.moved ? this.flow.along(item.moved, answer)[0] : 0);
       }
       const places = this.arrays[item.conditions], areas = this.arrays[item.areas];
       let most = -Infinity;
@@ -378,7 +386,7 @@ const hhr = (() => {
     }
   }
 
-  return { decoded, Model, formula, factor, solved };
+  return { decoded, Model, formula, factor, solved, dot };
 })();
 
 if (typeof module !== "undefined") module.exports = hhr;

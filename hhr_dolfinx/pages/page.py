@@ -28,8 +28,8 @@ DRAWN = 12_000
 SCRIPTS = 150_000
 """Bytes of a page beside its arrays, at most."""
 PARTS = (
-    "page.css", "model.js", "friction.js", "floating.js", "flow.js", "path.js", "drawing.js", "plots.js", "field.js",
-    "view.js",
+    "page.css", "model.js", "bound.js", "friction.js", "floating.js", "flow.js", "path.js", "drawing.js", "plots.js",
+    "field.js", "view.js",
 )  # fmt: skip
 """Files that stand in ``page.html`` where they are named there."""
 LOOKED_AT = 100
@@ -115,7 +115,7 @@ def page_text(model: Any, scenery: Scenery) -> str:
     data = json.dumps({"tree": tree, "arrays": arrays}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
     text = _file("page.html").replace("TITLE", escape(scenery.words["scene"].replace("_", " ")))
     needed = {"friction.js": model.friction is not None, "flow.js": flows(model)}
-    needed["floating.js"] = tree["floating"] is not None
+    needed |= {"floating.js": tree["floating"] is not None, "bound.js": tree["bound"] is not None}
     for part in PARTS:
         text = text.replace(f"/*{part}*/", _file(part) if needed.get(part, True) else "")
     return text.replace("/*DATA*/", data)

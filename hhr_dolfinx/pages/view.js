@@ -12,9 +12,10 @@
   const middle = tree.lower.map((low, k) => (low + tree.upper[k]) / 2);
   const sliding = tree.friction ? new hhr.Sliding(model) : null, flowing = tree.flow ? new hhr.Flowing(model) : null;
   if (tree.floating) new hhr.Floating(model);
+  const bound = tree.bound ? new hhr.Bound(model) : null;
   const marching = sliding ?? flowing, past = new ways.Past(marching ? Infinity : 500); // a path that forgets its beginning is another one
   const presses = (i) => !sliding || sliding.pressing[i];
-  let point = fromAddress(), answer = null, state = null;
+  let point = fromAddress(), answer = null, state = null, error = null; // the last is of the answer, where it is bounded
 
   function fromAddress() {
     const given = new URLSearchParams(location.hash.slice(1)), wrong = [...given.keys()].filter((name) => !tree.names.includes(name));
@@ -126,14 +127,26 @@
     }
   }
 
+  const percent = (part) => `${Number((100 * part).toPrecision(2))} %`;
+  const HOW = { bound: "a proved bound", estimate: "an estimate, not proved" };
+
+  /* What is interpolated: of the answer itself, and at its worst among random points. */
+  function interpolated() {
+    const own = error && (scenery.moves ? error.forces : error.pressure), { kind, points: count } = tree.error;
+    const worst = scenery.moves ? tree.error.forces : tree.error.pressure;
+    const [subject, whole] = scenery.moves ? ["Contact forces", "their size"] : ["Pressures", "the largest one"];
+    const here = own ? `${subject} are off by at most ${said(Number(own.error.toPrecision(2)))}${unit(scenery.moves ? "" : words.stress)} here${Number.isFinite(own.relative) ? `, ${percent(own.relative)} of ${whole}` : ""}` : "";
+    if (worst === null) return here ? `${here} (${HOW[kind]}).` : "Nothing is known of the errors of these answers.";
+    const anywhere = `at any of ${count} random points`;
+    return here ? `${here}, and by ${percent(worst)} ${anywhere} (${HOW[kind]}).` : `${subject} are off by at most ${percent(worst)} of ${whole} ${anywhere} (${HOW[kind]}).`;
+  }
+
   const POOR = 0.05; // an indicator that nobody wants, as trained.TOLD in Python
   function aboutError() {
-    const { kind, points: count } = tree.error, worst = scenery.moves ? tree.error.forces : tree.error.pressure;
+    const { kind } = tree.error;
     const missing = tree.missing.length ? ` Not on this page: ${tree.missing.join(", ")}.` : "";
-    const known = kind === "history" ? `What flows is approximated by few modes: an indicator, not proved, says ${answer.converged ? Number((100 * flowing.estimate(answer)).toPrecision(2)) : "nothing"} % of the stress for this answer.` : kind === "exact" ? `Exact: the finite element model itself, with all but contact eliminated.${sliding ? " Each increment slips in a straight line." : ""}`
-      : worst === null ? "Nothing is known of the errors of these answers."
-        : `${scenery.moves ? "Contact forces" : "Pressures"} are off by at most ${Number((100 * worst).toPrecision(2))} % of ${scenery.moves ? "their size" : "the largest one"} at any of ${count} random points `
-          + `(${kind === "bound" ? "a proved bound" : "an estimate, not proved"}).`;
+    const known = kind === "history" ? `What flows is approximated by few modes: an indicator, not proved, says ${answer.converged ? percent(flowing.estimate(answer)) : "nothing"} of the stress for this answer.`
+      : kind === "exact" ? `Exact: the finite element model itself, with all but contact eliminated.${sliding ? " Each increment slips in a straight line." : ""}` : interpolated();
     if (flowing) at("error").className = answer.converged && flowing.estimate(answer) > POOR ? "bad" : "";
     at("error").textContent = `${known} Errors of the mesh and of the model come on top.${missing}`;
   }
@@ -175,7 +188,8 @@
   function drawLine({ canvas, line }, values) {
     const { axis, order } = line, x = order.map((i) => places[i * dim + axis]), y = order.map((i) => values[i]);
     const worst = (scenery.moves ? tree.error.forces : tree.error.pressure) || 0;
-    const band = worst * Math.max(0, ...y.filter(Number.isFinite));
+    const own = error && (scenery.moves ? error.forces : error.pressure);
+    const band = own ? own.error : worst * Math.max(0, ...y.filter(Number.isFinite));
     const statuses = order.map((i) => (!(answer.forces[i] > 0) ? "--open" : slides(i) ? "--slips" : "--force"));
     const titles = [`${"xyz"[axis]}${unit(words.length)}`, `${what}${unit(ofStress)}`];
     plots.line(canvas, { x, y, range: shown(x, order), band, along: tractions(line), statuses, titles });
@@ -220,10 +234,10 @@
   }
 
   function aboutStress() {
-    const { cells, largest } = tree.stress.off, drawn = arrays[tree.stress.bodies].length, part = (share) => `${Number((100 * share).toPrecision(2))} %`;
+    const { cells, largest } = tree.stress.off, drawn = arrays[tree.stress.bodies].length;
     const where = flowing ? "along other histories" : sliding ? "at other increments of a path" : "at other points and corners of the box";
     const thinned = tree.strained > drawn ? ` Of ${tree.strained} cells ${drawn} are drawn, and the largest is that of these.` : "";
-    return `${flowing ? "Means of cells" : "In the middle of cells"}, drawn by few modes: ${where} off by ${flowing ? "up to" : "at most"} ${part(cells)} of the largest one${flowing ? " of a history" : ""} in any cell, and the largest one by ${part(largest)}.${thinned}`;
+    return `${flowing ? "Means of cells" : "In the middle of cells"}, drawn by few modes: ${where} off by ${flowing ? "up to" : "at most"} ${percent(cells)} of the largest one${flowing ? " of a history" : ""} in any cell, and the largest one by ${percent(largest)}.${thinned}`;
   }
 
   /* Once a picture for all that changed since the last one; of what remembers increments for each. */
@@ -261,6 +275,7 @@
       if (marching) marched(next);
       else if ((answer = model.solve(next)).converged) past.add(next, []);
     }
+    error = bound && bound.at(answer);
     document.documentElement.dataset.ms = (performance.now() - start).toFixed(3);
     document.documentElement.dataset.converged = answer.converged;
     showNumbers();

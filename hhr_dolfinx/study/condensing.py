@@ -29,7 +29,7 @@ def condense(scene: Scene | FullOrderModel, settings: Any = None, *, fields: boo
     Args:
         scene: the scene, or its full model on one rank.
         settings: a :class:`~hhr_dolfinx.reduction.interpolate.GridSettings`, how far interpolation goes; None for the
-            usual. Of no effect where the stiffness is constant.
+            usual, or as far as the bound's where that is small. Of no effect where the stiffness is constant.
         fields: whether displacements can be asked for where they are not exact at no price; None if an output of the
             scene needs one. Without them answers have forces and their outputs, and no bound.
 
@@ -56,7 +56,8 @@ def condense(scene: Scene | FullOrderModel, settings: Any = None, *, fields: boo
     from hhr_dolfinx.reduction.condense import condense as interpolated
     from hhr_dolfinx.reduction.interpolate import GridSettings
 
-    return interpolated(full, None, settings or GridSettings(), bound=fields, fields=fields)
+    how = settings or GridSettings()
+    return interpolated(full, None, how, bound=fields, fields=fields, coarse=settings is not None)
 
 
 def _known_statuses(full: FullOrderModel) -> KnownStatuses:

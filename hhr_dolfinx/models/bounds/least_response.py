@@ -33,6 +33,8 @@ WITH_MODES = 400
 """Conditions up to which modes of the interpolation are measured; beyond, their eigenvalues take a minute."""
 NOTHING = 1e-10
 """Part of the largest eigenvalue of S_c below which it is nothing: conditions may depend on each other on a body."""
+SOLVED = 1e-11
+"""Part of the free slack that forces may leave open which need not be solved for again: it is bounded as they stand."""
 LEAST = 0.2
 """Part of S_c(middle) that S_c must be at least: where modes add up to more a point has a factor of its own."""
 
@@ -106,8 +108,12 @@ class ManyResponses:
         """See :class:`ContactResponse`."""
         touching = self.schur.diagonal(axis1=1, axis2=2) * forces > free + pushed
         found = forces.copy()
-        closed = np.ones(len(forces), dtype=bool)
-        for k, schur in enumerate(self.schur):
+        slack = free + pushed
+        wrong = np.where(forces > 0, np.abs(slack), np.maximum(-slack, 0.0)).max(axis=1, initial=0.0)
+        solved = wrong <= SOLVED * np.abs(free).max(axis=1, initial=0.0)
+        closed = ~solved
+        for k in np.flatnonzero(closed):
+            schur = self.schur[k]
             alone = active_set(SchurEqualities.symmetric(schur), free[k], touching[k])
             closed[k] = alone.status is Status.CONVERGED
             if closed[k]:

@@ -162,7 +162,7 @@ class ForceError:
         from hhr_dolfinx.reduction.interpolate import GridSettings
 
         try:
-            return condense(full, known, self.settings or GridSettings())
+            return condense(full, known, self.settings or GridSettings(), coarse=self.settings is not None)
         except ReductionError as error:
             raise StudyError(
                 f"scene '{full.scene.name}' cannot be condensed, {error}: choose by another indicator, such as Eta2()"

@@ -144,7 +144,8 @@ class Training(TrainingAnswers):
         """A model that keeps all contact conditions, with its check.
 
         Where nothing flows and the stiffness is constant it is exact. Where the stiffness or the shape depends on
-        parameters it is interpolated, by :class:`~hhr_dolfinx.reduction.interpolate.GridSettings`. Where bodies flow
+        parameters it is interpolated, by :class:`~hhr_dolfinx.reduction.interpolate.GridSettings`, without them as
+        finely as what bounds its errors where that is small. Where bodies flow
         their elastic response is eliminated and the plastic correction reduced, by
         :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings`.
 
@@ -166,7 +167,8 @@ class Training(TrainingAnswers):
         from hhr_dolfinx.reduction.condense import condense
         from hhr_dolfinx.reduction.interpolate import GridSettings
 
-        return condense(self.full_order, self.snapshots, settings or GridSettings(), self.held_out)
+        how = settings or GridSettings()
+        return condense(self.full_order, self.snapshots, how, self.held_out, coarse=settings is not None)
 
     def force_correction(self) -> ForceCorrection:
         """What tells how far contact forces of histories are off, and corrects them once, for any model trained here.
