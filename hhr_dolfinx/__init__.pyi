@@ -94,11 +94,11 @@ from .study.study import Rival as Rival
 from .study.study import StudySettings as StudySettings
 from .study.study import run_study as run_study
 from .study.study import study_scene as study_scene
-from .study.training.greedy import Eta as Eta
-from .study.training.greedy import Eta2 as Eta2
-from .study.training.greedy import ForceError as ForceError
 from .study.training.greedy import Greedy as Greedy
-from .study.training.greedy import LargestEstimate as LargestEstimate
+from .study.training.indicators import Eta as Eta
+from .study.training.indicators import Eta2 as Eta2
+from .study.training.indicators import ForceError as ForceError
+from .study.training.indicators import LargestEstimate as LargestEstimate
 from .study.training.local_training import Clusters as Clusters
 from .study.training.splitting import Splitting as Splitting
 from .study.training.train import train as train

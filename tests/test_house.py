@@ -239,6 +239,7 @@ UNNEEDED = {
     ],
     "greedy training": [
         "hhr_dolfinx.study.training.greedy",
+        "hhr_dolfinx.study.training.indicators",
     ],
     "families of paths": [
         "hhr_dolfinx.path_families",

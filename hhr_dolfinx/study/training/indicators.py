@@ -1,0 +1,296 @@
+"""What tells a greedy training how wrong answers are, without an answer of the full order.
+
+An indicator of your own is an object with ``prepared(full)``, which returns what maps a reduced model, the answers it
+was built from and some of its own answers (histories, where bodies flow) to one number for each of them, or to one
+vector whose norm counts: then it is known too which of them are wrong in the same way.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from mpi4py import MPI
+
+from hhr_dolfinx.certify.accuracy import force_floor
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
+from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+from hhr_dolfinx.contact.restriction import Restriction, restricted
+from hhr_dolfinx.errors import ReductionError, StudyError
+from hhr_dolfinx.linear.sparse import FreeCholesky
+from hhr_dolfinx.models.answer import Answer, History
+from hhr_dolfinx.snapshots.records import SnapshotSet
+
+Score = Callable[[Any, SnapshotSet, Sequence[Any]], np.ndarray]
+"""Maps a reduced model, what it was built from, and some of its answers or histories to indicators, (n,) or (n, k)."""
+
+NO_ANSWER = np.inf
+"""Indicator of what has no answer."""
+
+
+class GreedyIndicator(Protocol):
+    """What says how wrong answers are."""
+
+    def prepared(self, full: Any) -> Score:
+        """With all that does not depend on a reduced model computed once.
+
+        Raises:
+            StudyError: for a full model it cannot judge.
+        """
+
+
+def _refuse_flow(full: Any, name: str) -> None:
+    if full.equilibrium is not None:
+        raise StudyError(
+            f"bodies of scene '{full.scene.name}' flow, and {name} judges single answers of elastic ones: take "
+            "LargestEstimate()"
+        )
+
+
+@dataclass(frozen=True)
+class LargestEstimate:
+    """What answers say of themselves: the larger of both relative errors of ``estimate()``, in a history the largest.
+
+    That of an elastic answer is a bound or nearly one, where its model has one. That of a step of bodies that flow is
+    the part of its stress that no mode of training explains; it follows the error of the stress, see docs/bounds.md.
+    """
+
+    def prepared(self, full: Any) -> Score:
+        """See :class:`GreedyIndicator`."""
+
+        def score(model: Any, known: SnapshotSet, answers: Sequence[Answer | History | None]) -> np.ndarray:
+            return np.array([NO_ANSWER if item is None else self._of(item, full) for item in answers])
+
+        return score
+
+    def _of(self, item: Answer | History, full: Any) -> float:
+        answers = item.answers if isinstance(item, History) else [item]
+        return max(self._of_answer(answer, full) for answer in answers)
+
+    def _of_answer(self, answer: Answer, full: Any) -> float:
+        if not answer.converged:
+            return NO_ANSWER
+        estimate = answer.estimate()
+        if estimate is None:
+            raise StudyError(
+                f"answers of scene '{full.scene.name}' have no estimate: take another indicator, ForceError()"
+            )
+        return max(estimate.primal_relative, estimate.dual_relative)
+
+
+@dataclass(frozen=True)
+class ForceError:
+    """Error of the contact forces everywhere, a vector, beside a condensed model that keeps all contact conditions.
+
+    Where the stiffness is constant condensation is exact, and the indicator is the error; elsewhere condensation is
+    interpolated between few parameters, and right to a small part of the tolerance. Forces below a thousandth of the
+    largest of training count as that large.
+
+    Attributes:
+        settings: of the interpolation, a ``GridSettings``; None for the usual ones.
+    """
+
+    settings: Any = None
+
+    def prepared(self, full: Any) -> Score:
+        """See :class:`GreedyIndicator`."""
+        _refuse_flow(full, "ForceError()")
+        if full.problem.varies and full.problem.pins is not None:
+            raise StudyError(
+                f"contact alone holds bodies of scene '{full.scene.name}', and their elasticity depends on parameters: "
+                "nothing tells a greedy training how wrong its forces are there. Train on points of the whole box "
+                "instead: Sobol(128), or --sobol 128 in a command"
+            )
+        condensed: list[Any] = []
+        exact: dict[bytes, np.ndarray] = {}
+
+        def score(model: Any, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
+            if not condensed:
+                condensed.append(self._condensed(full, known))
+            floor = force_floor(full.problem, known)
+
+            def error(answer: Answer) -> np.ndarray:
+                key = answer.parameter.tobytes()
+                if key not in exact:
+                    exact[key] = condensed[0].solve(answer.parameter, outside="ignore").forces()
+                if not answer.converged:
+                    return np.full(exact[key].shape, NO_ANSWER)
+                size = max(float(np.linalg.norm(exact[key])), floor)
+                return (answer.forces() - exact[key]) / (size or 1.0)
+
+            return np.array([error(answer) for answer in answers])
+
+        return score
+
+    def _condensed(self, full: Any, known: SnapshotSet) -> Any:
+        if not full.problem.varies:
+            from hhr_dolfinx.baselines.condensation import exact_condensation
+
+            return exact_condensation(full, known.known_statuses(), field=False)
+        from hhr_dolfinx.reduction.condense import condense
+        from hhr_dolfinx.reduction.interpolate import GridSettings
+
+        try:
+            return condense(full, known, self.settings or GridSettings(), coarse=self.settings is not None)
+        except ReductionError as error:
+            raise StudyError(
+                f"scene '{full.scene.name}' cannot be condensed, {error}: choose by another indicator, such as Eta2()"
+            ) from error
+
+
+@dataclass(frozen=True)
+class Eta:
+    """The indicator (1.73) of Fauque et al. (2018): beside the full equations of the RID, eta_u + eta_λ.
+
+    What lies on the interface of the RID is interpolated between training answers, (1.72). The thesis interpolates on a
+    regular grid; points that are chosen one by one make none, and radial functions r, which are exact at training
+    points and linear in one parameter, take its place.
+    """
+
+    def prepared(self, full: Any) -> Score:
+        """See :class:`GreedyIndicator`."""
+        _refuse_flow(full, "Eta()")
+
+        def score(model: Any, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
+            floor = force_floor(full.problem, known)
+            domain = _Domain(full.problem, model.offline.sets)
+            interface = _interpolated(full.problem, known, answers, domain.interface)
+
+            def indicator(answer: Answer, there: np.ndarray) -> float:
+                if not answer.converged:
+                    return NO_ANSWER
+                field, forces = domain.at(answer.parameter).solved(there, answer.parameter)
+                own = model.offline.basis[domain.inner] @ answer.unknown - field
+                return _ratio(own, field) + _ratio(answer.multipliers - forces, forces, floor)
+
+            return np.array([indicator(*pair) for pair in zip(answers, interface, strict=True)])
+
+        return score
+
+
+@dataclass(frozen=True)
+class Eta2:
+    """The indicator (2.124) of the thesis: residual on the RID, and the jump on its interface to what is interpolated.
+
+    In the energy norm of the RID, in which the form a has α = M_a = 1: |R|_{K^-1} + 2 |jump|_K, over the energy norm of
+    the answer on the RID. Interpolated as for :class:`Eta`.
+    """
+
+    def prepared(self, full: Any) -> Score:
+        """See :class:`GreedyIndicator`."""
+        _refuse_flow(full, "Eta2()")
+
+        def score(model: Any, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
+            domain = _Domain(full.problem, model.offline.sets)
+            interface = _interpolated(full.problem, known, answers, domain.interface)
+
+            def indicator(answer: Answer, there: np.ndarray) -> float:
+                if not answer.converged:
+                    return NO_ANSWER
+                inside = domain.at(answer.parameter)
+                field = model.offline.basis[inside.part.dofs] @ answer.unknown
+                residual = inside.residual(field, answer.multipliers, answer.parameter)
+                jump = np.zeros_like(field)
+                jump[domain.places] = there - field[domain.places]
+                size = inside.energy(field)
+                return (inside.dual(residual) + 2 * inside.energy(jump)) / (size or 1.0)
+
+            return np.array([indicator(*pair) for pair in zip(answers, interface, strict=True)])
+
+        return score
+
+
+def _ratio(error: np.ndarray, exact: np.ndarray, floor: float = 0.0) -> float:
+    """Size of an error over that of what is exact, or a floor."""
+    return float(np.linalg.norm(error)) / (max(float(np.linalg.norm(exact)), floor) or 1.0)
+
+
+def _interpolated(
+    problem: ContactProblem, known: SnapshotSet, answers: Sequence[Answer], dofs: np.ndarray
+) -> np.ndarray:
+    """U0 on some dofs between training answers, at the points of some answers, (n, dofs), see (1.72)."""
+    from scipy.interpolate import RBFInterpolator
+
+    lower, upper = np.array([problem.parameters.lower, problem.parameters.upper])
+    asked = np.array([answer.parameter for answer in answers]).reshape(len(answers), -1)
+    between = RBFInterpolator(
+        (known.points - lower) / (upper - lower), known.displacements[dofs].T, kernel="linear", degree=0
+    )
+    return between((asked - lower) / (upper - lower))
+
+
+class _Domain:
+    """The full equations of a RID at any point, factored once where the stiffness is constant.
+
+    Args:
+        problem: the whole problem.
+        sets: of the RID.
+
+    Attributes:
+        inner: dofs of A, in the whole problem.
+        interface: dofs of the RID that are no dofs of A, likewise.
+        places: of these among the dofs of the RID.
+    """
+
+    def __init__(self, problem: ContactProblem, sets: IndexSets):
+        self._problem = problem
+        self._sets = sets
+        part = restricted(problem, sets)
+        self.places = np.flatnonzero(~part.problem.free)
+        self.inner = part.dofs[part.problem.free]
+        self.interface = part.dofs[self.places]
+        self._constant = None if problem.varies else _Inside(part)
+
+    def at(self, point: np.ndarray) -> _Inside:
+        """The equations of a point, (P,)."""
+        return self._constant or _Inside(restricted(self._problem.at(point), self._sets))
+
+
+class _Inside:
+    """The full equations of a RID at one stiffness.
+
+    Args:
+        part: cut out of the whole problem.
+    """
+
+    def __init__(self, part: Restriction):
+        self.part = part
+        problem = part.problem
+        whole = slice(0, problem.free.size)
+        self._factors = FreeCholesky(problem.stiffness, problem.free, whole, "rid", "qmd", MPI.COMM_SELF)
+
+    @cached_property
+    def _contact(self) -> tuple[np.ndarray, SchurEqualities, Pairs | None]:
+        """K^-1 B^T, what solves for forces, and their pairs."""
+        problem = self.part.problem
+        per_force = self._factors.solve_columns(problem.contact.T)
+        return per_force, SchurEqualities.of(problem.contact @ per_force), Pairs.of(problem.contact_pairs)
+
+    def solved(self, interface: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """U0 on A, and the forces of the RID, for what lies on its interface, see (1.73)."""
+        problem = self.part.problem
+        per_force, equalities, pairs = self._contact
+        theta = problem.amplitudes(point)
+        imposed = np.zeros(problem.free.size)
+        imposed[~problem.free] = interface
+        unloaded = self._factors.solve(problem.loads @ theta + self.part.load_of @ imposed)
+        slack = problem.gaps @ theta + self.part.gap_of @ imposed - problem.contact @ unloaded
+        found = active_set(equalities, slack, slack < 0, pairs=pairs)
+        return (unloaded - per_force @ found.forces)[problem.free], found.forces
+
+    def residual(self, field: np.ndarray, forces: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """R of (2.91) on A, 0 elsewhere, of U0 on the RID and its forces."""
+        problem = self.part.problem
+        left = problem.loads @ problem.amplitudes(point) - problem.stiffness @ field - problem.contact.T @ forces
+        return left * problem.free
+
+    def dual(self, residual: np.ndarray) -> float:
+        """|R|_{K^-1}."""
+        return float(np.sqrt(max(residual @ self._factors.solve(residual), 0.0)))
+
+    def energy(self, field: np.ndarray) -> float:
+        """|U0|_K on the dofs of the RID."""
+        return float(np.sqrt(max(field @ (self.part.problem.stiffness @ field), 0.0)))
