@@ -1,0 +1,160 @@
+"""Commands that answer parameters, one of them or a table."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx import ranks
+from hhr_dolfinx.command.speaking import first_rank, guarded, spoken
+from hhr_dolfinx.command.words import AT, NO_ANSWER, PART, examples
+from hhr_dolfinx.compat import extra
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.scene import Scene
+
+with extra("study", "the command hhr"):
+    import click
+
+FIELDS = (".vtkhdf", ".vtu")
+TABLES = (".csv", ".parquet")
+
+
+def largest_values(
+    answer: Answer, dimension: int, scene: Scene | None, pairs: np.ndarray | None, forces: np.ndarray
+) -> dict[str, float]:
+    """The largest displacement, the sum of the forces of each contact, and how many conditions touch.
+
+    Args:
+        answer: of any model.
+        dimension: of the mesh.
+        scene: where it is there, else None: a model in a file does not say its units.
+        pairs: contact pair of each of the forces, (c,); None where that is not known: the sum is then that of all.
+        forces: of pressures, (c,).
+    """
+    units = None if scene is None else scene.units
+    per_depth = scene is not None and scene.hypothesis.startswith("plane")
+    length, force = ("", "") if units is None else (units.length, units.force + f"/{units.length}" * per_depth)
+    displacement = answer.displacement().reshape(-1, dimension)
+    slips = {}
+    if answer.slip is not None:
+        statuses = answer.slip.statuses
+        slips = {"contacts that stick": int((statuses == 1).sum()), "contacts that slip": int((statuses == 2).sum())}
+    rows = {_with_unit("largest displacement", length): float(np.linalg.norm(displacement, axis=1).max())}
+    several = pairs is not None and np.unique(pairs).size > 1
+    if pairs is None or scene is None:
+        rows[_with_unit("sum of the forces of all contacts", force)] = float(forces.sum())
+    else:
+        for number in np.unique(pairs):
+            which = f" {number} of {', '.join(map(str, scene.contacts[number].tags))}" if several else ""
+            name = f"sum of the forces of contact{which}" if several else "sum of contact forces"
+            rows[_with_unit(name, force)] = float(forces[pairs == number].sum())
+    return rows | {"conditions that touch": int((forces > 0).sum())} | slips
+
+
+def _with_unit(name: str, unit: str) -> str:
+    """A name with its unit."""
+    return f"{name} [{unit}]" if unit else name
+
+
+@click.command(epilog=examples("hhr solve my_scene.py --at load=3", "hhr solve out/my_scene/model.npz --at load=3"))
+@click.argument("what")
+@AT
+@click.option("--duration", type=float, help="where bodies flow: seconds of the one step from rest [1]")
+@click.option("--out", type=click.Path(path_type=Path), help="write fields there, for ParaView (.vtkhdf or .vtu)")
+@guarded
+def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path | None) -> None:
+    """Answer one parameter, by a SCENE in full or by a reduced model from a file (.npz).
+
+    Where bodies flow, which depends on the path, the answer is that of one step from rest.
+    """
+    from hhr_dolfinx.command.loading import checked_target, is_model, point_of, scene_of
+
+    if out is not None and is_model(what):
+        raise click.UsageError("--out needs a mesh, which a model in a file has not: solve the scene")
+    checked_target(out, FIELDS)
+    model: Any
+    if is_model(what):
+        from hhr_dolfinx.online.model_file import load_model
+
+        model = load_model(what)
+    else:
+        from hhr_dolfinx.full_order.full import FullOrderModel
+
+        model = FullOrderModel(scene_of(what))
+    point = point_of(words, model.parameters)
+    step = {}
+    if model.flows:
+        step = {"duration": 1.0 if duration is None else duration}
+    elif duration is not None:
+        raise click.UsageError("nothing flows: leave out --duration")
+    answer = model.solve(point, **step)
+    if not is_model(what):
+        from hhr_dolfinx.certify.strains import check_small_strains
+        from hhr_dolfinx.snapshots.records import SnapshotSet
+
+        check_small_strains(model, SnapshotSet.of_answers([answer]))
+    rows = {"seconds of one step from rest": step["duration"]} if step else {}
+    scene = None if is_model(what) else model.scene
+    pairs = None if is_model(what) else model.problem.contact_pairs[model.problem.pressing]
+    rows |= largest_values(answer, model.dimension, scene, pairs, model.pressures(answer))
+    outputs = answer.outputs() if model.fields.functionals is not None else None
+    if outputs is not None:
+        heads = {name: f"{name} [{unit}]" if unit else name for name, unit in outputs.units.items()}
+        rows |= {heads[name]: value for name, value in outputs.values.items()}
+    estimate = answer.estimate() if is_model(what) else None
+    if estimate is not None:
+        rows |= estimate.shown()
+    if first_rank():
+        for name, value in rows.items():
+            click.echo(f"{name}: {value:.6g}")
+    if out is not None:
+        from hhr_dolfinx.study.report.fields import write_fields
+
+        write_fields(out, model, answer)
+
+
+@click.command(
+    epilog=examples(
+        "hhr answer model.npz questions.csv --out answers.csv", "mpirun -n 2 hhr answer model.npz q.parquet"
+    )
+)
+@click.argument("model", type=click.Path(path_type=Path))
+@click.argument("table", type=click.Path(path_type=Path))
+@click.option("--out", type=click.Path(path_type=Path), help="the answers, .csv or .parquet [answers.csv]")
+@click.option("--displacement", is_flag=True, help="a column of the largest displacement, which takes the whole field")
+@click.option("--estimates/--no-estimates", default=True, show_default=True, help="columns of what is known of errors")
+@PART
+@guarded
+def answer(
+    model: Path, table: Path, out: Path | None, displacement: bool, estimates: bool, part: tuple[int, int] | None
+) -> None:
+    """Answer a table of parameters, one row each, with outputs and bounds of errors. Rows may fail, others go on.
+
+    Answers are kept block by block: a command that was interrupted goes on. Where bodies flow each row is one step from
+    rest; paths are for Python, model.march. With --part 3/8 the third of eight blocks of rows is answered, into
+    answers.3of8.csv.
+    """
+    from hhr_dolfinx.command.loading import checked_target
+    from hhr_dolfinx.online.model_file import load_model
+    from hhr_dolfinx.online.tables import answer_table, checksum, read_points
+
+    checked_target(out, TABLES)
+    target = out or Path("answers.csv")
+    target = target if part is None else target.with_name(f"{target.stem}.{part[0]}of{part[1]}{target.suffix}")
+    if target.exists() and table.exists() and target.samefile(table):
+        raise click.UsageError(f"{target} holds the questions, which its answers would replace: give another --out")
+    console, progress = spoken()
+    loaded: Any = load_model(model)
+    rows = read_points(table, loaded.parameters)
+    rows = rows if part is None else [rows[k] for k in ranks.share(len(rows), part[0] - 1, part[1])]
+    if loaded.flows:
+        console.print("bodies flow: each row is one step from rest, of one second; paths are for Python, model.march")
+    console.print(f"errors of its answers: {loaded.known_error}", highlight=False, markup=False)
+    how: dict[str, Any] = {"displacement": displacement, "estimates": estimates, "resume": checksum(model)}
+    bad = answer_table(loaded, rows, target, console, progress("answers"), **how)
+    sys.exit(NO_ANSWER if bad else 0)

@@ -1,0 +1,238 @@
+"""Commands that make models of a scene: train, reduce, study."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hhr_dolfinx import ranks
+from hhr_dolfinx.command.speaking import Command, first_rank, guarded, spoken
+from hhr_dolfinx.command.words import NO_ANSWER, OUT, PART, SCENE, Share, examples
+from hhr_dolfinx.compat import extra
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.scene import Scene
+
+with extra("study", "the command hhr"):
+    import click
+
+KINDS = {"hhr": "build", "condensed": "condense", "local": "local"}
+"""Kinds of models that a training makes, and how."""
+TRAINING = (
+    click.option("--grid", help="train on a regular grid: counts along the parameters, as 16,16"),
+    click.option("--sobol", type=click.IntRange(2), help="train on so many Sobol points"),
+    click.option("--greedy", type=float, help="train where a model is worst, up to this error of the forces"),
+    click.option("--budget", type=click.IntRange(2), help="most answers of a greedy training"),
+)
+
+
+def _with_training(command: Command) -> Command:
+    """With the options by which a training is asked for."""
+    for option in reversed(TRAINING):
+        command = option(command)
+    return command
+
+
+@click.command(epilog=examples("hhr train my_scene.py --sobol 64", "mpirun -n 4 hhr train my_scene.py --greedy 0.01"))
+@SCENE
+@_with_training
+@click.option("--model", "kind", type=click.Choice(list(KINDS)), default="hhr", show_default=True, help="what to build")
+@click.option(
+    "--together/--side-by-side",
+    default=None,
+    help="ranks have one full model together, or one each [by the memory that there is]",
+)
+@PART
+@OUT
+@guarded
+def train(
+    scene: str, out: Path | None, kind: str, together: bool | None, part: tuple[int, int] | None, **how: Any
+) -> None:
+    """Solve the scene for training parameters, build a model, check it, and save it.
+
+    hhr is the hyper-reduced model, model.npz; condensed keeps all contact conditions, condensed.npz; local is a set of
+    hyper-reduced models, each for a part of the box, local.npz. Answers are kept in the folder as they are found: a
+    command that was interrupted goes on. With --part 3/8 the third of eight parts is solved and kept, and nothing
+    built: a job of an array; the same command without it then builds.
+    """
+    from mpi4py import MPI
+
+    from hhr_dolfinx.command.loading import scene_of
+    from hhr_dolfinx.online.model_file import save_model
+    from hhr_dolfinx.pages.scenery import NAME
+    from hhr_dolfinx.study.scene.scenery import scenery_of
+    from hhr_dolfinx.study.training.train import train as trained
+
+    console, progress = spoken()
+    if part is not None and together:
+        raise click.UsageError("parts of a training are solved side by side: leave --together out")
+    with ranks.each_for_itself(MPI.COMM_WORLD, f"reading {scene}"):
+        made = scene_of(scene)
+    folder = out or Path("out") / made.name
+    if part is None and kind == "condensed" and any(law is not None for law in made.friction):
+        # contact with friction is condensed without a training
+        from hhr_dolfinx.full_order.full import FullOrderModel
+        from hhr_dolfinx.study.condensing import condense
+
+        # each rank for itself: where one has nothing to do PETSc waits for it at the end
+        full = FullOrderModel(made, MPI.COMM_SELF)
+        model = condense(full, fields=True)
+    else:
+        settings = _settings_of(scene)
+        held_out = None if settings is None else settings.held_out
+        asked = _training_of(how, settings)
+        if part is not None:
+            _solve_part(console, made, asked, part, folder / "snapshots", held_out=held_out, progress=progress)
+            return
+        training = trained(
+            made, asked, held_out=held_out, folder=folder / "snapshots", progress=progress, together=together
+        )
+        full = training.full_order
+        if MPI.COMM_WORLD.rank and full.comm.size == 1:
+            return
+        for item in training.log.skipped:
+            if item["stage"] in ("snapshots", "problems side by side"):  # what was there already, and how ranks share
+                console.print(item["why"], highlight=False)
+        model = getattr(training, KINDS[kind])()
+    scenery = scenery_of(full)
+    if MPI.COMM_WORLD.rank:  # which has built with the others
+        return
+    target = folder / f"{'model' if kind == 'hhr' else kind}.npz"
+    target.parent.mkdir(parents=True, exist_ok=True)
+    save_model(target, model)
+    scenery.write(target.parent / NAME)
+    problem = full.problem
+    console.print(f"{made.name}: {problem.free.size} dofs and {len(problem.gaps)} contacts -> {_described(model)}")
+    console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
+    console.print(f"model: {target}")
+
+
+@click.command(
+    epilog=examples(
+        "hhr reduce my_scene.py --error 1% --of pressure", "hhr reduce my_scene.py --of forces --seconds 600"
+    )
+)
+@SCENE
+@click.option("--error", type=Share(), default="1%", show_default=True, help="largest relative error of an answer")
+@click.option("--of", multiple=True, help="of pressure, forces, displacement or an output; once for each [pressure]")
+@click.option("--seconds", type=float, help="most that it may take")
+@click.option("--answers", type=click.IntRange(1), help="most answers of the full model")
+@click.option("--megabytes", type=float, help="largest model in a file")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="of random points")
+@OUT
+@guarded
+def reduce(scene: str, out: Path | None, error: float, of: tuple[str, ...], seed: int, **limits: Any) -> None:
+    """Find a model of the scene that is as exact as wished, and save it: condensed, hyper-reduced, or local ones.
+
+    Each kind is tried as far as it takes, checked and timed; a table says so, and reduction.json. Where bodies flow the
+    file of the scene holds PATHS, a hhr.PathFamily. Full answers are kept: a command that was interrupted goes on.
+    """
+    from hhr_dolfinx.command.loading import beside, scene_of
+    from hhr_dolfinx.study.one_call.search import reduce as reduced
+    from hhr_dolfinx.study.one_call.wish import Budget
+
+    console, progress = spoken()
+    made = scene_of(scene)
+    folder = out or Path("out") / made.name
+    size = limits["megabytes"]
+    budget = Budget(limits["seconds"], limits["answers"], None if size is None else 1e6 * size)
+    wish: Any = {"error": error, "of": of or "pressure", "budget": budget, "paths": beside(scene, "PATHS")}
+    model = reduced(made, **wish, folder=folder, seed=seed, progress=progress)
+    console.print(str(model.reduction), highlight=False, markup=False)
+    console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
+    console.print(f"model: {folder / 'model.npz'}")
+    sys.exit(0 if model.reduction.met else NO_ANSWER)
+
+
+@click.command(epilog=examples("hhr study my_scene.py --grid 16,16 --tests 200", "hhr report out/my_scene"))
+@SCENE
+@_with_training
+@click.option("--tests", type=click.IntRange(1), default=200, show_default=True, help="random test points")
+@click.option("--queries", type=click.IntRange(6), default=200, show_default=True, help="timed queries of each method")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="of random points")
+@OUT
+@guarded
+def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **how: Any) -> None:
+    """Train, then measure errors and times beside the full order and condensation; report, pictures and model."""
+    from dataclasses import replace
+
+    from hhr_dolfinx.command.loading import beside, scene_of
+    from hhr_dolfinx.study.report.view import View
+    from hhr_dolfinx.study.study import StudySettings, study_scene
+
+    console, progress = spoken()
+    made = scene_of(scene)
+    settings = _settings_of(scene)
+    given = _training_of(how, settings)
+    settings = replace(settings or StudySettings(given), training=given, seed=seed, queries=queries)
+    if not any(body.law is not None for body in made.bodies):
+        settings = replace(settings, tests=tests)
+    folder = out or Path("out") / made.name
+    found = study_scene(made, settings, folder, progress=progress)
+    if found is None:
+        return
+    middle = tuple((low + high) / 2 for low, high in zip(made.parameters.lower, made.parameters.upper, strict=True))
+    found.write(folder, console, beside(scene, "VIEW") or View(points=(middle,)))
+    console.print(f"errors of its answers: {found.model.known_error}", highlight=False, markup=False)
+
+
+def _solve_part(console: Any, scene: Scene, training: Any, part: tuple[int, int], folder: Path, **how: Any) -> None:
+    """Solve one part of a training, and say what is there now."""
+    from hhr_dolfinx.study.training.parts import train_part
+
+    found = train_part(scene, training, *part, folder, **how)
+    if first_rank():
+        console.print(
+            f"part {part[0]} of {part[1]}: {found.training} training queries and {found.held_out} held out are in "
+            f"{folder}, {found.read} answers were there before. The same command without --part then builds a model",
+            highlight=False,
+        )
+
+
+def _described(model: Any) -> str:
+    """The size of a model, in words."""
+    if hasattr(model, "models"):
+        sizes = [len(one.problem.stiffness) for one in model.models]
+        return f"{len(model)} models of {min(sizes)} to {max(sizes)} modes"
+    if hasattr(model.fields, "A_lambda"):
+        cells = "" if model.offline is None else f" on {len(model.offline.sets.cells)} cells"
+        return f"{len(model.problem.stiffness)} modes and {len(model.fields.A_lambda)} contacts{cells}"
+    return f"{model.conditions} contacts, all of them kept"
+
+
+def _settings_of(scene: str) -> Any:
+    """The ``SETTINGS`` beside a scene, or None.
+
+    Raises:
+        SceneError: for invalid input.
+    """
+    from hhr_dolfinx.command.loading import beside
+    from hhr_dolfinx.errors import SceneError
+    from hhr_dolfinx.study.study import StudySettings
+
+    settings = beside(scene, "SETTINGS")
+    if settings is not None and not isinstance(settings, StudySettings):
+        raise SceneError(f"SETTINGS beside {scene} must be hhr.StudySettings, and is {type(settings).__name__}")
+    return settings
+
+
+def _training_of(how: dict[str, Any], settings: Any) -> Any:
+    """How to train: as asked for, or as the scene's file says, or on 64 Sobol points."""
+    from hhr_dolfinx.sampling import Sobol
+
+    given = [name for name in ("grid", "sobol", "greedy") if how[name] is not None]
+    if len(given) > 1 or (how["budget"] is not None and given != ["greedy"]):
+        raise click.UsageError("give one of --grid, --sobol and --greedy; --budget belongs to --greedy")
+    if given == ["grid"]:
+        try:
+            return [int(word) for word in how["grid"].split(",")]
+        except ValueError:
+            raise click.UsageError(f"--grid {how['grid']} must be counts, as 16,16") from None
+    if given == ["greedy"]:
+        from hhr_dolfinx.study.training.greedy import Greedy
+
+        return Greedy(tolerance=how["greedy"], budget=how["budget"] or 200)
+    if given == ["sobol"]:
+        return Sobol(how["sobol"])
+    return Sobol(64) if settings is None else settings.training

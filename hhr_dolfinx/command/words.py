@@ -1,0 +1,55 @@
+"""Words that several commands take, and what they end with."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from hhr_dolfinx.compat import extra
+
+with extra("study", "the command hhr"):
+    import click
+
+NO_ANSWER = 1
+"""Exit code where something has no answer, or a check found mistakes."""
+
+
+def examples(*lines: str) -> str:
+    """Lines below the options of a command."""
+    return "\b\n" + "\n".join(f"  {line}" for line in ("Examples:", *lines))
+
+
+SCENE = click.argument("scene")
+OUT = click.option("--out", type=click.Path(path_type=Path), help="folder of the results [out/<scene>]")
+AT = click.option("--at", "words", multiple=True, help="value of a parameter, name=value; once for each")
+
+
+class Part(click.ParamType):
+    """``3/8``, the third of eight."""
+
+    name = "i/n"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, int]:
+        """Both numbers."""
+        words = str(value).split("/")
+        if len(words) != 2 or not all(word.isdecimal() for word in words) or not 1 <= int(words[0]) <= int(words[1]):
+            self.fail(f"{value!r} is no part: write 3/8, the third of eight", param, ctx)
+        return int(words[0]), int(words[1])
+
+
+PART = click.option("--part", type=Part(), help="one part of it alone, as 3/8: a job of an array")
+
+
+class Share(click.ParamType):
+    """``1%`` or ``0.01``."""
+
+    name = "share"
+
+    def convert(self, value: Any, param: Any, ctx: Any) -> float:
+        """The number."""
+        text = str(value).strip()
+        try:
+            number = float(text.removesuffix("%"))
+        except ValueError:
+            self.fail(f"{value!r} is no error: write 1% or 0.01", param, ctx)
+        return number / 100 if text.endswith("%") else number
