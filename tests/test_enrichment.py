@@ -65,6 +65,38 @@ def test_each_choice_is_the_best_one(hertz, few_modes):
     assert path.kappas[-1] == pytest.approx(min(others), rel=1e-6)
 
 
+def test_while_rows_are_dependent_the_farthest_is_taken(hertz, few_modes):
+    """Of all functions that are left the one whose image lies farthest outside of the range of B~, by least squares."""
+    basis, sets = few_modes
+    path = enrich(hertz.problem, basis, sets, kappa_max=5.0)
+    missing = sum(map(math.isinf, path.kappas))
+    rows = hertz.problem.contact[sets.A_lambda]
+    left = list(sets.A_lambda)
+    for condition in path.added[:missing]:
+        reached = rows @ basis
+        distances = []
+        columns = []
+        for other in left:
+            function = np.zeros(len(basis))
+            function[2 * hertz.problem.contact_slaves[other] + 1] = 1.0
+            columns.append(np.linalg.qr(np.column_stack([basis, function]))[0][:, -1])
+            image = rows @ columns[-1]
+            distances.append(np.linalg.norm(image - reached @ np.linalg.lstsq(reached, image, rcond=None)[0]))
+        chosen = left.index(condition)
+        assert distances[chosen] == pytest.approx(max(distances), rel=1e-9)
+        basis = np.column_stack([basis, columns[chosen]])
+        left.remove(condition)
+    assert missing > 5 and np.linalg.matrix_rank(rows @ basis) == len(sets.A_lambda)
+
+
+def test_choices_know_no_units(hertz, few_modes):
+    """Rows of mortar contact are as small as areas in square metres."""
+    basis, sets = few_modes
+    small = dataclasses.replace(hertz.problem, contact=1e-9 * hertz.problem.contact)
+    one, other = (enrich(problem, basis, sets, kappa_max=5.0) for problem in (hertz.problem, small))
+    assert one.added.tolist() == other.added.tolist() and one.kappas[-1] == pytest.approx(other.kappas[-1], rel=1e-9)
+
+
 def test_everything_added_or_a_stall_is_said(hertz, few_modes):
     basis, sets = few_modes
     enriched = enrich(hertz.problem, basis, sets, kappa_max=1.0)

@@ -12,18 +12,23 @@ of the forces, is lowered.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy import linalg
+from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.certify.constants import row_range
-from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.timing import StageLog
 
 DISTINCT = 1e-8
 """Length of the part of a unit function outside a span below which it lies in that span, to the root of round-off."""
+
+MOSTLY = math.sqrt(0.5)
+"""Length of what remains of a unit function behind which round-off is small enough (Daniel, Gragg, Kaufman and Stewart,
+Mathematics of Computation 30, 1976)."""
 
 ORTHONORMAL = 1e-8
 """What round-off leaves of products of modes that are zero, and of modes on imposed dofs."""
@@ -60,16 +65,17 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
         ReductionError: if the basis moves imposed dofs, or is not orthonormal.
     """
     candidates = _candidates(problem, sets)  # they vanish outside A_c
-    rows = problem.contact[sets.A_lambda]
-    images = rows[:, sets.A_c] @ candidates
+    every = problem.contact[sets.A_lambda]
+    images = every[:, sets.A_c] @ candidates
+    columns = _Columns(basis)
     # B~1 and B~2; a candidate has the same image in both
-    tables = [rows[:, index] @ basis[index] for index in (sets.A_c, sets.A_c_tilde)]
+    tables = [_Table.of(problem, every[:, part], basis, part, images) for part in (sets.A_c, sets.A_c_tilde)]
     squares = np.sum(candidates**2, axis=0)
     weights = basis[sets.A_c].T @ candidates
     left = np.flatnonzero(squares > 0)
     added = []
     left_out = []
-    kappas = [_kappa_of_both(problem, tables)]
+    kappas = [_kappa(tables)]
     stalled = False
     while kappas[-1] > kappa_max:
         # length of each candidate less its part in the basis
@@ -79,27 +85,52 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
         lengths = lengths[lengths > DISTINCT]
         if left.size == 0:
             break
-        best = _best(problem, tables, [(images[:, left] - table @ weights[:, left]) / lengths for table in tables])
+        best = _best(tables, images[:, left], weights[:, left], lengths, left)
         chosen = left[best]
         left = np.delete(left, best)
-        column = _outside(basis, sets.A_c, candidates[:, chosen])
+        column = _outside(columns.whole, sets.A_c, candidates[:, chosen], weights[:, chosen])
         if column is None:
             left_out.append(chosen)
             continue
-        parts = (sets.A_c, sets.A_c_tilde)
-        grown = [np.column_stack([table, rows[:, on] @ column[on]]) for table, on in zip(tables, parts, strict=True)]
-        kappa = _kappa_of_both(problem, grown)
+        tables = [table.grown(column, chosen) for table in tables]
+        kappa = _kappa(tables)
         if kappa >= kappas[-1] and math.isfinite(kappas[-1]):
             stalled = True
             break
-        tables = grown
-        basis = np.column_stack([basis, column])
+        columns.add(column)
         weights = np.vstack([weights, column[sets.A_c] @ candidates])
         added.append(chosen)
         kappas.append(kappa)
+    basis = np.ascontiguousarray(columns.whole)
     check_basis(problem, basis)
     conditions = [sets.A_lambda[np.array(chosen, dtype=int)] for chosen in (added, left_out)]
     return Enrichment(basis, conditions[0], kappas, stalled, conditions[1])
+
+
+class _Columns:
+    """Columns to which more are added: their room is doubled where it is full, so that few are ever copied.
+
+    Args:
+        start: the first ones, (N, ell).
+    """
+
+    def __init__(self, start: np.ndarray):
+        self._room = np.asfortranarray(start)
+        self._count = start.shape[1]
+
+    @property
+    def whole(self) -> np.ndarray:
+        """All of them."""
+        return self._room[:, : self._count]
+
+    def add(self, column: np.ndarray) -> None:
+        """One more, (N,)."""
+        if self._count == self._room.shape[1]:
+            room = np.empty((len(self._room), 2 * self._count + 1), order="F")
+            room[:, : self._count] = self._room
+            self._room = room
+        self._room[:, self._count] = column
+        self._count += 1
 
 
 def check_basis(problem: ContactProblem, basis: np.ndarray, whose: str = "the enriched basis") -> None:
@@ -116,22 +147,26 @@ def check_basis(problem: ContactProblem, basis: np.ndarray, whose: str = "the en
         )
 
 
-def _outside(basis: np.ndarray, where: np.ndarray, function: np.ndarray) -> np.ndarray | None:
+def _outside(basis: np.ndarray, where: np.ndarray, function: np.ndarray, along: np.ndarray) -> np.ndarray | None:
     """The unit function orthogonal to a basis that completes its span by ``function``, (N,); None if it lies inside.
 
     Args:
         basis: orthonormal columns, (N, ell).
         where: dofs outside which the function vanishes.
         function: its values there, of unit length.
+        along: its products with the columns, (ell,).
     """
     column = np.zeros(basis.shape[0])
     column[where] = function
     for _ in range(2):  # twice is enough: the first leaves round-off of the length that was, not of what remains
-        column -= basis @ (basis.T @ column)
+        column -= basis @ along
         length = np.linalg.norm(column)
         if length <= DISTINCT:
             return None
         column /= length
+        if length > MOSTLY:
+            break
+        along = basis.T @ column
     return column
 
 
@@ -178,31 +213,102 @@ def _unit(rows: np.ndarray) -> np.ndarray:
     return rows / np.where(lengths > 0, lengths, 1.0)
 
 
-def _kappa_of_both(problem, tables):
+@dataclass(frozen=True)
+class _Table:
+    """B~1 or B~2 of a basis that grows (m conditions, ell columns, c candidates).
+
+    Attributes:
+        problem: that it is of.
+        rows: B on some dofs, (m, k).
+        part: these dofs, (k,).
+        values: B~, (m, ell).
+        outside: images of candidates outside of the range of B~, along directions that complete it, (missing, c).
+    """
+
+    problem: ContactProblem
+    rows: csr_matrix
+    part: np.ndarray
+    values: np.ndarray
+    outside: np.ndarray
+
+    @classmethod
+    def of(
+        cls, problem: ContactProblem, rows: csr_matrix, basis: np.ndarray, part: np.ndarray, images: np.ndarray
+    ) -> _Table:
+        """Of a basis, (N, ell), and images of candidates, (m, c)."""
+        table = cls(problem, rows, part, rows @ basis[part], np.zeros((0, images.shape[1])))
+        directions, _ = table.spectrum
+        return replace(table, outside=directions[:, table.rank :].T @ images)
+
+    def grown(self, column: np.ndarray, chosen: int) -> _Table:
+        """With one more column of the basis, (N,), of a candidate.
+
+        While rank is missing a direction is taken out of what lies outside, as in a QR decomposition with pivots: no
+        singular values are needed before rows are independent.
+        """
+        outside = self.outside
+        direction = outside[:, chosen]
+        size = np.linalg.norm(direction)
+        if size > DEPENDENT * self.problem.contact_norm:
+            # Householder's reflection onto the first coordinate, which is left out then
+            normal = direction / size
+            normal[0] += math.copysign(1.0, normal[0])
+            outside = (outside - np.outer(normal, (2 / (normal @ normal)) * (normal @ outside)))[1:]
+        return replace(self, values=np.column_stack([self.values, self.rows @ column[self.part]]), outside=outside)
+
+    @cached_property
+    def spectrum(self) -> tuple[np.ndarray, np.ndarray]:
+        """Left singular vectors, (m, m), and singular values, largest first."""
+        full = self.values.shape[0] > self.values.shape[1]
+        try:
+            return linalg.svd(self.values, full_matrices=full)[:2]
+        except linalg.LinAlgError:  # divide and conquer, the fast way, ends so for a few matrices of full precision
+            return linalg.svd(self.values, full_matrices=full, lapack_driver="gesvd")[:2]
+
+    @property
+    def rank(self) -> int:
+        """As singular values tell it."""
+        _, values = self.spectrum
+        return sum(math.isfinite(self.problem.condition_number(value, values[0])) for value in values)
+
+    @property
+    def kappa(self) -> float:
+        """Infinite while rows are dependent."""
+        if len(self.outside):
+            return math.inf
+        directions, values = self.spectrum
+        return self.problem.condition_number(values[-1] if len(directions) == values.size else 0.0, values[0])
+
+
+def _kappa(tables: list[_Table]) -> float:
     """kappa(B~1); infinite unless both B~1 and B~2 have full rank."""
-    first, second = (problem.condition_number(*row_range(table)) for table in tables)
-    return first if math.isfinite(second) else math.inf
+    if any(len(table.outside) for table in tables):
+        return math.inf
+    found = [table.kappa for table in tables]
+    return found[0] if all(map(math.isfinite, found)) else math.inf
 
 
-def _best(problem, tables, new) -> int:
-    """Index of the best new column: it raises a rank that is missing, or else lowers kappa(B~1) most."""
+def _best(tables: list[_Table], images: np.ndarray, weights: np.ndarray, lengths: np.ndarray, left: np.ndarray) -> int:
+    """Index of the best candidate: it raises a rank that is missing, or else lowers kappa(B~1) most.
+
+    Args:
+        tables: B~1 and B~2.
+        images, weights: of candidates, and their products with the basis, (m, c) and (ell, c).
+        lengths: of what of them lies outside of the basis, (c,).
+        left: their places among all candidates, (c,).
+    """
+    for table in tables:
+        if len(table.outside):
+            return int((np.linalg.norm(table.outside[:, left], axis=0) / lengths).argmax())
+    new = [(images - table.values @ weights) / lengths for table in tables]
     for table, columns in zip(tables, new, strict=True):
-        directions, values = _svd(table, full=True)
-        rank = sum(math.isfinite(problem.condition_number(value, values[0])) for value in values)
-        if rank < table.shape[0]:
-            return int(np.linalg.norm(directions[:, rank:].T @ columns, axis=0).argmax())
-    directions, values = _svd(tables[0], full=False)
+        directions, _ = table.spectrum
+        if table.rank < len(directions):  # to round-off, though no direction is missing
+            return int(np.linalg.norm(directions[:, table.rank :].T @ columns, axis=0).argmax())
+    directions, values = tables[0].spectrum
     smallest, largest = _extremes_after_update(values**2, (directions.T @ new[0]) ** 2)
     # the squares lose half of the digits: good enough to choose, not to report
     return int(np.argmax(smallest / largest))
-
-
-def _svd(table: np.ndarray, *, full: bool) -> tuple[np.ndarray, np.ndarray]:
-    """Left singular vectors and singular values, largest first."""
-    try:
-        return linalg.svd(table, full_matrices=full)[:2]
-    except linalg.LinAlgError:  # divide and conquer, the fast way, ends so for a few matrices of full precision
-        return linalg.svd(table, full_matrices=full, lapack_driver="gesvd")[:2]
 
 
 def _extremes_after_update(squares, weights):
