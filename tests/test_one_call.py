@@ -21,6 +21,7 @@ from hhr_dolfinx.errors import (
     StudyError,
 )
 from hhr_dolfinx.geometries import two_blocks
+from hhr_dolfinx.reduction.interpolate import GridSettings
 from hhr_dolfinx.study.one_call import attempts, search
 from hhr_dolfinx.study.one_call.wish import Errors, Exact, Wish
 
@@ -245,8 +246,11 @@ def test_an_output_that_is_zero_but_for_round_off_is_no_reason_to_go_on():
 
 def test_an_interpolation_that_has_not_settled_is_not_believed(varying):
     """Kinks lie between its nodes, and a check of few points meets none of them."""
-    model = hhr.condense(varying, fields=True)
-    assert search._unresolved(model) == 0.0
+    finer = hhr.condense(varying, fields=True)  # by what its bound interpolates, which knows its error
+    finer.offline = dataclasses.replace(finer.offline, surpluses=[0.004])
+    assert finer.offline.finer and search._unresolved(finer) == 0.0
+    model = hhr.condense(varying, GridSettings(), fields=True)
+    assert not model.offline.finer and search._unresolved(model) == 0.0
     for known in ({"surpluses": [0.004]}, {"unresolved": 0.004}):
         model.offline = dataclasses.replace(model.offline, **({"surpluses": [0.0], "unresolved": 0.0} | known))
         assert search._unresolved(model) == pytest.approx(search.UNRESOLVED * 0.004)

@@ -16,7 +16,7 @@ from test_shapes import CROWNED, SPACE
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import BoundError, ModelFileError, NoBoundWarning, NotSolvableError, SceneWarning
-from hhr_dolfinx.geometries import two_blocks
+from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.geometries.gmsh_model import gmsh, mesh_of
 from hhr_dolfinx.models.bounds import least_response
 from hhr_dolfinx.models.eliminations import interpolated
@@ -335,6 +335,43 @@ def test_round_off_of_a_slender_body_that_does_not_change_leaves_a_bound():
         error = answer.estimate()
         assert error.kind == "bound" and error.dual_relative < 1e-5  # 3e-6: the root of the energy of that round-off
         assert np.linalg.norm(answer.forces() - exact.forces()) <= error.forces_euclid
+
+
+def test_round_off_of_a_slender_strip_is_below_its_bound():
+    """Forces on a clamped strip of 80 by 1 are off by 2e-8 of themselves, beside the full order, of round-off alone."""
+    floor, lid = block.side(1, upper=False), block.side(1, upper=True)
+    scene = hhr.Scene(
+        name="strip",
+        geometry=lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(80.0, 1.0), cells=(80, 1)),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(block.SOLID, "E", 0.3),),
+        contacts=(hhr.Obstacle(floor, (0.0, -1.0), 0.001),),
+        parameters=hhr.ParameterSpace(("push", "E"), (0.001, 1.0), (0.02, 5.0)),
+        displacements=tuple(hhr.Displacement(block.side(0, upper=False), axis) for axis in (0, 1)),
+        loads=(hhr.Pressure(lid, hhr.Amplitude(slopes={"push": 1e-5})),),
+    )
+    full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
+    model = hhr.condense(full, fields=True)
+    seen = []
+    for point in full.parameters.random(6, 1):
+        answer = model.solve(point)
+        off = np.linalg.norm(answer.forces() - full.solve(point).forces())
+        seen.append(off / answer.estimate().forces_euclid)
+    assert model.fields.bound.proved and max(seen) < 1
+
+
+def test_a_wall_far_away_leaves_bounds_sharp():
+    """What counts as a contact that is solved is measured by what forces push, not by the largest gap."""
+    near = pressed_pair("plane_strain", [("E1", 0.3), ("E2", 0.3)], {"E1": (1.0, 6.0), "E2": (1.0, 6.0)}, cells=24)
+    wall = hhr.Obstacle(two_blocks.side(two_blocks.SECOND, 0, False), (-1.0, 0.0), 1e8)
+    scene = dataclasses.replace(near, contacts=(*near.contacts, wall))
+    training = hhr.train(scene, hhr.Sobol(32), held_out=0, comm=MPI.COMM_SELF)
+    model = training.build(hhr.Recipe().as_it_is())
+    for point in training.full_order.parameters.random(10, 3):
+        answer = model.solve(point, outside="ignore")
+        off = np.linalg.norm(answer.forces() - training.full_order.solve(point).forces())
+        # 1.001 in the median, 1.013 at most: of errors of 4e-6 what is added for round-off is seen
+        assert off <= answer.estimate().forces_euclid < 1.05 * off
 
 
 @pytest.mark.parametrize("young", [

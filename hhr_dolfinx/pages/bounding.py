@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 
+from hhr_dolfinx.models.bounds.error_bound import ROUND_OFF
 from hhr_dolfinx.models.bounds.varying_bound import VaryingBound
 from hhr_dolfinx.models.eliminations.interpolated import Compliances
 from hhr_dolfinx.pages.packing import BASE64, Packed, half
@@ -35,7 +36,7 @@ def bound_tree(model: Any, arrays: Packed) -> dict[str, Any] | None:
         return None
     return {
         "kind": bound.kind,
-        "inexact": bound.inexact,
+        "inexact": max(bound.inexact, ROUND_OFF),
         "least": bound.least.tolist(),
         "areas": None if bound.reshaped_areas is not None else arrays.put("bound_areas", bound.areas),
         "work": [arrays.put(f"bound_work{number}", modes) for number, modes in enumerate(halves)],

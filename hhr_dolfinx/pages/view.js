@@ -127,7 +127,12 @@
     }
   }
 
-  const percent = (part) => `${Number((100 * part).toPrecision(2))} %`;
+  /* Two digits of what something is at most: never less than it is. */
+  function atMost(x) {
+    const unit = 10 ** (Math.floor(Math.log10(x)) - 1);
+    return x > 0 && Number.isFinite(x) ? Number((Math.ceil(x / unit * (1 - 1e-12)) * unit).toPrecision(2)) : x;
+  }
+  const percent = (part) => `${atMost(100 * part)} %`;
   const HOW = { bound: "a proved bound", estimate: "an estimate, not proved" };
 
   /* What is interpolated: of the answer itself, and at its worst among random points. */
@@ -135,7 +140,7 @@
     const own = error && (scenery.moves ? error.forces : error.pressure), { kind, points: count } = tree.error;
     const worst = scenery.moves ? tree.error.forces : tree.error.pressure;
     const [subject, whole] = scenery.moves ? ["Contact forces", "their size"] : ["Pressures", "the largest one"];
-    const here = own ? `${subject} are off by at most ${said(Number(own.error.toPrecision(2)))}${unit(scenery.moves ? "" : words.stress)} here${Number.isFinite(own.relative) ? `, ${percent(own.relative)} of ${whole}` : ""}` : "";
+    const here = own ? `${subject} are off by at most ${said(atMost(own.error))}${unit(scenery.moves ? "" : words.stress)} here${own.relative < 1 ? `, ${percent(own.relative)} of ${whole}` : ", which is more than there is"}` : "";
     if (worst === null) return here ? `${here} (${HOW[kind]}).` : "Nothing is known of the errors of these answers.";
     const anywhere = `at any of ${count} random points`;
     return here ? `${here}, and by ${percent(worst)} ${anywhere} (${HOW[kind]}).` : `${subject} are off by at most ${percent(worst)} of ${whole} ${anywhere} (${HOW[kind]}).`;
@@ -240,6 +245,9 @@
     return `${flowing ? "Means of cells" : "In the middle of cells"}, drawn by few modes: ${where} off by ${flowing ? "up to" : "at most"} ${percent(cells)} of the largest one${flowing ? " of a history" : ""} in any cell, and the largest one by ${percent(largest)}.${thinned}`;
   }
 
+  const FEW = 150, REST = 200; // conditions up to which errors are bounded while a slider moves, else when it has rested, ms
+  let resting = 0;
+
   /* Once a picture for all that changed since the last one; of what remembers increments for each. */
   let waiting = false, asked = [];
   function changed() {
@@ -275,7 +283,10 @@
       if (marching) marched(next);
       else if ((answer = model.solve(next)).converged) past.add(next, []);
     }
-    error = bound && bound.at(answer);
+    error = null;
+    clearTimeout(resting);
+    if (bound && model.m <= FEW) error = bound.at(answer);
+    else if (bound) resting = setTimeout(() => { error = bound.at(answer); aboutError(); showPressures(); }, REST);
     document.documentElement.dataset.ms = (performance.now() - start).toFixed(3);
     document.documentElement.dataset.converged = answer.converged;
     showNumbers();

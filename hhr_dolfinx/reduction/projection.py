@@ -9,12 +9,11 @@ in A even so are taken out of A and become part of the interface (figure 5.3a).
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix, diags, issparse
+from scipy.sparse import csr_matrix, diags, issparse
 
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
@@ -22,6 +21,8 @@ from hhr_dolfinx.models.eliminations.projected import ReducedProblem, ReducedTer
 
 PANEL = 16
 """Modes that K of a whole mesh is multiplied with at once."""
+COPIED = 20_000_000
+"""Numbers of modes of one body that are copied at most, 160 MB, so that its part of K is multiplied with no others."""
 NO_WORK = 1e-9
 """Part of the largest work of a unit force along a rigid motion below which a condition has nothing to do with it."""
 
@@ -39,46 +40,68 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
             f"at {problem.contact_points[opened[0]].tolist()}; build it with reduced_domain"
         )
     rows = problem.contact[sets.A_lambda]
-    support = np.union1d(sets.A, sets.I)
-    tested = _tested(basis, sets.A)
-
-    def projected(stiffness: csr_matrix) -> np.ndarray:
-        if 2 * sets.A.size <= len(basis):
-            return basis[sets.A].T @ (stiffness[sets.A][:, support] @ basis[support])
-        # of most of a mesh rows and columns of K are not copied
-        cut = np.zeros(len(basis), dtype=bool)
-        cut[support] = True
-        parts = [slice(k, k + PANEL) for k in range(0, basis.shape[1], PANEL)]
-        return np.hstack([tested(stiffness @ (cut[:, None] * basis[:, part])) for part in parts])
-
+    modes = _Modes(basis, sets)
+    loads = modes.tested(problem.loads)
+    terms = _terms(problem, modes, loads) if problem.moduli else None
     reduced = ReducedProblem(
-        stiffness=projected(problem.stiffness),
+        stiffness=modes.projected(problem.stiffness) if terms is None else _summed(problem, terms),
         contact_test=rows[:, sets.A_c] @ basis[sets.A_c],
         contact_trial=rows[:, sets.A_c_tilde] @ basis[sets.A_c_tilde],
-        loads=tested(problem.loads),
+        loads=loads,
         gaps=problem.gaps[sets.A_lambda] + 0.0,  # files keep zeros with a sign
         pairs=problem.contact_pairs[sets.A_lambda],
         motions=0 if problem.rigid is None else problem.rigid.shape[1],
-        terms=_terms(problem, projected, tested) if problem.moduli else None,
+        terms=terms,
     )
     return reduced if problem.rigid is None else _balanced(problem, basis, sets, reduced)
 
 
-def _tested(basis: np.ndarray, rows: np.ndarray) -> Callable[[Any], np.ndarray]:
-    """What tests columns of dofs, dense or sparse, by modes on some rows; of most rows no modes are copied."""
-    if 2 * rows.size <= len(basis):
-        test = basis[rows]
-        return lambda columns: test.T @ columns[rows]
-    outside = np.ones(len(basis), dtype=bool)
-    outside[rows] = False
-    inside = diags((~outside).astype(float))
+class _Modes:
+    """Modes, (N, ell), that test on some dofs, A, and try on these and those around them, I."""
 
-    def tested(columns: Any) -> np.ndarray:
+    def __init__(self, basis: np.ndarray, sets: IndexSets):
+        self._basis = basis
+        self._rows = sets.A
+        self._support = np.union1d(sets.A, sets.I)
+        self._few = 2 * sets.A.size <= len(basis)
+        self._test = basis[sets.A] if self._few else None  # of most rows no modes are copied
+
+    def projected(self, stiffness: csr_matrix) -> np.ndarray:
+        """V^T K V, tested on A, (ell, ell)."""
+        basis = self._basis
+        if self._few:
+            return basis[self._rows].T @ (stiffness[self._rows][:, self._support] @ basis[self._support])
+        # of most of a mesh rows and columns of K are not copied
+        cut = np.zeros(len(basis), dtype=bool)
+        cut[self._support] = True
+        own = self._moved_by(stiffness, cut)
+        trial = basis if own.size * 2 > basis.shape[1] or own.size * len(basis) > COPIED else basis[:, own]
+        own = own if trial is not basis else np.arange(basis.shape[1])
+        found = np.zeros((basis.shape[1], basis.shape[1]))
+        for first in range(0, own.size, PANEL):
+            part = slice(first, first + PANEL)
+            found[np.ix_(own, own[part])] = self._test_by(trial, stiffness @ (cut[:, None] * trial[:, part]))
+        return found
+
+    def _moved_by(self, stiffness: csr_matrix, cut: np.ndarray) -> np.ndarray:
+        """Numbers of the modes that move dofs of a matrix: a part of K is that of one body, often."""
+        # a row whose entries are zeros has no product with random numbers; others have none with probability zero
+        rows = cut & (stiffness @ np.random.default_rng(0).standard_normal(len(cut)) != 0)
+        parts = [slice(first, first + PANEL) for first in range(0, self._basis.shape[1], PANEL)]
+        return np.flatnonzero(np.concatenate([(self._basis[:, part] != 0)[rows].any(axis=0) for part in parts]))
+
+    def tested(self, columns: Any) -> np.ndarray:
+        """Columns of dofs, dense or sparse, (N, k), tested by the modes: (ell, k)."""
+        return self._test.T @ columns[self._rows] if self._test is not None else self._test_by(self._basis, columns)
+
+    def _test_by(self, modes: np.ndarray, columns: Any) -> np.ndarray:
+        """The same by other modes on the whole mesh, (N, r), where most rows are in A: (r, k)."""
+        outside = np.ones(len(modes), dtype=bool)
+        outside[self._rows] = False
         if issparse(columns):
-            return np.ascontiguousarray((csr_matrix((inside @ columns).T) @ basis).T)
-        return basis.T @ np.where(outside[:, None], 0.0, columns)
-
-    return tested
+            inside = diags((~outside).astype(float))
+            return np.ascontiguousarray((csr_matrix((inside @ columns).T) @ modes).T)
+        return modes.T @ np.where(outside[:, None], 0.0, columns)
 
 
 def _balanced(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem) -> ReducedProblem:
@@ -124,17 +147,18 @@ def holding(problem: ContactProblem) -> np.ndarray:
     return np.flatnonzero(work.max(axis=1) > NO_WORK * work.max())
 
 
-def _terms(
-    problem: ContactProblem,
-    projected: Callable[[csr_matrix], np.ndarray],
-    tested: Callable[[csc_matrix], np.ndarray],
-) -> ReducedTerms:
-    """Parts of K~ and of its loads, from what projects a stiffness and what tests columns of dofs."""
+def _terms(problem: ContactProblem, modes: _Modes, loads: np.ndarray) -> ReducedTerms:
+    """Parts of K~ and of its loads, of which some are tested already, (ell, 1 + T)."""
     weights = problem.weights(problem.middle)
-    lifts = np.stack([tested(term) for term in problem.lift_terms])
-    forces = tested(problem.loads) + np.tensordot(weights, lifts, 1)
-    stiffness = np.stack([projected(term) for term in problem.stiffness_terms])
+    lifts = np.stack([modes.tested(term) for term in problem.lift_terms])
+    forces = loads + np.tensordot(weights, lifts, 1)
+    stiffness = np.stack([modes.projected(term) for term in problem.stiffness_terms])
     return ReducedTerms(stiffness, lifts, forces, problem.moduli)
+
+
+def _summed(problem: ContactProblem, terms: ReducedTerms) -> np.ndarray:
+    """K~ in the middle of the box, of its parts."""
+    return np.tensordot(problem.weights(problem.middle), terms.stiffness, 1)
 
 
 def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) -> IndexSets:

@@ -54,10 +54,8 @@ def condense(scene: Scene | FullOrderModel, settings: Any = None, *, fields: boo
     if not full.problem.varies:
         return exact_condensation(full, _known_statuses(full), field=fields)
     from hhr_dolfinx.reduction.condense import condense as interpolated
-    from hhr_dolfinx.reduction.interpolate import GridSettings
 
-    how = settings or GridSettings()
-    return interpolated(full, None, how, bound=fields, fields=fields, coarse=settings is not None)
+    return interpolated(full, None, settings, bound=fields, fields=fields)
 
 
 def _known_statuses(full: FullOrderModel) -> KnownStatuses:

@@ -176,7 +176,7 @@ def bounded(
     one = np.array((forces, better, off, off, better))
     other = np.array((pushed, less, pulled, off, better))
     sizes, exact, apart, apart_euclid, exact_euclid = lengths(one, other)
-    noise = inexact * (sizes + exact + balanced)
+    noise = max(inexact, ROUND_OFF) * (sizes + exact + balanced)
     primal = unbalanced + nearer
     # of those alone that are not in equilibrium
     if given.slack is not None and (rows := np.flatnonzero(nearer > NOTHING * unbalanced)).size:

@@ -34,7 +34,7 @@ WITH_MODES = 400
 NOTHING = 1e-10
 """Part of the largest eigenvalue of S_c below which it is nothing: conditions may depend on each other on a body."""
 SOLVED = 1e-11
-"""Part of the free slack that forces may leave open which need not be solved for again: it is bounded as they stand."""
+"""Part of what forces push that they may leave open and need not be solved for again: it is bounded as they stand."""
 LEAST = 0.2
 """Part of S_c(middle) that S_c must be at least: where modes add up to more a point has a factor of its own."""
 
@@ -110,7 +110,7 @@ class ManyResponses:
         found = forces.copy()
         slack = free + pushed
         wrong = np.where(forces > 0, np.abs(slack), np.maximum(-slack, 0.0)).max(axis=1, initial=0.0)
-        solved = wrong <= SOLVED * np.abs(free).max(axis=1, initial=0.0)
+        solved = wrong <= SOLVED * np.abs(pushed).max(axis=1, initial=0.0)
         closed = ~solved
         for k in np.flatnonzero(closed):
             schur = self.schur[k]

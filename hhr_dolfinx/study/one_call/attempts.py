@@ -74,7 +74,7 @@ def _condensed(bench: Bench) -> Iterator[Attempt]:
 
         def make(settings: GridSettings = settings) -> Any:
             # without fields nothing bounds an error
-            return interpolated(full, bench.checked, settings, along=True, solvers=solvers)
+            return interpolated(full, bench.checked, settings, along=True, finer=True, solvers=solvers)
 
         found = len(bench.held_out)
         spanned = f", fields of {found} checks too" if found else ""

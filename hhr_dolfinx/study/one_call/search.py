@@ -398,9 +398,10 @@ def _judged(bench: Bench, model: Any) -> tuple[np.ndarray, str]:
 
 
 def _unresolved(model: Any) -> float:
-    """Error to be expected of an interpolation that spent its budget before it had settled; zero of any other model."""
+    """Error to be expected of an interpolation that spent its budget before it had settled; zero of any other model,
+    and of one that answers by what its bound interpolates."""
     record = model.offline
-    if not isinstance(record, CondensedRecord):
+    if not isinstance(record, CondensedRecord) or record.finer:
         return 0.0
     worst = max([record.unresolved, *record.surpluses])
     return UNRESOLVED * worst if worst > record.settings.tolerance else 0.0

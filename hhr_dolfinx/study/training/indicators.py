@@ -131,10 +131,9 @@ class ForceError:
 
             return exact_condensation(full, known.known_statuses(), field=False)
         from hhr_dolfinx.reduction.condense import condense
-        from hhr_dolfinx.reduction.interpolate import GridSettings
 
         try:
-            return condense(full, known, self.settings or GridSettings(), coarse=self.settings is not None)
+            return condense(full, known, self.settings)
         except ReductionError as error:
             raise StudyError(
                 f"scene '{full.scene.name}' cannot be condensed, {error}: choose by another indicator, such as Eta2()"

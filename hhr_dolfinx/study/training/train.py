@@ -165,10 +165,8 @@ class Training(TrainingAnswers):
 
             return exact_condensation(self.full_order, self.snapshots.known_statuses(), field=False)
         from hhr_dolfinx.reduction.condense import condense
-        from hhr_dolfinx.reduction.interpolate import GridSettings
 
-        how = settings or GridSettings()
-        return condense(self.full_order, self.snapshots, how, self.held_out, coarse=settings is not None)
+        return condense(self.full_order, self.snapshots, settings, self.held_out)
 
     def force_correction(self) -> ForceCorrection:
         """What tells how far contact forces of histories are off, and corrects them once, for any model trained here.
