@@ -26,6 +26,8 @@ def today() -> str:
 
 WARM_UP = 5
 """Queries before the clock runs."""
+FEWEST = 3
+"""Queries of which a median is taken at least, where each takes long."""
 
 
 @dataclass
@@ -132,17 +134,20 @@ def time_queries(models: dict[str, Callable[[np.ndarray], Any]], points: np.ndar
 def median_time(solve: Callable[[np.ndarray], Any], points: np.ndarray, most: float) -> float:
     """Median of the seconds of queries, on one thread, behind a warm-up: of as many points as take ``most`` seconds.
 
-    For a rough figure, which takes no longer itself than what it is asked for.
+    For a rough figure, which takes no longer itself than what it is asked for: a warm-up of long queries is one of few.
     """
     times: list[float] = []
+    warm = 0
     with threadpool_limits(1):
         for point in points:
             start = time.perf_counter()
             _query(solve, point)
             times.append(time.perf_counter() - start)
-            if len(times) > 2 * WARM_UP and sum(times) > most:
+            if not warm:
+                warm = len(times) if len(times) >= WARM_UP or sum(times) > most / 2 else 0
+            elif len(times) >= warm + FEWEST and sum(times) > most:
                 break
-    return float(np.median(times[WARM_UP:]))
+    return float(np.median(times[warm:]))
 
 
 def _query(solve: Callable[[np.ndarray], Any], point: np.ndarray) -> None:
