@@ -17,12 +17,11 @@ import numpy as np
 from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
 
 from hhr_dolfinx.errors import NotOfferedError
-from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
 from hhr_dolfinx.pages.packing import BASE64, Packed, kept_levels, modes_of, packed_levels
 from hhr_dolfinx.pages.scenery import Scenery
-from hhr_dolfinx.pages.stress import APART, COARSE, FALSE, STRESS, far_off
+from hhr_dolfinx.pages.stress import APART, COARSE, FALSE, STRESS, far_off, mises_of
 
 MOST_CELLS = 20_000
 """Cells that are drawn up to which their stress is: as of elastic bodies."""
@@ -88,12 +87,6 @@ def _sparse(blocks: np.ndarray, columns: np.ndarray, size: int) -> csc_matrix:
     return csc_matrix(coo_matrix((blocks.ravel(), places), (count, size)))
 
 
-def mises(deviators: np.ndarray, count: int) -> np.ndarray:
-    """Von Mises' stress of such deviators of so many cells, (c k,): (c,)."""
-    own = deviators.reshape(count, -1)
-    return von_mises(np.insert(own, 2, -own[:, 0] - own[:, 1], axis=1))
-
-
 def flow_stress(
     model: CondensedFlowModel, scenery: Scenery, histories: Sequence[Sequence[Answer]], arrays: Packed, room: int
 ) -> dict[str, Any] | None:
@@ -116,7 +109,9 @@ def flow_stress(
     tree = {"kind": "stressed"} | packed_levels("stress_modes", ways.T, tried, COARSE)
     tree |= _maps(model, means, cells, ways, tried)
     found = kept_levels(tree, tried).T @ (ways.T @ seen[:, apart])
-    exact, drawn = (np.array([mises(one, len(cells)) for one in own.T]) for own in (seen[:, apart], found))
+    exact, drawn = (
+        np.array([mises_of(one.reshape(len(cells), -1)) for one in own.T]) for own in (seen[:, apart], found)
+    )
     # what is left of a stress behind unloading is small beside that of its history
     scales = np.array([exact[number[apart] == own].max() for own in number[apart]])
     off = far_off(exact, drawn, scales)
