@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import solve_triangular
-from scipy.optimize import nnls
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
@@ -283,6 +282,8 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
     def _fitted(self, answer: Answer) -> _Fit:
         """The fit of (1.70)."""
+        from scipy.optimize import nnls  # a quarter of what loading a model takes, and few answers need it
+
         outside, fitted, penalised = self._parts
         theta = self.amplitudes(answer.parameter)
         gaps, contact = self.contact_at(answer.parameter)
