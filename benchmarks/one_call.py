@@ -31,6 +31,7 @@ from hhr_dolfinx.geometries import block, stacked_blocks, two_blocks
 from hhr_dolfinx.geometries.two_blocks import side
 from hhr_dolfinx.study import cli
 from hhr_dolfinx.study.one_call.bench import Bench
+from hhr_dolfinx.study.one_call.crew import Crew
 from hhr_dolfinx.study.one_call.wish import Budget, Wish
 from hhr_dolfinx.study.report import report
 from hhr_dolfinx.study.training.train import silent
@@ -168,7 +169,7 @@ def measured(case: Case, fresh: int) -> dict[str, Any]:
     row |= {"method": f"{chosen.method}, {chosen.setting}", "full_answers": reduction.full_answers, "seconds": seconds}
     row |= {"query_seconds": chosen.query, "known": chosen.known, "said": reduction.met}
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
-    bench = Bench(full, Wish(ERROR, case.of), Budget(), family, None, SEED, silent)
+    bench = Bench(full, Crew(MPI.COMM_SELF, full, None), Wish(ERROR, case.of), Budget(), family, SEED, silent)
     exact = bench.fresh(HISTORIES if family is not None else fresh)
     worst = bench.errors_of(model, exact).max(axis=0)
     met = bool((worst <= ERROR).all())

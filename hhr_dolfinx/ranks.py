@@ -68,7 +68,7 @@ def each_for_itself(comm: Comm, task: str) -> Iterator[None]:
         raise failure
     if comm.size > 1 and failed:
         rank, name, text = failed[0]
-        raise _class_of(name)(f"{task} failed on rank {rank} of {comm.size}, {name}: {text}")
+        raise class_of(name)(f"{task} failed on rank {rank} of {comm.size}, {name}: {text}")
 
 
 def shared_out(comm: Comm, count: int, work: Callable[[int], Any], task: str) -> list[Any]:
@@ -123,7 +123,7 @@ def _all_arrive(votes: Comm) -> bool:
     return False
 
 
-def _class_of(name: str) -> type[errors.HHRError]:
+def class_of(name: str) -> type[errors.HHRError]:
     """The class of this package's errors with a name, or the one for all others."""
     kind = getattr(errors, name, None)
     return kind if isinstance(kind, type) and issubclass(kind, errors.HHRError) else errors.RankError

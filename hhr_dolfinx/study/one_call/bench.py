@@ -21,14 +21,14 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.sampling import Sobol
-from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, compute_snapshots
+from hhr_dolfinx.snapshots.records import Lost, SnapshotSet
+from hhr_dolfinx.study.one_call.crew import Crew
 from hhr_dolfinx.study.one_call.wish import Budget, Errors, Exact, Wish
 from hhr_dolfinx.study.training.train import Progress, Training
 from hhr_dolfinx.timing import StageLog, Stopwatch
 
 if TYPE_CHECKING:
     from hhr_dolfinx.path_families import PathFamily
-    from hhr_dolfinx.snapshots.store import SnapshotStore
 
 FRESH_SEED = 7000
 """Added to the seed of a search for what models are checked on, which then is no part of any training."""
@@ -46,10 +46,10 @@ class Bench:
 
     Attributes:
         full: the full model, on one rank.
+        crew: ranks that solve for exact answers; this one alone, mostly.
         wish: how exact a model shall be.
         budget: what may be spent.
         family: paths, where answers depend on these; None where questions are points.
-        store: where answers are kept; None keeps them in memory alone.
         seed: of what is drawn at random.
         progress: for progress bars.
         errors: of models, in the norms of the wish.
@@ -63,10 +63,10 @@ class Bench:
     """
 
     full: Any
+    crew: Crew
     wish: Wish
     budget: Budget
     family: PathFamily | None
-    store: SnapshotStore | None
     seed: int
     progress: Progress
     errors: Errors = field(init=False)
@@ -159,31 +159,28 @@ class Bench:
 
     def _answers(self, questions: Any, label: str, lost: Lost) -> Iterator[Answer | History]:
         """Exact answers; what has none is told to ``lost``."""
-        for question in self.progress(label)(questions):
+        for place, question in enumerate(self.progress(label)(questions)):
             key = _key(question)
             if key not in self._known:
-                self.check_budget()
-                self.solved += 1
-                self._known[key] = None
-                with lost.taken_in(_label(self.full, question)):
-                    self._known[key] = self._solved(question)
+                self._solve(questions[place:], lost)
             found = self._known[key]
             if found is not None:
                 yield found
 
-    def _solved(self, question: Any) -> Answer | History:
-        """One exact answer, from the store if it is there."""
-        if self.family is not None:
-            return compute_snapshots(self.full, [question], store=self.store).histories[0]
-        # what friction remembers is kept of histories alone
-        store = self.store if self.full.friction is None else None
-        kept = None if store is None else store.load(question)
-        if kept is not None:
-            return kept._replace(fields=self.full)
-        answer = self.full.solve(question)
-        if store is not None:
-            store.save(answer)
-        return answer
+    def _solve(self, questions: Any, lost: Lost) -> None:
+        """Take in the first of some questions, and as many behind it as there are ranks."""
+        self.check_budget()
+        answers = self.budget.full_answers
+        room = self.crew.size if answers is None else min(self.crew.size, answers - self.solved)
+        new = {_key(question): question for question in questions if _key(question) not in self._known}
+        some = list(new.items())[:room]
+        self.solved += len(some)
+        self._known |= dict.fromkeys(key for key, _ in some)
+        for (key, question), found in zip(some, self.crew.solved([question for _, question in some]), strict=True):
+            with lost.taken_in(_label(self.full, question)):
+                if isinstance(found, HHRError):
+                    raise found
+                self._known[key] = found
 
 
 def _set_of(found: Iterable[Answer | History]) -> SnapshotSet:

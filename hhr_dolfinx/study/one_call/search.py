@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
+from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import (
     BoundError,
     HHRError,
@@ -49,6 +50,7 @@ from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.study.one_call.attempts import MANY, Attempt, attempts
 from hhr_dolfinx.study.one_call.bench import Bench, BudgetSpentError
+from hhr_dolfinx.study.one_call.crew import Crew
 from hhr_dolfinx.study.one_call.wish import DISPLACEMENT, Budget, Exact, Wish
 from hhr_dolfinx.study.scene.scenery import scenery_of
 from hhr_dolfinx.study.training.counts import check_counts
@@ -181,11 +183,12 @@ def reduce(
     folder: str | Path | None = None,
     seed: int = 1,
     progress: Progress = silent,
+    comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> Any:
-    """A model of a scene that is as exact as wished.
+    """A model of a scene that is as exact as wished; collective.
 
     Args:
-        scene: any scene, or its full model on one rank.
+        scene: any scene, or its full model, of each rank its own.
         error: largest relative error, 0.01 for one per cent.
         of: of what: ``pressure``, ``forces``, ``displacement``, an output of the scene by its name, or several; see
             :mod:`hhr_dolfinx.study.one_call.wish`.
@@ -197,14 +200,16 @@ def reduce(
             ``model.npz``, and what was tried, ``reduction.json``; None keeps nothing.
         seed: of what is drawn at random.
         progress: for progress bars.
+        comm: ranks, of which the first one searches; all solve for full answers, each by a full model of its own.
 
     Returns:
-        The model. Print ``model.reduction``, a :class:`Reduction`, for what was tried.
+        The model, on other ranks than the first one a copy of it. Print ``model.reduction``, a :class:`Reduction`, for
+        what was tried.
 
     Raises:
         ParameterError: for an invalid wish or budget.
         StudyError: for invalid input, paths where answers do not depend on any, and where there is no model.
-        NotOfferedError: on several ranks, and for bodies that flow without paths.
+        NotOfferedError: for bodies that flow without paths.
 
     Warns:
         StabilityWarning: if the wish is not met.
@@ -212,21 +217,38 @@ def reduce(
     check_counts(seed=(seed, 0))
     if not isinstance(budget, Budget):
         raise StudyError(f"budget = {budget!r}: give hhr.Budget(seconds=600), of full_answers or of bytes")
-    full = _full_model(scene)
-    _check_paths(full, paths)
-    wish = Wish.checked(error, of, full)
-    if fallback and len(wish.of) > 1:
-        raise NotOfferedError(f"a model falls back by one error, and not by {', '.join(wish.of)}: give one as of=")
-    kept = None if folder is None else _free_folder(folder, full.scene.name)
-    store = None if kept is None else SnapshotStore(kept / "snapshots", full)
-    model, reduction = _searched(Bench(full, wish, budget, paths, store, seed, progress))
-    if not reduction.met:
+    with ranks.each_for_itself(comm, "preparing a search"):
+        full = _full_model(scene)
+        _check_paths(full, paths)
+        wish = Wish.checked(error, of, full)
+        if fallback and len(wish.of) > 1:
+            raise NotOfferedError(f"a model falls back by one error, and not by {', '.join(wish.of)}: give one as of=")
+        kept = None if folder is None else _free_folder(folder, full.scene.name)
+        store = None if kept is None else SnapshotStore(kept / "snapshots", full)
+    bench = Bench(full, Crew(comm, full, store), wish, budget, paths, seed, progress)
+    model, reduction = _found(bench, kept)
+    if not reduction.met and not comm.rank:
         warnings.warn(reduction.verdict, StabilityWarning, stacklevel=2)
-    if kept is not None:
-        keep(kept, model, reduction, full)
-    found = _with_fallback(model, full, wish) if fallback and not model.fields.exact else model
-    found.reduction = reduction
-    return found
+    chosen = _with_fallback(model, full, wish) if fallback and not model.fields.exact else model
+    chosen.reduction = reduction
+    return chosen
+
+
+def _found(bench: Bench, kept: Path | None) -> tuple[Any, Reduction]:
+    """What the first rank finds and keeps in a folder, on all ranks; the others solve for it meanwhile."""
+    comm = bench.crew.comm
+    found: Any = None
+    with ranks.each_for_itself(comm, "a search"):
+        if comm.rank:
+            bench.crew.serve()
+        else:
+            try:
+                found = model, reduction = _searched(bench)
+                if kept is not None:
+                    keep(kept, model, reduction, bench.full)
+            finally:
+                bench.crew.let_go()
+    return found if comm.size == 1 else comm.bcast(found)
 
 
 def _with_fallback(model: Any, full: FullOrderModel, wish: Wish) -> Any:
@@ -264,10 +286,6 @@ def _free_folder(folder: str | Path, scene: str) -> Path:
 
 def _full_model(scene: Any) -> FullOrderModel:
     """The full model of a scene, on one rank."""
-    if MPI.COMM_WORLD.size > 1:
-        raise NotOfferedError(
-            "a search decides step by step and runs on one rank: train on several with hhr.train(scene, Sobol(512))"
-        )
     if isinstance(scene, FullOrderModel):
         return scene
     if not isinstance(scene, Scene):

@@ -1,0 +1,131 @@
+"""Ranks that solve for the first one, which searches: it decides alone, since decisions depend on its clock.
+
+Each rank has a full model of its own. What the first one asks for they solve side by side, a part each, and wait for
+what it asks next until it lets them go.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx import errors, ranks
+from hhr_dolfinx.models.answer import Answer, History
+from hhr_dolfinx.snapshots.records import compute_snapshots
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
+
+    from hhr_dolfinx.snapshots.store import SnapshotStore
+
+_NOWHERE: Any = None
+"""Fields of an answer that is sent to another rank: a full model belongs to one."""
+Found = Answer | History | errors.HHRError
+
+
+@dataclass(frozen=True)
+class Crew:
+    """The ranks of a search.
+
+    Attributes:
+        comm: all of them.
+        full: the full model of this one.
+        store: where answers are kept; None keeps them in memory alone.
+    """
+
+    comm: Comm
+    full: Any
+    store: SnapshotStore | None
+
+    @property
+    def size(self) -> int:
+        """Questions that are solved at once."""
+        return int(self.comm.size)
+
+    def solved(self, questions: Sequence[Any]) -> list[Found]:
+        """Exact answers, or why there are none; by the first rank, for which the others are waiting."""
+        if self.comm.size > 1:
+            self.comm.bcast(list(questions))
+        return self._shared(questions)
+
+    def serve(self) -> None:
+        """Solve what the first rank asks for, until it lets this one go."""
+        while (questions := self.comm.bcast(None)) is not None:
+            self._shared(questions)
+
+    def let_go(self) -> None:
+        """End the work of the others; by the first rank, whatever became of its own."""
+        if self.comm.size > 1:
+            self.comm.bcast(None)
+
+    def _shared(self, questions: Sequence[Any]) -> list[Found]:
+        """What all ranks make of them, on the first one."""
+        comm = self.comm
+        if comm.size == 1:
+            return [self._tried(question) for question in questions]
+        failure = None
+        own: list[Any] = []
+        try:
+            own = [_sent(self._tried(question)) for question in questions[comm.rank :: comm.size]]
+        except BaseException as error:  # the others wait for this part
+            failure = error
+            own = [("", f"{type(error).__name__}: {error}")] * len(questions[comm.rank :: comm.size])
+        parts = comm.gather(own)
+        if failure is not None and parts is not None:
+            raise failure
+        if parts is None:
+            return []
+        return [self._taken(parts[k % comm.size][k // comm.size]) for k in range(len(questions))]
+
+    def _tried(self, question: Any) -> Found:
+        """One answer, or why there is none."""
+        try:
+            return self._answered(question)
+        except errors.HHRError as error:
+            return error
+
+    def _answered(self, question: Any) -> Answer | History:
+        """One exact answer, from the store if it is there."""
+        full = self.full
+        if not isinstance(question, np.ndarray):
+            return compute_snapshots(full, [question], store=self.store).histories[0]
+        # what friction remembers is kept of histories alone
+        store = self.store if full.friction is None else None
+        kept = None if store is None else store.load(question)
+        if kept is not None:
+            return kept._replace(fields=full)
+        answer = full.solve(question)
+        if store is not None:
+            store.save(answer)
+        return answer
+
+    def _taken(self, item: Any) -> Found:
+        """What another rank sent, as if it had been made here.
+
+        Raises:
+            RuntimeError: for a failure that is none of this package's, which no other attempt mends.
+        """
+        if isinstance(item, Answer):
+            return item._replace(fields=self.full)
+        if isinstance(item, History):
+            return _with_fields(item, self.full)
+        name, text = item
+        if not name:
+            raise RuntimeError(f"solving for a full answer failed on another rank: {text}")
+        return ranks.class_of(name)(text)
+
+
+def _sent(found: Found) -> Any:
+    """An answer without its model, or an error as text: not all of them can be pickled."""
+    if isinstance(found, Answer):
+        return found._replace(fields=_NOWHERE)
+    if isinstance(found, History):
+        return _with_fields(found, _NOWHERE)
+    return type(found).__name__, str(found)
+
+
+def _with_fields(history: History, fields: Any) -> History:
+    return replace(history, answers=[answer._replace(fields=fields) for answer in history.answers])
