@@ -197,6 +197,13 @@ class _Energies(NamedTuple):
     scale: np.ndarray
 
 
+def _acting(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Places of terms that act in each of some rows, (n, T), as many for each as any has, and their weights, (n, k)."""
+    count = int(np.count_nonzero(weights, axis=1).max(initial=0))
+    used = np.argsort(weights == 0, axis=1, kind="stable")[:, :count]
+    return used, np.take_along_axis(weights, used, 1)
+
+
 class VaryingThere(NamedTuple):
     """See :class:`hhr_dolfinx.models.bounds.error_bound.BoundThere`.
 
@@ -257,15 +264,16 @@ class VaryingThere(NamedTuple):
             weights = found.theta[:, part.terms]
             lifts = np.arange(weights.shape[1]) >= part.forced.size
             weights = np.where(lifts, -weights / roots, weights * roots)
-            for k in range(len(forces)):
-                used = np.flatnonzero(weights[k])
-                work = np.tensordot(along[k], energy.work[:, used[:, None], used], 1) @ weights[k, used]
-                driven[k] += weights[k, used] @ work
-                held[k] -= (weights[k, used] * lifts[used]) @ work
+            used, acting = _acting(weights)
+            # of hundreds of columns of a partial pressure three act
+            work = np.einsum("nr,rnst->nst", along, energy.work[:, used[:, :, None], used[:, None, :]], optimize=True)
+            done = np.einsum("nst,nt->ns", work, acting)
+            driven += np.sum(acting * done, axis=1)
+            held -= np.sum(acting * lifts[used] * done, axis=1)
             if part.lifted.size:
-                acting = found.theta[:, part.lifted]
+                lifting = found.theta[:, part.lifted]
                 moved = np.einsum("nr,tmr,nm->nt", along, part.columns[part.forced.size :], forces[:, part.where])
-                held -= np.sum(acting * moved, axis=1)
+                held -= np.sum(lifting * moved, axis=1)
                 own = weights[:, lifts]
                 lifted += np.einsum("ns,nr,rst,nt->n", own, along, energy.lifted, own, optimize=True)
         closed = found.owner.many_driven(found.points, found.theta) - found.free_slack
