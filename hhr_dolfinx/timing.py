@@ -147,7 +147,7 @@ def median_time(solve: Callable[[np.ndarray], Any], points: np.ndarray, most: fl
                 warm = len(times) if len(times) >= WARM_UP or sum(times) > most / 2 else 0
             elif len(times) >= warm + FEWEST and sum(times) > most:
                 break
-    return float(np.median(times[warm:]))
+    return float(np.median(times[warm:] or times))
 
 
 def _query(solve: Callable[[np.ndarray], Any], point: np.ndarray) -> None:

@@ -101,7 +101,7 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
         weights = np.vstack([weights, column[sets.A_c] @ candidates])
         added.append(chosen)
         kappas.append(kappa)
-    basis = np.ascontiguousarray(columns.whole)
+    basis = np.ascontiguousarray(columns.whole) if added else basis
     check_basis(problem, basis)
     conditions = [sets.A_lambda[np.array(chosen, dtype=int)] for chosen in (added, left_out)]
     return Enrichment(basis, conditions[0], kappas, stalled, conditions[1])
@@ -115,7 +115,7 @@ class _Columns:
     """
 
     def __init__(self, start: np.ndarray):
-        self._room = np.asfortranarray(start)
+        self._room = start
         self._count = start.shape[1]
 
     @property
@@ -127,7 +127,7 @@ class _Columns:
         """One more, (N,)."""
         if self._count == self._room.shape[1]:
             room = np.empty((len(self._room), 2 * self._count + 1), order="F")
-            room[:, : self._count] = self._room
+            room[:, : self._count] = self._room[:, : self._count]
             self._room = room
         self._room[:, self._count] = column
         self._count += 1
@@ -277,7 +277,8 @@ class _Table:
         if len(self.outside):
             return math.inf
         directions, values = self.spectrum
-        return self.problem.condition_number(values[-1] if len(directions) == values.size else 0.0, values[0])
+        smallest = float(values[-1]) if len(directions) == values.size else 0.0
+        return self.problem.condition_number(smallest, float(values[0]))
 
 
 def _kappa(tables: list[_Table]) -> float:
