@@ -135,10 +135,12 @@
   const percent = (part) => `${atMost(100 * part)} %`;
   const HOW = { bound: "a proved bound", estimate: "an estimate, not proved" };
 
+  const worst = scenery.moves ? tree.error.forces : tree.error.pressure;
+  const bounded = () => error && (scenery.moves ? error.forces : error.pressure);
+
   /* What is interpolated: of the answer itself, and at its worst among random points. */
   function interpolated() {
-    const own = error && (scenery.moves ? error.forces : error.pressure), { kind, points: count } = tree.error;
-    const worst = scenery.moves ? tree.error.forces : tree.error.pressure;
+    const own = bounded(), { kind, points: count } = tree.error;
     const [subject, whole] = scenery.moves ? ["Contact forces", "their size"] : ["Pressures", "the largest one"];
     const here = own ? `${subject} are off by at most ${said(atMost(own.error))}${unit(scenery.moves ? "" : words.stress)} here${own.relative < 1 ? `, ${percent(own.relative)} of ${whole}` : ", which is more than there is"}` : "";
     if (worst === null) return here ? `${here} (${HOW[kind]}).` : "Nothing is known of the errors of these answers.";
@@ -192,9 +194,7 @@
 
   function drawLine({ canvas, line }, values) {
     const { axis, order } = line, x = order.map((i) => places[i * dim + axis]), y = order.map((i) => values[i]);
-    const worst = (scenery.moves ? tree.error.forces : tree.error.pressure) || 0;
-    const own = error && (scenery.moves ? error.forces : error.pressure);
-    const band = own ? own.error : worst * Math.max(0, ...y.filter(Number.isFinite));
+    const band = bounded()?.error ?? (worst ?? 0) * Math.max(0, ...y.filter(Number.isFinite));
     const statuses = order.map((i) => (!(answer.forces[i] > 0) ? "--open" : slides(i) ? "--slips" : "--force"));
     const titles = [`${"xyz"[axis]}${unit(words.length)}`, `${what}${unit(ofStress)}`];
     plots.line(canvas, { x, y, range: shown(x, order), band, along: tractions(line), statuses, titles });

@@ -85,7 +85,7 @@ class _Modes:
 
     def _moved_by(self, stiffness: csr_matrix, cut: np.ndarray) -> np.ndarray:
         """Numbers of the modes that move dofs of a matrix: a part of K is that of one body, often."""
-        # a row whose entries are zeros has no product with random numbers; others have none with probability zero
+        # a row of zeros times random numbers is zero, and any other one is not, but with probability zero
         rows = cut & (stiffness @ np.random.default_rng(0).standard_normal(len(cut)) != 0)
         parts = [slice(first, first + PANEL) for first in range(0, self._basis.shape[1], PANEL)]
         return np.flatnonzero(np.concatenate([(self._basis[:, part] != 0)[rows].any(axis=0) for part in parts]))
