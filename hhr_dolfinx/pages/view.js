@@ -351,7 +351,7 @@
   if (tree.stress) at("component").append(element("option", "von Mises' stress", { value: "stress" }));
   if (flowing) at("component").append(element("option", "cumulated plastic strain", { value: "plastic" }));
   if (!draws) at("shape").replaceChildren(element("h2", "Displacement"), element("p", tree.field
-    ? "This browser draws no triangles (WebGL is switched off)." : "This model has no displacement for a page.", { className: "note" }));
+    ? "This browser draws no triangles (WebGL is switched off)." : "No picture: the model has no displacement, or the few modes that a page has room for do not draw it well.", { className: "note" }));
   else { at("shape").append(element("p", "", { className: "note", id: "drawnby" })); field.turning(showField); for (const id of ["component", "exaggerate"]) at(id).addEventListener("input", showField); }
   at("reset").addEventListener("click", () => { point = middle.slice(); changed(); });
   at("copy").addEventListener("click", async () => {
