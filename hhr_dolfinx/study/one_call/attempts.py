@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
+
+from hhr_dolfinx.models.estimates import ASKED
 
 if TYPE_CHECKING:
     from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
@@ -103,6 +106,8 @@ def _flowing(bench: Bench) -> Iterator[Attempt]:
     usual = CorrectionSettings()
     wished = bench.wish.error / 2  # what is known of is met with room for what is not
     settings = replace(usual, primal=min(usual.primal, wished), dual=min(usual.dual, wished), attempts=6)
+    if set(bench.wish.of) <= set(ASKED):  # no output may read the stress, which would go on being made finer
+        settings = replace(settings, stress=math.inf, plastic=math.inf)
     for count in _doubled(FEWEST_PATHS, MOST_PATHS):
         yield Attempt("condensed", f"{count} training paths", partial(_condensed_flow, bench, count, settings))
     yield from _by_histories(bench)
