@@ -227,7 +227,7 @@ def test_another_process_answers_without_dolfinx(petsc, kept, models):
 
 
 def test_an_elastic_model_loads_no_flow(kept):
-    """Nor numba, nor what makes loading a third longer; a scene pulls in what it names."""
+    """Nor numba, nor what only takes time to load; a scene pulls in what it names."""
     program = f"import sys, hhr_dolfinx as hhr\nhhr.load_model({str(kept['pellet'])!r})\n" + (
         "late = 'numba', 'scipy.optimize', 'scipy.spatial', 'scipy.interpolate'\n"
         "found = [m for m in sys.modules if m in late or m.startswith('hhr_dolfinx.materials.update')]\n"

@@ -338,7 +338,7 @@ def test_round_off_of_a_slender_body_that_does_not_change_leaves_a_bound():
 
 
 def test_round_off_of_a_slender_strip_is_below_its_bound():
-    """Forces on a clamped strip of 80 by 1 are off by 2e-8 of themselves, beside the full order, of round-off alone."""
+    """Forces on a clamped strip of 80 by 1 are off by 1e-8 of themselves, by round-off alone."""
     floor, lid = block.side(1, upper=False), block.side(1, upper=True)
     scene = hhr.Scene(
         name="strip",

@@ -282,7 +282,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
     def _fitted(self, answer: Answer) -> _Fit:
         """The fit of (1.70)."""
-        from scipy.optimize import nnls  # a quarter of what loading a model takes, and few answers need it
+        from scipy.optimize import nnls  # loading a model takes less without, and few answers need it
 
         outside, fitted, penalised = self._parts
         theta = self.amplitudes(answer.parameter)

@@ -13,7 +13,7 @@ hhr.Bound = class {
   /* Largest error of a force of a node and of a pressure, and both as parts of the exact ones; null where S has no factor. */
   at(answer) {
     if (!answer.converged) return null;
-    const { model, inexact } = this, contact = model.contact(answer.point), amplified = this.amplified(contact.schur);
+    const { inexact } = this, { contact } = answer, amplified = this.amplified(contact.schur);
     if (!amplified) return null;
     const forces = answer.forces, better = forces.map((x) => Math.max(x, 0)), off = forces.map((x, i) => x - better[i]);
     const energy = (values) => Math.sqrt(Math.max(hhr.dot(values, this.pushed(contact.schur, values)), 0));

@@ -244,7 +244,7 @@ const hhr = (() => {
     solve(point, start = this.floating ? this.floating.first() : this.last) {
       const contact = this.contact(point), found = (this.floating ?? this).touched(contact, start);
       this.last = found && found.active;
-      return found ? { point, theta: contact.theta, converged: true, ...found } : this.nothing(point);
+      return found ? { point, contact, theta: contact.theta, converged: true, ...found } : this.nothing(point);
     }
 
     /* Active set: all wrong statuses at once, and, where sets come back, the first wrong one alone (Murty 1974). */

@@ -30,6 +30,7 @@ from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.contact.problem import IndexSets
 from hhr_dolfinx.errors import ReductionError, UnstableModelError
+from hhr_dolfinx.linear.growing import GrowingColumns
 from hhr_dolfinx.models.histories.reduced_flow import CubatureFlow
 from hhr_dolfinx.reduction.flow import rows_of
 from hhr_dolfinx.snapshots.records import SnapshotSet
@@ -203,28 +204,6 @@ def _large_part(gram: np.ndarray, outside: float) -> tuple[np.ndarray | None, np
     return basis, basis.T @ images
 
 
-class _Columns:
-    """A matrix that gains columns at its end, in the order of LAPACK, without being copied each time."""
-
-    def __init__(self, matrix: np.ndarray) -> None:
-        self._held = np.asfortranarray(matrix)
-        self._count = matrix.shape[1]
-
-    @property
-    def all(self) -> np.ndarray:
-        """The matrix."""
-        return self._held[:, : self._count]
-
-    def append(self, column: np.ndarray) -> None:
-        """One more column."""
-        if self._count == self._held.shape[1]:
-            larger = np.empty((len(self._held), 2 * self._count + 16), order="F")
-            larger[:, : self._count] = self._held
-            self._held = larger
-        self._held[:, self._count] = column
-        self._count += 1
-
-
 class _Factor:
     """QR factor of the chosen columns, each of length one, and the least squares of the integrals in them."""
 
@@ -232,8 +211,8 @@ class _Factor:
         self.wanted = wanted
         self.points: list[int] = []
         self.weights = np.zeros(0)
-        self._columns = _Columns(np.zeros((wanted.size, 0)))
-        self._q = _Columns(np.zeros((wanted.size, 0)))
+        self._columns = GrowingColumns(np.zeros((wanted.size, 0)))
+        self._q = GrowingColumns(np.zeros((wanted.size, 0)))
         self._r = np.zeros((0, 0), order="F")
         self._changes = 0
 
@@ -271,9 +250,9 @@ class _Factor:
         q, r, order = linalg.qr(columns, mode="economic", pivoting=True, check_finite=False)
         kept = np.abs(np.diag(r)) > DEPENDENT
         order = order[: int(kept.sum())]
-        self._q = _Columns(q[:, : order.size])
+        self._q = GrowingColumns(q[:, : order.size])
         self._r = np.asfortranarray(r[: order.size, : order.size])
-        self._columns = _Columns(columns[:, order])
+        self._columns = GrowingColumns(columns[:, order])
         self.points = [int(point) for point in points[order]]
         self.weights = weights[order]
 
@@ -281,8 +260,8 @@ class _Factor:
         """Leave out the column at a place."""
         count = len(self.points) - 1
         q, r = linalg.qr_delete(self._q.all, self._r, place, which="col", check_finite=False)
-        self._q, self._r = _Columns(q[:, :count]), r[:count]  # of a square factor it leaves the rest
-        self._columns = _Columns(np.delete(self._columns.all, place, axis=1))
+        self._q, self._r = GrowingColumns(q[:, :count]), r[:count]  # of a square factor it leaves the rest
+        self._columns = GrowingColumns(np.delete(self._columns.all, place, axis=1))
         self.weights = np.delete(self.weights, place)
         del self.points[place]
         self._changed()
@@ -295,7 +274,7 @@ class _Factor:
         self._changes += 1
         if self._changes % REFRESHED == 0 and self.points:
             q, self._r = linalg.qr(self._columns.all, mode="economic", check_finite=False)
-            self._q = _Columns(q)
+            self._q = GrowingColumns(q)
 
 
 class _ShortList:

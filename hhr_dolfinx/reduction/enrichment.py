@@ -21,6 +21,7 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.linear.growing import GrowingColumns
 from hhr_dolfinx.timing import StageLog
 
 DISTINCT = 1e-8
@@ -67,7 +68,7 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
     candidates = _candidates(problem, sets)  # they vanish outside A_c
     every = problem.contact[sets.A_lambda]
     images = every[:, sets.A_c] @ candidates
-    columns = _Columns(basis)
+    columns = GrowingColumns(np.zeros((len(basis), 0)))  # behind those of the basis, which is not copied
     # B~1 and B~2; a candidate has the same image in both
     tables = [_Table.of(problem, every[:, part], basis, part, images) for part in (sets.A_c, sets.A_c_tilde)]
     squares = np.sum(candidates**2, axis=0)
@@ -88,7 +89,7 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
         best = _best(tables, images[:, left], weights[:, left], lengths, left)
         chosen = left[best]
         left = np.delete(left, best)
-        column = _outside(columns.whole, sets.A_c, candidates[:, chosen], weights[:, chosen])
+        column = _outside((basis, columns.all), sets.A_c, candidates[:, chosen], weights[:, chosen])
         if column is None:
             left_out.append(chosen)
             continue
@@ -97,40 +98,14 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
         if kappa >= kappas[-1] and math.isfinite(kappas[-1]):
             stalled = True
             break
-        columns.add(column)
+        columns.append(column)
         weights = np.vstack([weights, column[sets.A_c] @ candidates])
         added.append(chosen)
         kappas.append(kappa)
-    basis = np.ascontiguousarray(columns.whole) if added else basis
+    basis = np.column_stack([basis, columns.all]) if added else basis
     check_basis(problem, basis)
     conditions = [sets.A_lambda[np.array(chosen, dtype=int)] for chosen in (added, left_out)]
     return Enrichment(basis, conditions[0], kappas, stalled, conditions[1])
-
-
-class _Columns:
-    """Columns to which more are added: their room is doubled where it is full, so that few are ever copied.
-
-    Args:
-        start: the first ones, (N, ell).
-    """
-
-    def __init__(self, start: np.ndarray):
-        self._room = start
-        self._count = start.shape[1]
-
-    @property
-    def whole(self) -> np.ndarray:
-        """All of them."""
-        return self._room[:, : self._count]
-
-    def add(self, column: np.ndarray) -> None:
-        """One more, (N,)."""
-        if self._count == self._room.shape[1]:
-            room = np.empty((len(self._room), 2 * self._count + 1), order="F")
-            room[:, : self._count] = self._room[:, : self._count]
-            self._room = room
-        self._room[:, self._count] = column
-        self._count += 1
 
 
 def check_basis(problem: ContactProblem, basis: np.ndarray, whose: str = "the enriched basis") -> None:
@@ -147,26 +122,29 @@ def check_basis(problem: ContactProblem, basis: np.ndarray, whose: str = "the en
         )
 
 
-def _outside(basis: np.ndarray, where: np.ndarray, function: np.ndarray, along: np.ndarray) -> np.ndarray | None:
+def _outside(
+    parts: tuple[np.ndarray, np.ndarray], where: np.ndarray, function: np.ndarray, along: np.ndarray
+) -> np.ndarray | None:
     """The unit function orthogonal to a basis that completes its span by ``function``, (N,); None if it lies inside.
 
     Args:
-        basis: orthonormal columns, (N, ell).
+        parts: two blocks of orthonormal columns of the basis, (N, ell) each.
         where: dofs outside which the function vanishes.
         function: its values there, of unit length.
-        along: its products with the columns, (ell,).
+        along: its products with all columns.
     """
-    column = np.zeros(basis.shape[0])
+    column = np.zeros(len(parts[0]))
     column[where] = function
     for _ in range(2):  # twice is enough: the first leaves round-off of the length that was, not of what remains
-        column -= basis @ along
+        for part, own in zip(parts, np.split(along, [parts[0].shape[1]]), strict=True):
+            column -= part @ own
         length = np.linalg.norm(column)
         if length <= DISTINCT:
             return None
         column /= length
         if length > MOSTLY:
             break
-        along = basis.T @ column
+        along = np.concatenate([part.T @ column for part in parts])
     return column
 
 
@@ -273,9 +251,7 @@ class _Table:
 
     @property
     def kappa(self) -> float:
-        """Infinite while rows are dependent."""
-        if len(self.outside):
-            return math.inf
+        """Infinite where rows are dependent to round-off."""
         directions, values = self.spectrum
         smallest = float(values[-1]) if len(directions) == values.size else 0.0
         return self.problem.condition_number(smallest, float(values[0]))
@@ -283,7 +259,7 @@ class _Table:
 
 def _kappa(tables: list[_Table]) -> float:
     """kappa(B~1); infinite unless both B~1 and B~2 have full rank."""
-    if any(len(table.outside) for table in tables):
+    if any(len(table.outside) for table in tables):  # no singular values are needed to know
         return math.inf
     found = [table.kappa for table in tables]
     return found[0] if all(map(math.isfinite, found)) else math.inf

@@ -63,20 +63,21 @@ class _Modes:
         self._basis = basis
         self._rows = sets.A
         self._support = np.union1d(sets.A, sets.I)
-        self._few = 2 * sets.A.size <= len(basis)
-        self._test = basis[sets.A] if self._few else None  # of most rows no modes are copied
+        few = 2 * sets.A.size <= len(basis)
+        self._test = basis[sets.A] if few else None  # of most rows no modes are copied
 
     def projected(self, stiffness: csr_matrix) -> np.ndarray:
         """V^T K V, tested on A, (ell, ell)."""
         basis = self._basis
-        if self._few:
-            return basis[self._rows].T @ (stiffness[self._rows][:, self._support] @ basis[self._support])
+        if self._test is not None:
+            return self._test.T @ (stiffness[self._rows][:, self._support] @ basis[self._support])
         # of most of a mesh rows and columns of K are not copied
         cut = np.zeros(len(basis), dtype=bool)
         cut[self._support] = True
         own = self._moved_by(stiffness, cut)
-        trial = basis if own.size * 2 > basis.shape[1] or own.size * len(basis) > COPIED else basis[:, own]
-        own = own if trial is not basis else np.arange(basis.shape[1])
+        few = own.size * 2 <= basis.shape[1] and own.size * len(basis) <= COPIED
+        own = own if few else np.arange(basis.shape[1])
+        trial = basis[:, own] if few else basis
         found = np.zeros((basis.shape[1], basis.shape[1]))
         for first in range(0, own.size, PANEL):
             part = slice(first, first + PANEL)

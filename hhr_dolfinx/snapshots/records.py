@@ -344,7 +344,7 @@ def _stored(full: Any, store: SnapshotStore | None, point: np.ndarray) -> Answer
     if store is None:
         return None
     answer = store.load(point) if full.comm.rank == 0 else None
-    answer = full.comm.bcast(None if answer is None else answer._replace(fields=_NOWHERE))
+    answer = full.comm.bcast(None if answer is None else answer._replace(fields=NOWHERE))
     return None if answer is None else answer._replace(fields=full)
 
 
@@ -376,7 +376,7 @@ def _kept_history(full: Any, path: Path, store: SnapshotStore, settings: MarchSe
     if full.comm.size == 1:
         return kept.on_disk(full.march(path, settings, known=kept.load(), keep=kept.save))
     first = full.comm.rank == 0
-    known = full.comm.bcast([answer._replace(fields=_NOWHERE) for answer in kept.load()] if first else [])
+    known = full.comm.bcast([answer._replace(fields=NOWHERE) for answer in kept.load()] if first else [])
     keep = kept.save if first else lambda answer: None
     return full.march(path, settings, known=[answer._replace(fields=full) for answer in known], keep=keep)
 
@@ -418,15 +418,16 @@ def spread_snapshots(
         ]
         return SnapshotSet(np.concatenate([part.points for part in parts]), *columns)
     # an answer knows its model, which belongs to one rank
-    sent = () if own is None else [_with_fields(history, _NOWHERE) for history in own.histories]
-    return SnapshotSet.of_histories(_with_fields(item, full) for part in comm.allgather(sent) for item in part)
+    sent = () if own is None else [with_fields(history, NOWHERE) for history in own.histories]
+    return SnapshotSet.of_histories(with_fields(item, full) for part in comm.allgather(sent) for item in part)
 
 
-_NOWHERE: Any = None
+NOWHERE: Any = None
 """Fields of an answer that is sent to another rank."""
 
 
-def _with_fields(history: History, fields: Any) -> History:
+def with_fields(history: History, fields: Any) -> History:
+    """A history whose answers are completed by other fields: an answer knows its model, which belongs to one rank."""
     return replace(history, answers=[answer._replace(fields=fields) for answer in history.answers])
 
 

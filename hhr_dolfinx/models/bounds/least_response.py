@@ -111,8 +111,8 @@ class ManyResponses:
         slack = free + pushed
         wrong = np.where(forces > 0, np.abs(slack), np.maximum(-slack, 0.0)).max(axis=1, initial=0.0)
         solved = wrong <= SOLVED * np.abs(pushed).max(axis=1, initial=0.0)
-        closed = ~solved
-        for k in np.flatnonzero(closed):
+        closed = np.zeros(len(forces), dtype=bool)
+        for k in np.flatnonzero(~solved):
             schur = self.schur[k]
             alone = active_set(SchurEqualities.symmetric(schur), free[k], touching[k])
             closed[k] = alone.status is Status.CONVERGED

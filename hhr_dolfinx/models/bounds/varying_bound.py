@@ -265,8 +265,9 @@ class VaryingThere(NamedTuple):
             lifts = np.arange(weights.shape[1]) >= part.forced.size
             weights = np.where(lifts, -weights / roots, weights * roots)
             used, acting = _acting(weights)
-            # of hundreds of columns of a partial pressure three act
-            work = np.einsum("nr,rnst->nst", along, energy.work[:, used[:, :, None], used[:, None, :]], optimize=True)
+            # of hundreds of columns of a partial pressure three act; mode by mode, so that little is taken out at once
+            pairs = used[:, :, None], used[:, None, :]
+            work = sum(share[:, None, None] * mode[pairs] for share, mode in zip(along.T, energy.work, strict=True))
             done = np.einsum("nst,nt->ns", work, acting)
             driven += np.sum(acting * done, axis=1)
             held -= np.sum(acting * lifts[used] * done, axis=1)

@@ -172,11 +172,15 @@ class Bench:
         self.check_budget()
         answers = self.budget.full_answers
         room = self.crew.size if answers is None else min(self.crew.size, answers - self.solved)
-        new = {_key(question): question for question in questions if _key(question) not in self._known}
-        some = list(new.items())[:room]
+        some: dict[bytes, Any] = {}
+        for question in questions:
+            if len(some) == room:
+                break
+            if _key(question) not in self._known:
+                some[_key(question)] = question
         self.solved += len(some)
-        self._known |= dict.fromkeys(key for key, _ in some)
-        for (key, question), found in zip(some, self.crew.solved([question for _, question in some]), strict=True):
+        self._known |= dict.fromkeys(some)
+        for (key, question), found in zip(some.items(), self.crew.solved(list(some.values())), strict=True):
             with lost.taken_in(_label(self.full, question)):
                 if isinstance(found, HHRError):
                     raise found

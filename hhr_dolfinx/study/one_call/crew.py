@@ -7,22 +7,20 @@ what it asks next until it lets them go.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx import errors, ranks
 from hhr_dolfinx.models.answer import Answer, History
-from hhr_dolfinx.snapshots.records import compute_snapshots
+from hhr_dolfinx.snapshots.records import NOWHERE, compute_snapshots, with_fields
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
     from hhr_dolfinx.snapshots.store import SnapshotStore
 
-_NOWHERE: Any = None
-"""Fields of an answer that is sent to another rank: a full model belongs to one."""
 Found = Answer | History | errors.HHRError
 
 
@@ -111,7 +109,7 @@ class Crew:
         if isinstance(item, Answer):
             return item._replace(fields=self.full)
         if isinstance(item, History):
-            return _with_fields(item, self.full)
+            return with_fields(item, self.full)
         name, text = item
         if not name:
             raise RuntimeError(f"solving for a full answer failed on another rank: {text}")
@@ -121,11 +119,7 @@ class Crew:
 def _sent(found: Found) -> Any:
     """An answer without its model, or an error as text: not all of them can be pickled."""
     if isinstance(found, Answer):
-        return found._replace(fields=_NOWHERE)
+        return found._replace(fields=NOWHERE)
     if isinstance(found, History):
-        return _with_fields(found, _NOWHERE)
+        return with_fields(found, NOWHERE)
     return type(found).__name__, str(found)
-
-
-def _with_fields(history: History, fields: Any) -> History:
-    return replace(history, answers=[answer._replace(fields=fields) for answer in history.answers])
