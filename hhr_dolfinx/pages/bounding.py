@@ -35,7 +35,6 @@ def bound_tree(model: Any, arrays: Packed) -> dict[str, Any] | None:
     if BASE64 * sum(modes.nbytes for modes in halves) > MOST_BYTES:
         return None
     return {
-        "kind": bound.kind,
         "inexact": max(bound.inexact, ROUND_OFF),
         "least": bound.least.tolist(),
         "areas": None if bound.reshaped_areas is not None else arrays.put("bound_areas", bound.areas),
