@@ -7,7 +7,9 @@ it sees what compressed factors leave out of S, which the bound has to be larger
 ``schur_s`` and ``schur_gb`` are from nothing to S, and ``peak_gb`` is that of the largest of them, and of all sizes so
 far.
 
-    [mpirun -n 2] python benchmarks/scale.py [--out DIR] [--quick] [--from N] [--up-to N] [--ratios]
+With ``--reduced`` hyper-reduced models are trained and built by the ranks together, each with the rows of its own dofs.
+
+    [mpirun -n 2] python benchmarks/scale.py [--out DIR] [--quick] [--from N] [--up-to N] [--ratios] [--reduced]
 """
 
 from __future__ import annotations
@@ -91,6 +93,32 @@ def measured(cells: tuple[int, int, int, int], ratios: bool, comm: MPI.Comm = MP
     return sizes | {"columns_kept": full.keeps_columns} | spent | times | errors
 
 
+SNAPSHOTS = 32
+REDUCED = (
+    "N", "N_lambda", "ranks", "modes", "conditions", "solved_s", "solved_gb", "basis_s", "rid_s", "enrichment_s",
+    "projection_s", "bound_s", "train_s", "peak_gb", "query_s", "bound_of_forces",
+)  # fmt: skip
+
+
+def reduced(cells: tuple[int, int, int, int], ratios: bool, comm: MPI.Comm = MPI.COMM_SELF) -> dict[str, float]:
+    """One row of the report for a hyper-reduced model."""
+    start = time.perf_counter()
+    made = scene(cells[:2], cells[2:], ratios=ratios)
+    training = hhr.train(made, hhr.Sobol(SNAPSHOTS), held_out=0, comm=comm, together=True)
+    times = {"solved_s": time.perf_counter() - start, "solved_gb": _peak(comm)}
+    model = training.build(checked=False)
+    times |= {"train_s": time.perf_counter() - start, "peak_gb": _peak(comm)}
+    stages = model.offline.log.times
+    times |= {f"{name}_s": stages[name] for name in ("basis", "rid", "enrichment", "projection", "bound")}
+    points = model.parameters.random(QUERIES, 0)
+    answers, forces = timed(lambda: [model.solve(point, outside="ignore") for point in points])
+    bound = max(answer.estimate().forces_euclid_relative for answer in answers)
+    full = training.full_order
+    sizes = {"N": len(full.problem.free), "N_lambda": full.conditions, "ranks": comm.size}
+    sizes |= {"modes": len(model.problem.stiffness), "conditions": len(model.problem.gaps)}
+    return sizes | times | {"query_s": forces / QUERIES, "bound_of_forces": bound}
+
+
 def _peak(comm: MPI.Comm) -> float:
     """Memory that the largest rank has taken so far, in GB."""
     return comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, MPI.MAX) * 1024 / 1e9
@@ -119,11 +147,10 @@ def _watch(owner: type, name: str, stage: str, spent: dict[str, float]) -> None:
     setattr(owner, name, watched)
 
 
-def slopes(rows: list[dict[str, float]]) -> dict[str, float]:
+def slopes(rows: list[dict[str, float]], named: tuple[str, ...] = COLUMNS[3:]) -> dict[str, float]:
     """Powers of N by which the larger half of the sizes grow, by least squares of logarithms."""
     later = rows[len(rows) // 2 :] if len(rows) > 3 else rows
     sizes = np.log([row["N"] for row in later])
-    named = COLUMNS[3:]
     return {name: float(np.polyfit(sizes, np.log([row[name] for row in later]), 1)[0]) for name in named}
 
 
@@ -133,20 +160,22 @@ def main() -> None:
     parser.add_argument("--up-to", type=float, default=1e5, metavar="N", help="largest number of dofs [1e5]")
     parser.add_argument("--from", type=float, default=0.0, metavar="N", dest="least", help="smallest number [0]")
     parser.add_argument("--ratios", action="store_true", help="vary ratios of Poisson too")
+    parser.add_argument("--reduced", action="store_true", help="hyper-reduced models in place of condensed ones")
     options = cli.parse(parser)
+    measure, columns = (reduced, REDUCED) if options.reduced else (measured, COLUMNS)
     rows: list[dict[str, float]] = []
     for cells in MESHES[:2] if options.quick else MESHES:
         expected = 3 * sum((side + 1) ** 2 * (depth + 1) for side, depth in (cells[:2], cells[2:]))
         if expected > options.up_to or expected < options.least:
             continue
         if MPI.COMM_WORLD.size > 1:
-            rows.append(measured(cells, options.ratios, MPI.COMM_WORLD))
+            rows.append(measure(cells, options.ratios, MPI.COMM_WORLD))
         else:
             with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as alone:
-                rows.append(alone.submit(measured, cells, options.ratios).result())
-        told = ", ".join(f"{name} {rows[-1][name]:.3g}" for name in COLUMNS)
-        options.console.print(told + ("" if rows[-1]["columns_kept"] else ", columns dropped"))
-    found = {"scene": "scale", "scale": rows, "slopes": slopes(rows) if len(rows) > 1 else {}}
+                rows.append(alone.submit(measure, cells, options.ratios).result())
+        told = ", ".join(f"{name} {rows[-1][name]:.3g}" for name in columns)
+        options.console.print(told + ("" if rows[-1].get("columns_kept", True) else ", columns dropped"))
+    found = {"scene": "scale", "scale": rows, "slopes": slopes(rows, columns[3:]) if len(rows) > 1 else {}}
     if found["slopes"]:
         grown = ", ".join(f"{name} {value:.2g}" for name, value in found["slopes"].items())
         options.console.print(f"powers of N: {grown}")

@@ -29,7 +29,7 @@ class Solutions(Protocol):
 
     Attributes:
         points: parameters, (S, P).
-        displacements: U0, (N, S).
+        displacements: U0, (N, S), own rows of it where ranks have a full model together.
         forces: Λ, (N_lambda, S).
         active: statuses, (N_lambda, S) bool.
         histories: where bodies flow, those of which all of these are steps.
@@ -93,11 +93,13 @@ def round_off_force(problem: ContactProblem, solutions: Solutions) -> float:
     """
     # some of the largest and some evenly chosen are enough for the scale of all
     count = solutions.displacements.shape[1]
-    largest = np.argsort(np.linalg.norm(solutions.displacements, axis=0))[-10:]
+    norms = problem.spread.norms
+    largest = np.argsort(norms(solutions.displacements))[-10:]
     solutions = solutions.take(np.union1d(largest, np.linspace(0, count - 1, min(10, count)).astype(int)))
-    fields = solutions.displacements + problem.amplitudes.sum_columns(problem.lifts, solutions.points)
-    internal = np.linalg.norm(problem.stiffness @ fields, axis=0).max()
-    products = np.linalg.norm(abs(problem.stiffness) @ np.abs(fields), axis=0).max()
+    lifts = problem.spread.of(problem.amplitudes.sum_columns(problem.lifts, solutions.points))
+    fields = solutions.displacements + lifts
+    internal = norms(problem.stiffness_of_rows @ fields).max()
+    products = norms(abs(problem.stiffness_of_rows) @ np.abs(fields)).max()
     return max(ROUND_OFF_FORCE * float(internal), ROUND_OFF * float(products))
 
 
@@ -122,12 +124,15 @@ def contact_residuals(problem: ContactProblem, displacement: np.ndarray, forces:
     homogeneous = displacement - problem.lifts @ theta
     load = problem.loads @ theta
     pushed = problem.contact.T @ forces
-    residual = problem.stiffness @ homogeneous + pushed - load
+    rows = problem.spread
+    residual = problem.own_stiffness @ homogeneous + rows.of(pushed - load)
     if problem.resting is not None:  # what facets of round surfaces leave along a turn is spread over the body
-        residual = residual - problem.resting @ (problem.resting.T @ residual)
+        resting = rows.of(problem.resting)
+        residual = residual - resting @ rows.sum(resting.T @ residual)
     # K lift, the reaction to imposed displacements, is far larger than any force that a body bears
     scale = max(norm(problem.external @ theta), norm(pushed)) or norm(load)
-    equilibrium = norm(residual * problem.free) / scale if scale > 0 else 0.0
+    left = residual * rows.of(problem.free)
+    equilibrium = float(np.sqrt(rows.sum(left @ left))) / scale if scale > 0 else 0.0
     return Residuals(equilibrium, *slack_residuals(problem, homogeneous, forces, theta))
 
 
@@ -146,6 +151,12 @@ def slack_residuals(problem: ContactProblem, homogeneous: np.ndarray, forces: np
         penetration = max(penetration, float(depth / length) if length > 0 else 0.0)
     largest = np.abs(forces).max()
     return penetration, max(0.0, float(-forces[pressing].min() / largest)) if largest > 0 else 0.0
+
+
+def mass_norm(problem: ContactProblem, field: np.ndarray) -> float:
+    """L2 norm of a field, (N,), of which ranks that share rows of the Gram matrix have all values."""
+    square = problem.spread.sum(problem.spread.of(field) @ (problem.mass @ field))
+    return float(np.sqrt(max(square, 0.0)))
 
 
 def relative_error(approximation: np.ndarray, reference: np.ndarray, gram: Any = None, floor: float = 0.0) -> float:

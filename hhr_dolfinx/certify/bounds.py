@@ -14,6 +14,7 @@ from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.models.bounds.error_bound import ErrorBound, FieldResponse, ResponseBound
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.models.bounds.floating_bound import FloatingBound
 
 
@@ -26,7 +27,7 @@ SYMMETRIC = 1e-10
 
 
 def error_bound(full: Any, basis: np.ndarray, forces: np.ndarray | None = None) -> ErrorBound:
-    """Bounds for answers with a basis, (N, ell), of a full model on one rank whose stiffness is constant.
+    """Bounds for answers with a basis, (own rows, ell), of a full model whose stiffness is constant.
 
     Of forces of training, (N_lambda, S), a thousandth is what relative errors are taken over at least.
 
@@ -52,7 +53,7 @@ def constant_response(full: Any, forces: np.ndarray | None) -> dict[str, np.ndar
         lower = linalg.cholesky(schur, lower=True)
     except linalg.LinAlgError:
         raise BoundError("rows of B are dependent, so that forces are not unique: there is no bound on them") from None
-    free_slack = np.asfortranarray(problem.gaps - problem.contact @ full.per_load)
+    free_slack = np.asfortranarray(problem.gaps - problem.moved(full.per_load))
     sizes = {"areas": problem.contact_areas, "least": least_sizes(problem, schur, forces)}
     return {"free_slack": free_slack, "schur": schur, "lower": np.asfortranarray(lower), **sizes}
 
@@ -66,46 +67,45 @@ def check_hypotheses(full: Any, *, floating: bool = False) -> None:
     problem = full.problem
     if full.equilibrium is not None:
         raise BoundError("bodies flow, and the bounds are those of elastic ones: histories have signs of error")
-    if not problem.whole:
-        raise BoundError("ranks have rows of K each, and the bounds need all of them: full.gathered()")
     if problem.pins is not None and not floating:
         raise BoundError(
             "contact alone holds bodies, and K, whose inverse is in the bounds, is singular along their motions: "
             + problem.loose
         )
     signs = np.random.default_rng(0).choice((-1.0, 1.0), size=(len(problem.free), 2))  # no copies of K
-    skew = np.abs(problem.stiffness @ signs - problem.stiffness.T @ signs).max()
-    entries = problem.stiffness.data
-    size = max(entries.max(), -entries.min())
+    rows = problem.spread
+    turned = rows.sum(problem.own_stiffness.T @ rows.of(signs))
+    _, skew = rows.largest(np.abs(problem.own_stiffness @ signs - rows.of(turned)).max(axis=1))
+    _, size = rows.largest(np.abs(problem.own_stiffness.data))
     if skew > SYMMETRIC * size:
         raise BoundError(f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy")
 
 
 def unit_energy(full: Any, lower: np.ndarray, basis: np.ndarray) -> dict[str, np.ndarray]:
-    """Columns of V, of K^-1 loads and of the lifts in directions of unit energy, see :class:`ErrorBound`.
+    """Columns of V, (own rows, ell), of K^-1 loads and of the lifts in directions of unit energy: :class:`ErrorBound`.
 
     The first are X L^-T, where X = K^-1 B^T and X^T K X = S = L L^T. What lies along them is L^-1 X^T K times a field,
     which is L^-1 B times one that vanishes where motions are imposed. X itself is not asked for.
     """
     problem = full.problem
     loads = full.per_load
-    lifts = problem.lifts.toarray()
-    lifted = np.flatnonzero(lifts.any(axis=0))
-    every = [basis, loads, lifts[:, lifted]]
+    lifted = np.flatnonzero(np.asarray(abs(problem.lifts).sum(axis=0)).ravel())
+    stiffness = problem.stiffness_of_rows
+    every = [basis, loads, problem.spread.of(problem.lifts.tocsr()[:, lifted]).toarray()]
     along = []
     left = []
     for columns, moves in zip(every, (False, False, True), strict=True):
         own = np.zeros((len(lower), columns.shape[1]))
         rest = columns
-        for _ in range(2 if columns.size else 0):
-            freed = full.solved_columns(csc_matrix(problem.stiffness @ rest)) if moves else rest
-            more = solve_triangular(lower, problem.contact @ freed, lower=True)
+        for _ in range(2 if columns.shape[1] else 0):
+            freed = full.solved_columns(csc_matrix(stiffness @ rest)) if moves else rest
+            more = solve_triangular(lower, problem.moved(freed), lower=True)
             own += more
             rest = rest - full.pushed(solve_triangular(lower, more, lower=True, trans="T"))
         along.append(own)
         left.append(rest)
-    sizes = energies(problem.stiffness, np.hstack(every))
-    rest = energy_directions(problem.stiffness, np.hstack(left), ROUND_OFF * sizes)[1]
+    sizes = energies(problem, np.hstack(every))
+    rest = energy_directions(problem, np.hstack(left), ROUND_OFF * sizes)[1]
     ends = np.cumsum([columns.shape[1] for columns in every])
     found = [np.vstack([own, part]) for own, part in zip(along, np.split(rest, ends[:-1], axis=1), strict=True)]
     # directions come in the order of the columns that need them
@@ -116,38 +116,41 @@ def unit_energy(full: Any, lower: np.ndarray, basis: np.ndarray) -> dict[str, np
     return {name: np.asfortranarray(array) for name, array in arrays.items()}
 
 
-def energies(stiffness: csr_matrix, columns: np.ndarray) -> np.ndarray:
-    """Energy norm of each column, (k,)."""
-    return np.sqrt(np.maximum(np.einsum("nk,nk->k", columns, stiffness @ columns), 0.0))
+def energies(problem: ContactProblem, columns: np.ndarray) -> np.ndarray:
+    """Energy norm of each column, (own rows, k): (k,)."""
+    squares = np.einsum("nk,nk->k", columns, problem.stiffness_of_rows @ columns)
+    return np.sqrt(np.maximum(problem.spread.sum(squares), 0.0))
 
 
-def energy_directions(stiffness: csr_matrix, columns: np.ndarray, least: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Directions of unit energy, (N, r), and columns in them, (r, k), by Gram and Schmidt, twice.
+def energy_directions(problem: ContactProblem, columns: np.ndarray, least: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Directions of unit energy, (own rows, r), and columns in them, (r, k), by Gram and Schmidt, twice.
 
     Unlike a factor of the Gram matrix it is right to round-off of the columns where these are dependent.
 
     Args:
-        stiffness: K, (N, N).
-        columns: (N, k).
+        problem: whose K it is.
+        columns: own rows of them, (own, k).
         least: energy norm up to which what is left of each column is round-off, (k,).
     """
+    stiffness = problem.stiffness_of_rows
+    total = problem.spread.sum
     directions, pushed = (np.empty(columns.shape, order="F") for _ in range(2))
     coordinates = np.zeros((columns.shape[1],) * 2, order="F")
     rank = 0
     for first in range(0, columns.shape[1], PANEL):
         # once against all directions before the panel, by products of matrices
         block = slice(first, first + PANEL)
-        along = pushed[:, :rank].T @ columns[:, block]
+        along = total(pushed[:, :rank].T @ columns[:, block])
         coordinates[:rank, block] = along
         panel = columns[:, block] - directions[:, :rank] @ along
         before = rank
         for k, left in enumerate(panel.T, start=first):
             for start in (before, 0):
-                along = pushed[:, start:rank].T @ left
+                along = total(pushed[:, start:rank].T @ left)
                 coordinates[start:rank, k] += along
                 left = left - directions[:, start:rank] @ along
             push = stiffness @ left
-            length = float(np.sqrt(max(left @ push, 0.0)))
+            length = float(np.sqrt(max(total(left @ push), 0.0)))
             if length > least[k]:
                 directions[:, rank] = left / length
                 pushed[:, rank] = push / length
@@ -157,7 +160,7 @@ def energy_directions(stiffness: csr_matrix, columns: np.ndarray, least: np.ndar
 
 
 class MadeOfForces(NamedTuple):
-    """The map, its columns C, (N, c), and the bounds of what it makes."""
+    """The map, its columns C, (own, c), and the bounds of what it makes; own rows of columns in the map too."""
 
     response: FieldResponse
     columns: np.ndarray
@@ -172,7 +175,7 @@ def field_response(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
     what any forces do.
 
     Args:
-        full: a full model on one rank whose stiffness is constant.
+        full: a full model whose stiffness is constant.
         forces: of training, (m, S).
         most: columns at most.
 
@@ -183,13 +186,13 @@ def field_response(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
     lower = arrays["lower"]
     columns, own, onto = columns_of_forces(full, lower, forces, most)
     response = FieldResponse(*load_response(full), onto)
-    nothing = np.zeros((full.problem.free.size, 0))
+    nothing = full.per_load[:, :0]
     others = unit_energy(full, lower, nothing) | {"basis": np.asfortranarray(own)}
     return MadeOfForces(response, np.asfortranarray(columns), ResponseBound(**arrays, **others))
 
 
 def load_response(full: Any) -> tuple[np.ndarray, csc_matrix]:
-    """K^-1 loads, (N, 1 + T), as a product of few columns, (N, k), and a sparse matrix, (k, 1 + T).
+    """K^-1 loads, (own, 1 + T), as a product of few columns, (own, k), and a sparse matrix, (k, 1 + T).
 
     The columns belong to the terms that load something, or to the dofs that are loaded if there are fewer of these, as
     where a pressure reaches up to a height that is a parameter.
@@ -198,8 +201,9 @@ def load_response(full: Any) -> tuple[np.ndarray, csc_matrix]:
     terms = np.flatnonzero(np.diff(loads.indptr))
     dofs = np.unique(loads.indices)
     if dofs.size < terms.size:
-        units = csc_matrix((np.ones(dofs.size), (dofs, np.arange(dofs.size))), shape=(loads.shape[0], dofs.size))
-        return np.asfortranarray(full.solved_columns(units)), csc_matrix(loads[dofs])
+        units = csr_matrix((np.ones(dofs.size), (dofs, np.arange(dofs.size))), shape=(loads.shape[0], dofs.size))
+        own = csc_matrix(full.problem.spread.of(units))
+        return np.asfortranarray(full.solved_columns(own)), csc_matrix(loads[dofs])
     chosen = csc_matrix((np.ones(terms.size), (np.arange(terms.size), terms)), shape=(terms.size, loads.shape[1]))
     return np.asfortranarray(full.per_load[:, terms]), chosen
 
@@ -216,8 +220,8 @@ def columns_of_forces(
         most: columns at most.
 
     Returns:
-        The columns, (N, c); the directions in energy that they are of, (m, c), c = 0 where all are kept; and what maps
-        forces to their coordinates, (c, m), None where these are the forces.
+        The columns, (own, c); the directions in energy that they are of, (m, c), c = 0 where all are kept; and what
+        maps forces to their coordinates, (c, m), None where these are the forces.
     """
     if len(lower) <= most:
         return full.per_force, np.zeros((len(lower), 0)), None

@@ -171,17 +171,19 @@ def inf_sup(rows: np.ndarray, primal_gram: np.ndarray | None = None, dual_gram: 
 def assess(
     problem: ContactProblem, full: FullConstants, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem
 ) -> Stability:
-    """Compute all constants of a reduced model."""
+    """Compute all constants of a reduced model, of own rows of its modes where ranks share them."""
     smallest, largest = row_range(reduced.contact_test)
     kappas = [problem.condition_number(*pair) for pair in ((smallest, largest), row_range(reduced.contact_trial))]
     # without rigid motions, along which K~ is zero
     reduced, basis = reduced.held, basis[:, reduced.motions :]
     low, high = singular_range(reduced.stiffness)
-    whole = basis.T @ (problem.stiffness @ basis)
+    rows = problem.spread
+    whole = rows.sum(basis.T @ (problem.stiffness_of_rows @ basis))
     whole_low, whole_high = singular_range(whole)
-    test = basis[sets.A]
+    inside = rows.mine(sets.A)
+    test = basis[inside]
     pressure = 1.0 / problem.contact_areas[sets.A_lambda]
-    energies = test.T @ (problem.stiffness[sets.A][:, sets.A] @ test), whole
+    energies = rows.sum(test.T @ _tested(problem, basis, inside)), whole
     return Stability(
         kappa_B=kappas[0],
         kappa_B_2=kappas[1],
@@ -191,9 +193,18 @@ def assess(
         cond_K=high / low if low > 0 else math.inf,
         cond_whole=whole_high / whole_low if whole_low > 0 else math.inf,
         norm_K=high,
-        euclidean=_constants(reduced, (test.T @ test, basis.T @ basis), None, full.euclidean),
+        euclidean=_constants(reduced, tuple(rows.sum(part.T @ part) for part in (test, basis)), None, full.euclidean),
         energy=_constants(reduced, energies, pressure, full.energy),
     )
+
+
+def _tested(problem: ContactProblem, basis: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """K times modes that are cut off outside of some dofs, given by their places among own rows, in these rows."""
+    if problem.comm is None:
+        return problem.stiffness[inside][:, inside] @ basis[inside]
+    cut = np.zeros_like(basis)
+    cut[inside] = basis[inside]
+    return (problem.stiffness_of_rows @ cut)[inside]
 
 
 def row_range(rows: np.ndarray) -> tuple[float, float]:
@@ -210,7 +221,7 @@ def _contact_definite(reduced: ReducedProblem) -> float:
 
 
 def _constants(
-    reduced: ReducedProblem, grams: tuple[np.ndarray, np.ndarray], dual_gram: np.ndarray | None, beta_h: float
+    reduced: ReducedProblem, grams: tuple[np.ndarray, ...], dual_gram: np.ndarray | None, beta_h: float
 ) -> Constants:
     """Constants for the Gram matrices of modes cut off outside A and of whole modes, (ell, ell) each."""
     test_gram, trial_gram = grams

@@ -17,7 +17,7 @@ def floating_bound(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
     """The displacement as loads, contact forces and motions make it, and its bounds, see :func:`field_response`.
 
     Args:
-        full: a full model on one rank, of constant stiffness, some of whose bodies nothing but contact holds.
+        full: a full model of constant stiffness, some of whose bodies nothing but contact holds.
         forces: of training, (m, S).
         most: columns at most, those of the motions besides.
 
@@ -39,19 +39,20 @@ def floating_bound(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
     along = np.linalg.qr(taken)[0]
     least = least_sizes(problem, schur, forces)
     least[0] = least_sizes(problem, schur, forces - along @ (along.T @ forces))[0]
-    given = full.per_load + problem.lifts.toarray()
-    pulled = problem.stiffness @ given
+    rows = problem.spread
+    given = full.per_load + rows.of(problem.lifts.tocsr()).toarray()
+    pulled = problem.stiffness_of_rows @ given
     bound = FloatingBound(
-        free_slack=np.asfortranarray(problem.gaps - problem.contact @ full.per_load),
+        free_slack=np.asfortranarray(problem.gaps - problem.moved(full.per_load)),
         schur=schur,
         lower=np.asfortranarray(lower),
         taken=np.ascontiguousarray(taken),
         driving=np.asfortranarray(full.rigid_loads),
         basis=np.asfortranarray(own),
-        work=np.asfortranarray(given.T @ pulled),
-        cross=np.asfortranarray(pulled.T @ full.per_force),
+        work=np.asfortranarray(rows.sum(given.T @ pulled)),
+        cross=np.asfortranarray(rows.sum(pulled.T @ full.per_force)),
         areas=problem.contact_areas,
         least=least,
     )
     response = FloatingResponse(*load_response(full), onto)
-    return MadeOfForces(response, np.asfortranarray(np.hstack([columns, problem.rigid])), bound)
+    return MadeOfForces(response, np.asfortranarray(np.hstack([columns, rows.of(problem.rigid)])), bound)

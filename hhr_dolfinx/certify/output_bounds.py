@@ -11,6 +11,7 @@ from scipy.sparse import csr_matrix, vstack
 from hhr_dolfinx.certify.accuracy import FORCE_FLOOR
 from hhr_dolfinx.certify.bounds import ROUND_OFF, energies, energy_directions
 from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.bounds.error_bound import ErrorBound
 from hhr_dolfinx.models.bounds.output_bound import UNKNOWN, OutputBound, is_read_nearer
@@ -21,7 +22,7 @@ MOST_READ = 50
 
 
 def output_bound(full: Any, bound: ErrorBound, basis: np.ndarray, training: Any = None) -> OutputBound:
-    """Bounds of the outputs of answers with a basis, (N, ell), of a full model with outputs that has a bound.
+    """Bounds of the outputs of answers with a basis, (own rows, ell), of a full model with outputs that has a bound.
 
     ``training`` are snapshots, whose outputs say what is large.
     """
@@ -33,7 +34,7 @@ def output_bound(full: Any, bound: ErrorBound, basis: np.ndarray, training: Any 
     nearer = [item.matrix(size) for item in items if is_read_nearer(item, m)]
     rows = csr_matrix(vstack([csr_matrix((0, size)), *nearer]))
     loads = full.per_load
-    free = rows @ loads + (rows @ problem.lifts).toarray()
+    free = _read(problem, rows, loads) + (rows @ problem.lifts).toarray()
     pressed = full.pressed(rows)
     steepness = np.full((len(items), 2), UNKNOWN)
     first = 0
@@ -50,9 +51,10 @@ def output_bound(full: Any, bound: ErrorBound, basis: np.ndarray, training: Any 
         if directions is None:
             # all errors of displacements are combinations of these columns
             columns = np.hstack([full.per_force, loads, basis])
-            lengths = energies(problem.stiffness, columns)
-            directions = energy_directions(problem.stiffness, columns, ROUND_OFF * lengths)[0]
-        steepness[number] = _along_both(item, item.matrix(size), directions, per_condition)
+            lengths = energies(problem, columns)
+            directions = energy_directions(problem, columns, ROUND_OFF * lengths)[0]
+        moving = _read(problem, item.matrix(size), directions)
+        steepness[number] = _along_both(item, moving, per_condition)
     return OutputBound(steepness, np.asfortranarray(free), np.asfortranarray(pressed), _least(full, training))
 
 
@@ -64,23 +66,27 @@ def _least(full: Any, training: Any) -> np.ndarray:
     for k in np.unique(np.linspace(0, len(training.points) - 1, MOST_READ).astype(int)):
         forces = training.forces[:, k]
         how = forces, forces > 0, 0, Status.CONVERGED, False, full
-        answers.append(Answer(training.points[k], training.displacements[:, k], *how).outputs().values)
+        unknown = full.problem.spread.whole(training.displacements[:, k])
+        answers.append(Answer(training.points[k], unknown, *how).outputs().values)
     return FORCE_FLOOR * np.abs([list(values.values()) for values in answers]).max(axis=0)
 
 
-def _along_both(
-    item: Functional, rows: csr_matrix, directions: np.ndarray, per_condition: np.ndarray
-) -> tuple[float, float]:
-    """Lipschitz constants of an output along displacements and along forces; both are there, or none."""
-    none = np.zeros((len(per_condition), directions.shape[1]))
+def _read(problem: ContactProblem, rows: csr_matrix, columns: np.ndarray) -> np.ndarray:
+    """Rows of outputs, (K, N), times own rows of fields, (own, k)."""
+    return problem.spread.sum(rows.tocsc()[:, problem.rows] @ columns)
+
+
+def _along_both(item: Functional, moved: np.ndarray, per_condition: np.ndarray) -> tuple[float, float]:
+    """Lipschitz constants of an output along displacements, which move its rows, (count, r), and along forces.
+
+    Both are there, or none.
+    """
+    none = np.zeros((len(per_condition), moved.shape[1]))
 
     def still(place: slice) -> np.ndarray:
         return np.zeros((len(range(*place.indices(item.count))), per_condition.shape[1]))
 
-    def moving(place: slice) -> np.ndarray:
-        return rows[place] @ directions
-
-    found = _known(item.steepness(moving, none)), _known(item.steepness(still, per_condition))
+    found = _known(item.steepness(moved.__getitem__, none)), _known(item.steepness(still, per_condition))
     return found if UNKNOWN not in found else (UNKNOWN, UNKNOWN)
 
 

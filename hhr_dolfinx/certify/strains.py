@@ -14,7 +14,7 @@ from hhr_dolfinx.errors import ReductionError, SmallStrainWarning
 from hhr_dolfinx.models.histories.small_strains import LARGE, MOST, large_rotation, large_strain, spread_strain
 
 TOGETHER = 50
-"""Answers whose strains are made at once."""
+"""Answers whose strains are made at once; one, of which ranks that share rows have all values for that long."""
 
 
 def check_small_strains(full: Any, *sets: Solutions | None) -> None:
@@ -49,10 +49,11 @@ def check_small_strains(full: Any, *sets: Solutions | None) -> None:
 def _spread(problem: ContactProblem, operator: csr_matrix, solutions: Solutions) -> np.ndarray:
     """The strain or rotation of each answer that few cells exceed, (S,)."""
     spread = []
-    for first in range(0, len(solutions.points), TOGETHER):
-        part = slice(first, first + TOGETHER)
+    each = TOGETHER if problem.comm is None else 1
+    for first in range(0, len(solutions.points), each):
+        part = slice(first, first + each)
         lifts = problem.amplitudes.sum_columns(problem.lifts, solutions.points[part])
-        found = np.abs(operator @ (solutions.displacements[:, part] + lifts))
+        found = np.abs(operator @ (problem.spread.whole(solutions.displacements[:, part]) + lifts))
         sizes = found.reshape(len(problem.cell_nodes), -1, found.shape[1]).max(axis=1)
         spread += [spread_strain(column) for column in sizes.T]
     return np.array(spread)

@@ -23,6 +23,7 @@ from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.errors import NotOfferedError, SceneError
+from hhr_dolfinx.linear.rows import MatrixOfRows, Rows
 from hhr_dolfinx.parameters import ParameterSpace
 
 if TYPE_CHECKING:
@@ -151,6 +152,11 @@ def joined(parts: Sequence[ContactRows]) -> ContactRows:
     return ContactRows(csr_matrix(vstack(matrix)), *(np.concatenate(item) for item in others))
 
 
+def _before(counts: Sequence[int]) -> np.ndarray:
+    """How many come before each."""
+    return np.cumsum([0, *counts])[:-1]
+
+
 def masked(matrix: csc_matrix, rows: np.ndarray) -> csc_matrix:
     """A sparse matrix with only some of its rows, the others zero, by a mask; in the format csc without zeros."""
     kept = csc_matrix(diags(rows.astype(float)) @ matrix)
@@ -207,6 +213,7 @@ class ContactProblem:
         pins: as many dofs as there are rigid motions of both kinds, which fix them; None where all bodies are held.
         friction: which conditions are tangential, behind those of pressures, see :mod:`hhr_dolfinx.contact.friction`;
             None without friction.
+        comm: ranks that have some rows each; None where all rows are held.
     """
 
     stiffness_terms: tuple[csr_matrix, ...]
@@ -234,6 +241,7 @@ class ContactProblem:
     whole_contact: csr_matrix | None = None
     pins: np.ndarray | None = None
     friction: Friction | None = None
+    comm: Comm | None = None
 
     @property
     def held(self) -> np.ndarray:
@@ -341,6 +349,11 @@ class ContactProblem:
         """Range of the dofs whose rows are held."""
         return slice(self.first, self.first + self.block_size * self.node_mass.shape[0])
 
+    @cached_property
+    def spread(self) -> Rows:
+        """What is done with tables that have a row for each dof, of which this rank has own ones."""
+        return Rows(self.rows, self.free.size, self.comm)
+
     @property
     def whole(self) -> bool:
         """Whether all rows are held."""
@@ -359,7 +372,7 @@ class ContactProblem:
             )
         stiffness = [csr_matrix(vstack([parts[rank] for rank in order])) for parts in zip(*terms, strict=True)]
         mass = csr_matrix(vstack([masses[rank] for rank in order]))
-        return replace(self, stiffness_terms=tuple(stiffness), node_mass=mass, first=0)
+        return replace(self, stiffness_terms=tuple(stiffness), node_mass=mass, first=0, comm=None)
 
     def require_whole(self) -> None:
         """Raise SceneError for a problem by rows where all of them are needed."""
@@ -398,18 +411,61 @@ class ContactProblem:
         return self.own_stiffness
 
     @cached_property
+    def stiffness_of_rows(self) -> csr_matrix | MatrixOfRows:
+        """K that multiplies tables of which each rank has own rows, (own, k)."""
+        return self.own_stiffness if self.spread.comm is None else MatrixOfRows(self.own_stiffness, self.spread)
+
+    def moved(self, table: np.ndarray) -> np.ndarray:
+        """B times a table of own rows of fields, (N_lambda, k) on all ranks."""
+        return self.spread.sum(self.contact_of_rows @ table)
+
+    @cached_property
+    def contact_of_rows(self) -> csr_matrix:
+        """Own columns of B, (N_lambda, own)."""
+        return self.contact if self.spread.comm is None else csr_matrix(self.contact[:, self.rows])
+
+    @cached_property
     def bodies(self) -> tuple[np.ndarray, ...]:
         """Dofs of each connected component of K, in their order."""
-        _, label = connected_components(self.stiffness, directed=False)
+        label = self._component_of_dofs()
         return tuple(np.flatnonzero(label == number) for number in range(label.max() + 1))
+
+    def _component_of_dofs(self) -> np.ndarray:
+        """Number of the connected component of each dof, (N,); what the rows of each rank join is joined."""
+        size = self.free.size
+        own = self.own_stiffness
+        ends = np.full(size + 1, own.nnz, dtype=own.indptr.dtype)
+        ends[: self.rows.stop + 1] = 0
+        ends[self.rows.start : self.rows.stop + 1] = own.indptr
+        joined = csr_matrix((own.data, own.indices, ends), shape=(size, size))
+        count, label = connected_components(joined, directed=False)
+        if self.comm is None:
+            self.require_whole()
+            return label
+        counts, labels = zip(*self.comm.allgather((count, label)), strict=True)
+        # dofs, and behind them what each rank takes for components
+        places = size + np.concatenate([item + first for item, first in zip(labels, _before(counts), strict=True)])
+        every = size + sum(counts)
+        edges = np.ones(places.size), (np.tile(np.arange(size), len(counts)), places)
+        return connected_components(csr_matrix(edges, shape=(every, every)), directed=False)[1][:size]
 
     @cached_property
     def external(self) -> csc_matrix:
         """F on free dofs, that is loads + K lift, sparse, (N, 1 + T), without the round-off of this difference."""
-        forces = csr_matrix(self.loads + masked(csc_matrix(self.stiffness @ self.lifts), self.free))
-        pulled = np.unique(csc_matrix(self.lifts).indices)  # few columns of K: it is large
-        sizes = csr_matrix(abs(self.loads) + abs(self.stiffness[:, pulled]) @ abs(csr_matrix(self.lifts)[pulled]))
-        return csc_matrix(forces.multiply(abs(forces) > ROUND_OFF_OF_MOTIONS * sizes))
+        lifts = csc_matrix(self.lifts)
+        pulled = np.unique(lifts.indices)  # few columns of K: it is large
+        own = self.own_stiffness[:, pulled]
+        moving = csr_matrix(lifts)[pulled]
+        held, sizes = (self.from_rows(csr_matrix(part)) for part in (own @ moving, abs(own) @ abs(moving)))
+        forces = csr_matrix(self.loads + masked(csc_matrix(held), self.free))
+        return csc_matrix(forces.multiply(abs(forces) > ROUND_OFF_OF_MOTIONS * csr_matrix(abs(self.loads) + sizes)))
+
+    def from_rows(self, own: csr_matrix) -> csr_matrix:
+        """A sparse matrix of the rows that each rank has of it. Collective."""
+        if self.comm is None:
+            self.require_whole()
+            return own
+        return csr_matrix(vstack(self.comm.allgather(own)))
 
     @cached_property
     def contact_norm(self) -> float:

@@ -148,6 +148,7 @@ class Discretisation(DiscreteSpace):
             first=self.rows.start,
             whole_contact=rows.matrix,
             friction=friction,
+            comm=self.comm if self.comm.size > 1 else None,
         )
 
     def _node_mass(self) -> csr_matrix:

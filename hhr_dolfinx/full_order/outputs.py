@@ -427,16 +427,15 @@ def _energy(
         raise SceneError(
             f"output '{output.name}': with friction the work of forces is not elastic energy alone: leave it out"
         )
-    whole = problem.gathered(discretisation.comm)
     names = problem.parameters.names
     moduli = tuple(f"({modulus.factor}) * ({modulus.rest})" for modulus in problem.moduli) or ("1",)
-    stiffness = whole.stiffness_terms if problem.moduli else (whole.stiffness,)
-    external = whole.external
+    stiffness = problem.stiffness_terms if problem.moduli else (problem.own_stiffness,)
+    external = problem.external
     moving = discretisation.reshaped is not None  # at another shape other terms may act
     loaded = np.arange(external.shape[1]) if moving else np.flatnonzero(np.diff(external.indptr))
-    lifted = np.flatnonzero(np.diff(whole.lifts.tocsc().indptr))
-    lifts = whole.lifts.tocsc()[:, lifted]
-    pushed = [strained(part, lifts) for part in stiffness]
+    lifted = np.flatnonzero(np.diff(problem.lifts.tocsc().indptr))
+    lifts = problem.lifts.tocsc()[:, lifted]
+    pushed = [csc_matrix(problem.from_rows(csr_matrix(strained(part, lifts)))) for part in stiffness]
     blocks = [external[:, loaded], *(masked(csc_matrix(part), problem.free) for part in pushed)]
     entries = hstack([csc_matrix(block) for block in blocks]).T.tocoo()
     own = (entries.tocsr() @ lifts).toarray()

@@ -30,6 +30,7 @@ from hhr_dolfinx.models.estimates import known_error, warn_unbounded
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.ranks import together
 from hhr_dolfinx.reduction.calibration import MOST_TRAINING_COMPARED, calibrated
 from hhr_dolfinx.reduction.completion import Completion, bound_of
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
@@ -51,7 +52,7 @@ class OfflineRecord:
     Attributes:
         recipe: how it was to be reduced.
         layers: layers of cells of the RID, by which it may have grown.
-        basis: V, (N, ell).
+        basis: V, (N, ell), own rows of it where ranks build together.
         sets: index sets of the RID.
         stability: constants of the elastic projection.
         enrichment: how the basis was enriched.
@@ -80,7 +81,7 @@ class _Offline:
         full: the full model.
         snapshots, held_out: its answers, trained on and kept out of training.
         recipe: how to reduce.
-        basis: before enrichment, (N, ell).
+        basis: before enrichment, (own, ell).
         nodes: that make the RID.
         touching: the problem with all that touches on any shape.
         constants: of the full model.
@@ -117,7 +118,7 @@ class Reductor(Protocol):
         """A model of the same scene.
 
         Args:
-            full: the full model, on one rank.
+            full: the full model, with all rows.
             snapshots: what to train on: answers at single parameters, or histories.
             held_out: answers kept out of training, for a check; None where there are none.
         """
@@ -135,7 +136,8 @@ def build(full: Any, snapshots: SnapshotSet, recipe: Any = None, held_out: Snaps
     to a wrong path with the smallest residuals, and the elastic operator shows nothing of it.
 
     Args:
-        full: the full model, of which only arrays are used.
+        full: the full model, of which only arrays are used. Ranks that have one together build together, each with its
+            own rows; where that is not built in all of them get all rows, which the log tells.
         snapshots: what to train on: answers at single parameters, or histories.
         recipe: how to reduce, a recipe or a reductor; None takes the usual one, :class:`Recipe` or, where bodies flow,
             ``Recipe.flowing()``.
@@ -155,10 +157,47 @@ def build(full: Any, snapshots: SnapshotSet, recipe: Any = None, held_out: Snaps
     if not (isinstance(given, AnsweringModel) and given.of_full_order):
         raise ReductionError(f"{full!r} is no full model: give FullOrderModel(scene)")
     if isinstance(recipe, Reductor) and not isinstance(recipe, type):
-        return _of_scene(full, recipe, recipe.reduced(full, snapshots, held_out))
+        full, *sets = everywhere(full, snapshots, held_out)
+        return _of_scene(full, recipe, recipe.reduced(full, *sets))
     recipe = usual_recipe(full) if recipe is None else recipe
     _check_given(full, snapshots, recipe, held_out)
     log = StageLog()
+    comm = full.problem.comm
+    if comm is not None and not (why := not_by_rows(full.problem, snapshots, recipe)):
+        with together(comm, f"reducing scene '{full.scene.name}'"):
+            return _built(full, snapshots, recipe, held_out, log)
+    if comm is not None:
+        log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
+        full, snapshots, held_out = everywhere(full, snapshots, held_out)
+    return _built(full, snapshots, recipe, held_out, log)
+
+
+def not_by_rows(problem: ContactProblem, snapshots: SnapshotSet | None = None, recipe: Recipe | None = None) -> str:
+    """Why ranks that have some rows each do not reduce a problem so, with snapshots or a recipe; empty where they do.
+
+    What is decomposed, projected, enriched and bounded takes sums over the ranks alone.
+    """
+    if problem.reshaped is not None:
+        return "its shape depends on parameters"
+    if problem.friction is not None:
+        return "contacts rub"
+    if snapshots is not None and snapshots.histories:
+        return "it is trained on histories"
+    if recipe is not None and not recipe.by_rows:
+        return "a step of the recipe does not say by_rows = True"
+    return ""
+
+
+def everywhere(full: Any, *sets: SnapshotSet | None) -> tuple[Any, ...]:
+    """A full model and its answers, of which each rank has some rows, with all rows on each. Collective."""
+    problem = full.problem
+    if problem.comm is None:
+        return full, *sets
+    return full.gathered(), *(None if item is None else item.gathered(problem) for item in sets)
+
+
+def _built(full: Any, snapshots: SnapshotSet, recipe: Recipe, held_out: SnapshotSet | None, log: StageLog) -> Any:
+    """See :func:`build`."""
     if recipe.trust is None:
         log.skip("validation", "no limits were given: the model is as it is")
     else:
@@ -233,11 +272,6 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
     if not isinstance(recipe, Recipe):
         raise ReductionError(f"{recipe!r} is no recipe: give a Recipe")
     problem = full.problem
-    if not problem.whole:
-        raise ReductionError(
-            "the full model is spread over several ranks, each with some rows of its matrices, and a reduction needs "
-            "all: give a model on MPI.COMM_SELF, as train does, or full.gathered()"
-        )
     if problem.friction is not None and problem.reshaped is not None:
         raise NotOfferedError(
             "hyper-reduction of contacts with friction is not built in where shapes are parameters: condense the "

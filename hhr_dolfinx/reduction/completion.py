@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from scipy import linalg
 from scipy.optimize import nnls
-from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.certify.bounds import error_bound
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
@@ -86,12 +85,15 @@ class Completion:
         *,
         cone: bool = True,
     ) -> Reconstruction:
-        """What one reduced model hands out fields with; without the ``cone`` of (1.70) a bound completes forces."""
+        """What one reduced model hands out fields with; without the ``cone`` of (1.70) a bound completes forces.
+
+        From here on all ranks have all rows of its columns, (N, c): each answers by itself.
+        """
         return Reconstruction(
             amplitudes=problem.amplitudes,
-            basis=basis,
+            basis=problem.spread.whole(basis),
             lifts=problem.lifts,
-            contact_basis=csr_matrix(problem.contact) @ basis,
+            contact_basis=problem.moved(basis),
             gaps=problem.gaps + 0.0,  # files keep zeros with a sign
             A_lambda=sets.A_lambda,
             force_snapshots=self.rays if cone else None,
@@ -153,7 +155,7 @@ def _gap_scale(problem, snapshots) -> np.ndarray:
     slack is round-off, and gaps measured by it would all count as open.
     """
     gaps = problem.amplitudes.sum_columns(problem.gaps, snapshots.points)
-    sizes = np.maximum(np.abs(gaps), np.abs(problem.contact @ snapshots.displacements)).max(axis=1)
+    sizes = np.maximum(np.abs(gaps), np.abs(problem.moved(snapshots.displacements))).max(axis=1)
     scale = np.ones(sizes.size)
     for pair in np.unique(problem.contact_pairs):
         inside = problem.contact_pairs == pair
@@ -169,7 +171,7 @@ class Bounding(NamedTuple):
 
     Attributes:
         bound: None where there is none.
-        columns: those that make the displacement, (N, c).
+        columns: those that make the displacement, (own, c).
         response: makes their coordinates of forces; None where these are gamma.
         unbounded: why there is no bound; empty where there is one.
     """
@@ -181,7 +183,7 @@ class Bounding(NamedTuple):
 
 
 def bound_of(full: Any, recipe: Recipe, snapshots: SnapshotSet, basis: np.ndarray, log: StageLog) -> Bounding:
-    """Bounds for a recipe, with a basis, (N, ell); none where not asked for or not proved, as the log says too."""
+    """Bounds for a recipe, with a basis, (own, ell); none where not asked for or not proved, as the log says too."""
     if not recipe.bound or recipe.indicator is not None:
         return Bounding(None, basis, unbounded=NOT_ASKED)
     if full.problem.friction is not None:
@@ -196,7 +198,8 @@ def bound_of(full: Any, recipe: Recipe, snapshots: SnapshotSet, basis: np.ndarra
             if recipe.cone:  # forces outside the RID are then those of training
                 return Bounding(error_bound(full, basis, forces), basis)
             made = _made_of_forces(full)(full, forces, basis.shape[1])
-            return Bounding(made.bound, made.columns, made.response)
+            whole = replace(made.response, loaded=full.problem.spread.whole(made.response.loaded))
+            return Bounding(made.bound, made.columns, whole)
     except BoundError as error:
         log.skip("bound", str(error))
         return Bounding(None, basis, unbounded=str(error))

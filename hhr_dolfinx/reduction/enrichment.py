@@ -22,6 +22,7 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.linear.growing import GrowingColumns
+from hhr_dolfinx.linear.rows import Rows
 from hhr_dolfinx.timing import StageLog
 
 DISTINCT = 1e-8
@@ -40,7 +41,7 @@ class Enrichment:
     """An enriched basis and the way to it.
 
     Attributes:
-        basis: V bar of (3.2), orthonormal columns, (N, ell_bar).
+        basis: V bar of (3.2), orthonormal columns, (N, ell_bar); own rows of it where ranks share them.
         added: conditions whose slave node was added, in order, L_c of Alg. 3.1.
         kappas: kappa(B~1) before the first and after each addition; infinite while rows of B~1 or B~2 are dependent.
         stalled: candidates were left, but none lowered kappa any more, before ``kappa_max`` was reached.
@@ -69,10 +70,11 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
     every = problem.contact[sets.A_lambda]
     images = every[:, sets.A_c] @ candidates
     columns = GrowingColumns(np.zeros((len(basis), 0)))  # behind those of the basis, which is not copied
+    rows = problem.spread
     # B~1 and B~2; a candidate has the same image in both
     tables = [_Table.of(problem, every[:, part], basis, part, images) for part in (sets.A_c, sets.A_c_tilde)]
     squares = np.sum(candidates**2, axis=0)
-    weights = basis[sets.A_c].T @ candidates
+    weights = rows.at(basis, sets.A_c).T @ candidates
     left = np.flatnonzero(squares > 0)
     added = []
     left_out = []
@@ -89,17 +91,19 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
         best = _best(tables, images[:, left], weights[:, left], lengths, left)
         chosen = left[best]
         left = np.delete(left, best)
-        column = _outside((basis, columns.all), sets.A_c, candidates[:, chosen], weights[:, chosen])
+        function = rows.of(np.bincount(sets.A_c, candidates[:, chosen], rows.count))
+        column = _outside((basis, columns.all), function, weights[:, chosen], rows)
         if column is None:
             left_out.append(chosen)
             continue
-        tables = [table.grown(column, chosen) for table in tables]
+        there = rows.at(column, sets.A_c_tilde)
+        tables = [table.grown(there[np.searchsorted(sets.A_c_tilde, table.part)], chosen) for table in tables]
         kappa = _kappa(tables)
         if kappa >= kappas[-1] and math.isfinite(kappas[-1]):
             stalled = True
             break
         columns.append(column)
-        weights = np.vstack([weights, column[sets.A_c] @ candidates])
+        weights = np.vstack([weights, there[np.searchsorted(sets.A_c_tilde, sets.A_c)] @ candidates])
         added.append(chosen)
         kappas.append(kappa)
     basis = np.column_stack([basis, columns.all]) if added else basis
@@ -109,13 +113,14 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
 
 
 def check_basis(problem: ContactProblem, basis: np.ndarray, whose: str = "the enriched basis") -> None:
-    """Raise ReductionError for a basis, (N, ell), that moves imposed dofs or is not orthonormal."""
-    moved = float(np.abs(basis[~problem.free]).max(initial=0.0))
+    """Raise ReductionError for own rows of a basis, (own, ell), that moves imposed dofs or is not orthonormal."""
+    rows = problem.spread
+    moved = rows.largest(np.abs(basis).max(axis=1, initial=0.0) * ~rows.of(problem.free))[1]
     if moved > ORTHONORMAL:
         raise ReductionError(
             f"{whose} moves imposed dofs by {moved:.1e} > {ORTHONORMAL:g}: make its modes of snapshots.displacements"
         )
-    skew = float(np.abs(basis.T @ basis - np.eye(basis.shape[1])).max())
+    skew = float(np.abs(rows.sum(basis.T @ basis) - np.eye(basis.shape[1])).max())
     if skew > ORTHONORMAL:
         raise ReductionError(
             f"{whose} is not orthonormal, by {skew:.1e} > {ORTHONORMAL:g}: return np.linalg.qr(modes)[0]"
@@ -123,28 +128,26 @@ def check_basis(problem: ContactProblem, basis: np.ndarray, whose: str = "the en
 
 
 def _outside(
-    parts: tuple[np.ndarray, np.ndarray], where: np.ndarray, function: np.ndarray, along: np.ndarray
+    parts: tuple[np.ndarray, np.ndarray], column: np.ndarray, along: np.ndarray, rows: Rows
 ) -> np.ndarray | None:
-    """The unit function orthogonal to a basis that completes its span by ``function``, (N,); None if it lies inside.
+    """The unit function orthogonal to a basis that completes its span by another, (own,); None if it lies inside.
 
     Args:
-        parts: two blocks of orthonormal columns of the basis, (N, ell) each.
-        where: dofs outside which the function vanishes.
-        function: its values there, of unit length.
+        parts: two blocks of orthonormal columns of the basis, (own, ell) each.
+        column: the other, of unit length, which is changed.
         along: its products with all columns.
+        rows: those of tables of this rank.
     """
-    column = np.zeros(len(parts[0]))
-    column[where] = function
     for _ in range(2):  # twice is enough: the first leaves round-off of the length that was, not of what remains
         for part, own in zip(parts, np.split(along, [parts[0].shape[1]]), strict=True):
             column -= part @ own
-        length = np.linalg.norm(column)
+        length = math.sqrt(rows.sum(column @ column))
         if length <= DISTINCT:
             return None
         column /= length
         if length > MOSTLY:
             break
-        along = np.concatenate([part.T @ column for part in parts])
+        along = rows.sum(np.concatenate([part.T @ column for part in parts]))
     return column
 
 
@@ -213,13 +216,14 @@ class _Table:
     def of(
         cls, problem: ContactProblem, rows: csr_matrix, basis: np.ndarray, part: np.ndarray, images: np.ndarray
     ) -> _Table:
-        """Of a basis, (N, ell), and images of candidates, (m, c)."""
-        table = cls(problem, rows, part, rows @ basis[part], np.zeros((0, images.shape[1])))
+        """Of own rows of a basis, (own, ell), and images of candidates, (m, c)."""
+        values = rows @ problem.spread.at(basis, part)
+        table = cls(problem, rows, part, values, np.zeros((0, images.shape[1])))
         directions, _ = table.spectrum
         return replace(table, outside=directions[:, table.rank :].T @ images)
 
     def grown(self, column: np.ndarray, chosen: int) -> _Table:
-        """With one more column of the basis, (N,), of a candidate.
+        """With one more column of the basis, its values on these dofs, (k,), of a candidate.
 
         While rank is missing a direction is taken out of what lies outside, as in a QR decomposition with pivots: no
         singular values are needed before rows are independent.
@@ -232,7 +236,7 @@ class _Table:
             normal = direction / size
             normal[0] += math.copysign(1.0, normal[0])
             outside = (outside - np.outer(normal, (2 / (normal @ normal)) * (normal @ outside)))[1:]
-        return replace(self, values=np.column_stack([self.values, self.rows @ column[self.part]]), outside=outside)
+        return replace(self, values=np.column_stack([self.values, self.rows @ column]), outside=outside)
 
     @cached_property
     def spectrum(self) -> tuple[np.ndarray, np.ndarray]:

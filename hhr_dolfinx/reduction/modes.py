@@ -14,18 +14,22 @@ from scipy import linalg
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.linear.rows import Rows
 
 if TYPE_CHECKING:
     from hhr_dolfinx.reduction.elastic_response import ElasticResponse
 
 
-def pod(snapshots: np.ndarray, tolerance: float, gram: Any = None) -> tuple[np.ndarray, np.ndarray]:
+def pod(
+    snapshots: np.ndarray, tolerance: float, gram: Any = None, rows: Rows | None = None
+) -> tuple[np.ndarray, np.ndarray]:
     """Leading left singular vectors that leave out less than ``tolerance`` of the squared sum, (1.53).
 
     Args:
         snapshots: (N, S), one column per snapshot.
         tolerance: epsilon, in (0, 1).
         gram: sparse Gram matrix of the norm in which the sum is measured, (N, N); None for the Euclidean one.
+        rows: those of the snapshots, and of the modes, that are here, where ranks share them; None for all.
 
     Returns:
         ``(modes, singular_values)``: modes (N, ell) with orthonormal columns, and all singular values.
@@ -43,30 +47,36 @@ def pod(snapshots: np.ndarray, tolerance: float, gram: Any = None) -> tuple[np.n
         raise ReductionError(f"the POD tolerance {tolerance} must lie in (0, 1)")
     if snapshots.shape[1] < 2:
         raise ReductionError(f"{snapshots.shape[1]} snapshot cannot span a reduced basis: train on at least 2")
-    if not np.isfinite(snapshots).all():
+    rows = Rows(slice(0, len(snapshots)), len(snapshots)) if rows is None else rows
+    if rows.sum(float(not np.isfinite(snapshots).all())):
         raise ReductionError("the snapshots are not finite")
-    modes, values, noise = _decomposed(snapshots, gram)
+    modes, values, noise = _decomposed(snapshots, gram, rows)
     if values[0] == 0:
         raise ReductionError("all snapshots are zero: the loads of the scene do nothing on the training points")
     left_out = np.append(np.cumsum((values**2)[::-1])[::-1], 0.0) / np.sum(values**2)
     # singular values below round-off are noise, however small the tolerance
     rank = int((values > values[0] * noise).sum())
     count = min(int(np.argmax(left_out < tolerance)), rank)
-    chosen = modes[:, :count] if gram is None else linalg.qr(modes[:, :count], mode="economic")[0]
+    chosen = modes[:, :count] if gram is None else rows.orthonormal(modes[:, :count])[0]
     return np.ascontiguousarray(chosen), values
 
 
-def _decomposed(snapshots: np.ndarray, gram: Any) -> tuple[np.ndarray, np.ndarray, float]:
+def _decomposed(snapshots: np.ndarray, gram: Any, rows: Rows) -> tuple[np.ndarray, np.ndarray, float]:
     """Left singular vectors, singular values, and the relative size below which these are round-off.
 
     In the norm of a Gram matrix by the method of snapshots, whose squares lose half of the digits.
     """
-    if gram is None:
+    noise = np.finfo(float).eps * max(rows.count, snapshots.shape[1])
+    if gram is None and rows.comm is None:
         modes, values, _ = linalg.svd(snapshots, full_matrices=False)
-        return modes, values, np.finfo(float).eps * max(snapshots.shape)
-    squares, weights = linalg.eigh(snapshots.T @ (gram @ snapshots))
+        return modes, values, noise
+    if gram is None:
+        modes, triangle = rows.orthonormal(snapshots)
+        turns, values, _ = linalg.svd(triangle, full_matrices=False)
+        return modes @ turns, values, noise
+    squares, weights = linalg.eigh(rows.sum(snapshots.T @ (gram @ snapshots)))
     values = np.sqrt(np.maximum(squares[::-1], 0.0))
-    return snapshots @ weights[:, ::-1], values, np.sqrt(np.finfo(float).eps * max(snapshots.shape))
+    return snapshots @ weights[:, ::-1], values, np.sqrt(noise)
 
 
 SMALL_CORRECTION = 1e-3
@@ -150,11 +160,12 @@ def state_modes(fields: Sequence[np.ndarray], tolerance: float) -> np.ndarray:
     return np.concatenate([stacked(part).T @ chosen for part in parts])
 
 
-def deim(basis: np.ndarray) -> np.ndarray:
+def deim(basis: np.ndarray, rows: Rows | None = None) -> np.ndarray:
     """Interpolation points of an ordered basis, one per column.
 
     Args:
         basis: (N, ell) with independent columns, most important first.
+        rows: those of the basis that are here, where ranks share them; None for all.
 
     Returns:
         Row indices in the order they are found, (ell,); ``basis[indices]`` is invertible.
@@ -166,14 +177,17 @@ def deim(basis: np.ndarray) -> np.ndarray:
         >>> deim(np.array([[1.0, 0.0], [0.5, 1.0], [0.0, 0.2]]))
         array([0, 1])
     """
+    rows = Rows(slice(0, len(basis)), len(basis)) if rows is None else rows
     points: list[int] = []
+    picked = np.zeros((0, basis.shape[1]))  # the basis at these points
     for k, mode in enumerate(basis.T):
         residual = mode
         if points:
-            weights = np.linalg.solve(basis[points, :k], mode[points])
+            weights = np.linalg.solve(picked[:, :k], picked[:, k])
             residual = mode - basis[:, :k] @ weights
-        point = int(np.argmax(np.abs(residual)))
-        if not abs(residual[point]) > 1e-13 * np.abs(mode).max():
+        point, size = rows.largest(np.abs(residual))
+        if not size > 1e-13 * rows.largest(np.abs(mode))[1]:
             raise ReductionError(f"column {k} of the basis depends on the columns before it")
         points.append(point)
+        picked = np.vstack([picked, rows.at(basis, np.array([point]))])
     return np.array(points, dtype=np.int64)

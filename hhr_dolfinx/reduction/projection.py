@@ -28,7 +28,7 @@ NO_WORK = 1e-9
 
 
 def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> ReducedProblem:
-    """Petrov-Galerkin projection of (1.21) on a basis V, (N, ell), and a closed RID, thesis (1.61), (5.23).
+    """Petrov-Galerkin projection of (1.21) on a basis V, (own, ell), and a closed RID, thesis (1.61), (5.23).
 
     The test functions are the modes cut off outside A; the trial functions are the whole modes. A
     Galerkin projection of K with restricted multipliers would be inconsistent.
@@ -40,13 +40,13 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
             f"at {problem.contact_points[opened[0]].tolist()}; build it with reduced_domain"
         )
     rows = problem.contact[sets.A_lambda]
-    modes = _Modes(basis, sets)
+    modes = _Modes(basis, sets) if problem.comm is None else _ModesOfRows(problem, basis, sets)
     loads = modes.tested(problem.loads)
     terms = _terms(problem, modes, loads) if problem.moduli else None
     reduced = ReducedProblem(
-        stiffness=modes.projected(problem.stiffness) if terms is None else _summed(problem, terms),
-        contact_test=rows[:, sets.A_c] @ basis[sets.A_c],
-        contact_trial=rows[:, sets.A_c_tilde] @ basis[sets.A_c_tilde],
+        stiffness=modes.projected(problem.own_stiffness) if terms is None else _summed(problem, terms),
+        contact_test=_moved(problem, rows, basis, sets.A_c),
+        contact_trial=_moved(problem, rows, basis, sets.A_c_tilde),
         loads=loads,
         gaps=problem.gaps[sets.A_lambda] + 0.0,  # files keep zeros with a sign
         pairs=problem.contact_pairs[sets.A_lambda],
@@ -54,6 +54,12 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
         terms=terms,
     )
     return reduced if problem.rigid is None else _balanced(problem, basis, sets, reduced)
+
+
+def _moved(problem: ContactProblem, rows: csr_matrix, basis: np.ndarray, dofs: np.ndarray) -> np.ndarray:
+    """Rows of B, (m, N), times the modes on some dofs alone, (m, ell)."""
+    own = problem.spread.mine(dofs)
+    return problem.spread.sum(rows[:, own + problem.first] @ basis[own])
 
 
 class _Modes:
@@ -105,6 +111,31 @@ class _Modes:
         return modes.T @ np.where(outside[:, None], 0.0, columns)
 
 
+class _ModesOfRows:
+    """The same, (own, ell), of which each rank tests with the rows of its own dofs in A."""
+
+    def __init__(self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets):
+        self._rows = problem.spread
+        self._stiffness: Any = problem.stiffness_of_rows
+        self._basis = basis
+        self._inside = self._rows.mine(sets.A)
+        self._test = basis[self._inside]
+
+    def projected(self, stiffness: csr_matrix) -> np.ndarray:
+        """V^T K V, tested on A, (ell, ell)."""
+        inside = self._stiffness.alike(stiffness).cut(self._inside)
+        found = np.empty((self._basis.shape[1],) * 2)
+        for first in range(0, len(found), PANEL):
+            part = slice(first, first + PANEL)
+            found[:, part] = self._test.T @ (inside @ self._basis[:, part])
+        return self._rows.sum(found)
+
+    def tested(self, columns: Any) -> np.ndarray:
+        """Columns of dofs, dense or sparse, (N, k), tested by the modes: (ell, k)."""
+        own = csr_matrix(columns)[self._rows.own][self._inside]
+        return self._rows.sum(np.ascontiguousarray((own.T @ self._test).T))
+
+
 def _balanced(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem) -> ReducedProblem:
     """The same with the balance of whole bodies in the place of tests by their motions, the first modes, on A alone.
 
@@ -119,7 +150,7 @@ def _balanced(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduc
             f"{acting.size} contact conditions that hold a body are outside the RID, e.g. the one at "
             f"{problem.contact_points[acting[0]].tolist()}: nothing else holds it, so that all must be in it"
         )
-    loads = motions.T @ problem.loads
+    loads = problem.spread.sum(motions.T @ problem.spread.of(problem.loads.tocsr()))
     stiffness = reduced.stiffness.copy()
     test = reduced.contact_test.copy()
     forces = reduced.loads.copy()
@@ -148,7 +179,7 @@ def holding(problem: ContactProblem) -> np.ndarray:
     return np.flatnonzero(work.max(axis=1) > NO_WORK * work.max())
 
 
-def _terms(problem: ContactProblem, modes: _Modes, loads: np.ndarray) -> ReducedTerms:
+def _terms(problem: ContactProblem, modes: _Modes | _ModesOfRows, loads: np.ndarray) -> ReducedTerms:
     """Parts of K~ and of its loads, of which some are tested already, (ell, 1 + T)."""
     weights = problem.weights(problem.middle)
     lifts = np.stack([modes.tested(term) for term in problem.lift_terms])
@@ -238,7 +269,8 @@ def _index_sets(problem, cells, inside) -> IndexSets:
             "add contact nodes as a zone of interest, or layers"
         )
     in_A_c_tilde = abs(problem.contact[in_A_lambda]).T @ np.ones(in_A_lambda.sum()) > 0
-    in_I = ~in_A & (abs(problem.stiffness[in_A]).T @ np.ones(in_A.sum()) > 0)
+    own = problem.spread.of(in_A)
+    in_I = ~in_A & (problem.spread.sum(abs(problem.own_stiffness[own]).T @ np.ones(own.sum())) > 0)
     masks = (cells, in_A, in_A_lambda, in_A & in_A_c_tilde, in_A_c_tilde, in_I)
     return IndexSets(*(np.flatnonzero(mask) for mask in masks))
 

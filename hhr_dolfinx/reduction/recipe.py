@@ -2,6 +2,9 @@
 
 A basis of your own is an object with ``modes(problem, snapshots)``, a choice of nodes one with ``nodes(problem,
 snapshots, basis)``, an indicator one with ``prepared(problem, basis, sets)``; each is listed where the ones below are.
+
+Where ranks solve together each has the rows of its own dofs. A basis or a choice of nodes that does with these, see
+:class:`~hhr_dolfinx.linear.rows.Rows`, ``problem.spread``, says ``by_rows = True``; else all ranks get all rows.
 """
 
 from __future__ import annotations
@@ -18,6 +21,7 @@ from hhr_dolfinx import ranks
 from hhr_dolfinx.certify.trust import TrustLimits
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.linear.rows import MatrixOfRows
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.reduction.enrichment import check_basis
@@ -32,10 +36,16 @@ MOST_LAYERS = 1000
 """Layers of cells beyond which any mesh of ours is covered."""
 
 
-def _weights(columns: np.ndarray) -> np.ndarray:
+def _weights(sizes: np.ndarray) -> np.ndarray:
     """One over the norm of each column, 1 for columns of zeros."""
-    sizes = np.linalg.norm(columns, axis=0)
     return np.where(sizes > 0, 1 / np.where(sizes > 0, sizes, 1), 1)
+
+
+def _cut(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """Columns that are zero but for some rows."""
+    found = np.zeros_like(columns)
+    found[rows] = columns[rows]
+    return found
 
 
 def _nodes_of_values(problem: ContactProblem, values: np.ndarray, tolerance: float) -> np.ndarray:
@@ -63,6 +73,11 @@ class Indicator(Protocol):
 
     def prepared(self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Callable[[Answer], float]:
         """What maps an answer to its estimate, with all that can be computed beforehand."""
+
+
+def _by_rows(step: Any) -> bool:
+    """Whether a step says that ranks may have some rows of the displacements each."""
+    return getattr(step, "by_rows", False) is True
 
 
 def _check_truths(step: Any) -> None:
@@ -116,13 +131,20 @@ class Pod(_Truncated):
 
     def of_columns(self, problem: ContactProblem, columns: np.ndarray, comm: Comm | None = None) -> np.ndarray:
         """The same of any displacements, (N, S); ranks, if there are several, share out what is decomposed by body."""
-        gram = {"euclidean": None, "energy": problem.stiffness, "l2": problem.mass}[self.norm]
-        weights = _weights(columns) if self.relative else None
+        gram = self._gram(problem)
+        rows = problem.spread
+        weights = _weights(rows.norms(columns)) if self.relative else None
         if not self.by_body:
-            return pod(columns if weights is None else columns * weights, self.tolerance, gram)[0]
-        bodies = [dofs for dofs in problem.bodies if columns[dofs].any()]
+            return pod(columns if weights is None else columns * weights, self.tolerance, gram, rows)[0]
+        bodies = [dofs for dofs in problem.bodies if rows.sum(float(columns[rows.mine(dofs)].any()))]
         if not bodies:
             raise ReductionError("nothing moves in any answer, so that no displacement is spanned: raise the loads")
+        if rows.comm is not None:
+            parts = []
+            for dofs in bodies:
+                moved = _cut(columns, rows.mine(dofs))
+                parts.append(pod(moved if weights is None else moved * weights, self.tolerance, gram, rows)[0])
+            return np.hstack(parts)
 
         def of_body(number: int) -> np.ndarray:
             return self._of_body(bodies[number], columns, weights, gram)
@@ -135,6 +157,19 @@ class Pod(_Truncated):
         for dofs, own, (first, last) in zip(bodies, modes, pairwise(ends), strict=True):
             found[dofs, first:last] = own
         return found
+
+    def _gram(self, problem: ContactProblem) -> Any:
+        """Of the norm, None for the Euclidean one."""
+        if self.norm == "euclidean":
+            return None
+        if self.norm == "energy":
+            return problem.stiffness_of_rows
+        return problem.mass if problem.comm is None else MatrixOfRows(problem.mass, problem.spread)
+
+    @property
+    def by_rows(self) -> bool:
+        """Whether ranks may have some rows of the displacements each."""
+        return True
 
     def _of_body(self, dofs: np.ndarray, columns: np.ndarray, weights: np.ndarray | None, gram: Any) -> np.ndarray:
         """Modes of one body on its dofs, (own dofs, k)."""
@@ -162,7 +197,13 @@ class Deim:
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """See :class:`Nodes`."""
-        return deim(basis if self.pod is None else self.pod.modes(problem, snapshots)) // problem.block_size
+        modes = basis if self.pod is None else self.pod.modes(problem, snapshots)
+        return deim(modes, problem.spread) // problem.block_size
+
+    @property
+    def by_rows(self) -> bool:
+        """See :class:`Pod`."""
+        return self.pod is None or _by_rows(self.pod)
 
 
 @dataclass(frozen=True)
@@ -179,8 +220,13 @@ class ForceDeim(_Truncated):
         """See :class:`Nodes`; without contact in training one node, since a RID needs at least one condition."""
         if not snapshots.any_contact(problem):
             return problem.contact_slaves[:1]
-        weights = _weights(snapshots.displacements) if self.relative else 1.0
+        weights = _weights(problem.spread.norms(snapshots.displacements)) if self.relative else 1.0
         return problem.contact_slaves[deim(pod(snapshots.forces * weights, self.tolerance)[0])]
+
+    @property
+    def by_rows(self) -> bool:
+        """See :class:`Pod`."""
+        return True
 
 
 @dataclass(frozen=True)
@@ -212,6 +258,11 @@ class LoadNodes:
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """See :func:`load_nodes`."""
         return load_nodes(problem)
+
+    @property
+    def by_rows(self) -> bool:
+        """See :class:`Pod`."""
+        return True
 
 
 @dataclass(frozen=True)
@@ -396,6 +447,11 @@ class Recipe:
         }
         return cls(**({"basis": Pod(1e-10)} | usual | changes))
 
+    @property
+    def by_rows(self) -> bool:
+        """Whether all of its steps do with the rows of one rank each."""
+        return self.indicator is None and all(map(_by_rows, (self.basis, *self.nodes)))
+
     def as_it_is(self) -> Recipe:
         """The same without any check and without growth, to measure what it gives."""
         return replace(self, trust=None, tangents=None, domain=replace(self.domain, most_layers=self.domain.layers))
@@ -425,17 +481,22 @@ def _plain(value: Any) -> Any:
 def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
     """The basis of a step, of a user's own maybe, as the equations are written for it; rigid motions come first."""
     if problem.rigid is not None:
-        rigid = problem.rigid
+        rigid = problem.spread.of(problem.rigid)
         moved = snapshots.displacements
-        snapshots = replace(snapshots, displacements=moved - rigid @ (rigid.T @ moved))
+        along = problem.spread.sum(rigid.T @ moved)
+        snapshots = replace(snapshots, displacements=moved - rigid @ along)
     basis = np.asarray(step.modes(problem, snapshots))
-    rows = len(problem.free)
-    if basis.ndim != 2 or len(basis) != rows or not 0 < basis.shape[1] <= rows or not np.isfinite(basis).all():
-        raise ReductionError(f"modes of {step!r} have the shape {basis.shape}: finite ones ({rows}, ell) are needed")
+    free = problem.spread.of(problem.free)
+    shaped = basis.ndim == 2 and len(basis) == len(free) and 0 < basis.shape[1] <= len(problem.free)
+    if problem.spread.sum(float(not shaped or not np.isfinite(basis).all())):
+        raise ReductionError(
+            f"modes of {step!r} have the shape {basis.shape}: finite ones ({len(free)}, ell) are needed"
+        )
     check_basis(problem, basis, f"the basis of {step!r}")
     if problem.rigid is not None:
-        basis = np.linalg.qr(np.hstack([rigid, basis - rigid @ (rigid.T @ basis)]))[0]
-    return np.where(problem.free[:, None], basis, 0.0)  # without the round-off that was let pass
+        along = problem.spread.sum(rigid.T @ basis)
+        basis = problem.spread.orthonormal(np.hstack([rigid, basis - rigid @ along]))[0]
+    return np.where(free[:, None], basis, 0.0)  # without the round-off that was let pass
 
 
 def chosen_nodes(problem: ContactProblem, snapshots: SnapshotSet, recipe: Recipe, basis: np.ndarray) -> np.ndarray:

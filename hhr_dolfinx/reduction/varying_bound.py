@@ -61,7 +61,7 @@ _KNOWN: WeakKeyDictionary[Any, Between] = WeakKeyDictionary()
 def varying_bound(
     full: Any, basis: np.ndarray, forces: np.ndarray | None = None, solvers: Sequence[Solver] | None = None
 ) -> VaryingBound:
-    """Bounds for answers with a basis, (N, ell), of a full model on one rank whose stiffness depends on parameters.
+    """Bounds for answers with a basis, (own, ell), of a full model whose stiffness depends on parameters.
 
     What does not depend on the basis is solved for once, and kept as long as the full model lives. Of forces of
     training, (N_lambda, S), a thousandth is what relative errors are taken over at least. ``solvers`` of its components
@@ -73,7 +73,9 @@ def varying_bound(
     check_hypotheses(full)
     problem: ContactProblem = full.problem
     if full not in _KNOWN:
-        _KNOWN[full] = _between(full, solvers or solvers_of(full))
+        # K^-1 of each component takes all rows; what is made of it is as large as the surface
+        whole = full if problem.comm is None else full.gathered()
+        _KNOWN[full] = _between(whole, solvers or solvers_of(whole))
     known = _KNOWN[full]
     sizes = (problem.contact_areas, least_sizes(problem, known.compliances(problem.middle).schur, forces))
     return VaryingBound(

@@ -141,7 +141,8 @@ class SnapshotSet:
 
     Attributes:
         points: parameters, (S, P).
-        displacements: homogeneous parts U0, that is displacements less their lift, (N, S).
+        displacements: homogeneous parts U0, that is displacements less their lift, (N, S); of a full model that several
+            ranks have together the rows of each rank, (own, S), but for histories.
         forces: contact forces, (N_lambda, S).
         active: statuses, (N_lambda, S) bool.
         states: stress and state at all Gauss points, one for each column; empty where nothing flows.
@@ -201,6 +202,12 @@ class SnapshotSet:
         if not self.histories or self.columns is not None:
             raise ReductionError("parts are taken of whole histories: SnapshotSet.of_histories")
         return replace(self.take(columns), histories=self.histories, columns=np.asarray(columns))
+
+    def gathered(self, problem: ContactProblem) -> SnapshotSet:
+        """The same with all rows on every rank, of answers of a problem whose rows they share. Collective."""
+        if self.histories or problem.comm is None:
+            return self
+        return replace(self, displacements=problem.spread.whole(self.displacements))
 
     @property
     def steps_of_histories(self) -> list[np.ndarray]:
@@ -292,7 +299,9 @@ def _solved(
         full.problem.require_no_friction("a set of snapshots at single parameters")
     with ranks.together(full.comm, "solving for snapshots"):
         if not _are_paths(queries):
-            answers = list(_answers(full, full.parameters.points(queries), progress, store, lost))
+            own = full.problem.spread.of
+            found = _answers(full, full.parameters.points(queries), progress, store, lost)
+            answers = [answer._replace(unknown=own(answer.unknown)) for answer in found]
             return SnapshotSet.of_answers(answers) if answers else None
         with told_once("histories"), first_alone():
             histories = list(_histories(full, queries, progress, store, settings, lost))
@@ -340,12 +349,14 @@ def _answers(
 
 
 def _stored(full: Any, store: SnapshotStore | None, point: np.ndarray) -> Answer | None:
-    """The answer kept at a point; one rank decides what is known, since solving takes all of them."""
+    """The answer kept at a point; one rank reads it, and all of them look whether it is one."""
     if store is None:
         return None
-    answer = store.load(point) if full.comm.rank == 0 else None
+    if full.comm.size == 1:
+        return store.load(point)
+    answer = store.read(point) if full.comm.rank == 0 else None
     answer = full.comm.bcast(None if answer is None else answer._replace(fields=NOWHERE))
-    return None if answer is None else answer._replace(fields=full)
+    return None if answer is None else store.judged(answer._replace(fields=full), aloud=full.comm.rank == 0)
 
 
 def _histories(
@@ -446,11 +457,13 @@ def check_of_problem(name: str, solutions: Any, problem: ContactProblem) -> None
     kind = np.asarray(solutions.active).dtype
     if kind.kind != "b":
         raise ReductionError(f"active of {name} holds {kind}: statuses are bool")
-    rows = {"displacements": problem.free.size, "forces": len(problem.gaps), "active": len(problem.gaps)}
+    free = problem.free if solutions.histories else problem.spread.of(problem.free)
+    rows = {"displacements": free.size, "forces": len(problem.gaps), "active": len(problem.gaps)}
     for part, size in rows.items():
         array = getattr(solutions, part)
         if np.shape(array) != (size, points[0]) or np.iscomplexobj(array) or not np.isfinite(array).all():
             raise ReductionError(
                 f"{part} of {name} have the shape {np.shape(array)}: {size} finite real numbers for each of "
-                f"{points[0]} points are needed; are they of another mesh?"
+                f"{points[0]} points are needed; are they of another mesh, or rows of one rank, where "
+                "snapshots.gathered(problem) has all?"
             )

@@ -11,6 +11,7 @@ import hashlib
 import math
 import warnings
 from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import astuple, fields, is_dataclass, replace
 from functools import partial
 from itertools import product
@@ -159,24 +160,22 @@ class SnapshotStore:
     Args:
         folder: where the files are; made if missing. Several problems and processes may share it.
         full: the full model whose answers are kept. Any change of its problem or of its laws gives other files, but for
-            the bounds of its parameters, on which no answer depends. All rows of the problem are needed: on several
-            ranks give ``full.gathered()``.
+            the bounds of its parameters, on which no answer depends. Ranks that have a model together make a store
+            together, of which one reads and writes.
 
     Attributes:
         found: number of answers that were there when asked for.
 
     Raises:
         FileError: if the folder cannot be made.
-        SceneError: if ranks share the rows of the problem.
     """
 
     def __init__(self, folder: str | Path, full: Any):
-        full.problem.require_whole()
-        self._folder = make_folder(folder)
-        clear_leftovers(self._folder)
         self._full = full
         self._problem = full.problem
-        self._fingerprint = _digest_of(full)
+        self._fingerprint = _digest_of(full)  # together, before any rank may fail by itself
+        self._folder = make_folder(folder)
+        clear_leftovers(self._folder)
         self._behaviours: dict[tuple, str] = {}
         conditions, dofs = self._problem.contact.shape
         self._sizes = {"N": dofs, "N_lambda": conditions}
@@ -192,6 +191,22 @@ class SnapshotStore:
         """The answer kept at a parameter, or None if there is none or its file is damaged, which is warned of."""
         point = np.array(point, dtype=float, ndmin=1)
         return self._load(point, self._asked(point))
+
+    def read(self, point: np.ndarray) -> Answer | None:
+        """The same, of which nobody has looked yet whether it is a solution."""
+        point = np.array(point, dtype=float, ndmin=1)
+        question = self._asked(point)
+        with self._damaged_told(point, question):
+            return self._read(point, question)
+        return None
+
+    def judged(self, answer: Answer, *, aloud: bool = True) -> Answer | None:
+        """An answer that was read, if it is a solution; ranks that share the rows ask together, and one warns aloud."""
+        question = self._asked(answer.parameter)
+        with self._damaged_told(answer.parameter, question, aloud):
+            self._judge(answer, question)
+            return answer
+        return None
 
     def save(self, answer: Answer) -> None:
         """Keep the answer at a parameter.
@@ -239,27 +254,41 @@ class SnapshotStore:
 
     def _load(self, point: np.ndarray, question: list, forces: float = 0.0) -> Answer | None:
         """The answer to a question, see :meth:`_residual`."""
+        with self._damaged_told(point, question):
+            answer = self._read(point, question)
+            if answer is not None:
+                self._judge(answer, question, forces)
+            return answer
+        return None
+
+    @contextmanager
+    def _damaged_told(self, point: np.ndarray, question: list, aloud: bool = True) -> Iterator[None]:
+        """Warn of a file that holds no answer, and go on behind the block."""
+        try:
+            yield
+        except FileContentError as error:
+            message = f"{error}: {self._path(question).name} at {point.tolist()} is solved anew and replaced"
+            if aloud:
+                warnings.warn(message, SnapshotFileWarning, stacklevel=5)
+
+    def _read(self, point: np.ndarray, question: list) -> Answer | None:
+        """What a file holds; None if there is none."""
         path = self._path(question)
         try:
             header, arrays = read_arrays(path, FORMAT, VERSION, mapped=True)
-            if header != self._header(question):
-                raise FileContentError(f"{path} belongs to another problem or parameter")
-            check_layout(arrays, self._layout(), self._sizes)
-            answer = self._answer(point, arrays)
-            worst = self._residual(answer, forces)
-            if not worst <= SOLVED:
-                raise FileContentError(f"{path} holds no solution, residuals of {worst:.1g}")
         except FileNotFoundError:
             return None
-        except FileContentError as error:
-            warnings.warn(
-                f"{error}: {path.name} at {point.tolist()} is solved anew and replaced",
-                SnapshotFileWarning,
-                stacklevel=3,
-            )
-            return None
+        if header != self._header(question):
+            raise FileContentError(f"{path} belongs to another problem or parameter")
+        check_layout(arrays, self._layout(), self._sizes)
+        return self._answer(point, arrays)
+
+    def _judge(self, answer: Answer, question: list, forces: float = 0.0) -> None:
+        """Raise FileContentError for what is no solution, see :meth:`_residual`; count what is one."""
+        worst = self._residual(answer, forces)
+        if not worst <= SOLVED:
+            raise FileContentError(f"{self._path(question)} holds no solution, residuals of {worst:.1g}")
         self.found += 1
-        return answer
 
     def _save(self, answer: Answer, question: list) -> None:
         values = {name: getattr(answer, name) for name in _LAYOUT}
@@ -385,12 +414,14 @@ def _digest_of(full: Any) -> bytes:
     The bounds of the parameters are left out: a wider box finds the solutions of the narrower one. Amplitudes that are
     not affine are left out too: each question holds what they are at its point. Of laws with formulas these stand here,
     since a step may be cut, and what such a law answers in the questions. Rigid motions follow from the rest. Where a
-    machine assembles other last digits, snapshots are solved anew.
+    machine assembles other last digits, snapshots are solved anew, and so where other ranks have other rows.
     """
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
     problem: ContactProblem = full.problem
-    others = "amplitudes parameters moduli reshaped rigid resting pins loose whole_contact friction".split()
+    others = "amplitudes parameters moduli reshaped rigid resting pins loose whole_contact friction comm".split()
+    others += [] if problem.comm is None else ["stiffness_terms", "node_mass", "first"]  # the same on all ranks
     parts = [getattr(problem, item.name) for item in fields(problem) if item.name not in others]
+    parts += [] if problem.comm is None else _digests_of_rows(problem)
     parts += [problem.parameters.names, problem.amplitudes.constant, problem.amplitudes.slopes]
     parts += [text for modulus in problem.moduli for text in (modulus.factor, modulus.rest)]
     parts += [] if problem.reshaped is None else [problem.reshaped.described]
@@ -406,6 +437,14 @@ def _digest_of(full: Any) -> bytes:
         parts.append(full.equilibrium.eigenstrains)
     add_to(digest, parts)
     return digest.digest()
+
+
+def _digests_of_rows(problem: ContactProblem) -> list[str]:
+    """Digests of the rows that each rank has of the large matrices, in the order of the ranks. Collective."""
+    assert problem.comm is not None
+    own = hashlib.sha256()
+    add_to(own, [problem.stiffness_terms, problem.node_mass, problem.first])
+    return problem.comm.allgather(own.hexdigest())
 
 
 def _answers_of(group: Group) -> list[Any]:

@@ -15,7 +15,7 @@ class TrainingAnswers:
     """A full model with the answers to train and to check reduced models.
 
     Attributes:
-        full_order: the full model, on one rank.
+        full_order: the full model, on one rank or on all of them together.
         snapshots: training answers.
         held_out: answers for the trust check, or None.
         log: seconds of each stage.

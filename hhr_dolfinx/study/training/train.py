@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
+from dataclasses import replace
+from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -16,7 +18,7 @@ from hhr_dolfinx.errors import NotOfferedError, ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import checked_path
-from hhr_dolfinx.reduction.build import build, usual_recipe
+from hhr_dolfinx.reduction.build import build, everywhere, not_by_rows, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, held_out_points, spread_snapshots
@@ -51,6 +53,14 @@ def silent(label: str) -> Callable[[Iterable], Iterable]:
 
 class Training(TrainingAnswers):
     """A full model with answers, and the models that are made of them."""
+
+    @cached_property
+    def everywhere(self) -> Training:
+        """The same with all rows on each of the ranks that have the full model together; itself elsewhere."""
+        if self.full_order.problem.comm is None:
+            return self
+        full, snapshots, held_out = everywhere(self.full_order, self.snapshots, self.held_out)
+        return replace(self, full_order=full, snapshots=snapshots, held_out=held_out)
 
     def build(self, recipe: Any = None, *, checked: bool = True) -> Any:
         """A reduced model; unchecked it is built as it is, to be measured: no warning, no growth of its RID.
@@ -93,7 +103,7 @@ class Training(TrainingAnswers):
         """
         from hhr_dolfinx.study.training.growing import safe_model
 
-        return safe_model(self, tolerance, grow, recipe, of=of, checked=checked)
+        return safe_model(self.everywhere, tolerance, grow, recipe, of=of, checked=checked)
 
     def local(
         self, how: Any = None, *, recipe: Recipe | None = None, checked: bool = True, progress: Progress = silent
@@ -138,7 +148,7 @@ class Training(TrainingAnswers):
         given = usual_recipe(self.full_order) if recipe is None else recipe
         if not isinstance(given, Recipe):
             raise StudyError(f"{given!r} is no recipe: give a Recipe")
-        return how.models(self, given if checked else given.as_it_is(), progress("local models"))
+        return how.models(self.everywhere, given if checked else given.as_it_is(), progress("local models"))
 
     def condense(self, settings: Any = None) -> CondensedModel | CondensedFlowModel:
         """A model that keeps all contact conditions, with its check.
@@ -163,10 +173,12 @@ class Training(TrainingAnswers):
         if not self.full_order.problem.varies:
             from hhr_dolfinx.baselines.condensation import exact_condensation
 
-            return exact_condensation(self.full_order, self.snapshots.known_statuses(), field=False)
+            full = self.full_order if self.full_order.problem.rigid is None else self.everywhere.full_order
+            return exact_condensation(full, self.snapshots.known_statuses(), field=False)
         from hhr_dolfinx.reduction.condense import condense
 
-        return condense(self.full_order, self.snapshots, settings, self.held_out)
+        there = self.everywhere
+        return condense(there.full_order, there.snapshots, settings, there.held_out)
 
     def force_correction(self) -> ForceCorrection:
         """What tells how far contact forces of histories are off, and corrects them once, for any model trained here.
@@ -210,8 +222,9 @@ def train(
         comm: communicator over which the training is spread.
         march: how histories are solved.
         progress: for progress bars.
-        together: whether the ranks have one full model together, whose factors are spread over them; all of them then
-            build models together too. None decides by the memory that they have.
+        together: whether the ranks have one full model together, whose factors are spread over them, and answers and
+            bases too where :func:`~hhr_dolfinx.reduction.build.not_by_rows` knows no reason against it; all of them
+            then build models together. None decides by the memory that they have.
 
     Raises:
         StudyError: for an invalid training, number of answers, seed or folder, before anything is computed.
@@ -222,6 +235,8 @@ def train(
         folder = None if folder is None else checked_folder(folder)
     with log.stage("full_order"):
         full = _full_model(scene, comm, together, log)
+        if chooses_itself(queries) or not_by_rows(full.problem):
+            full = full.gathered()
     with ranks.each_for_itself(comm, "opening the folder of answers"):
         store = None if folder is None else SnapshotStore(folder, full)
     with log.stage("snapshots"):
@@ -231,7 +246,9 @@ def train(
         with log.stage("held_out"):
             kept = _held_out(full, comm.bcast(_apart(full, snapshots, apart, seed)), comm, progress, store, march)
     check_small_strains(full, snapshots, kept)
-    found = comm.allreduce(0 if store is None else store.found)
+    # ranks that have one model together have found the same
+    counts = comm.allgather(0 if store is None else store.found)
+    found = max(counts) if full.comm.size > 1 else sum(counts)
     if found:
         asked = len(snapshots.points) + (0 if kept is None else len(kept.points))
         log.skip("snapshots", f"{found} of {asked} answers were read from {folder}: the times cover the others")
@@ -239,7 +256,7 @@ def train(
 
 
 def _full_model(scene: Scene, comm: MPI.Comm, together: bool | None, log: StageLog) -> FullOrderModel:
-    """One of each rank, or one of all ranks together, whose problem each of them has."""
+    """One of each rank, or one of all ranks together."""
     why = no_room_side_by_side(scene, comm) if together is None else "it was asked for" * together
     if why and comm.size > 1:
         if scene.shapes:
@@ -248,7 +265,7 @@ def _full_model(scene: Scene, comm: MPI.Comm, together: bool | None, log: StageL
                 "leave together out, and they work side by side"
             )
         log.skip("problems side by side", f"{comm.size} ranks solve one problem after another together, since {why}")
-        return FullOrderModel(scene, comm).gathered()
+        return FullOrderModel(scene, comm)
     with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
         return FullOrderModel(scene, MPI.COMM_SELF)
 
