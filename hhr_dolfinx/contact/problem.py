@@ -51,8 +51,9 @@ def dependence(
 
 def moduli_of(problem: ContactProblem, body: np.ndarray) -> list[Modulus]:
     """Moduli of the parts of K that have entries on some dofs, (n,)."""
+    own = problem.spread.mine(body)
     pairs = zip(problem.moduli, problem.stiffness_terms, strict=False)
-    return [modulus for modulus, term in pairs if term[body].count_nonzero()]
+    return [modulus for modulus, term in pairs if problem.spread.sum(float(term[own].count_nonzero()))]
 
 
 @dataclass(frozen=True)
@@ -60,7 +61,7 @@ class ScaledBodies:
     """The factors of the connected components.
 
     Attributes:
-        problem: whose stiffness it is, with all rows.
+        problem: whose stiffness it is.
         factors: modulus of each connected component of K, None for a constant one, in the order of ``problem.bodies``.
     """
 
@@ -70,7 +71,7 @@ class ScaledBodies:
     @classmethod
     def of(cls, problem: ContactProblem) -> ScaledBodies | None:
         """Of a problem; None where more than factors of whole components varies, or nothing does."""
-        if not problem.moduli or problem.reshaped is not None or not problem.whole:
+        if not problem.moduli or problem.reshaped is not None:
             return None
         factors = []
         for body in problem.bodies:
@@ -86,20 +87,22 @@ class ScaledBodies:
         return np.fromiter(values, dtype=float, count=len(self.factors)) / self._middle
 
     def on_dofs(self, scales: np.ndarray) -> np.ndarray:
-        """Numbers of the components, (C,), on their dofs, (N,)."""
+        """Numbers of the components, (C,), on their dofs, own ones of a rank."""
         return scales[self._component]
 
     def parts(self, per_force: np.ndarray) -> np.ndarray:
-        """S_c of each component, (C, m, m), from K^-1 B^T in the middle of the box, (N, m)."""
-        contact = self.problem.contact
-        return np.array([contact[:, body] @ per_force[body] for body in self.problem.bodies])
+        """S_c of each component, (C, m, m), from K^-1 B^T in the middle of the box, (own, m)."""
+        problem = self.problem
+        contact = problem.contact_of_rows
+        bodies = [problem.spread.mine(body) for body in problem.bodies]
+        return problem.spread.sum(np.array([contact[:, body] @ per_force[body] for body in bodies]))
 
     @cached_property
     def _component(self) -> np.ndarray:
         found = np.empty(self.problem.free.size, dtype=np.int64)
         for number, body in enumerate(self.problem.bodies):
             found[body] = number
-        return found
+        return self.problem.spread.of(found)
 
     @cached_property
     def _middle(self) -> np.ndarray:

@@ -63,16 +63,16 @@ class FullStiffness:
 
     @classmethod
     def _scaled(cls, full: Any, point: np.ndarray) -> FullStiffness:
-        """From the factors in the middle of the box, see :class:`ScaledBodies`; on one rank."""
+        """From the factors in the middle of the box, see :class:`ScaledBodies`."""
         scaled = full.scaled
         problem = full.problem
         assert scaled is not None
         scales = scaled.at(point)
         scale = scaled.on_dofs(scales)
         theta = problem.amplitudes(point)
-        free = full.solve_stiffness(problem.loads_at(point, theta) / scale)
+        free = full.solve_stiffness(problem.spread.of(problem.loads_at(point, theta)) / scale)
         schur = np.tensordot(1 / scales, full.schur_parts, 1)
-        slack = problem.gaps @ theta - problem.contact @ free
+        slack = problem.gaps @ theta - problem.moved(free)
         return cls(full, problem, point, free, schur, slack, None, scale)
 
     def contact(self) -> CondensedContact:

@@ -42,7 +42,7 @@ _log = logging.getLogger(__name__)
 
 KEPT_BYTES = 1e9
 """Memory that K^-1 B^T may take; where it would take more its columns are dropped as they are made."""
-_BY_ROWS = ("per_load", "scaled", "schur_parts")
+_BY_ROWS = ("per_load", "scaled")
 """Cached values of a full model that are those of its own rows."""
 FULL_ORDER_ADVICE = {Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"}
 
@@ -250,8 +250,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     @cached_property
     def scaled(self) -> ScaledBodies | None:
-        """Factors of whole bodies, where nothing else of K varies; None elsewhere, and on several ranks."""
-        return ScaledBodies.of(self.problem) if self.spread.size == 1 else None
+        """Factors of whole bodies, where nothing else of K varies; None elsewhere."""
+        return ScaledBodies.of(self.problem)
 
     @cached_property
     def schur_parts(self) -> np.ndarray:
@@ -259,7 +259,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
         assert self.scaled is not None
         if self._columns is not None:
             return self.scaled.parts(self._columns)
-        masks = [np.bincount(body, minlength=len(self.problem.free)) > 0 for body in self.problem.bodies]
+        bodies = self.problem.bodies
+        masks = [np.bincount(body, minlength=len(self.problem.free))[self._own] > 0 for body in bodies]
         with self.factors.lock:
             self._solver.refactor(self.problem.own_stiffness)
             rows = [csr_matrix(self._contact.multiply(mask)) for mask in masks]
@@ -273,7 +274,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
                 for number, mask in enumerate(masks):
                     here = mask[touched]
                     found[number][:, part] = contact[:, here] @ block[here]
-        return found
+        return self.spread.allreduce(found)
 
     @cached_property
     def rigid_taken(self) -> np.ndarray:
