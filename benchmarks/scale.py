@@ -7,9 +7,10 @@ it sees what compressed factors leave out of S, which the bound has to be larger
 ``schur_s`` and ``schur_gb`` are from nothing to S, and ``peak_gb`` is that of the largest of them, and of all sizes so
 far.
 
-With ``--reduced`` hyper-reduced models are trained and built by the ranks together, each with the rows of its own dofs.
+With ``--reduced`` hyper-reduced models are trained and built by the ranks together, each with the rows of its own dofs;
+with ``--flow`` the ranks march one history of the indentation, two steps to half and all of the depth.
 
-    [mpirun -n 2] python benchmarks/scale.py [--out DIR] [--quick] [--from N] [--up-to N] [--ratios] [--reduced]
+    [mpirun -n 2] python benchmarks/scale.py [--out DIR] [--quick] [--from N] [--up-to N] [--ratios] [--reduced | --flow]
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
 import _demos  # noqa: F401 (before the scenes)
+import indentation
 import numpy as np
 import sphere_on_block as demo
 from mpi4py import MPI
@@ -119,6 +121,33 @@ def reduced(cells: tuple[int, int, int, int], ratios: bool, comm: MPI.Comm = MPI
     return sizes | times | {"query_s": forces / QUERIES, "bound_of_forces": bound}
 
 
+BLOCKS = (10, 14, 19, 25, 34, 42)
+"""Cells of the block of the indentation along a side."""
+FLOWING = ("N", "N_lambda", "ranks", "built_s", "history_s", "iterations", "peak_gb")
+
+
+def flowing(cells: int, _: bool, comm: MPI.Comm = MPI.COMM_SELF) -> dict[str, float]:
+    """One row of the report for a history; one before it compiles what has to be."""
+    full, built = timed(lambda: hhr.FullOrderModel(indentation.scene(cells), comm))
+    low, high = np.array([full.parameters.lower, full.parameters.upper])
+    middle = (low + high) / 2
+    path = [(float(k), np.array([depth * high[0], *middle[1:]])) for k, depth in enumerate((0.0, 0.5, 1.0))]
+    full.march(path[:2])
+    comm.Barrier()
+    history, seconds = timed(lambda: full.march(path))
+    iterations = sum(answer.iterations for answer in history.answers)
+    sizes = {"N": len(full.problem.free), "N_lambda": full.conditions, "ranks": comm.size}
+    return sizes | {"built_s": built, "history_s": seconds, "iterations": iterations, "peak_gb": _peak(comm)}
+
+
+def expected_dofs(mesh: Any) -> int:
+    """Dofs of the sphere and the block, by their cells; of the indentation by those of its block."""
+    if isinstance(mesh, int):
+        block = indentation.geometry.indentation_cells(mesh)
+        mesh = (*block["sphere_cells"], *block["block_cells"])
+    return 3 * sum((side + 1) ** 2 * (depth + 1) for side, depth in (mesh[:2], mesh[2:]))
+
+
 def _peak(comm: MPI.Comm) -> float:
     """Memory that the largest rank has taken so far, in GB."""
     return comm.allreduce(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss, MPI.MAX) * 1024 / 1e9
@@ -161,12 +190,16 @@ def main() -> None:
     parser.add_argument("--from", type=float, default=0.0, metavar="N", dest="least", help="smallest number [0]")
     parser.add_argument("--ratios", action="store_true", help="vary ratios of Poisson too")
     parser.add_argument("--reduced", action="store_true", help="hyper-reduced models in place of condensed ones")
+    parser.add_argument("--flow", action="store_true", help="histories of bodies that flow, by the full order")
     options = cli.parse(parser)
-    measure, columns = (reduced, REDUCED) if options.reduced else (measured, COLUMNS)
+    measure, columns, meshes = measured, COLUMNS, MESHES
+    if options.reduced:
+        measure, columns = reduced, REDUCED
+    if options.flow:
+        measure, columns, meshes = flowing, FLOWING, BLOCKS
     rows: list[dict[str, float]] = []
-    for cells in MESHES[:2] if options.quick else MESHES:
-        expected = 3 * sum((side + 1) ** 2 * (depth + 1) for side, depth in (cells[:2], cells[2:]))
-        if expected > options.up_to or expected < options.least:
+    for cells in meshes[:2] if options.quick else meshes:
+        if not options.least <= expected_dofs(cells) <= options.up_to:
             continue
         if MPI.COMM_WORLD.size > 1:
             rows.append(measure(cells, options.ratios, MPI.COMM_WORLD))

@@ -18,6 +18,7 @@ from hhr_dolfinx.errors import ParameterError, TimeStepWarning
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.materials.update import Group, Material
 from hhr_dolfinx.models.answer import GaussState
+from hhr_dolfinx.models.histories.points import ALL_HERE
 from hhr_dolfinx.models.histories.time_error import TimeError
 
 pytestmark = pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.TimeStepWarning")
@@ -56,7 +57,7 @@ def test_estimate_at_a_point_held_at_a_strain(law, steps):
     material = Material([Group(np.arange(1), 1.0, 0.3, law)], 4)
     _, shear = lame_parameters(1.0, 0.3)
     strain = np.array([[0.0, 0.0, 0.0, np.sqrt(2 / 3) / (2 * shear)]])
-    model = SimpleNamespace(material=material, points=np.arange(1))
+    model = SimpleNamespace(material=material, points=np.arange(1), together=ALL_HERE)
 
     def answer(time, stress, state):
         return SimpleNamespace(time=time, parameter=np.zeros(0), state=lambda: GaussState(stress, state))

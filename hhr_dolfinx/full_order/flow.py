@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from copy import copy
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from threading import RLock
 from typing import TYPE_CHECKING, Any
 
@@ -12,12 +12,15 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csc_matrix, csr_matrix, diags
 
+from hhr_dolfinx import ranks
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.gauss_points import material_at, stiffness_parts, strain_operator
+from hhr_dolfinx.full_order.points_of_ranks import PointsOfRanks
+from hhr_dolfinx.linear.rows import Rows
 from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.materials.constants import check_law
 from hhr_dolfinx.materials.strain import ElasticPart, SparsePattern, StrainOperator
@@ -25,6 +28,7 @@ from hhr_dolfinx.materials.update import Material, Update
 from hhr_dolfinx.models.answer import Answer, GaussState
 from hhr_dolfinx.models.histories.equilibrium import Correction, MarchSettings
 from hhr_dolfinx.models.histories.linearised_step import PATIENCE, PATIENCE_IN_SPACE, LinearisedStepper
+from hhr_dolfinx.models.histories.points import ALL_HERE, Points
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.trained import Signs
 
@@ -76,7 +80,9 @@ class GaussModel:
 
 
 class FullEquilibrium:
-    """Equilibrium of U0, see :class:`hhr_dolfinx.models.histories.equilibrium.Equilibrium`; serial.
+    """Equilibrium of U0, see :class:`hhr_dolfinx.models.histories.equilibrium.Equilibrium`.
+
+    Vectors of dofs are there on each rank of several, Gauss points too but for what :meth:`on_ranks` makes.
 
     Args:
         full: the full model, whose elastic factors are used.
@@ -88,6 +94,7 @@ class FullEquilibrium:
     """
 
     trained = None
+    together: Points = ALL_HERE
 
     def __init__(self, full: Any, gauss: GaussModel):
         problem = full.problem
@@ -122,6 +129,41 @@ class FullEquilibrium:
         self._middle = self
         self._only_part = _only_part(problem)
         self._last: tuple[np.ndarray, FullEquilibrium] | None = None
+        self._ranks: PointsOfRanks | None = None
+        self._rows = problem.spread
+        self._spread: FullEquilibrium | None = None
+
+    def on_ranks(self, comm: MPI.Comm) -> FullEquilibrium:
+        """The same with some of the Gauss points on each rank, which march together; itself on one."""
+        cells = len(self.operator.weights)
+        if comm.size == 1 or cells < comm.size:
+            return self
+        if self._spread is None:
+            self._spread = self._sharing(PointsOfRanks(cells, self.per_cell, comm))
+            mine = ranks.share(self.size, comm.rank, comm.size)
+            self._spread._rows = Rows(slice(mine.start, mine.stop), self.size, comm)
+        return self._spread
+
+    def _sharing(self, points: PointsOfRanks) -> FullEquilibrium:
+        """The same with the Gauss points of some cells."""
+        found = copy(self)
+        operator = self.operator
+        arrays = {name: getattr(operator, name)[points.cells] for name in ("gradients", "weights", "dofs")}
+        found.operator = replace(operator, **arrays)
+        found.points = self.points[points.points]
+        found.together = points
+        found._ranks = points
+        found._pattern = replace(self._pattern, position=self._pattern.position[points.cells])
+        components = operator.components
+        rows = slice(points.points.start * components, points.points.stop * components)
+        found.eigenstrains = csc_matrix(self.eigenstrains.tocsr()[rows])
+        material = self.material.between(points.points)
+        found._set_elasticity(material.moduli_at(self.problem.middle), self.problem.own_stiffness)
+        found.elastic = replace(self.elastic, push=found._pushed, moduli=found._unchanged.tangents)
+        found.material = material
+        found._middle = found
+        found._last = None
+        return found
 
     def at(self, point: np.ndarray) -> FullEquilibrium:
         """The equilibrium whose elasticity is that of a point, (P,): itself where elasticity is constant.
@@ -172,7 +214,7 @@ class FullEquilibrium:
     def _pushed(self, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T λ in the middle of the box, by the columns of what bears: little of a contact in space."""
         bearing = np.flatnonzero(forces)
-        return self._full.per_force[:, bearing] @ forces[bearing]
+        return self._rows.whole(self._rows.of(self._full.per_force)[:, bearing] @ forces[bearing])
 
     def _linearisation(
         self,
@@ -208,6 +250,8 @@ class FullEquilibrium:
         """Loads less internal forces on free dofs, and the norm of what they are made of in each body."""
         loads = self.problem.external @ theta
         internal, size = self.operator.internal(gauss.stress)
+        if self._ranks is not None:
+            internal, size = self._ranks.summed(np.stack([internal, size]))
         free = self.problem.free
         return loads - internal * free, self.norms(np.abs(loads) + size * free)
 
@@ -221,7 +265,13 @@ class FullEquilibrium:
 
     def stiffness(self, tangents: np.ndarray) -> csr_matrix:
         """K_T of consistent tangents at all Gauss points, (N, N)."""
-        return self.operator.stiffness(tangents, self._pattern, self._unchanged)
+        elastic = self._unchanged
+        if self._ranks is None:
+            return self.operator.stiffness(tangents, self._pattern, elastic)
+        nothing = ElasticPart(elastic.tangents, np.zeros_like(elastic.data))
+        found = self.operator.stiffness(tangents, self._pattern, nothing)
+        found.data = elastic.data + self._ranks.summed(found.data)
+        return found
 
     def signs(self, answer: Answer) -> Signs:
         """Residual of the free dofs and its parts; gaps are kept to the tolerance of the solver."""

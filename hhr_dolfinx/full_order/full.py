@@ -473,7 +473,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
             return solve_along(self, checked, settings, known=known, keep=keep)
         from hhr_dolfinx.models.histories.march import march
 
-        return march(self.equilibrium, checked, settings, known=known, keep=keep)
+        equilibrium = self.equilibrium if settings.gradient else self.equilibrium.on_ranks(self.comm)
+        return march(equilibrium, checked, settings, known=known, keep=keep)
 
     def solve_stiffness(self, own_rhs: np.ndarray) -> np.ndarray:
         """K^-1 times a vector, each rank with its own rows."""

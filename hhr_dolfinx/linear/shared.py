@@ -9,6 +9,7 @@ import numpy as np
 from scipy.sparse import csr_matrix, spmatrix
 
 from hhr_dolfinx import ranks
+from hhr_dolfinx.linear.rows import Rows
 from hhr_dolfinx.linear.sparse import FreeCholesky
 
 if TYPE_CHECKING:
@@ -34,8 +35,7 @@ class SharedCholesky:
         self._factors = factors
         self.rows = rows
         self._own = own
-        self._comm = comm
-        self._counts = np.array(comm.allgather(rows.stop - rows.start))
+        self._whole = Rows(rows, stiffness.shape[0], comm).whole
         self._factored: csr_matrix | None = stiffness
         self.lock = factors.lock
         self.low_rank = factors.low_rank
@@ -96,11 +96,3 @@ class SharedCholesky:
         for part, block in self._factors.solved_blocks(columns.tocsr()[self.rows], refined=refined):
             whole = self._whole(block)
             yield part, whole if dofs is None else whole[dofs]
-
-    def _whole(self, own: np.ndarray) -> np.ndarray:
-        """Rows of all ranks from own ones, (own, ...): (N, ...)."""
-        width = own.shape[1:]
-        found = np.empty((int(self._counts.sum()), *width))
-        each = self._counts * int(np.prod(width))
-        self._comm.Allgatherv(np.ascontiguousarray(own), (found, each))
-        return found

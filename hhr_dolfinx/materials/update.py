@@ -172,6 +172,14 @@ class Material:
                 groups.append(Group(kept, group.young, group.poisson, group.law))
         return Material(groups, self.components, self.names)
 
+    def between(self, points: slice) -> Material:
+        """The material of the Gauss points of a range, renumbered from 0; its groups may be without any."""
+        groups = []
+        for group in self.groups:
+            inside = (group.indices >= points.start) & (group.indices < points.stop)
+            groups.append(replace(group, indices=group.indices[inside] - points.start))
+        return Material(groups, self.components, self.names)
+
     def at(self, point: np.ndarray) -> Material:
         """The material all of whose constants are those of a point, (P,): itself, if none depends on parameters.
 
@@ -307,6 +315,8 @@ def kernel_of(law: Any) -> tuple[int, tuple[float, float]] | None:
 
 def flow_of(law: Flow, trial: np.ndarray, cumulated: np.ndarray, mu: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
     """Flow and slope that a law answers with, as arrays; SceneError for other things, ConvergenceError for no flow."""
+    if not trial.size:  # a rank without points of a body
+        return np.zeros(0), np.zeros(0)
     try:
         answer = law.flow(trial, cumulated, mu, dt)
     except ArithmeticError as error:

@@ -113,6 +113,7 @@ class LocalEquilibrium:
         self.material = first.material
         self.young = first.young
         self.points = first.points
+        self.together = first.together
         self.per_cell = first.per_cell
         self.size = first.size
         self.conditions = first.conditions

@@ -36,6 +36,7 @@ from hhr_dolfinx.models.histories import condensed_step as compiled_step
 from hhr_dolfinx.models.histories.condensed_fields import CondensedFlowFields, PartFactors
 from hhr_dolfinx.models.histories.condensed_step import StepLoad, StepModel, Work, touch
 from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, MarchSettings, Stepper, extrapolated
+from hhr_dolfinx.models.histories.points import ALL_HERE, Points
 from hhr_dolfinx.models.histories.small_strains import SmallStrains
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.parameters import ParameterSpace
@@ -129,6 +130,7 @@ class CondensedEquilibrium:
     """
 
     trained: TrainedPaths | None = None
+    together: Points = ALL_HERE
 
     def __init__(
         self,

@@ -30,6 +30,7 @@ from hhr_dolfinx.trained import OUTSIDE, Signs, TrainedPaths
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.materials.update import Material, Update
+    from hhr_dolfinx.models.histories.points import Points
     from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
 
 
@@ -104,6 +105,7 @@ class Stepping(Protocol):
         parameters: the box of the parameters.
         material: elasticity and laws at its Gauss points; ``material.at(parameter)`` has their constants there.
         points: numbers of these points in the full model.
+        together: what all of its points say together, where ranks have some each.
         per_cell: Gauss points of a cell of the full model.
         size, conditions: number of unknowns and of contact conditions.
         friction: which of the conditions are tangential; None without friction.
@@ -114,6 +116,7 @@ class Stepping(Protocol):
     material: Material
     young: tuple[str, ...]
     points: np.ndarray
+    together: Points
     per_cell: int
     size: int
     conditions: int

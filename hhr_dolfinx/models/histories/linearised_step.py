@@ -8,6 +8,7 @@ Anderson's acceleration. A step that does not converge is tried with new tangent
 from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -24,6 +25,7 @@ from hhr_dolfinx.models.histories.equilibrium import (
     MarchSettings,
     extrapolated,
 )
+from hhr_dolfinx.models.histories.points import Points
 from hhr_dolfinx.models.histories.small_strains import SmallStrains
 from hhr_dolfinx.trained import Signs
 
@@ -67,7 +69,7 @@ class LinearisedStepper:
         gauss = answer.state()
         memory = self._memory
         _, scale = self._model.residual(answer.unknown, gauss, self._model.amplitudes(answer.parameter))
-        memory.grow(scale, _root_mean_square(gauss.stress))
+        memory.grow(scale, _root_mean_square(gauss.stress, self._model.together))
 
     def signs(self, answer: Answer) -> Signs:
         """See :class:`hhr_dolfinx.models.histories.equilibrium.Stepper`."""
@@ -135,8 +137,8 @@ class _Memory:
         self.stress = max(self.stress, stress)
 
 
-def _root_mean_square(stress: np.ndarray) -> float:
-    return float(np.sqrt(np.mean(stress**2)))
+def _root_mean_square(stress: np.ndarray, together: Points) -> float:
+    return float(np.sqrt(together.total(float(np.sum(stress**2))) / together.total(stress.size)))
 
 
 def _step(
@@ -161,12 +163,13 @@ def _step(
     active = (here if start is None else start).active
     rubbing = _rubbing(model, here, goal.parameter)
     noise = model.round_off(x, theta)
+    together = model.together
     linear: Any = memory.linearisation if flows else model.elastic
     for iteration in range(1, settings.iterations + 1):
         renew = flows and (linear is None or settings.search == "tangent")
         strain = model.strain(x, theta)
-        update = material.update(strain, here.state().state, dt, tangent=renew)
-        if not np.isfinite(update.stress).all():
+        update = together.agreed(partial(material.update, strain, here.state().state, dt, tangent=renew))
+        if not together.every(bool(np.isfinite(update.stress).all())):
             raise Diverged("the stress is not finite", int(np.argmin(np.isfinite(update.stress).all(axis=1))))
         residual, scale = model.residual(x, update, theta)
         flowing = int((update.state.cumulated - here.state().state.cumulated).argmax())
@@ -183,10 +186,10 @@ def _step(
         if (left <= settings.relative_force * np.maximum(scale, memory.forces) + noise).all():
             # the dearer of the two criteria is asked last
             moved = _moves(linear, model.strain_of(change))
-            largest = max(memory.stress, _root_mean_square(update.stress))
-            floor = max(settings.floor_stress * largest, ROUND_OFF_STRAIN * linear.moduli.max())
-            if (moved - settings.relative_stress * np.abs(update.stress)).max() <= floor:
-                memory.strains.check(strain)
+            largest = max(memory.stress, _root_mean_square(update.stress, together))
+            floor = max(settings.floor_stress * largest, ROUND_OFF_STRAIN * together.largest(linear.moduli.max()))
+            if together.largest((moved - settings.relative_stress * np.abs(update.stress)).max()) <= floor:
+                memory.strains.check(strain, together)
                 slow = settings.search == "tangent" or iteration > memory.patience
                 memory.linearisation = None if slow else linear
                 memory.grow(scale, largest)
@@ -196,7 +199,7 @@ def _step(
         active = found.active
         x = x + change if mixing is None else mixing(x, change)
     moved = _moves(linear, model.strain_of(change)).max(axis=1)
-    why = f"after {settings.iterations} iterations the stress still moves by {moved.max():.3g}"
+    why = f"after {settings.iterations} iterations the stress still moves by {together.largest(moved.max()):.3g}"
     raise Diverged(why, int(moved.argmax()))
 
 
@@ -219,7 +222,7 @@ def _elastic_start(model, here, theta, point):
     x = here.unknown
     before = model.amplitudes(here.parameter)
     change = model.strain(x, theta) - model.strain(x, before)
-    if not change.any():
+    if model.together.every(not change.any()):
         return x
     stress = here.state().stress + np.einsum("nij,nj->ni", model.material.elastic, change)
     residual, _ = model.residual(x, GaussState(stress, here.state().state), theta)

@@ -120,7 +120,7 @@ def _march(
             # what flowed before it flows no more: an extrapolation says nothing of this step
             trail = trail[-1:]
         if number <= len(known):
-            after = known[number - 1]
+            after = model.together.own(known[number - 1])
             stepper.learn(after)
             error = error.going_on(after) if after.parts > 1 else error.after(model.answering(after), trail[-1], after)
         else:
@@ -132,13 +132,14 @@ def _march(
         signs = stepper.signs(after)
         # a step that is refused is not kept
         watch.after(number, time, signs)
-        history.answers.append(after)
+        whole = model.together.whole(after) if number > len(known) else known[number - 1]
+        history.answers.append(whole)
         history.signs.append(signs)
         history.cuts += after.parts > 1
         told = number, len(path) - 1, time, after.iterations, after.parts
         _log.info("step %d of %d, t = %g s: %d iterations in %d parts", *told)
         if number > len(known):
-            keep(after)
+            keep(whole)
         trail = (*trail[-2:], after)
 
 

@@ -31,6 +31,7 @@ from hhr_dolfinx.models.answer import Answer, GaussState
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.histories.equilibrium import Correction, MarchSettings
 from hhr_dolfinx.models.histories.linearised_step import LinearisedStepper
+from hhr_dolfinx.models.histories.points import ALL_HERE, Points
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
@@ -103,6 +104,7 @@ class ProjectedEquilibrium:
     """
 
     trained: TrainedPaths | None = None
+    together: Points = ALL_HERE
     elastic: DenseLinearisation
 
     def __init__(self, problem: ReducedProblem, material: Material, parameters: ParameterSpace, fields: Reconstruction):

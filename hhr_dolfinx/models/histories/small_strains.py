@@ -8,6 +8,7 @@ import numpy as np
 
 from hhr_dolfinx.errors import SmallStrainWarning
 from hhr_dolfinx.models.histories.equilibrium import Diverged
+from hhr_dolfinx.models.histories.points import ALL_HERE, Points
 
 LARGE = 0.1
 """A strain worth a word: squares that are left out, e^2 / 2, are a twentieth of it."""
@@ -49,8 +50,8 @@ class SmallStrains:
     def __init__(self) -> None:
         self._said = False
 
-    def check(self, strain: np.ndarray) -> None:
-        """Warn of strains, (points, components), that are large.
+    def check(self, strain: np.ndarray, together: Points = ALL_HERE) -> None:
+        """Warn of strains, (points, components), that are large, on ranks that have some points each ``together``.
 
         Raises:
             Diverged: if they are no small strains at all.
@@ -58,11 +59,11 @@ class SmallStrains:
         Warns:
             SmallStrainWarning: once.
         """
-        largest = np.abs(strain).max()
+        largest = together.largest(np.abs(strain).max(initial=0.0))
         if largest <= LARGE:
             return
         sizes = np.abs(strain).max(axis=1)
-        spread = spread_strain(sizes)
+        spread = spread_strain(together.gathered(sizes))
         if spread > MOST or not largest <= RUNAWAY:
             raise Diverged(
                 f"a strain of {largest:.3g} is no small strain: the load is more than is borne, or strains are finite",

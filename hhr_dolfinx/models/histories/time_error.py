@@ -33,6 +33,7 @@ from hhr_dolfinx.materials.laws import Plasticity
 from hhr_dolfinx.materials.update import Group, Material, flow_of, kernel_of
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, Stepping
+from hhr_dolfinx.models.histories.points import Points
 
 SAFETY = 0.8
 """Part of what is allowed for which the next part of a step is meant."""
@@ -65,6 +66,7 @@ class TimeError:
     Attributes:
         bodies: those with rates, at the points of the model that gave the last answer.
         points: of that model, by which another one is told from it.
+        together: what these say together with those of other ranks.
         error: e at the points of each body, as a stress.
         rate: 2 μ times the rate of plastic strain there, per second; None where it is not known yet.
         largest: norm of the largest stress so far.
@@ -75,6 +77,7 @@ class TimeError:
 
     bodies: tuple[_Rated, ...]
     points: np.ndarray
+    together: Points
     error: tuple[np.ndarray, ...]
     rate: tuple[np.ndarray, ...] | None
     largest: float = 0.0
@@ -85,29 +88,33 @@ class TimeError:
     @classmethod
     def at_rest(cls, model: Stepping, rest: Answer) -> TimeError:
         """Of a model whose moduli are numbers, at the start of a history."""
-        return cls._of(model.material.at(rest.parameter), model.points)
+        return cls._of(model, model.material.at(rest.parameter))
 
     @classmethod
-    def _of(cls, material: Material, points: np.ndarray) -> TimeError:
+    def _of(cls, model: Stepping, material: Material) -> TimeError:
         bodies = tuple(
             _Rated(group.indices, place, lame_parameters(float(group.young), group.poisson)[1])
             for place, group in enumerate(material.groups)
             if _has_rates(group)
         )
         nothing = tuple(np.zeros((body.points.size, material.components)) for body in bodies)
-        return cls(bodies, points, nothing, nothing)
+        return cls(bodies, model.points, model.together, nothing, nothing)
 
     @property
     def estimate(self) -> float:
         """Norm of the error over that of the largest stress so far."""
         if self.largest == 0:
             return self.before
-        return self.before + float(np.sqrt(sum(float(np.vdot(e, e)) for e in self.error))) / self.largest
+        return self.before + self._norm(self.error) / self.largest
+
+    def _norm(self, parts: Sequence[np.ndarray]) -> float:
+        """Euclidean norm of values at points, of all ranks."""
+        return float(np.sqrt(self.together.total(sum(float(np.vdot(part, part)) for part in parts))))
 
     def going_on(self, answer: Answer) -> TimeError:
         """From an answer that was solved before in several parts, whose estimate is known and whose rates are not."""
         nothing = tuple(np.zeros_like(error) for error in self.error)
-        largest = max(self.largest, float(np.linalg.norm(answer.state().stress)))
+        largest = max(self.largest, self._norm([answer.state().stress]))
         return replace(self, error=nothing, rate=None, largest=largest, before=answer.time_error)
 
     def after(self, model: Stepping, before: Answer, answer: Answer) -> TimeError:
@@ -120,18 +127,20 @@ class TimeError:
         material = model.material.at(answer.parameter)
         if model.points is not self.points and not np.array_equal(model.points, self.points):
             # another model took over, whose points know neither an error of their own nor the rates at the start
-            other = TimeError._of(material, model.points)
+            other = TimeError._of(model, material)
             return replace(other, rate=None, largest=self.largest, before=self.estimate)
         if not self.bodies:
             return self
         dt = answer.time - before.time
         stress = answer.state().stress
         try:
-            parts = [self._body(k, material, before, answer, dt) for k in range(len(self.bodies))]
+            parts = self.together.agreed(
+                lambda: [self._body(k, material, before, answer, dt) for k in range(len(self.bodies))]
+            )
         except (ConvergenceError, SceneError):  # a law that answers in this step alone
             return self
-        largest = max(self.largest, float(np.linalg.norm(stress)))
-        raw, left = (float(np.sqrt(sum(part[k] for part in parts))) for k in (2, 3))
+        largest = max(self.largest, self._norm([stress]))
+        raw, left = (float(np.sqrt(self.together.total(sum(part[k] for part in parts)))) for k in (2, 3))
         return replace(
             self,
             error=tuple(part[0] for part in parts),

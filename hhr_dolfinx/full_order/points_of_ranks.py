@@ -1,0 +1,77 @@
+"""Bodies that flow on several ranks: each updates the material, and assembles, in some of the cells."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from hhr_dolfinx import ranks
+from hhr_dolfinx.materials.update import State
+from hhr_dolfinx.models.answer import Answer, GaussState
+
+
+class PointsOfRanks:
+    """Gauss points of the cells of each rank, see :class:`~hhr_dolfinx.models.histories.points.Points`.
+
+    Args:
+        cells: number of all cells.
+        per_cell: Gauss points of each.
+        comm: ranks that share the cells out, neighbours together.
+
+    Attributes:
+        cells, points: those of this rank.
+    """
+
+    def __init__(self, cells: int, per_cell: int, comm: MPI.Comm) -> None:
+        shares = [ranks.share(cells, rank, comm.size) for rank in range(comm.size)]
+        mine = shares[comm.rank]
+        self.cells = slice(mine.start, mine.stop)
+        self.points = slice(mine.start * per_cell, mine.stop * per_cell)
+        self._counts = np.array([len(share) * per_cell for share in shares])
+        self._comm = comm
+
+    def largest(self, value: float) -> float:
+        """See :class:`Points`; what is no number is the largest."""
+        values = np.array(self._comm.allgather(float(value)))
+        return float(values.max())
+
+    def total(self, value: float) -> float:
+        """See :class:`Points`."""
+        return float(sum(self._comm.allgather(float(value))))
+
+    def every(self, true: bool) -> bool:
+        """See :class:`Points`."""
+        return all(self._comm.allgather(bool(true)))
+
+    def agreed(self, work: Callable[[], Any]) -> Any:
+        """See :class:`Points`."""
+        with ranks.each_for_itself(self._comm, "updating the material"):
+            return work()
+
+    def own(self, answer: Answer) -> Answer:
+        """See :class:`Points`."""
+        gauss = answer.state()
+        state = State(*(np.asarray(part)[self.points] for part in gauss.state))
+        return answer._replace(gauss=GaussState(np.asarray(gauss.stress)[self.points], state))
+
+    def whole(self, answer: Answer) -> Answer:
+        """See :class:`Points`."""
+        gauss = answer.state()
+        state = State(*(self.gathered(part) for part in gauss.state))
+        return answer._replace(gauss=GaussState(self.gathered(gauss.stress), state))
+
+    def summed(self, part: np.ndarray) -> np.ndarray:
+        """The sum of an array of all ranks."""
+        found = np.empty_like(part)
+        self._comm.Allreduce(part, found)
+        return found
+
+    def gathered(self, values: np.ndarray) -> np.ndarray:
+        """See :class:`Points`."""
+        width = values.shape[1:]
+        found = np.empty((int(self._counts.sum()), *width))
+        self._comm.Allgatherv(np.ascontiguousarray(values), (found, self._counts * int(np.prod(width))))
+        return found
