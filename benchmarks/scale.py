@@ -10,7 +10,8 @@ far.
 With ``--reduced`` hyper-reduced models are trained and built by the ranks together, each with the rows of its own dofs;
 with ``--flow`` the ranks march one history of the indentation, two steps to half and all of the depth.
 
-    [mpirun -n 2] python benchmarks/scale.py [--out DIR] [--quick] [--from N] [--up-to N] [--ratios] [--reduced | --flow]
+    [mpirun -n 2] python benchmarks/scale.py [--out DIR] [--quick] [--from N] [--up-to N] [--ratios]
+                                             [--reduced | --flow]
 """
 
 from __future__ import annotations
@@ -127,12 +128,12 @@ FLOWING = ("N", "N_lambda", "ranks", "built_s", "history_s", "iterations", "peak
 
 
 def flowing(cells: int, _: bool, comm: MPI.Comm = MPI.COMM_SELF) -> dict[str, float]:
-    """One row of the report for a history; one before it compiles what has to be."""
+    """One row of the report for a history, the second one, as of a training: the first compiles what has to be."""
     full, built = timed(lambda: hhr.FullOrderModel(indentation.scene(cells), comm))
     low, high = np.array([full.parameters.lower, full.parameters.upper])
     middle = (low + high) / 2
     path = [(float(k), np.array([depth * high[0], *middle[1:]])) for k, depth in enumerate((0.0, 0.5, 1.0))]
-    full.march(path[:2])
+    full.march(path)
     comm.Barrier()
     history, seconds = timed(lambda: full.march(path))
     iterations = sum(answer.iterations for answer in history.answers)
