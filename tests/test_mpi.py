@@ -17,9 +17,11 @@ import dataclasses, json, sys, weakref
 sys.path[:0] = [{tests!r}, {demos!r}, {demos!r}[:-5] + "benchmarks"]
 import numpy as np
 import contact_patch_test as patch
+import flowing as pellets
 import fretting
 import hertz_half_discs as demo
 import indentation
+import pellet_cladding_plastic as pellet
 import scale
 import sphere_on_block
 from mpi4py import MPI
@@ -55,6 +57,16 @@ for name, parts in (("stiffness", problem.stiffness_terms), ("mass", (problem.no
     out[f"share of {{name}}"] = comm.allgather(sum(part.nnz for part in parts) / out[f"entries of {{name}}"])
 out["rows"] = comm.allgather((problem.rows.start, problem.rows.stop, problem.whole))
 out["whole"] = comm.allgather((whole.whole, whole is problem, full_order.gathered() is full_order))
+
+@dataclasses.dataclass(frozen=True)
+class Brittle:
+    "A law that breaks off beyond a stress."
+    limit: float
+    rated = False
+    def flow(self, trial, plastic_strain, shear, dt):
+        if (trial > self.limit).any():
+            raise ArithmeticError("it breaks")
+        return 0 * trial, 0 * trial
 
 def said(action):
     try:
@@ -150,6 +162,23 @@ for steps in (2, 3):
     kept_steps = hhr.compute_snapshots(flowing, [path[:steps]], store=shared)
 out["goes on"] = kept_steps.histories[0].answers[-1].forces().tolist()
 out["steps found"] = comm.bcast(shared.found)
+# creep beside plasticity, in parts of steps too, and a modulus that is a parameter: each rank has some of the points
+creeping = pellets.flowing_full()
+for name, settings in {{"creeps": hhr.MarchSettings(), "creeps in parts": hhr.MarchSettings(time_tolerance=0.02)}}.items():
+    history = creeping.march(pellet.path(5.0, 4), settings)
+    last = history.answers[-1]
+    out[name] = [float(np.linalg.norm(item)) for item in (last.forces(), last.stress(), last.plastic_strain())]
+    out[name + ", errors"] = [*history.time_error.tolist(), *(answer.parts for answer in history.answers)]
+    out[name + ", points"] = list(last.stress().shape)
+softer = hhr.FullOrderModel(indentation.scene(6, young="E"))
+ends = np.array([softer.parameters.lower, softer.parameters.upper])
+away = [(float(k), np.append(share * ends[1, :1], ends.mean(axis=0)[1:] * 1.1)) for k, share in enumerate((0.0, 1.0))]
+out["softer"] = softer.march(away).answers[-1].forces().tolist()
+# a law that answers nowhere near what one of the ranks has
+brittle = indentation.scene(6)
+block = dataclasses.replace(brittle.bodies[1], law=Brittle(100.0))
+brittle = hhr.FullOrderModel(dataclasses.replace(brittle, bodies=(brittle.bodies[0], block)))
+out["brittle"] = comm.allgather(said(lambda: brittle.march(path)))
 points = (0.0, 0.0, 0.3), (0.004, 0.0, 0.3), (0.004, 0.0013, 0.3), (0.004, -0.001, 0.3)
 for answer in hhr.FullOrderModel(fretting.scene(24)).march(list(enumerate(points))).answers:
     out[f"rubbed {{answer.time}}"] = answer.forces().tolist()
@@ -221,6 +250,7 @@ ELSEWHERE = {
     "said",
     "kept",
     "nearly incompressible",
+    "brittle",
 }
 """What has a test of its own."""
 
@@ -277,6 +307,13 @@ def test_what_needs_all_rows_says_so_on_every_rank(found, ranks):
     assert all(text.startswith("SceneError") and "problem.gathered(comm)" in text for text in said["stiffness"])
     assert all("give the communicator of its model" in text for text in said["wrong ranks"])
     assert all(texts == ["nothing"] for texts in found[1]["said"].values())
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_a_law_that_fails_on_one_rank_fails_on_all(found, ranks):
+    assert len(found[ranks]["brittle"]) == ranks
+    assert all(text.startswith("ConvergenceError: step 1 to t = 1 s") for text in found[ranks]["brittle"])
+    assert all("it breaks" in text for text in found[ranks]["brittle"])
 
 
 @pytest.mark.parametrize("ranks", [1, 2, 3])
