@@ -235,7 +235,9 @@ def train(
         folder = None if folder is None else checked_folder(folder)
     with log.stage("full_order"):
         full = _full_model(scene, comm, together, log)
-        if chooses_itself(queries) or not_by_rows(full.problem):
+        why = "a greedy training chooses its points" if chooses_itself(queries) else not_by_rows(full.problem)
+        if why and full.problem.comm is not None:
+            log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
             full = full.gathered()
     with ranks.each_for_itself(comm, "opening the folder of answers"):
         store = None if folder is None else SnapshotStore(folder, full)
