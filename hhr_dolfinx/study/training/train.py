@@ -235,10 +235,8 @@ def train(
         folder = None if folder is None else checked_folder(folder)
     with log.stage("full_order"):
         full = _full_model(scene, comm, together, log)
-        why = "a greedy training chooses its points" if chooses_itself(queries) else not_by_rows(full.problem)
-        if why and full.problem.comm is not None:
-            log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
-            full = full.gathered()
+        if full.problem.comm is not None:
+            full = _with_rows(full, queries, log)
     with ranks.each_for_itself(comm, "opening the folder of answers"):
         store = None if folder is None else SnapshotStore(folder, full)
     with log.stage("snapshots"):
@@ -270,6 +268,15 @@ def _full_model(scene: Scene, comm: MPI.Comm, together: bool | None, log: StageL
         return FullOrderModel(scene, comm)
     with ranks.each_for_itself(comm, f"building the full model of scene '{scene.name}'"):
         return FullOrderModel(scene, MPI.COMM_SELF)
+
+
+def _with_rows(full: FullOrderModel, queries: Any, log: StageLog) -> FullOrderModel:
+    """A full model that ranks have together, with all rows on each where they do not reduce by rows."""
+    why = "a greedy training chooses its points" if chooses_itself(queries) else not_by_rows(full.problem)
+    if not why:
+        return full
+    log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
+    return full.gathered()
 
 
 def _labels_of_steps(snapshots: SnapshotSet, how: Any) -> Any:
