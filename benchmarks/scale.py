@@ -184,6 +184,14 @@ def slopes(rows: list[dict[str, float]], named: tuple[str, ...] = COLUMNS[3:]) -
     return {name: float(np.polyfit(sizes, np.log([row[name] for row in later]), 1)[0]) for name in named}
 
 
+KINDS: dict[str, tuple[Any, tuple[str, ...], tuple[Any, ...]]] = {
+    "scale": (measured, COLUMNS, MESHES),
+    "reduced": (reduced, REDUCED, MESHES),
+    "flow": (flowing, FLOWING, BLOCKS),
+}
+"""What makes a row of the report, what of it is told, and meshes."""
+
+
 def main() -> None:
     """Measure sizes up to a number of dofs, and report."""
     parser = cli.demo_parser("scale", __doc__)
@@ -193,11 +201,8 @@ def main() -> None:
     parser.add_argument("--reduced", action="store_true", help="hyper-reduced models in place of condensed ones")
     parser.add_argument("--flow", action="store_true", help="histories of bodies that flow, by the full order")
     options = cli.parse(parser)
-    measure, columns, meshes = measured, COLUMNS, MESHES
-    if options.reduced:
-        measure, columns = reduced, REDUCED
-    if options.flow:
-        measure, columns, meshes = flowing, FLOWING, BLOCKS
+    kind = "flow" if options.flow else "reduced" if options.reduced else "scale"
+    measure, columns, meshes = KINDS[kind]
     rows: list[dict[str, float]] = []
     for cells in meshes[:2] if options.quick else meshes:
         if not options.least <= expected_dofs(cells) <= options.up_to:
@@ -209,7 +214,7 @@ def main() -> None:
                 rows.append(alone.submit(measure, cells, options.ratios).result())
         told = ", ".join(f"{name} {rows[-1][name]:.3g}" for name in columns)
         options.console.print(told + ("" if rows[-1].get("columns_kept", True) else ", columns dropped"))
-    found = {"scene": "scale", "scale": rows, "slopes": slopes(rows, columns[3:]) if len(rows) > 1 else {}}
+    found = {"scene": "scale", kind: rows, "slopes": slopes(rows, columns[3:]) if len(rows) > 1 else {}}
     if found["slopes"]:
         grown = ", ".join(f"{name} {value:.2g}" for name, value in found["slopes"].items())
         options.console.print(f"powers of N: {grown}")
