@@ -76,7 +76,8 @@ def check_hypotheses(full: Any, *, floating: bool = False) -> None:
     rows = problem.spread
     turned = rows.sum(problem.own_stiffness.T @ rows.of(signs))
     _, skew = rows.largest(np.abs(problem.own_stiffness @ signs - rows.of(turned)).max(axis=1))
-    _, size = rows.largest(np.abs(problem.own_stiffness.data))
+    entries = problem.own_stiffness.data
+    _, size = rows.largest(np.array([entries.max(), -entries.min()]))
     if skew > SYMMETRIC * size:
         raise BoundError(f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy")
 

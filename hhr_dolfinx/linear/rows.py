@@ -122,7 +122,8 @@ class MatrixOfRows:
     """
 
     def __init__(self, matrix: csr_matrix, rows: Rows) -> None:
-        self._comm = _comm_of(rows)
+        assert rows.comm is not None
+        self._comm = rows.comm
         first = rows.own.start
         if not matrix.has_canonical_format:  # scipy would sort entries where they lie, which are those of the matrix
             matrix = matrix.copy()
@@ -178,9 +179,3 @@ class MatrixOfRows:
         given = np.ascontiguousarray(table[self._given], dtype=float)
         self._comm.Alltoallv((given, width * self._sent), (beside, width * self._received))
         return self._matrix @ np.concatenate([beside[: self._before], table, beside[self._before :]])
-
-
-def _comm_of(rows: Rows) -> Comm:
-    """The ranks that share rows."""
-    assert rows.comm is not None
-    return rows.comm
