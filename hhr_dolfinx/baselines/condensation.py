@@ -29,7 +29,7 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
         known: statuses of the training points, (S, N_lambda).
         field: compute the displacement with each answer; without it only when it is asked for, and a query costs less.
     """
-    if full.spread.size > 1 and full.problem.rigid is not None:
+    if full.spread.comm is not None and full.problem.rigid is not None:
         raise SceneError("contact alone holds bodies: give a full model on MPI.COMM_SELF, whose motions one rank knows")
     if full.equilibrium is not None:
         raise SceneError(
@@ -47,9 +47,9 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
             f"known, a {type(known).__name__}, must hold statuses of the {conditions} conditions of this scene at one "
             "point or more: snapshots.known_statuses()"
         )
-    free = np.concatenate(full.spread.allgather(full.per_load))
+    free = full.spread.whole(full.per_load)
     # only with the field is it known how far bodies moved that contact holds
-    kept = full.keeps_columns and full.spread.size == 1
+    kept = full.keeps_columns and full.spread.comm is None
     field = (field and kept) or problem.rigid is not None
     responses = Responses(
         free_primal=free if field else free[:0],

@@ -58,7 +58,7 @@ class FullStiffness:
         schur = full.schur if known is None else known.schur
         theta = problem.amplitudes(point)
         free = full.solve_stiffness(problem.loads[rows] @ theta)
-        slack = problem.gaps @ theta - full.spread.allreduce(contact @ free)
+        slack = problem.gaps @ theta - full.spread.sum(contact @ free)
         return cls(full, problem, point, free, schur, slack, known)
 
     @classmethod
@@ -77,7 +77,7 @@ class FullStiffness:
 
     def contact(self) -> CondensedContact:
         """What is left once the displacement is eliminated, on all ranks."""
-        free = np.concatenate(self.full.spread.allgather(self.free))
+        free = self.full.spread.whole(self.free)
         return CondensedContact(
             self.schur, self.free_slack, free, self.pushed, self.at_fixed_forces, symmetric=True,
             floating=self.floating, factored=None if self.full.problem.varies else self.full.equalities,
@@ -86,7 +86,7 @@ class FullStiffness:
     def pushed(self, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T times forces, (m,) or (m, k), on all dofs, (N,) or (N, k)."""
         own = self._pushed(forces)
-        return np.concatenate(self.full.spread.allgather((own.T / self.scale).T))
+        return self.full.spread.whole((own.T / self.scale).T)
 
     def _pushed(self, forces: np.ndarray) -> np.ndarray:
         """The same on own dofs, and without the scale."""
@@ -102,8 +102,8 @@ class FullStiffness:
         left, slack = self._explicit(forces, unknown)
         found = np.stack([self.full.solve_stiffness(-column / self.scale) for column in left.T], axis=1)
         contact = self.problem.contact[:, self.problem.rows]
-        whole = np.concatenate(self.full.spread.allgather(found))
-        return slack - self.full.spread.allreduce(contact @ found), whole
+        whole = self.full.spread.whole(found)
+        return slack - self.full.spread.sum(contact @ found), whole
 
     @cached_property
     def floating(self) -> Floating | None:

@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.full_order.outputs import FullShapeFunctionals
     from hhr_dolfinx.full_order.rid_arrays import ShapedArrays
+    from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.linear.shared import SharedCholesky
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.functionals.functional import Functionals
@@ -63,8 +64,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
     Attributes:
         scene: the scene.
         comm: MPI communicator, whose ranks ask together.
-        spread: communicator over which rows and vectors of dofs are spread: the same, but where bodies flow each rank
-            has all of them, and factors alone are shared.
+        spread: which rows of vectors and tables of dofs are here, and sums over ranks: where bodies flow each rank has
+            all of them, and factors alone are shared.
         discretisation: mesh and forms.
         problem: the :class:`ContactProblem`; on several ranks each has the rows of its own dofs.
         parameters: the box of the parameters.
@@ -91,7 +92,6 @@ class FullOrderModel(AnsweringModel, ModelFields):
             raise SceneError(f"{scene!r} is no scene: give a Scene")
         self.scene = scene
         self.comm = comm
-        self.spread = comm
         self.equilibrium: FullEquilibrium | None = None
         with ranks.together(comm, f"building the full model of scene '{scene.name}'"):
             if any(body.law is not None for body in scene.bodies):
@@ -104,8 +104,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
     def _build_flowing(self) -> None:
         from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel
 
-        self.spread = MPI.COMM_SELF
-        gauss = GaussModel.of(self.scene, self.spread)
+        gauss = GaussModel.of(self.scene, MPI.COMM_SELF)
         self._factor(gauss.discretisation, gauss.stiffness, gauss.moduli)
         self.equilibrium = FullEquilibrium(self, gauss)
 
@@ -144,7 +143,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         # what is solved for once for each query, or does not keep its columns, asks for S alone
         asked = np.unique(problem.contact.indices) if anew or not self.keeps_columns else None
         self._solver = self.factors_of(problem.own_stiffness, "mumps" if anew else "qmd", asked, anew=anew)
-        check_regular(problem, lambda rhs: self._gather(self._solver.solve(rhs)), self.scene.name)
+        check_regular(problem, lambda rhs: self.spread.whole(self._solver.solve(rhs)), self.scene.name)
         contact = problem.contact[:, self._own]
         self._own_loads = problem.loads[self._own]
         self._contact = contact
@@ -174,7 +173,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
     def _condensed(self) -> np.ndarray:
         """S of columns of K^-1 B^T that are kept, or by blocks of columns that are dropped."""
         if self._columns is not None:
-            return self.spread.allreduce(self._contact @ self._columns)
+            return self.spread.sum(self._contact @ self._columns)
         self._solver.refactor(self.problem.own_stiffness)
         known = self._between_last([self._contact])
         if known is not None:
@@ -188,7 +187,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         touched, contact = self._at_contact()
         for part, block in self._solver.solved_blocks(self._contact.T, touched):
             found[:, part] = contact @ block
-        return self.spread.allreduce(found)
+        return self.spread.sum(found)
 
     def _between_last(self, rows: list[csr_matrix]) -> list[np.ndarray] | None:
         """Each of some rows, (m, own dofs), as rows K^-1 rows^T, (m, m); None where that takes solutions."""
@@ -232,7 +231,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     def pushed_everywhere(self, forces: np.ndarray) -> np.ndarray:
         """The same on all dofs of all ranks, (N,) or (N, k); collective."""
-        return self._gather(self.pushed(forces))
+        return self.spread.whole(self.pushed(forces))
 
     def pressed(self, rows: csr_matrix) -> np.ndarray:
         """Some rows, (k, N), times K^-1 B^T, (k, N_lambda); as K is symmetric, B times K^-1 rows^T."""
@@ -240,8 +239,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
             return np.zeros((0, self.conditions))
         own = csr_matrix(rows)[:, self._own]
         if self._columns is not None:
-            return self.spread.allreduce(own @ self._columns)
-        return self.spread.allreduce(self._contact @ self.solved_columns(csc_matrix(own.T))).T
+            return self.spread.sum(own @ self._columns)
+        return self.spread.sum(self._contact @ self.solved_columns(csc_matrix(own.T))).T
 
     @cached_property
     def per_load(self) -> np.ndarray:
@@ -274,7 +273,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
                 for number, mask in enumerate(masks):
                     here = mask[touched]
                     found[number][:, part] = contact[:, here] @ block[here]
-        return self.spread.allreduce(found)
+        return self.spread.sum(found)
 
     @cached_property
     def rigid_taken(self) -> np.ndarray:
@@ -298,12 +297,17 @@ class FullOrderModel(AnsweringModel, ModelFields):
         if self.problem.resting is None:
             return own
         motions = self.problem.resting[self._own]
-        return own - motions @ self.spread.allreduce(motions.T @ own)
+        return own - motions @ self.spread.sum(motions.T @ own)
 
     @property
     def fields(self) -> FullOrderModel:
         """What completes its answers: itself."""
         return self
+
+    @property
+    def spread(self) -> Rows:
+        """See above."""
+        return self.problem.spread
 
     @property
     def dimension(self) -> int:
@@ -333,7 +337,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         found = self._between_last([contact])
         if found is None:
             per_force = self.solved_columns(contact.T)
-            found = [self.spread.allreduce(contact @ per_force)]
+            found = [self.spread.sum(contact @ per_force)]
         self._at_hand = AtHand(weights, stiffness, per_force, found[0])
         return self._at_hand
 
@@ -377,20 +381,19 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
         For what reduces and checks, which all ranks do alike, as where bodies flow.
         """
-        problem = self.problem.gathered(self.spread)
-        if problem is self.problem:
+        if self.problem.comm is None:
             return self
+        problem = self.problem.gathered(self.comm)
         from hhr_dolfinx.linear.shared import SharedCholesky
 
         model = copy(self)
         for name in _BY_ROWS:
             vars(model).pop(name, None)
         model.problem = problem
-        model.spread = MPI.COMM_SELF
         model._own = problem.rows
         model._own_loads = problem.loads
         model._contact = problem.contact
-        model._columns = None if self._columns is None else self._gather(self._columns)
+        model._columns = None if self._columns is None else self.spread.whole(self._columns)
         factors = self._solver
         assert isinstance(factors, FreeCholesky)
         own = self.problem.own_stiffness
@@ -416,7 +419,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         low_rank = low_rank_of(problem.block_size, problem.free.size, anew=anew)
         if low_rank is not None:
             _log.info("%d dofs in space: blocks of the factors are compressed to %g", problem.free.size, low_rank)
-        if self.spread.size < self.comm.size:
+        if problem.comm is None and self.comm.size > 1:
             from hhr_dolfinx.linear.shared import SharedCholesky
 
             given = stiffness, problem.held, self.scene.name, self.comm
@@ -433,9 +436,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
             return solved_anew(self, point, None if cold else start, gradient=gradient)
         theta = self.problem.amplitudes(point)
         free = self.solve_stiffness(self._own_loads @ theta)
-        free_slack = self.problem.gaps @ theta - self._sum(self._contact @ free)
+        free_slack = self.problem.gaps @ theta - self.spread.sum(self._contact @ free)
         found = active_set(self.equalities, free_slack, free_slack < 0 if cold else start, pairs=self._pairs)
-        return found_as(found, point, self._gather(free - self.pushed(found.forces)), self)
+        return found_as(found, point, self.spread.whole(free - self.pushed(found.forces)), self)
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
         """See :class:`AnsweringModel`; what K of the point before leaves is at hand."""
@@ -487,7 +490,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         if resting is None or not resting.shape[1]:
             return found
         own = resting[self._own]
-        work = self.spread.allreduce(own.T @ columns)
+        work = self.spread.sum(own.T @ columns)
         drawn = np.stack([self._solver.solve(motion) for motion in own.T], axis=1)
         return self.at_rest(found - drawn @ work)
 
@@ -542,9 +545,3 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """Derivatives of all forces and of the displacement."""
         assert answer.gradient is not None
         return answer.gradient.multipliers, answer.gradient.unknown + self.problem.lifts @ changes
-
-    def _sum(self, part: np.ndarray) -> np.ndarray:
-        return part if self.spread.size == 1 else self.spread.allreduce(part)
-
-    def _gather(self, own: np.ndarray) -> np.ndarray:
-        return own if self.spread.size == 1 else np.concatenate(self.spread.allgather(own))
