@@ -8,6 +8,7 @@ import pytest
 from scipy.sparse import random_array
 from test_mpi import launch
 
+import hhr_dolfinx as hhr
 from hhr_dolfinx.linear.rows import MatrixOfRows, Rows
 
 TESTS = Path(__file__).parent
@@ -69,10 +70,14 @@ out["safe"] = [float(np.linalg.norm(safe.solve(point).forces())) for point in as
 choosing = hhr.Greedy(budget=10, start=hhr.Sobol(4), candidates=hhr.Sobol(16), together=3)
 greedy = hhr.train(scene, choosing, held_out=0, together=True)
 out["greedy"] = [len(greedy.snapshots.points), len(greedy.snapshots.displacements)]
-try:
-    training.build(hhr.Recipe(test_rows.Nowhere(), trust=None))
-except hhr.errors.ReductionError as error:
-    out["refused"] = comm.allgather(str(error)[:60])
+out["refused"] = {{}}
+for kind in (test_rows.Nowhere, test_rows.Wider, test_rows.OwnNodes):
+    step = kind()
+    own = {{"basis": step}} if hasattr(step, "modes") else {{"nodes": (hhr.Deim(), step)}}
+    try:
+        training.build(hhr.Recipe(trust=None, **own))
+    except hhr.errors.ReductionError as error:
+        out["refused"][kind.__name__] = comm.allgather(str(error))
 if comm.rank == 0:
     print(json.dumps(out))
 """
@@ -122,6 +127,24 @@ class Nowhere:
     def modes(self, problem, snapshots):
         found = np.linalg.qr(snapshots.displacements)[0]
         return found if problem.first else np.full_like(found, np.nan)
+
+
+class Wider:
+    """A basis with one mode more on the first rank than on others."""
+
+    by_rows = True
+
+    def modes(self, problem, snapshots):
+        return hhr.Pod(1e-9).modes(problem, snapshots)[:, : 5 - bool(problem.first)]
+
+
+class OwnNodes:
+    """Nodes of this rank alone."""
+
+    by_rows = True
+
+    def nodes(self, problem, snapshots, basis):
+        return np.array([problem.first // problem.block_size])
 
 
 @pytest.fixture(scope="module")
@@ -196,5 +219,9 @@ def test_what_knows_nothing_of_rows_gets_all_of_them(found, ranks):
 
 @pytest.mark.parametrize("ranks", [1, 2, 3])
 def test_what_is_wrong_on_one_rank_is_refused_on_all(found, ranks):
-    assert len(found[ranks]["refused"]) == ranks
-    assert all(text.startswith("modes of <test_rows.Nowhere") for text in found[ranks]["refused"])
+    words = {"Nowhere": "modes of <test_rows.Nowhere"}
+    if ranks > 1:
+        words |= {"Wider": "other numbers of modes on other ranks", "OwnNodes": "other nodes on other ranks"}
+    assert found[ranks]["refused"].keys() == words.keys()
+    for kind, texts in found[ranks]["refused"].items():
+        assert len(texts) == ranks and all(words[kind] in text for text in texts), kind

@@ -155,7 +155,8 @@ def slack_residuals(problem: ContactProblem, homogeneous: np.ndarray, forces: np
 
 def mass_norm(problem: ContactProblem, field: np.ndarray) -> float:
     """L2 norm of a field, (N,), of which ranks that share rows of the Gram matrix have all values."""
-    square = problem.spread.sum(problem.spread.of(field) @ (problem.mass @ field))
+    moved = problem.node_mass @ field.reshape(-1, problem.block_size)  # components do not meet
+    square = problem.spread.sum(problem.spread.of(field) @ moved.ravel())
     return float(np.sqrt(max(square, 0.0)))
 
 

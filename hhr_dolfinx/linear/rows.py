@@ -91,6 +91,14 @@ class Rows:
         value, place = max(self.comm.allgather(best))
         return -place, value
 
+    def first(self, value: Any) -> Any:
+        """What the first rank has of something small, which others may have with other last digits."""
+        return value if self.comm is None else self.comm.bcast(value)
+
+    def alike(self, value: Any) -> bool:
+        """Whether all ranks have the same of something small."""
+        return self.comm is None or len(set(self.comm.allgather(value))) == 1
+
     def norms(self, table: np.ndarray) -> np.ndarray:
         """Euclidean norm of each column, (k,)."""
         if self.comm is None:
@@ -108,7 +116,7 @@ class Rows:
             return own, triangle
         triangles = self.comm.allgather(triangle)
         ends = np.cumsum([0, *map(len, triangles)])
-        turns, found = linalg.qr(np.vstack(triangles), mode="economic")
+        turns, found = self.first(linalg.qr(np.vstack(triangles), mode="economic"))
         rank = self.comm.rank
         return own @ turns[ends[rank] : ends[rank + 1]], found
 

@@ -78,7 +78,7 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
     left = np.flatnonzero(squares > 0)
     added = []
     left_out = []
-    kappas = [_kappa(tables)]
+    kappas = [rows.first(_kappa(tables))]
     stalled = False
     while kappas[-1] > kappa_max:
         # length of each candidate less its part in the basis
@@ -88,7 +88,7 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
         lengths = lengths[lengths > DISTINCT]
         if left.size == 0:
             break
-        best = _best(tables, images[:, left], weights[:, left], lengths, left)
+        best = rows.first(_best(tables, images[:, left], weights[:, left], lengths, left))
         chosen = left[best]
         left = np.delete(left, best)
         function = rows.of(np.bincount(sets.A_c, candidates[:, chosen], rows.count))
@@ -98,7 +98,7 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
             continue
         there = rows.at(column, sets.A_c_tilde)
         tables = [table.grown(there[np.searchsorted(sets.A_c_tilde, table.part)], chosen) for table in tables]
-        kappa = _kappa(tables)
+        kappa = rows.first(_kappa(tables))
         if kappa >= kappas[-1] and math.isfinite(kappas[-1]):
             stalled = True
             break

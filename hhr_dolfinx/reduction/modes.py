@@ -72,9 +72,9 @@ def _decomposed(snapshots: np.ndarray, gram: Any, rows: Rows) -> tuple[np.ndarra
         return modes, values, noise
     if gram is None:
         modes, triangle = rows.orthonormal(snapshots)
-        turns, values, _ = linalg.svd(triangle, full_matrices=False)
+        turns, values, _ = rows.first(linalg.svd(triangle, full_matrices=False))
         return modes @ turns, values, noise
-    squares, weights = linalg.eigh(rows.sum(snapshots.T @ (gram @ snapshots)))
+    squares, weights = rows.first(linalg.eigh(rows.sum(snapshots.T @ (gram @ snapshots))))
     values = np.sqrt(np.maximum(squares[::-1], 0.0))
     return snapshots @ weights[:, ::-1], values, np.sqrt(noise)
 

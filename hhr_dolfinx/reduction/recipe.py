@@ -55,14 +55,14 @@ def _nodes_of_values(problem: ContactProblem, values: np.ndarray, tolerance: flo
 
 
 class Basis(Protocol):
-    """A choice of the basis of displacements."""
+    """A choice of the basis of displacements; on ranks that build together the rows of each of the same modes."""
 
     def modes(self, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
         """V with orthonormal columns, most important first, zero on imposed dofs, (N, ell)."""
 
 
 class Nodes(Protocol):
-    """A choice of nodes, around which the RID is built."""
+    """A choice of nodes, around which the RID is built; the same on all ranks that build together."""
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """Numbers of nodes, (n,)."""
@@ -492,6 +492,8 @@ def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.n
         raise ReductionError(
             f"modes of {step!r} have the shape {basis.shape}: finite ones ({len(free)}, ell) are needed"
         )
+    if not problem.spread.alike(basis.shape[1]):
+        raise ReductionError(f"{step!r} returned other numbers of modes on other ranks: give rows of the same modes")
     check_basis(problem, basis, f"the basis of {step!r}")
     if problem.rigid is not None:
         along = problem.spread.sum(rigid.T @ basis)
@@ -503,4 +505,7 @@ def chosen_nodes(problem: ContactProblem, snapshots: SnapshotSet, recipe: Recipe
     """Numbers of the nodes around which the RID of a recipe is built, those of a user's own choices too."""
     found = [np.asarray(step.nodes(problem, snapshots, basis)) for step in recipe.nodes]
     known = [checked_nodes(one, len(problem.points), repr(step)) for one, step in zip(found, recipe.nodes, strict=True)]
-    return np.unique(np.concatenate([*known, problem.contact_slaves[holding(problem)]]))
+    nodes = np.unique(np.concatenate([*known, problem.contact_slaves[holding(problem)]]))
+    if not problem.spread.alike(nodes.tobytes()):
+        raise ReductionError("a step of the recipe chose other nodes on other ranks: choose the same, of the whole mesh")
+    return nodes
