@@ -507,5 +507,5 @@ def chosen_nodes(problem: ContactProblem, snapshots: SnapshotSet, recipe: Recipe
     known = [checked_nodes(one, len(problem.points), repr(step)) for one, step in zip(found, recipe.nodes, strict=True)]
     nodes = np.unique(np.concatenate([*known, problem.contact_slaves[holding(problem)]]))
     if not problem.spread.alike(nodes.tobytes()):
-        raise ReductionError("a step of the recipe chose other nodes on other ranks: choose the same, of the whole mesh")
+        raise ReductionError("a step of the recipe chose other nodes on other ranks: choose the same of the whole mesh")
     return nodes
