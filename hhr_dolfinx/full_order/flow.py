@@ -150,7 +150,6 @@ class FullEquilibrium:
         operator = self.operator
         arrays = {name: getattr(operator, name)[points.cells] for name in ("gradients", "weights", "dofs")}
         found.operator = replace(operator, **arrays)
-        found.points = self.points[points.points]
         found.together = points
         found._ranks = points
         found._pattern = replace(self._pattern, position=self._pattern.position[points.cells])

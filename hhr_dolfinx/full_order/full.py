@@ -23,7 +23,7 @@ from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path, found_as
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
-from hhr_dolfinx.models.histories.path import checked_path, solve_along
+from hhr_dolfinx.models.histories.path import check_settings, checked_path, solve_along
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.scene import Scene
 
@@ -467,6 +467,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
         ``known`` are answers to its first steps, solved before; ``keep`` is told of each new one as it is there.
         """
+        check_settings(settings)
         checked = checked_path(self.parameters, path)
         if self.friction is not None and self.equilibrium is None:
             from hhr_dolfinx.models.histories.sliding import slide_along

@@ -9,6 +9,7 @@ import numpy as np
 from mpi4py import MPI
 
 from hhr_dolfinx import ranks
+from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.materials.update import State
 from hhr_dolfinx.models.answer import Answer, GaussState
 
@@ -47,9 +48,33 @@ class PointsOfRanks:
         return all(self._comm.allgather(bool(true)))
 
     def agreed(self, work: Callable[[], Any]) -> Any:
+        """See :class:`Points`.
+
+        A law may break off on one rank and be wrong on another: all end as one of them, lest some try again.
+        """
+        found = failure = None
+        try:
+            found = work()
+        except BaseException as error:  # an interrupt too would leave the others waiting
+            failure = error
+        told = self._comm.allgather(None if failure is None else (type(failure).__name__, str(failure)))
+        failed = [(rank, *words) for rank, words in enumerate(told) if words is not None]
+        if not failed:
+            return found
+        rank, name, text = next((item for item in failed if item[1] != ConvergenceError.__name__), failed[0])
+        if failure is not None and type(failure).__name__ == name:
+            raise failure
+        message = f"updating the material failed on rank {rank} of {self._comm.size}, {name}: {text}"
+        raise ranks.class_of(name)(message) from failure
+
+    def place(self, values: np.ndarray) -> int:
         """See :class:`Points`."""
-        with ranks.each_for_itself(self._comm, "updating the material"):
-            return work()
+        place = int(values.argmax())
+        return self.worst(float(values[place]), self.points.start + place)
+
+    def worst(self, size: float, what: Any) -> Any:
+        """See :class:`Points`."""
+        return max(self._comm.allgather((float(size), what)), key=lambda told: told[0])[1]
 
     def own(self, answer: Answer) -> Answer:
         """See :class:`Points`."""

@@ -271,18 +271,24 @@ class Material:
             _return(*step, lam + 2 * mu / 3, mu, stress, *state, tangents)
         return Update(stress, state, tangents if tangent else None)
 
-    def wrong_slopes(self, strain: np.ndarray, old: State, dt: float) -> list[str] | None:
+    def wrong_slopes(self, strain: np.ndarray, old: State, dt: float, together: Any) -> list[str] | None:
         """Laws whose slope is not the derivative of their flow, in words; None where nothing flows enough to tell.
 
-        A wrong slope changes no answer; steps take more iterations, or fail for no visible reason.
+        A wrong slope changes no answer; steps take more iterations, or fail for no visible reason. Ranks that have some
+        of the points each ask ``together``, see :class:`hhr_dolfinx.models.histories.points.Points`.
         """
-        complaints = []
-        for group in self.groups:
-            if group.law is not None:
-                _, mu = lame_parameters(_number(group), group.poisson)
-                _, equivalent = self._trial(group.indices, strain, old, mu)
-                complaints.append(_slope_complaint(group.law, equivalent, old.cumulated[group.indices], mu, dt))
-        told = [complaint for complaint in complaints if complaint is not None]
+
+        def probed() -> list[_Slopes]:
+            found = []
+            for group in self.groups:
+                if group.law is not None:
+                    _, mu = lame_parameters(_number(group), group.poisson)
+                    _, equivalent = self._trial(group.indices, strain, old, mu)
+                    found.append(_slopes_of(group.law, equivalent, old.cumulated[group.indices], mu, dt))
+            return found
+
+        probes = [probe for probe in together.agreed(probed) if together.largest(probe.slope.size)]
+        told = [together.worst(*probe.complaint(together.largest(probe.size))) for probe in probes]
         return [complaint for complaint in told if complaint] if told else None
 
     def _trial(self, indices: np.ndarray, strain: np.ndarray, old: State, mu: float) -> tuple[np.ndarray, np.ndarray]:
@@ -359,25 +365,42 @@ def check_flow(law: Flow, amount: np.ndarray, slope: np.ndarray, trial: np.ndarr
         )
 
 
-def _slope_complaint(law: Flow, trial: np.ndarray, cumulated: np.ndarray, mu: float, dt: float) -> str | None:
-    """What is wrong with the slope of a law at some points, by central differences; None where they do not flow."""
+class _Slopes(NamedTuple):
+    """Slopes of a law at points that flow, beside differences of its flow, and the equivalent trial stress there."""
+
+    law: Any
+    slope: np.ndarray
+    differences: np.ndarray
+    trial: np.ndarray
+
+    @property
+    def size(self) -> float:
+        """Of the largest difference."""
+        return float(np.abs(self.differences).max(initial=0.0))
+
+    def complaint(self, size: float) -> tuple[float, str]:
+        """How wrong the worst slope is, over the largest difference of all points, and what to say of it if it is."""
+        if not self.slope.size:
+            return 0.0, ""
+        wrong = np.abs(self.slope - self.differences) / size
+        worst = int(wrong.argmax())
+        if not wrong[worst] > SLOPE:
+            return float(wrong[worst]), ""
+        return float(wrong[worst]), (
+            f"the slope of {self.law} is {self.slope[worst]:.3g} under an equivalent trial stress of "
+            f"{self.trial[worst]:.3g}, differences of its flow give {self.differences[worst]:.3g}: steps will take "
+            "more iterations, or fail. Mend the second value that its flow returns"
+        )
+
+
+def _slopes_of(law: Flow, trial: np.ndarray, cumulated: np.ndarray, mu: float, dt: float) -> _Slopes:
+    """Slopes of a law at some points, by central differences; none where nothing flows."""
     step = 1e-4
     below, here, above = (flow_of(law, trial * (1 + way * step), cumulated, mu, dt) for way in (-1, 0, 1))
     # at the onset of flow there is no derivative
     smooth = (below[0] > 0) & (trial > 0)
-    if not smooth.any():
-        return None
     differences = (above[0] - below[0])[smooth] / (2 * step * trial[smooth])
-    slope = here[1][smooth]
-    wrong = np.abs(slope - differences) / np.abs(differences).max()
-    worst = int(wrong.argmax())
-    if not wrong[worst] > SLOPE:
-        return ""
-    return (
-        f"the slope of {law} is {slope[worst]:.3g} under an equivalent trial stress of "
-        f"{trial[smooth][worst]:.3g}, differences of its flow give {differences[worst]:.3g}: steps will take more "
-        "iterations, or fail. Mend the second value that its flow returns"
-    )
+    return _Slopes(law, here[1][smooth], differences, trial[smooth])
 
 
 @compiled()

@@ -104,7 +104,7 @@ class Stepping(Protocol):
     Attributes:
         parameters: the box of the parameters.
         material: elasticity and laws at its Gauss points; ``material.at(parameter)`` has their constants there.
-        points: numbers of these points in the full model.
+        points: numbers of these points, of those of all ranks, in the full model.
         together: what all of its points say together, where ranks have some each.
         per_cell: Gauss points of a cell of the full model.
         size, conditions: number of unknowns and of contact conditions.

@@ -170,17 +170,17 @@ def _step(
         strain = model.strain(x, theta)
         update = together.agreed(partial(material.update, strain, here.state().state, dt, tangent=renew))
         if not together.every(bool(np.isfinite(update.stress).all())):
-            raise Diverged("the stress is not finite", int(np.argmin(np.isfinite(update.stress).all(axis=1))))
+            raise Diverged("the stress is not finite", together.place(~np.isfinite(update.stress).all(axis=1)))
         residual, scale = model.residual(x, update, theta)
-        flowing = int((update.state.cumulated - here.state().state.cumulated).argmax())
+        flowed = update.state.cumulated - here.state().state.cumulated
         try:
             linear = model.linearised(update.tangents) if renew else linear
             change, found = linear.correct(residual, x, theta, active, rubbing)
         except (NotSolvableError, np.linalg.LinAlgError) as error:
-            raise Diverged(f"{error}, a singular tangent", flowing) from None
+            raise Diverged(f"{error}, a singular tangent", together.place(flowed)) from None
         if found.status is not Status.CONVERGED:
             why = f"of the linearised contact problem, {found.status.value}, or the load is more than is borne"
-            raise Diverged(why, flowing)
+            raise Diverged(why, together.place(flowed))
         left = model.norms(residual - model.contact_load(found.forces))
         # each body by its own forces, and where it is unloaded by those it bore before
         if (left <= settings.relative_force * np.maximum(scale, memory.forces) + noise).all():
@@ -200,7 +200,7 @@ def _step(
         x = x + change if mixing is None else mixing(x, change)
     moved = _moves(linear, model.strain_of(change)).max(axis=1)
     why = f"after {settings.iterations} iterations the stress still moves by {together.largest(moved.max()):.3g}"
-    raise Diverged(why, int(moved.argmax()))
+    raise Diverged(why, together.place(moved))
 
 
 def _rubbing(model: Equilibrium, here: Answer, point: np.ndarray) -> RubbingStep | None:

@@ -187,12 +187,13 @@ def _turns(model: Stepping, trail: tuple[Answer, ...], target: np.ndarray) -> bo
 
 def _check_slopes(model: Marching, before: Answer, after: Answer) -> bool:
     """Warn of laws with a wrong slope; whether the step flowed enough to tell."""
-    if not after.state().state.cumulated.max(initial=0.0) > 0:
+    together = model.together
+    if not together.largest(after.state().state.cumulated.max(initial=0.0)) > 0:
         return False
     strain = model.strain(after.unknown, model.amplitudes(after.parameter))
     material = model.material.at(after.parameter)
     try:
-        complaints = material.wrong_slopes(strain, before.state().state, after.time - before.time)
+        complaints = material.wrong_slopes(strain, before.state().state, after.time - before.time, together)
     except ConvergenceError:  # the whole of a step that was cut, for which a law may find no flow
         return False
     for complaint in complaints or ():

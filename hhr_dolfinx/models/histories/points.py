@@ -28,6 +28,12 @@ class Points(Protocol):
     def gathered(self, values: np.ndarray) -> np.ndarray:
         """Values at the points of all ranks, from those at own ones, (points, ...)."""
 
+    def place(self, values: np.ndarray) -> int:
+        """The number, among the points of all ranks, of the largest of values at own ones, (points,)."""
+
+    def worst(self, size: float, what: Any) -> Any:
+        """What the rank says that has the largest of a number."""
+
     def own(self, answer: Answer) -> Answer:
         """An answer with stress and state at the points that are here."""
 
@@ -57,6 +63,14 @@ class AllHere:
     def gathered(self, values: np.ndarray) -> np.ndarray:
         """See :class:`Points`."""
         return values
+
+    def place(self, values: np.ndarray) -> int:
+        """See :class:`Points`."""
+        return int(values.argmax())
+
+    def worst(self, size: float, what: Any) -> Any:
+        """See :class:`Points`."""
+        return what
 
     def own(self, answer: Answer) -> Answer:
         """See :class:`Points`."""

@@ -67,7 +67,7 @@ class SmallStrains:
         if spread > MOST or not largest <= RUNAWAY:
             raise Diverged(
                 f"a strain of {largest:.3g} is no small strain: the load is more than is borne, or strains are finite",
-                int(sizes.argmax()),
+                together.place(sizes),
             )
         if spread > LARGE and not self._said:
             self._said = True
