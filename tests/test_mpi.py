@@ -13,7 +13,7 @@ from bare import WAIT
 
 TESTS = Path(__file__).parent
 PROGRAM = """
-import dataclasses, json, sys, weakref
+import dataclasses, json, sys, warnings, weakref
 sys.path[:0] = [{tests!r}, {demos!r}, {demos!r}[:-5] + "benchmarks"]
 import numpy as np
 import contact_patch_test as patch
@@ -29,7 +29,7 @@ from scenes import pressed_block
 from scipy.sparse import csc_matrix
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.compare import compare_points
-from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.errors import HHRError, LawWarning
 from hhr_dolfinx.full_order import full as limits
 from hhr_dolfinx.linear import factors, sparse
 from hhr_dolfinx.pages.stress import Stress
@@ -67,6 +67,26 @@ class Brittle:
         if (trial > self.limit).any():
             raise ArithmeticError("it breaks")
         return 0 * trial, 0 * trial
+
+@dataclasses.dataclass(frozen=True)
+class Torn:
+    "A law that is wrong where stresses are moderate, and breaks off where they are large."
+    least: float
+    most: float
+    rated = False
+    def flow(self, trial, plastic_strain, shear, dt):
+        if trial.max() > self.most:
+            raise ArithmeticError("it breaks")
+        if trial.max() > self.least:
+            raise ValueError("it is wrong")
+        return 0 * trial, 0 * trial
+
+@dataclasses.dataclass(frozen=True)
+class Steep(hhr.Plasticity):
+    "Plasticity whose slope is three times what it should be beyond a stress."
+    def flow(self, trial, plastic_strain, shear, dt):
+        amount, slope = super().flow(trial, plastic_strain, shear, dt)
+        return amount, np.where(trial > 200.0, 3.0, 1.0) * slope
 
 def said(action):
     try:
@@ -179,6 +199,17 @@ brittle = indentation.scene(6)
 block = dataclasses.replace(brittle.bodies[1], law=Brittle(100.0))
 brittle = hhr.FullOrderModel(dataclasses.replace(brittle, bodies=(brittle.bodies[0], block)))
 out["brittle"] = comm.allgather(said(lambda: brittle.march(path)))
+# one that breaks off on some ranks and is wrong on others, and one with a wrong slope
+others = {{}}
+for name, law in (("torn", Torn(60.0, 100.0)), ("steep", Steep(100.0, 2000.0))):
+    block = dataclasses.replace(brittle.scene.bodies[1], law=law)
+    others[name] = hhr.FullOrderModel(dataclasses.replace(brittle.scene, bodies=(brittle.scene.bodies[0], block)))
+out["torn"] = comm.allgather(said(lambda: others["torn"].march(path)))
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    others["steep"].march(path)
+told = [str(item.message) for item in caught if item.category is LawWarning]
+out["steep"] = comm.allgather(told)
 points = (0.0, 0.0, 0.3), (0.004, 0.0, 0.3), (0.004, 0.0013, 0.3), (0.004, -0.001, 0.3)
 for answer in hhr.FullOrderModel(fretting.scene(24)).march(list(enumerate(points))).answers:
     out[f"rubbed {{answer.time}}"] = answer.forces().tolist()
@@ -251,6 +282,8 @@ ELSEWHERE = {
     "kept",
     "nearly incompressible",
     "brittle",
+    "torn",
+    "steep",
 }
 """What has a test of its own."""
 
@@ -314,6 +347,23 @@ def test_a_law_that_fails_on_one_rank_fails_on_all(found, ranks):
     assert len(found[ranks]["brittle"]) == ranks
     assert all(text.startswith("ConvergenceError: step 1 to t = 1 s") for text in found[ranks]["brittle"])
     assert all("it breaks" in text for text in found[ranks]["brittle"])
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_ranks_end_alike_where_laws_fail_in_several_ways(found, ranks):
+    """What is no matter of smaller steps counts more: no rank tries again while another has ended."""
+    kinds = {text.split(":")[0] for text in found[ranks]["torn"]}
+    assert len(found[ranks]["torn"]) == ranks and kinds <= {"SceneError", "ConvergenceError"} and len(kinds) == 1
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_a_wrong_slope_is_told_on_all_ranks(found, ranks):
+    """Of the worst point of all, and there are several, by the largest difference of all."""
+    assert len(found[ranks]["steep"]) == ranks
+    for told in found[ranks]["steep"]:
+        assert told == found[ranks]["steep"][0] and len(told) == 1
+        assert "the slope of Steep(yield_stress=100.0, hardening=2000.0) is 3.62e-05" in told[0]
+        assert "differences of its flow give 1.21e-05" in told[0]
 
 
 @pytest.mark.parametrize("ranks", [1, 2, 3])
