@@ -155,11 +155,6 @@ def joined(parts: Sequence[ContactRows]) -> ContactRows:
     return ContactRows(csr_matrix(vstack(matrix)), *(np.concatenate(item) for item in others))
 
 
-def _before(counts: Sequence[int]) -> np.ndarray:
-    """How many come before each."""
-    return np.cumsum([0, *counts])[:-1]
-
-
 def masked(matrix: csc_matrix, rows: np.ndarray) -> csc_matrix:
     """A sparse matrix with only some of its rows, the others zero, by a mask; in the format csc without zeros."""
     kept = csc_matrix(diags(rows.astype(float)) @ matrix)
@@ -447,8 +442,9 @@ class ContactProblem:
             return label
         counts, labels = zip(*self.comm.allgather((count, label)), strict=True)
         # dofs, and behind them what each rank takes for components
-        places = size + np.concatenate([item + first for item, first in zip(labels, _before(counts), strict=True)])
-        every = size + sum(counts)
+        firsts = size + np.cumsum([0, *counts])
+        places = np.concatenate([item + first for item, first in zip(labels, firsts[:-1], strict=True)])
+        every = int(firsts[-1])
         edges = np.ones(places.size), (np.tile(np.arange(size), len(counts)), places)
         return connected_components(csr_matrix(edges, shape=(every, every)), directed=False)[1][:size]
 

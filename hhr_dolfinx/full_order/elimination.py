@@ -49,16 +49,14 @@ class FullStiffness:
         if full.scaled is not None:
             return cls._scaled(full, point)
         problem = full.problem.at(point)
-        rows = problem.rows
-        contact = problem.contact[:, rows]
         if full.problem.varies:
             known = full.condensed_at(problem, point)
         else:
             known = None
         schur = full.schur if known is None else known.schur
         theta = problem.amplitudes(point)
-        free = full.solve_stiffness(problem.loads[rows] @ theta)
-        slack = problem.gaps @ theta - full.spread.sum(contact @ free)
+        free = full.solve_stiffness(problem.loads[problem.rows] @ theta)
+        slack = problem.gaps @ theta - problem.moved(free)
         return cls(full, problem, point, free, schur, slack, known)
 
     @classmethod
@@ -95,15 +93,13 @@ class FullStiffness:
             return self.full.pushed(forces)
         if known.per_force is not None:
             return known.per_force @ forces
-        return self.full.pushed_at(known.stiffness, self.problem.contact[:, self.problem.rows], forces)
+        return self.full.pushed_at(known.stiffness, self.problem.contact_of_rows, forces)
 
     def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K U' = -R', where R is the residual K U + B^T lambda - F; and the slack that goes with it."""
         left, slack = self._explicit(forces, unknown)
         found = np.stack([self.full.solve_stiffness(-column / self.scale) for column in left.T], axis=1)
-        contact = self.problem.contact[:, self.problem.rows]
-        whole = self.full.spread.whole(found)
-        return slack - self.full.spread.sum(contact @ found), whole
+        return slack - self.problem.moved(found), self.full.spread.whole(found)
 
     @cached_property
     def floating(self) -> Floating | None:

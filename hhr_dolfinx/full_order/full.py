@@ -144,7 +144,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         asked = np.unique(problem.contact.indices) if anew or not self.keeps_columns else None
         self._solver = self.factors_of(problem.own_stiffness, "mumps" if anew else "qmd", asked, anew=anew)
         check_regular(problem, lambda rhs: self.spread.whole(self._solver.solve(rhs)), self.scene.name)
-        contact = problem.contact[:, self._own]
+        contact = problem.contact_of_rows
         self._own_loads = problem.loads[self._own]
         self._contact = contact
         self._columns: np.ndarray | None = None
@@ -332,7 +332,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self._at_hand = None
         stiffness = problem.own_stiffness
         self._solver.refactor(stiffness)
-        contact = problem.contact[:, problem.rows]
+        contact = problem.contact_of_rows
         per_force = None
         found = self._between_last([contact])
         if found is None:
