@@ -15,6 +15,7 @@ import pellet_cladding_plastic as demo
 import pytest
 from bare import WAIT
 from petsc4py import PETSc
+import test_friction
 from scenes import pressed_pair
 
 import hhr_dolfinx as hhr
@@ -358,3 +359,52 @@ def test_two_threads_at_two_shapes(monkeypatch):
     for problem, other in zip(found, expected, strict=True):
         assert abs(problem.whole_contact - other.whole_contact).max() == 0.0
         assert abs(problem.contact - other.contact).max() == 0.0
+
+
+VARYING = {
+    "whole bodies": ({"poisson": 0.3}, {"E": (2.0, 4.0)}),
+    "Poisson's ratio": ({"poisson": "nu"}, {"E": (2.0, 4.0), "nu": (0.1, 0.4)}),
+}
+
+
+@pytest.fixture(params=VARYING)
+def varying_friction(request):
+    """Two blocks with friction of which both moduli vary: those of whole bodies, or Poisson's ratio too."""
+    ratio, box = VARYING[request.param]
+    first = hhr.Body(two_blocks.FIRST, young="E", **ratio)
+    scene = test_friction.rubbing(cells=4, bodies=(first, hhr.Body(two_blocks.SECOND, "2 * E", 0.2)), box=box)
+    return hhr.FullOrderModel(scene)
+
+
+def test_a_contact_problem_outlives_that_of_another_point(varying_friction):
+    """Derivatives of one point are its own though the factors were made for another one since."""
+    full = varying_friction
+    forces = np.linspace(0.1, 1.0, full.conditions)
+    points = full.parameters.random(3, seed=1)
+    expected = []
+    for point in points:
+        contact = full.contacts()(point)
+        unknown = contact.unknown(forces)
+        expected.append((unknown, contact.at_fixed_forces(forces, unknown)))
+    made = full.contacts()
+    contacts = [made(point) for point in points]
+    for contact, (unknown, derivatives) in zip(contacts, expected, strict=True):
+        found = contact.at_fixed_forces(forces, unknown)
+        assert all(np.array_equal(mine, other) for mine, other in zip(found, derivatives, strict=True))
+
+
+def test_gradients_of_one_full_model_with_friction(varying_friction):
+    """Slopes of marches in threads are those of one thread, bit by bit, though each has a stiffness of its own."""
+    full = varying_friction
+    settings = hhr.MarchSettings(gradient=True)
+
+    def job(k):
+        moduli = (2.0 + 0.2 * k, 0.1 + 0.03 * k)[: len(full.parameters.names) - 2]
+        answers = full.march([(time, (*loads, *moduli)) for time, loads in test_friction.PATH[:4]], settings).answers
+        return [
+            (a.multipliers.tobytes(), a.gradient.multipliers.tobytes(), a.gradient.unknown.tobytes()) for a in answers
+        ]
+
+    jobs = [lambda k=k: job(k) for k in range(THREADS)]
+    expected = [one() for one in jobs]
+    assert at_once(jobs) == expected

@@ -7,10 +7,10 @@ from functools import cached_property
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.floating import FloatingEqualities
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.full_order.at_hand import AtHand
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Floating, answer_of
 
@@ -24,14 +24,15 @@ class FullStiffness:
     """The full problem at one parameter, factored; on several ranks vectors of dofs are this rank's own.
 
     Attributes:
-        full: the model, whose solver holds the factors of this parameter.
+        full: the model, whose solver leases factors of one stiffness at a time.
         problem: the problem at this parameter, of constant stiffness; where only moduli of whole bodies vary that of
             all parameters, whose factors serve all of them.
         point: the parameter, (P,).
         free: unknown without contact forces, (own dofs,).
         schur, free_slack: S, (m, m), and the slack without contact forces, (m,).
-        known: the stiffness that was factored; None where it is that of the full model, times the scale.
-        scale: what K is beside the one that is factored, on own dofs, (own dofs,); 1 where it is that one.
+        stiffness: own rows of the matrix that is factored, (own dofs, N); each solution makes sure of its factors.
+        per_force: K^-1 B^T, (own dofs, m); None where it takes solutions, or is that of the full model times the scale.
+        scale: K over the matrix that is factored, on own dofs, (own dofs,); 1 if they are equal.
     """
 
     full: Any
@@ -40,7 +41,8 @@ class FullStiffness:
     free: np.ndarray
     schur: np.ndarray
     free_slack: np.ndarray
-    known: AtHand | None
+    stiffness: csr_matrix
+    per_force: np.ndarray | None = None
     scale: np.ndarray | float = 1.0
 
     @classmethod
@@ -50,14 +52,13 @@ class FullStiffness:
             return cls._scaled(full, point)
         problem = full.problem.at(point)
         if full.problem.varies:
-            known = full.condensed_at(problem, point)
+            _, stiffness, per_force, schur = full.condensed_at(problem, point)
         else:
-            known = None
-        schur = full.schur if known is None else known.schur
+            stiffness, per_force, schur = full.problem.own_stiffness, None, full.schur
         theta = problem.amplitudes(point)
-        free = full.solve_stiffness(problem.loads[problem.rows] @ theta)
+        free = full.solve_with(stiffness, problem.loads[problem.rows] @ theta)
         slack = problem.gaps @ theta - problem.moved(free)
-        return cls(full, problem, point, free, schur, slack, known)
+        return cls(full, problem, point, free, schur, slack, stiffness, per_force)
 
     @classmethod
     def _scaled(cls, full: Any, point: np.ndarray) -> FullStiffness:
@@ -68,10 +69,11 @@ class FullStiffness:
         scales = scaled.at(point)
         scale = scaled.on_dofs(scales)
         theta = problem.amplitudes(point)
-        free = full.solve_stiffness(problem.spread.of(problem.loads_at(point, theta)) / scale)
-        schur = np.tensordot(1 / scales, full.schur_parts, 1)
+        stiffness = problem.own_stiffness
+        free = full.solve_with(stiffness, problem.spread.of(problem.loads_at(point, theta)) / scale)
+        schur = full.schur_of(scales)
         slack = problem.gaps @ theta - problem.moved(free)
-        return cls(full, problem, point, free, schur, slack, None, scale)
+        return cls(full, problem, point, free, schur, slack, stiffness, scale=scale)
 
     def contact(self) -> CondensedContact:
         """What is left once the displacement is eliminated, on all ranks."""
@@ -88,17 +90,16 @@ class FullStiffness:
 
     def _pushed(self, forces: np.ndarray) -> np.ndarray:
         """The same on own dofs, and without the scale."""
-        known = self.known
-        if known is None:
+        if self.per_force is not None:
+            return self.per_force @ forces
+        if self.stiffness is self.full.problem.own_stiffness:
             return self.full.pushed(forces)
-        if known.per_force is not None:
-            return known.per_force @ forces
-        return self.full.pushed_at(known.stiffness, self.problem.contact_of_rows, forces)
+        return self.full.pushed_at(self.stiffness, self.problem.contact_of_rows, forces)
 
     def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K U' = -R', where R is the residual K U + B^T lambda - F; and the slack that goes with it."""
         left, slack = self._explicit(forces, unknown)
-        found = np.stack([self.full.solve_stiffness(-column / self.scale) for column in left.T], axis=1)
+        found = np.stack([self.full.solve_with(self.stiffness, -column / self.scale) for column in left.T], axis=1)
         return slack - self.problem.moved(found), self.full.spread.whole(found)
 
     @cached_property

@@ -135,6 +135,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self.friction = problem.friction
         self._own = problem.rows
         self._at_hand: AtHand | None = None
+        self._scaled_schur: tuple[np.ndarray, np.ndarray] | None = None
         # a stiffness factored for each query: at 14,140 dofs and 162 conditions MUMPS takes 24 ms, nd 45, qmd 70, and a
         # solution for each condition 138, 272, 308 ms, which Schur complements save; that of bodies that flow serves
         # whole histories
@@ -274,6 +275,17 @@ class FullOrderModel(AnsweringModel, ModelFields):
                     here = mask[touched]
                     found[number][:, part] = contact[:, here] @ block[here]
         return self.spread.sum(found)
+
+    def schur_of(self, scales: np.ndarray) -> np.ndarray:
+        """S for factors of the connected components, (C,): the same array for the same factors as before.
+
+        An increment that leaves them as they are then finds what the last one factored.
+        """
+        known = self._scaled_schur
+        if known is None or not np.array_equal(known[0], scales):
+            known = scales, np.tensordot(1 / scales, self.schur_parts, 1)
+            self._scaled_schur = known
+        return known[1]
 
     @cached_property
     def rigid_taken(self) -> np.ndarray:
@@ -483,6 +495,12 @@ class FullOrderModel(AnsweringModel, ModelFields):
     def solve_stiffness(self, own_rhs: np.ndarray) -> np.ndarray:
         """K^-1 times a vector, each rank with its own rows."""
         return self.at_rest(self._solver.solve(self.at_rest(own_rhs)))
+
+    def solve_with(self, stiffness: csr_matrix, own_rhs: np.ndarray) -> np.ndarray:
+        """K^-1 times a vector for a stiffness, (own dofs, N), which is factored again if another one was meanwhile."""
+        with self._solver.lock:
+            self._solver.refactor(stiffness)
+            return self.solve_stiffness(own_rhs)
 
     def solved_columns(self, columns: spmatrix) -> np.ndarray:
         """K^-1 times the columns of a sparse matrix, (own dofs, k), each rank with its own rows."""

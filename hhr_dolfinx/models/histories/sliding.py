@@ -236,9 +236,10 @@ class _Step:
         self.ends: list[float] = []
         self._watch = watch
 
-    def taken(self, before: Reached, target: Target, depth: int = 0) -> Solved:
-        """The last increment of the step."""
-        whole = self._solved(before, target)
+    def taken(self, before: Reached, target: Target, depth: int = 0, whole: Solved | None = None) -> Solved:
+        """The last increment of the step; ``whole`` is the step as one increment, if that was solved already."""
+        if whole is None:
+            whole = self._solved(before, target)
         if whole.found.status is Status.NOT_FINITE or (whole.settled and self.tolerance is None):
             return whole
         if depth >= (CUTS if whole.settled else self.cuts):
@@ -252,7 +253,7 @@ class _Step:
                 self.error += error
                 self._ended(middle.time, half)
                 return second
-        first = self.taken(before, middle, depth + 1)
+        first = self.taken(before, middle, depth + 1, half)
         if not first.settled:
             return first
         self._ended(middle.time, first)
