@@ -33,6 +33,10 @@ class ReductionError(HHRError, ValueError):
     """The reduced model cannot be built from these snapshots or settings."""
 
 
+class UnseenLoadError(ReductionError):
+    """A load does not act on the reduced integration domain, which more layers of cells may cure."""
+
+
 class NotSolvableError(HHRError):
     """No unique solution: dependent contact rows, thesis (1.67), a singular stiffness, numbers that are not finite."""
 

@@ -56,8 +56,9 @@ OWN: Mapping[str, Mapping[str, str]] = MappingProxyType(
         },
         "outputs": {
             name: f"hhr_dolfinx.outputs:{name}"
-            for name in ("ContactForce", "ContactMoment", "ContactWidth", "DisplacementAt", "ElasticEnergy", "GapAt",
-                         "LargestPressure", "LinearForm", "LostContact", "Torque", "VonMises")
+            for name in ("ContactForce", "ContactMoment", "ContactWidth", "DisplacementAt", "DissipatedWork",
+                         "ElasticEnergy", "FrictionForce", "GapAt", "LargestPressure", "LargestSlip", "LargestWear",
+                         "LinearForm", "LostContact", "SlipArea", "StickArea", "Torque", "VonMises")
         },
         "samplings": {name: f"hhr_dolfinx.sampling:{name}" for name in ("Sobol", "LatinHypercube", "Lattice")},
         "scenes": {},

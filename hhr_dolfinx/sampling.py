@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,10 +59,9 @@ class Sobol(_Sampling):
     def _unit(self, dimension: int) -> np.ndarray:
         from scipy.stats import qmc
 
-        with warnings.catch_warnings():
-            # other counts lose balance, which no training needs
-            warnings.filterwarnings("ignore", "The balance properties", UserWarning)
-            return qmc.Sobol(dimension, seed=self.seed).random(self.count)
+        # SciPy warns of counts that are no power of 2, which lose balance: no training needs it
+        whole = 1 << (self.count - 1).bit_length()
+        return qmc.Sobol(dimension, seed=self.seed).random(whole)[: self.count]
 
 
 @dataclass(frozen=True)

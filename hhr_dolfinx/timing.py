@@ -12,9 +12,9 @@ from datetime import UTC, datetime
 from typing import Any
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, StudyError
+from hhr_dolfinx.one_thread import one_thread
 
 logger = logging.getLogger(__name__)
 
@@ -63,10 +63,11 @@ class StageLog:
         self.skipped.append({"stage": stage, "why": why})
         logger.debug("%s is left out: %s", stage, why)
 
-    def refuse(self, layers: int, why: str) -> None:
-        """Record that a model with a number of RID layers was refused."""
-        self.refused.append({"layers": layers, "why": why})
-        logger.info("the model with %d layers is refused: %s", layers, why)
+    def refuse(self, why: str, **attempt: int) -> None:
+        """Record that an attempt, such as ``layers=2``, was refused."""
+        self.refused.append({**attempt, "why": why})
+        shown = ", ".join(f"{name} {value}" for name, value in attempt.items())
+        logger.info("the model of %s is refused: %s", shown, why)
 
 
 class Stopwatch:
@@ -83,7 +84,7 @@ class Stopwatch:
 
 def timed(call: Callable[[], Any], repetitions: int = 1) -> tuple[Any, float]:
     """The last result of a call, and its seconds on average, on one thread."""
-    with threadpool_limits(1):
+    with one_thread:
         start = time.perf_counter()
         for _ in range(repetitions):
             result = call()
@@ -113,7 +114,7 @@ def time_queries(models: dict[str, Callable[[np.ndarray], Any]], points: np.ndar
     warm_up = points[:WARM_UP]
     measured = points[WARM_UP:]
     times: dict[str, list[float]] = {name: [] for name in models}
-    with threadpool_limits(1), _settled_memory():
+    with one_thread, _settled_memory():
         for solve in models.values():
             for point in warm_up:
                 _query(solve, point)
@@ -138,7 +139,7 @@ def median_time(solve: Callable[[np.ndarray], Any], points: np.ndarray, most: fl
     """
     times: list[float] = []
     warm = 0
-    with threadpool_limits(1):
+    with one_thread:
         for point in points:
             start = time.perf_counter()
             _query(solve, point)

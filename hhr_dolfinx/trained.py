@@ -7,7 +7,6 @@ up to 200 % wrong on paths that were not trained, without any sign in their conv
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,6 +17,7 @@ import numpy as np
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import OutsideTrainingError, OutsideTrainingWarning, ParameterError
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.warn import warn
 
 USUAL = "usual"
 """What a kind of model does outside of what was trained unless a query says otherwise."""
@@ -64,7 +64,7 @@ def announce(message: str, outside: str) -> None:
     if outside == "refuse":
         raise OutsideTrainingError(message)
     if outside == "warn":
-        warnings.warn(message, OutsideTrainingWarning, stacklevel=3)
+        warn(message, OutsideTrainingWarning, stacklevel=3)
 
 
 @dataclass(frozen=True)

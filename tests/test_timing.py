@@ -34,7 +34,7 @@ def test_a_build_tells_its_stages(training, caplog):
 def test_a_refusal_is_told(caplog):
     log = StageLog()
     with caplog.at_level(logging.INFO, logger="hhr_dolfinx"):
-        log.refuse(2, "too wrong")
+        log.refuse("too wrong", layers=2)
     assert log.refused == [{"layers": 2, "why": "too wrong"}]
     assert caplog.messages == ["the model with 2 layers is refused: too wrong"]
 
@@ -44,7 +44,7 @@ def test_nothing_is_printed_by_default():
         "from hhr_dolfinx.timing import StageLog\n"
         "log = StageLog()\n"
         "with log.stage('rid'): pass\n"
-        "log.skip('rid', 'why'); log.refuse(1, 'why')\n"
+        "log.skip('rid', 'why'); log.refuse('why', layers=1)\n"
     )
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=WAIT)
     assert (done.returncode, done.stdout, done.stderr) == (0, "", "")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -23,6 +22,7 @@ from hhr_dolfinx.errors import FarSlidingWarning, HHRError, SmallStrainWarning
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Model
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings, told_once
 from hhr_dolfinx.trained import Signs
+from hhr_dolfinx.warn import ignored
 
 ONE_ANSWER = 1e-6
 """Relative difference of forces from two starts above which a parameter has two answers."""
@@ -111,9 +111,7 @@ def retraced(model: Model, exact: History) -> History:
     In the same parts, lest errors of time steps pass for errors of the model; what the full order has told of it is not
     told again.
     """
-    with told_once(), warnings.catch_warnings():
-        for told in (SmallStrainWarning, FarSlidingWarning):
-            warnings.simplefilter("ignore", told)
+    with told_once(), ignored(SmallStrainWarning, FarSlidingWarning):
         found = model.march(exact.solved_path, MarchSettings(outside="ignore"))
     return found.thinned([answer.time for answer in exact.answers])
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from typing import Any
 
 import numpy as np
@@ -12,6 +11,7 @@ from hhr_dolfinx.certify.accuracy import Solutions
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError, SmallStrainWarning
 from hhr_dolfinx.models.histories.small_strains import LARGE, MOST, large_rotation, large_strain, spread_strain
+from hhr_dolfinx.warn import warn
 
 TOGETHER = 50
 """Answers whose strains are made at once; one, of which ranks that share rows have all values for that long."""
@@ -43,7 +43,7 @@ def check_small_strains(full: Any, *sets: Solutions | None) -> None:
         message = f"at {problem.parameters.described(points[worst])}: {in_words(spread[worst])}"
         if spread[worst] > MOST:
             raise ReductionError(message)
-        warnings.warn(message, SmallStrainWarning, stacklevel=3)
+        warn(message, SmallStrainWarning, stacklevel=3)
 
 
 def _spread(problem: ContactProblem, operator: csr_matrix, solutions: Solutions) -> np.ndarray:

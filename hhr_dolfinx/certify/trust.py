@@ -6,7 +6,6 @@ Perfect inf-sup constants are necessary and not sufficient; cond(K~) and held-ou
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from numbers import Real
@@ -30,12 +29,14 @@ from hhr_dolfinx.errors import (
     StabilityWarning,
     TrainingWarning,
     UncheckedWarning,
+    UnseenLoadError,
     UnstableModelError,
 )
 from hhr_dolfinx.models.answer import Model, Path
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import Known, Signs, TrainedPaths
+from hhr_dolfinx.warn import collected, repeat, warn
 
 EMPTY = 1.5
 """Distance from the training, over that between training points, at which a place counts as empty."""
@@ -104,13 +105,13 @@ class TrustLimits:
                     f"{item.name} = {value!r} of TrustLimits must be a number{'' if signed else ', not negative'}: "
                     "math.inf for no limit"
                 )
-        for name in ("cond_K", "primal", "dual"):
-            warn = getattr(self, f"warn_{name}")
+        for name in ("cond_K", "primal", "dual", "stress", "plastic"):
+            doubtful = getattr(self, f"warn_{name}")
             refuse = getattr(self, f"refuse_{name}")
-            if refuse < warn < math.inf:
+            if refuse < doubtful < math.inf:
                 raise ReductionError(
-                    f"warn_{name} = {warn:g} of TrustLimits lies beyond refuse_{name} = {refuse:g}: a model would be "
-                    f"refused before it is warned of. Give a smaller warn_{name} too, or math.inf for no warning"
+                    f"warn_{name} = {doubtful:g} of TrustLimits lies beyond refuse_{name} = {refuse:g}: a model would "
+                    f"be refused before it is warned of. Give a smaller warn_{name} too, or math.inf for no warning"
                 )
 
     @classmethod
@@ -120,7 +121,7 @@ class TrustLimits:
 
 
 def check_loads_seen(problem: ContactProblem, sets: IndexSets, points: np.ndarray) -> None:
-    """Raise ReductionError if a load that acts at some training point, (S, P), does not reach the RID."""
+    """Raise UnseenLoadError if a load that acts at some training point, (S, P), does not reach the RID."""
     acting = np.zeros(problem.loads.shape[1], dtype=bool)
     for point in points:
         theta = problem.amplitudes(point)
@@ -128,7 +129,7 @@ def check_loads_seen(problem: ContactProblem, sets: IndexSets, points: np.ndarra
     for term in np.flatnonzero(acting):
         column = problem.loads[:, [term]].toarray()
         if np.any(column) and not np.any(column[sets.A]):
-            raise ReductionError(
+            raise UnseenLoadError(
                 f"load term {term} of the scene does not reach the RID: add nodes next to where it acts to the zone"
             )
 
@@ -141,17 +142,15 @@ def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, 
     before = len(log.skipped)
     while True:
         try:
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always")
+            with collected() as caught:
                 found = attempt(layers)
-        except (NotSolvableError, UnstableModelError) as refused:
-            log.refuse(layers, str(refused))
+        except (NotSolvableError, UnstableModelError, UnseenLoadError) as refused:
+            log.refuse(str(refused), layers=layers)
             if layers >= most_layers:
                 raise
         else:
             # those of refused attempts say nothing of the model that is handed out
-            for item in caught:
-                warnings.warn_explicit(item.message, item.category, item.filename, item.lineno)
+            repeat(caught)
             return found
         del log.skipped[before:]
         layers += 1
@@ -271,7 +270,7 @@ def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str | 
     The worst point is named, and warned of if its force error is beyond a limit of its own. The remedy fits the kind of
     model, and the error where there is one for each.
     """
-    for name, values, refuse, warn, warn_worst in (
+    for name, values, refuse, doubtful, doubtful_worst in (
         ("displacement", comparison.primal, limits.refuse_primal, limits.warn_primal, math.inf),
         ("contact force", comparison.dual, limits.refuse_dual, limits.warn_dual, limits.warn_worst),
         ("stress", comparison.stress, limits.refuse_stress, limits.warn_stress, math.inf),
@@ -291,7 +290,7 @@ def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str | 
         if high > refuse:
             raise UnstableModelError(message)
         # a point without an answer is never passed over
-        if high > warn or values[worst] > warn_worst or math.isinf(values[worst]):
+        if high > doubtful or values[worst] > doubtful_worst or math.isinf(values[worst]):
             _warn(message)
 
 
@@ -337,7 +336,7 @@ def _warn_of_held_out(held_out: Solutions | None, flows: bool) -> None:
         else f"only {len(held_out.points)} solutions were kept out of training: errors between them are hardly known"
     )
     advice = f"Give {'a history' if flows else f'at least {FEW}'} as held_out, as train does"
-    warnings.warn(f"{told}. {advice}", UncheckedWarning, stacklevel=4)
+    warn(f"{told}. {advice}", UncheckedWarning, stacklevel=4)
 
 
 def warn_of_gaps_in_training(points: np.ndarray) -> None:
@@ -396,7 +395,7 @@ def _share(value):
 
 
 def _warn(message, category=StabilityWarning):
-    warnings.warn(message, category, stacklevel=4)
+    warn(message, category, stacklevel=4)
 
 
 PARTS = 8

@@ -6,7 +6,6 @@ The arrays are those of a page, see :mod:`hhr_dolfinx.pages.arrays`; ``kernel.h`
 from __future__ import annotations
 
 import re
-import warnings
 from collections.abc import Iterable
 from importlib import resources
 from pathlib import Path
@@ -18,6 +17,7 @@ from hhr_dolfinx.errors import ModelFileWarning, NotOfferedError
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.pages.arrays import check_model, contact_tree
 from hhr_dolfinx.pages.packing import Packed
+from hhr_dolfinx.warn import warn
 
 MOST_NUMBERS = 4_000_000
 """Of a header: 80 MB of text, such as S of 2,800 conditions."""
@@ -65,7 +65,7 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
             f"a header of {count} numbers takes a compiler too long, {MOST_NUMBERS} are the most: take a coarser mesh"
         )
     if tree["missing"]:
-        warnings.warn(
+        warn(
             f"{', '.join(tree['missing'])} stay out of C: outputs that read displacements where stiffness or shape "
             "varies, areas where shapes do, or squares of stress and strain are read in Python alone",
             ModelFileWarning,

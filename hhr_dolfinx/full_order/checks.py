@@ -5,7 +5,6 @@ Every check is collective: all ranks come to the same verdict, so that none wait
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -22,6 +21,7 @@ from hhr_dolfinx.full_order.names import TagNames
 from hhr_dolfinx.linear.sparse import singular_stiffness
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.warn import warn
 
 CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 """Cells that are supported, with their number of corners."""
@@ -64,7 +64,7 @@ def warn_of_idle_parameters(scene: Scene, amplitudes: Amplitudes) -> None:
     used = scene.named.union(*(_parameters_of_law(body) for body in scene.bodies))
     idle = tuple(name for name in amplitudes.idle(scene.parameters) if name not in used)
     if idle:
-        warnings.warn(
+        warn(
             f"parameters {idle} of scene '{scene.name}' have no effect: no displacement, load, opening, extent, body, "
             "law or shape names them. Remove them from the ParameterSpace, or name them in the slopes of an Amplitude",
             SceneWarning,
@@ -340,7 +340,7 @@ def conditions_with_unknowns(
     if deep.any():
         worst = int(least.argmin())
         mu = dict(zip(space.names, corner[worst].tolist(), strict=True))
-        warnings.warn(
+        warn(
             f"at {int(deep.sum())} places of contacts of scene '{scene.name}' all nodes have imposed displacements and "
             f"penetrate, most ({-least[worst]:.3g}) at {rows.points[imposed[worst]].tolist()} for {mu}: no force acts "
             "there. Change these displacements, the gap or the box of the parameters",

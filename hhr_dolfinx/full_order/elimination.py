@@ -54,7 +54,9 @@ class FullStiffness:
         if full.problem.varies:
             _, stiffness, per_force, schur = full.condensed_at(problem, point)
         else:
-            stiffness, per_force, schur = full.problem.own_stiffness, None, full.schur
+            stiffness = full.problem.own_stiffness
+            per_force = None
+            schur = full.schur
         theta = problem.amplitudes(point)
         free = full.solve_with(stiffness, problem.loads[problem.rows] @ theta)
         slack = problem.gaps @ theta - problem.moved(free)

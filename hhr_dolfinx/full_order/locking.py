@@ -10,11 +10,10 @@ there is nothing to average within one cell.
 
 from __future__ import annotations
 
-import warnings
-
 from hhr_dolfinx.body import Body
 from hhr_dolfinx.errors import LockingWarning
 from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.warn import warn
 
 NEARLY_INCOMPRESSIBLE = 0.45
 """Poisson's ratio above which an elastic body takes the mean dilatation.
@@ -67,7 +66,7 @@ def mean_dilatation(scene: Scene, cell: str, order: int = 1) -> tuple[bool, ...]
 
 def _warn(scene: Scene, body: Body, cell: str) -> None:
     why = "flows" if body.law is not None else f"is nearly incompressible, nu = {body.poisson}"
-    warnings.warn(
+    warn(
         f"body {body.tag} of scene '{scene.name}' {why}, and its cells are of the kind {cell}, which lock: the body "
         "answers too stiffly, bears more than its limit load, and its pressures oscillate from cell to cell. "
         f"Mesh it with {SIMPLICES[cell]}, which do not lock here",

@@ -13,7 +13,6 @@ along it whatever the moduli are.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 
@@ -25,6 +24,7 @@ from scipy.sparse.csgraph import connected_components
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import NotSolvableError, SceneWarning
 from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.warn import warn
 
 UNEVEN = 1e-3
 """Part of the work of its nodal forces, without their signs, that a load on a round surface may do along its turn."""
@@ -172,7 +172,7 @@ def _round_turns(found: Sequence[FreeBody], problem: ContactProblem, rigid: np.n
                 continue
             found_round[place] = not driven[place]
             what = "and no load drives: it is left at rest" if not driven[place] else "though loads drive it"
-            warnings.warn(
+            warn(
                 f"{body.name} turns, which contact resists {effects[place] / effects[own].max():.1g} times as much as "
                 f"other motions of it, {what}. If its surfaces are round only their facets do so, and turned far they "
                 "open every gap. Hold the turn by a displacement where that is not meant",
@@ -236,7 +236,7 @@ def _check_resting(found: Iterable[FreeBody], problem: ContactProblem, resting: 
                 f"{text}, which loads drive and no contact resists: there is no equilibrium. Hold it by a "
                 "displacement, or add the contact that does"
             )
-        warnings.warn(
+        warn(
             f"{text}, which no contact resists and no load drives: it is left at rest. Hold it by a displacement where "
             "that is not meant",
             SceneWarning,

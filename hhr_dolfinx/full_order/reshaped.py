@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -19,6 +18,7 @@ from hhr_dolfinx.formulas import box_samples
 from hhr_dolfinx.full_order.checks import FOLDED, jacobians_of
 from hhr_dolfinx.models.functionals.cells import Middles
 from hhr_dolfinx.shapes import coordinate_names
+from hhr_dolfinx.warn import ignored
 
 CLOSE = 1e-9
 """Part of the size of the mesh by which two maps of one node may differ."""
@@ -137,8 +137,7 @@ class Reshaped:
         complaint = self._complaint(self.coordinates(point), point)
         if complaint:
             raise ParameterError(complaint)
-        with self.at(point), warnings.catch_warnings():
-            warnings.simplefilter("ignore", PairingWarning)  # said once, where the model was built
+        with self.at(point), ignored(PairingWarning):  # said once, where the model was built
             problem = self._owner.contact_problem(*self._owner.stiffness_terms())
         assert self._base is not None
         return self._ordered(problem, self._base, point)

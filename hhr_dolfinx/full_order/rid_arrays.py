@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -20,6 +19,7 @@ from hhr_dolfinx.loads import first_load, placed
 from hhr_dolfinx.models.eliminations.shaped import SurfacePatch
 from hhr_dolfinx.models.functionals.cells import CellRule
 from hhr_dolfinx.parameters import Tag
+from hhr_dolfinx.warn import ignored
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discretisation import Discretisation
@@ -111,8 +111,7 @@ class ShapedArrays:
 
     def rows(self, point: np.ndarray) -> tuple[ContactRows, np.ndarray]:
         """Contact rows of all pairs at a point, those of imposed nodes included, and the pair of each."""
-        with self._reshaped.at(point), warnings.catch_warnings():
-            warnings.simplefilter("ignore", PairingWarning)
+        with self._reshaped.at(point), ignored(PairingWarning):
             return self._owner.contact_rows()
 
     def forces(self, point: np.ndarray) -> csc_matrix:

@@ -17,7 +17,6 @@ Both read what completes the answers, so that they serve all kinds of models.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -25,6 +24,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.errors import NoBoundWarning, ParameterError
+from hhr_dolfinx.warn import warn
 
 NO_OUTPUTS: Mapping[str, float] = {}
 """Of what has no outputs, or no bounds of them."""
@@ -239,7 +239,7 @@ def warn_unbounded(fields: Any) -> None:
     """Warn where answers of a model that was asked for bounds know none: what is wrong there is silent."""
     why = fields.unbounded
     if why and why != NOT_ASKED and fields.bound is None:
-        warnings.warn(
+        warn(
             f"nothing is known of the errors of these answers: {why}. They were compared with answers held "
             "out, and may be far off between them: hold out more, or ask the full model where it counts",
             NoBoundWarning,

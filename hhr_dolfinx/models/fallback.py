@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -25,6 +24,7 @@ from hhr_dolfinx.models.histories.path import check_settings
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.trained import USUAL
+from hhr_dolfinx.warn import collected, repeat
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
@@ -183,16 +183,14 @@ class FallbackModel(AnsweringModel):
         What is warned of then is not said: nobody gets that answer.
         """
         try:
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always")
+            with collected() as caught:
                 history = self.reduced.slide(path, settings, **how, watch=self._require_good)
         except ParameterError:
             raise
         except (HHRError, _NotGoodEnough) as error:
             _log.info("the full model is asked: %s", error)
             return None
-        for item in caught:
-            warnings.warn_explicit(item.message, item.category, item.filename, item.lineno)
+        repeat(caught)
         return history
 
     def _require_good(self, answer: Answer) -> None:

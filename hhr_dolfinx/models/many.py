@@ -7,7 +7,6 @@ from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
-from threadpoolctl import threadpool_limits
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Status, settled
@@ -15,6 +14,7 @@ from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers
 from hhr_dolfinx.models.eliminations.elimination import Responses
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.parameters import ParameterSpace
 
 BLOCK = 1024
@@ -149,7 +149,7 @@ def checked_points(space: ParameterSpace, table: Any) -> np.ndarray:
 
 
 # blocks of a hundred conditions: two threads beside another process took 20 times as long, measured once
-@threadpool_limits.wrap(limits=1, user_api="blas")
+@one_thread
 def answers_by_statuses(
     model: Any, amplitudes: Amplitudes, responses: Responses, response: np.ndarray, points: np.ndarray, **how: Any
 ) -> ManyAnswers:

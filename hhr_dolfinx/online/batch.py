@@ -12,7 +12,6 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
@@ -21,6 +20,7 @@ from hhr_dolfinx.models.estimates import Estimate, columns, shown_of
 from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.models.local import LEAF, LocalModels
 from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedRange, check_outside
 
@@ -161,7 +161,7 @@ class Query:
         return columns(kind, self.bounded_outputs) if kind else []
 
     # threads of BLAS slow small blocks down, a hundredfold where other processes keep the cores busy
-    @threadpool_limits.wrap(limits=1, user_api="blas")
+    @one_thread
     def __call__(self, points: np.ndarray) -> Answers:
         """Answers to some points, (n, P), any of which may have none."""
         status = self._faults(points)

@@ -6,7 +6,6 @@ One format holds all kinds of models: a tree of values in the header, and arrays
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
 from importlib import import_module
@@ -27,6 +26,7 @@ from hhr_dolfinx.errors import (
 from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.plain import add_kind, as_plain, by_name, restored
+from hhr_dolfinx.warn import ignored, warn
 
 FORMAT = "hhr_dolfinx model"
 VERSION = 5
@@ -136,7 +136,7 @@ def save_model(path: str | Path, model: KeptModel) -> None:
     plain = model.for_file()
     if plain is not model:
         why = "the indicator stays behind: answers of the model read from it have no estimate"
-        warnings.warn(f"{path} holds no code, {why}", ModelFileWarning, stacklevel=2)
+        warn(f"{path} holds no code, {why}", ModelFileWarning, stacklevel=2)
     try:
         tree, arrays = as_plain(plain, Kinds())
         write_arrays(path, {"format": FORMAT, "version": VERSION, "model": tree}, arrays)
@@ -189,8 +189,7 @@ def check_answers(model: KeptModel) -> None:
     Raises:
         FileContentError: with what happened.
     """
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore")
+    with ignored(Warning), np.errstate(all="ignore"):
         for member in model.members:
             try:
                 _try(member, member.parameters.middle)

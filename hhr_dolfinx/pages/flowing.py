@@ -6,7 +6,6 @@ contact problem for each correction, and Newton's method on both.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from typing import Any
@@ -27,6 +26,7 @@ from hhr_dolfinx.models.histories.condensed_flow import CondensedFlow, Condensed
 from hhr_dolfinx.pages.packing import Packed, half, modes_of, packed_levels, steps_of
 from hhr_dolfinx.pages.scenery import Scenery
 from hhr_dolfinx.trained import TrainedPaths
+from hhr_dolfinx.warn import ignored
 
 WALKS = 16
 WALK = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 0.6, 0.3, 0.0)
@@ -182,8 +182,7 @@ def walked(model: CondensedFlowModel) -> Iterator[list[Answer]]:
         start = rest.copy()
         start[still] = point[still]
         path = [(float(time), start + share * (point - start)) for time, share in enumerate(WALK)]
-        with warnings.catch_warnings(), suppress(ConvergenceError):
-            warnings.simplefilter("ignore")
+        with ignored(Warning), suppress(ConvergenceError):
             yield model.march(path).answers
 
 

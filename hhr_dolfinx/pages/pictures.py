@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import itertools
-import warnings
 from collections.abc import Callable, Iterable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -32,6 +31,7 @@ from hhr_dolfinx.pages.packing import (
 from hhr_dolfinx.pages.scenery import Scenery
 from hhr_dolfinx.pages.stress import APART, COARSE, FALSE, STRESS, Stress
 from hhr_dolfinx.sampling import Sobol
+from hhr_dolfinx.warn import ignored
 
 SEEN = 200
 FEW = 40
@@ -216,17 +216,15 @@ def _walked(model: Any) -> Iterable[Answer]:
     """Answers with friction along a path through the box, whose laws are those of its middle."""
     points = model.parameters.random(SEEN, 0)
     points[:, model.friction.fixed] = model.parameters.middle[model.friction.fixed]
-    with warnings.catch_warnings(), suppress(ConvergenceError):
-        # nobody has asked for this path
-        warnings.simplefilter("ignore", FarSlidingWarning)
+    # nobody has asked for this path
+    with ignored(FarSlidingWarning), suppress(ConvergenceError):
         return model.march(list(enumerate(points))).answers
     return model.solve_many(points[:FEW], raise_on_failure=False)
 
 
 def _reached(model: Any, points: np.ndarray) -> Iterable[Answer]:
     """Answers at some points, with friction loaded in proportion: where that does not settle there is none."""
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FarSlidingWarning)  # nobody has asked for these points
+    with ignored(FarSlidingWarning):  # nobody has asked for these points
         return list(model.solve_many(points, raise_on_failure=False))
 
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations
@@ -15,6 +14,7 @@ from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.declared import Booleans, Floats, Integers
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.parameters import Tag
+from hhr_dolfinx.warn import warn as report
 
 if TYPE_CHECKING:
     from hhr_dolfinx.pairings.second_order import QuadraticFacets
@@ -442,7 +442,7 @@ def beyond_overlap(deepest: float) -> str:
 
 def warn(message: str) -> None:
     """Warn of a doubtful pairing."""
-    warnings.warn(message, PairingWarning, stacklevel=2)
+    report(message, PairingWarning, stacklevel=2)
 
 
 def tangential_order(points: np.ndarray, normal: np.ndarray) -> np.ndarray:

@@ -5,7 +5,6 @@ Each connected component of a scene is solved for by itself, at parameters that 
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
@@ -39,6 +38,7 @@ from hhr_dolfinx.reduction.varying_bound import varying_bound
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import StageLog
+from hhr_dolfinx.warn import warn
 
 STARTS = 256
 FEWEST_STARTS = 32
@@ -199,7 +199,7 @@ def _warn_of_budget(full: Any, grids: list[GrownGrid], settings: GridSettings) -
     """Warn of a grid that spent its budget before it had settled."""
     worst = max((grid.surplus for grid in grids), default=0.0)
     if worst > settings.tolerance:
-        warnings.warn(
+        warn(
             f"interpolated condensation of scene '{full.scene.name}' spent its budget of {settings.budget} solutions, "
             f"and an error of about {worst:.1e} is left where {settings.tolerance:g} was wished: raise the budget, "
             "narrow the box, smooth formulas of moduli that jump or have spikes, or take the hyper-reduced model",
@@ -223,7 +223,7 @@ def _warn_of_untouched(snapshots: SnapshotSet | None, solvers: list[Solver]) -> 
         if number not in touched and moved[body].nnz and (lifts[body].nnz or not solvers[0].serves_all)
     ]
     if wrong:
-        warnings.warn(
+        warn(
             "nothing can touch a body that loads or displacements move: contact forces are right, its displacement is "
             "not. Leave it out of the scene, train and condense, or ask the full model",
             SceneWarning,

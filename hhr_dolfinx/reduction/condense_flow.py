@@ -8,7 +8,6 @@ turns: steps stalled, or jumped. With both, none did.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -21,7 +20,7 @@ from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import TrustLimits, checked_histories, warn_of_training
 from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
+from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError, ReductionError, UnstableModelError
 from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.materials.update import Group
 from hhr_dolfinx.models.histories.condensed_fields import CondensedFlowFields, PlasticFields
@@ -34,6 +33,7 @@ from hhr_dolfinx.reduction.elastic_response import ElasticResponse, elastic_resp
 from hhr_dolfinx.reduction.modes import correction_modes, state_modes
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import StageLog
+from hhr_dolfinx.warn import collected, repeat
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.flow import FullEquilibrium
@@ -245,7 +245,7 @@ class CorrectionSettings:
         for name in ("modes", "cubature", "stability"):
             if not (is_number(getattr(self, name)) and 0 < getattr(self, name) < 1):
                 raise ReductionError(f"{name} = {getattr(self, name)!r} must be a fraction in (0, 1)")
-        for name in ("primal", "dual"):
+        for name in ("primal", "dual", "stress", "plastic"):
             if not (is_number(getattr(self, name)) and getattr(self, name) > 0):
                 raise ReductionError(
                     f"{name} = {getattr(self, name)!r} must be a positive number: an error that is small"
@@ -357,15 +357,15 @@ def _grown(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowModel:
     for attempt in range(settings.attempts):
         finer = replace(settings, modes=settings.modes / 3**attempt, cubature=settings.cubature / 3**attempt)
         try:
-            with warnings.catch_warnings(record=True) as caught:
-                warnings.simplefilter("always")
+            with collected() as caught:
                 model = _attempt(shared, finer)
-        except UnstableModelError as error:
-            shared.log.refuse(attempt, str(error))
+        except (UnstableModelError, ConvergenceError, NotSolvableError) as error:
+            shared.log.refuse(str(error), attempt=attempt)
             refused = error
             continue
         comparison = model.offline.comparison
         if comparison is None:
+            repeat(caught)
             return model
         wanted = {name: getattr(settings, name) for name in ("primal", "dual", "stress", "plastic")}
         off = max(getattr(comparison, name).max() / wish for name, wish in wanted.items())
@@ -373,12 +373,11 @@ def _grown(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowModel:
             best = off, model, caught
         if off <= 1:
             break
-        shared.log.refuse(attempt, f"errors are {off:.2g} times what is small enough")
+        shared.log.refuse(f"errors are {off:.2g} times what is small enough", attempt=attempt)
     if best is None:
         assert refused is not None
         raise refused
-    for item in best[2]:
-        warnings.warn_explicit(item.message, item.category, item.filename, item.lineno)
+    repeat(best[2])
     return best[1]
 
 

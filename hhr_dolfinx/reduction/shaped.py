@@ -6,7 +6,6 @@ few shapes and interpolated between them.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from dataclasses import fields, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -33,6 +32,7 @@ from hhr_dolfinx.models.functionals.kinds import Mises, MovingMises
 from hhr_dolfinx.models.functionals.shaped import ROWS, ReshapedFunctionals, Zone
 from hhr_dolfinx.reduction.interpolate import GridSettings, grown
 from hhr_dolfinx.reduction.projection import open_conditions
+from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.rid_arrays import ShapedArrays
@@ -163,7 +163,7 @@ def _forces(
     lower, upper = (np.array(ends, dtype=float)[axes] for ends in (problem.parameters.lower, problem.parameters.upper))
     grown = grow(tested, lambda values: float(np.linalg.norm(values)) / size, (axes, lower, upper), tolerance, budget)
     if grown.surplus > tolerance:
-        warnings.warn(
+        warn(
             f"loads that move with the shape were assembled at {grown.evaluations} shapes and are still off by about "
             f"{grown.surplus:.1e} of their size: narrow the box, or raise the budget",
             StabilityWarning,

@@ -7,7 +7,6 @@ reduced model is checked, are taken at random and where contact grazes.
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
@@ -25,6 +24,7 @@ from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, told_once
 from hhr_dolfinx.models.histories.far_sliding import first_alone
 from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -71,7 +71,7 @@ class Lost:
         message = f"{len(self.told)} of {count} {kind} have no answer and are left out: {named}{more}"
         if count - len(self.told) < least:
             raise ConvergenceError(f"{message}. Fewer than {least} are left: lower the loads, or narrow the box")
-        warnings.warn(
+        warn(
             f"{message}. Models know nothing of what is near them: lower the loads, or narrow the box", TrainingWarning,
             stacklevel=3,
         )  # fmt: skip
@@ -135,7 +135,7 @@ Progress = Callable[[Iterable], Iterable]
 """Wraps an iteration, for a progress bar."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class SnapshotSet:
     """Answers of the full model, one column each: at single parameters, or of steps of some histories.
 

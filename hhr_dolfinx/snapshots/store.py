@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import hashlib
 import math
-import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import astuple, fields, is_dataclass, replace
@@ -33,6 +32,7 @@ from hhr_dolfinx.models.answer import Path as History_path
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.path import checked_path
 from hhr_dolfinx.version import __version__
+from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.update import Group
@@ -269,7 +269,7 @@ class SnapshotStore:
         except FileContentError as error:
             message = f"{error}: {self._path(question).name} at {point.tolist()} is solved anew and replaced"
             if aloud:
-                warnings.warn(message, SnapshotFileWarning, stacklevel=5)
+                warn(message, SnapshotFileWarning, stacklevel=5)
 
     def _read(self, point: np.ndarray, question: list) -> Answer | None:
         """What a file holds; None if there is none."""

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from typing import Any
@@ -22,6 +21,7 @@ from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, OutsideTraini
 from hhr_dolfinx.models.answer import Model
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.snapshots.records import Lost, Progress, SnapshotSet, compute_snapshots
+from hhr_dolfinx.warn import ignored
 
 
 @dataclass(frozen=True)
@@ -176,9 +176,8 @@ class References:
             solutions.points, solutions.displacements.T, solutions.forces.T, strict=True
         ):
             try:
-                with warnings.catch_warnings():
-                    # a study asks on purpose; what it finds is what the report is for
-                    warnings.simplefilter("ignore", OutsideTrainingWarning)
+                # a study asks on purpose; what it finds is what the report is for
+                with ignored(OutsideTrainingWarning):
                     found = model.solve(point)
                     answer = found.displacement(), found.forces()
             except (ConvergenceError, NotSolvableError):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import warnings
 from collections.abc import Iterator
 from typing import Any
 
@@ -23,6 +22,7 @@ from hhr_dolfinx.pairings.mortar import Mortar
 from hhr_dolfinx.pairings.node_to_surface import NodeToSurface
 from hhr_dolfinx.pairings.surface_dofs import SurfaceDofs, nodes_of, renumbered
 from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.warn import ignored
 
 REPEATED = NodeToSurface, Mortar
 """Pairings that can be made anew as bodies slide."""
@@ -46,8 +46,8 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
     """
     _check(scene)
     pairs = tuple(SurfaceDofs(*item.tags) for item in scene.contacts)
-    with warnings.catch_warnings():  # rows of dofs have no law of friction, whose parameters the scene names
-        warnings.filterwarnings("ignore", ".* have no effect", SceneWarning)
+    # rows of dofs have no law of friction, whose parameters the scene names
+    with ignored(SceneWarning, about=" have no effect"):
         full = FullOrderModel(dataclasses.replace(scene, contacts=pairs), MPI.COMM_SELF)
     problem = full.problem
     warn_of_idle_parameters(scene, problem.amplitudes)

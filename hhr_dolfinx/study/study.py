@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
@@ -32,6 +31,7 @@ from hhr_dolfinx.study.training.train import (
     train,
     training_paths,
 )
+from hhr_dolfinx.warn import collected
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
@@ -314,12 +314,11 @@ def _labelled(paths: Sequence[Any]) -> dict[str, Any]:
 def _row(measured: Measurement, method: str, setting: str, make: Callable[[], Model]) -> dict[str, Any]:
     """Row of another model; one that is refused has the reason in its place, a doubtful one a warning."""
     try:
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always", StabilityWarning)
+        with collected(StabilityWarning) as caught:
             model = make()
         if isinstance(model, ReducedModel):
             setting = f"{setting} ({len(model.problem.stiffness)}+{len(model.problem.gaps)})"
         row = measured.beside(method, setting, model).as_report()
     except HHRError as error:
         return {"method": method, "setting": setting, "refused": str(error)}
-    return row | ({"warning": str(caught[0].message)} if caught else {})
+    return row | ({"warning": caught[0].message} if caught else {})

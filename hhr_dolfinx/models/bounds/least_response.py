@@ -26,7 +26,8 @@ from hhr_dolfinx.models.eliminations.interpolated import Compliance, Compliances
 STEP = math.log(1.1)
 """Of logarithms of weights: bounds of forces are at most the root of its half wider than with weights of each point."""
 KEPT = 64
-"""Factors that are kept, of the weights asked for last."""
+KEPT_BYTES = 64 * 2**20
+"""Factors that are kept, of the weights asked for last: so many at most, and so many bytes unless one takes more."""
 FACTORED = 1500
 """Conditions up to which weights have steps; beyond, those of the middle serve all points: a factor took a second."""
 WITH_MODES = 400
@@ -141,7 +142,9 @@ class LeastResponse:
     def __init__(self, compliances: Compliances, middle: np.ndarray):
         self.compliances = compliances
         self.middle = middle
-        self._factored = lru_cache(maxsize=KEPT)(self._made)
+        conditions = len(compliances.gaps)
+        fitting = KEPT_BYTES // (8 * max(conditions, 1) ** 2)
+        self._factored = lru_cache(maxsize=int(min(max(fitting, 1), KEPT)))(self._made)
 
     def at(self, found: ManyContacts) -> ManyResponses:
         """S of some points with factors of what they are at least, or of themselves.

@@ -7,11 +7,9 @@ Pairings see only these parts of the surfaces. Where the whole basis is small it
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from threading import RLock
 from typing import Annotated, Any, NamedTuple
 
 import numpy as np
@@ -31,6 +29,7 @@ from hhr_dolfinx.pairings.projection import shape_functions
 from hhr_dolfinx.pairings.surface import Surface, make_surface
 from hhr_dolfinx.parameters import ParameterSpace, Tag
 from hhr_dolfinx.shapes import Shape, coordinate_names
+from hhr_dolfinx.warn import ignored
 
 DIFFERENCE = 1e-4
 """Part of the box by which the problem is moved to either side for its derivatives: their error is its square."""
@@ -142,7 +141,6 @@ class ReshapedElimination(Elimination):
 
 ROUND_OFF = 1e-12
 """Weight of a node in a condition below which it has nothing to do with it."""
-_SILENT = RLock()
 
 
 class PlacedNodes(NamedTuple):
@@ -263,8 +261,7 @@ class ContactPatch:
             ParameterError: if one of its own is not there.
         """
         try:
-            with _SILENT, warnings.catch_warnings():
-                warnings.simplefilter("ignore", PairingWarning)  # said where the full model was built
+            with ignored(PairingWarning):  # said where the full model was built
                 found = self.pairing.rows([part.surface(placed) for part in self.surfaces], placed.points.size)
         except SceneError as error:
             raise ParameterError(f"the contact {self.pairing} cannot be evaluated for this shape: {error}") from None

@@ -9,7 +9,6 @@ for all of a training.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
 from contextvars import ContextVar
@@ -26,6 +25,7 @@ from hhr_dolfinx.errors import ParameterError, TimeStepWarning
 from hhr_dolfinx.models.answer import Answer, Fields, GaussState
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.trained import OUTSIDE, Signs, TrainedPaths
+from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Friction
@@ -229,7 +229,7 @@ def complain(estimate: float, tolerance: float | None) -> None:
     if together is not None:
         together.append(estimate)
     elif tolerance is None and estimate > ACCEPTED:
-        warnings.warn(f"the time steps of this history {_said(estimate)}", TimeStepWarning, stacklevel=5)
+        warn(f"the time steps of this history {_said(estimate)}", TimeStepWarning, stacklevel=5)
 
 
 @contextmanager
@@ -248,7 +248,7 @@ def told_once(what: str = "") -> Iterator[None]:
     large = [item for item in estimates if item > ACCEPTED]
     if what and large:
         text = f"the time steps of {len(large)} of {len(estimates)} {what} {_said(max(large))}"
-        warnings.warn(text, TimeStepWarning, stacklevel=5)
+        warn(text, TimeStepWarning, stacklevel=5)
 
 
 def _said(estimate: float) -> str:

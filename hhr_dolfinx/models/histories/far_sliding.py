@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhr_dolfinx.errors import FarSlidingWarning
+from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Friction, SlipState
@@ -66,7 +66,7 @@ class FarSliding:
         if told is not None:
             told.append(place)
         at = int(share.argmax())
-        warnings.warn(
+        warn(
             f"at {place}: contact {at} has slid by {slid[at]:.3g}, {share[at]:.2g} times the distance between the "
             "nodes it faces where it was meshed, and still presses on these. Pair surfaces that slide far anew, "
             "hhr.slide(scene)",

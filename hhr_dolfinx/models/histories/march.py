@@ -10,13 +10,11 @@ and constants of laws that are formulas are those at the end of a step or of a p
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Callable, Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, LawWarning, NotOfferedError
@@ -33,13 +31,15 @@ from hhr_dolfinx.models.histories.equilibrium import (
 )
 from hhr_dolfinx.models.histories.path import check_elasticity, check_settings
 from hhr_dolfinx.models.histories.time_error import TimeError, in_parts
+from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.trained import Watch
+from hhr_dolfinx.warn import warn
 
 _log = logging.getLogger(__name__)
 
 
 # threads of BLAS slow small blocks down: a projected tangent of 70 modes took 7.8 ms on two of them, 3.1 ms on one
-@threadpool_limits.wrap(limits=1, user_api="blas")
+@one_thread
 def march(
     model: Stepping,
     path: Path,
@@ -197,7 +197,7 @@ def _check_slopes(model: Marching, before: Answer, after: Answer) -> bool:
     except ConvergenceError:  # the whole of a step that was cut, for which a law may find no flow
         return False
     for complaint in complaints or ():
-        warnings.warn(complaint, LawWarning, stacklevel=4)
+        warn(complaint, LawWarning, stacklevel=4)
     return complaints is not None
 
 

@@ -12,7 +12,6 @@ takes the bodies under the forces before, and once more where it has led them.
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
@@ -32,6 +31,7 @@ from hhr_dolfinx.pairings.mortar import Mortar
 from hhr_dolfinx.pairings.node_to_surface import NodeToSurface
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.pairings.surface_dofs import moved
+from hhr_dolfinx.warn import ignored
 
 PAIRINGS = 8
 """How often an increment is paired at most."""
@@ -80,8 +80,7 @@ class SlidingPair:
         ways = np.linalg.norm(displacement - before, axis=1)
         overlap = float(ways[self.slave.nodes].max() + ways[self.master.nodes].max())
         surfaces = moved(self.slave, displacement), moved(self.master, displacement)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", PairingWarning)  # of what faces nothing any more
+        with ignored(PairingWarning):  # of what faces nothing any more
             try:
                 rows = self.pairing.rows_anew(surfaces, self.nodes * dim, overlap)
             except NeverFacingError:  # one has left the other

@@ -15,7 +15,6 @@ from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
-from threadpoolctl import threadpool_limits
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.friction import Friction, SlipState
@@ -28,6 +27,7 @@ from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.far_sliding import FarSliding
 from hhr_dolfinx.models.histories.path import check_settings
 from hhr_dolfinx.models.histories.surfaces import surface_of
+from hhr_dolfinx.one_thread import one_thread
 
 PROPORTIONAL = 4
 """Increments from rest to a single parameter before any is cut: one and two of a single step may agree by chance."""
@@ -283,7 +283,7 @@ class _Step:
         return solved
 
 
-@threadpool_limits.wrap(limits=1, user_api="blas")
+@one_thread
 def slide_along(
     model: Any,
     path: Path,

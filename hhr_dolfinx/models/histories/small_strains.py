@@ -2,13 +2,12 @@
 
 from __future__ import annotations
 
-import warnings
-
 import numpy as np
 
 from hhr_dolfinx.errors import SmallStrainWarning
 from hhr_dolfinx.models.histories.equilibrium import Diverged
 from hhr_dolfinx.models.histories.points import ALL_HERE, Points
+from hhr_dolfinx.warn import warn
 
 LARGE = 0.1
 """A strain worth a word: squares that are left out, e^2 / 2, are a twentieth of it."""
@@ -71,4 +70,4 @@ class SmallStrains:
             )
         if spread > LARGE and not self._said:
             self._said = True
-            warnings.warn(large_strain(spread), SmallStrainWarning, stacklevel=3)
+            warn(large_strain(spread), SmallStrainWarning, stacklevel=3)

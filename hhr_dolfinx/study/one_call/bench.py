@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -26,6 +25,7 @@ from hhr_dolfinx.study.one_call.crew import Crew
 from hhr_dolfinx.study.one_call.wish import Budget, Errors, Exact, Wish
 from hhr_dolfinx.study.training.train import Progress, Training
 from hhr_dolfinx.timing import StageLog, Stopwatch
+from hhr_dolfinx.warn import ignored, warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.path_families import PathFamily
@@ -135,9 +135,9 @@ class Bench:
         try:
             check_small_strains(self.full, _set_of(item.full for item in found))
         except ReductionError as error:
-            warnings.warn(str(error), SmallStrainWarning, stacklevel=3)
+            warn(str(error), SmallStrainWarning, stacklevel=3)
         if not any(answer.forces().any() for item in found for answer in item.answers):
-            warnings.warn(
+            warn(
                 f"nothing touches in any of {len(found)} answers of the full model: look at gaps and at the signs of "
                 "loads and displacements, hhr check",
                 SceneWarning,
@@ -147,8 +147,7 @@ class Bench:
     def errors_of(self, model: Any, exact: Iterable[Exact]) -> np.ndarray:
         """Errors of a model at known answers, (n, norms of the wish); infinite where it has no answer."""
         rows = []
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", OutsideTrainingWarning)
+        with ignored(OutsideTrainingWarning):
             for item in exact:
                 try:
                     answers = _found(model, item)

@@ -13,7 +13,6 @@ import json
 import logging
 import math
 import tempfile
-import warnings
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
@@ -56,6 +55,7 @@ from hhr_dolfinx.study.scene.scenery import scenery_of
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.study.training.train import Progress, checked_folder, silent
 from hhr_dolfinx.timing import WARM_UP, Stopwatch, median_time, timed
+from hhr_dolfinx.warn import ignored, warn
 
 _log = logging.getLogger(__name__)
 
@@ -228,7 +228,7 @@ def reduce(
     bench = Bench(full, Crew(comm, full, store), wish, budget, paths, seed, progress)
     model, reduction = _found(bench, kept)
     if not reduction.met and not comm.rank:
-        warnings.warn(reduction.verdict, StabilityWarning, stacklevel=2)
+        warn(reduction.verdict, StabilityWarning, stacklevel=2)
     chosen = _with_fallback(model, full, wish) if fallback and not model.fields.exact else model
     chosen.reduction = reduction
     return chosen
@@ -258,7 +258,7 @@ def _with_fallback(model: Any, full: FullOrderModel, wish: Wish) -> Any:
     try:
         return FallbackModel(model, full, wish.error, of=wish.of[0])
     except (BoundError, NotOfferedError, ParameterError) as error:
-        warnings.warn(f"the full model is not kept behind the small one: {error}", NoBoundWarning, stacklevel=3)
+        warn(f"the full model is not kept behind the small one: {error}", NoBoundWarning, stacklevel=3)
         return model
 
 
@@ -353,9 +353,8 @@ def _worth_trying(bench: Bench, attempt: Attempt, tried: Sequence[Tried]) -> boo
 def _try(bench: Bench, attempt: Attempt) -> tuple[Any, Tried]:
     """A model, judged."""
     clock = Stopwatch()
-    with warnings.catch_warnings():
-        for told in (StabilityWarning, UncheckedWarning, NoBoundWarning):  # errors are looked at here, in other norms
-            warnings.simplefilter("ignore", told)
+    # errors are looked at here, in other norms
+    with ignored(StabilityWarning, UncheckedWarning, NoBoundWarning):
         model = attempt.make()
     seconds = clock.seconds
     limit = bench.budget.bytes
@@ -477,8 +476,7 @@ def _size(model: Any) -> int:
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "model.npz"
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", ModelFileWarning)
+            with ignored(ModelFileWarning):
                 save_model(target, model)
         except NotOfferedError:
             return 0

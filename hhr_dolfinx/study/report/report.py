@@ -78,7 +78,7 @@ def condensed_report(model: CondensedFlowModel, row: Row) -> dict[str, Any]:
     return {
         "sizes": {"modes": record.modes, "points": record.points, "candidates": record.candidates},
         "check": {"misfit": record.misfit, "energy": record.energy, "compared": compared},
-        "refused_before": [{"attempt": item["layers"], "why": item["why"]} for item in record.log.refused],
+        "refused_before": list(record.log.refused),
         **_errors_and_times(model, row),
     }
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -15,6 +14,7 @@ from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.warn import collected
 
 OK = "ok"
 NOTE = "note"
@@ -82,12 +82,10 @@ class SceneCheck:
     @contextmanager
     def heard(self) -> Iterator[None]:
         """Warnings of a block become notes, errors mistakes."""
-        with warnings.catch_warnings(record=True) as caught:
-            warnings.simplefilter("always")
+        with collected(UserWarning) as caught:
             try:
                 yield
             except HHRError as error:
                 self.say(MISTAKE, str(error))
         for item in caught:
-            if issubclass(item.category, UserWarning):
-                self.say(NOTE, str(item.message))
+            self.say(NOTE, item.message)

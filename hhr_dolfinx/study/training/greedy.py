@@ -7,7 +7,6 @@ answer. The box in which points are chosen is that of the scene or, where bodies
 from __future__ import annotations
 
 import logging
-import warnings
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import dataclass
@@ -33,6 +32,7 @@ from hhr_dolfinx.sampling import Lattice, Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.snapshots.store import digest_of_values
 from hhr_dolfinx.study.training.indicators import ForceError, GreedyIndicator, LargestEstimate, Score
+from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -205,7 +205,7 @@ class Greedy:
             if not chosen.size:
                 break
         if rounds[-1].worst > self.tolerance and comm.rank == 0:
-            warnings.warn(
+            warn(
                 f"the greedy training ended after {len(points)} answers, its budget is {self.budget}: its indicator is "
                 f"{rounds[-1].worst:.2g} where {self.tolerance:g} was wished. Raise the budget, or accept that error",
                 BudgetWarning,

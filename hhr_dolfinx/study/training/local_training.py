@@ -5,7 +5,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -32,6 +31,7 @@ from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedRange
+from hhr_dolfinx.warn import collected, warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.study.training.answers import TrainingAnswers
@@ -268,7 +268,7 @@ def together(models: list[ReducedModel], choice: Choice, snapshots: SnapshotSet,
     own = [model.changed(trained=trained, fields=fields) for model, fields in zip(models, _alike(models), strict=True)]
     if record.missed:
         more = "" if len(record.missed) == 1 else f", and {len(record.missed) - 1} more in offline.missed"
-        warnings.warn(f"{record.missed[0]}{more}", LocalModelWarning, stacklevel=4)
+        warn(f"{record.missed[0]}{more}", LocalModelWarning, stacklevel=4)
     return LocalModels(own, choice, replace(record, points=snapshots.points))
 
 
@@ -286,8 +286,7 @@ def built(
     full: Any, snapshots: SnapshotSet, recipe: Recipe, held_out: SnapshotSet | None
 ) -> tuple[ReducedModel, list[str]]:
     """A model of some snapshots, and what its check doubts: warnings are for those that are kept."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
+    with collected() as caught:
         model = build(full, snapshots, recipe, None if recipe.trust is None else held_out)
     # a local model is trained on a part of the box on purpose
     said = [item for item in caught if issubclass(item.category, StabilityWarning)]

@@ -1,0 +1,37 @@
+"""BLAS and OpenMP on one thread of the process, for as long as any thread of the package asks for it."""
+
+from __future__ import annotations
+
+from contextlib import ContextDecorator
+from threading import Lock
+
+from threadpoolctl import threadpool_limits
+
+
+class _OneThread(ContextDecorator):
+    """The number of threads is one for the whole process: the first block sets it, the last one restores it.
+
+    Two limits that are set and restored by themselves leave that of the other behind where their blocks overlap.
+    """
+
+    def __init__(self) -> None:
+        self._lock = Lock()
+        self._blocks = 0
+        self._limit: threadpool_limits | None = None
+
+    def __enter__(self) -> None:
+        with self._lock:
+            if not self._blocks:
+                self._limit = threadpool_limits(1)
+            self._blocks += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._blocks -= 1
+            if not self._blocks and self._limit is not None:
+                self._limit.restore_original_limits()
+                self._limit = None
+
+
+one_thread = _OneThread()
+"""A context manager and a decorator; blocks may be nested, and overlap between threads."""

@@ -1,0 +1,95 @@
+"""Warnings of the package, which a block of one thread may ignore or collect.
+
+``warnings.catch_warnings`` replaces the filters of the whole process until Python 3.14: two threads that leave such
+blocks in another order than they entered them leave the filters of one behind for good. Here the handlers belong to
+the context of a thread, and the filters stay what the user made them.
+"""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import NamedTuple
+
+
+class Warned(NamedTuple):
+    """A warning that was collected.
+
+    Attributes:
+        message: the sentence.
+        category: its class.
+        filename, lineno: the line that it is reported for.
+    """
+
+    message: str
+    category: type[Warning]
+    filename: str
+    lineno: int
+
+
+_Handler = Callable[[Warned], bool]
+"""Takes a warning, or returns False and leaves it to the handler around it."""
+_HANDLERS: ContextVar[tuple[_Handler, ...]] = ContextVar("handlers of warnings", default=())
+
+
+def warn(message: str, category: type[Warning], stacklevel: int = 1) -> None:
+    """Warn as ``warnings.warn`` does, unless a block around it ignores or collects the warning.
+
+    Args:
+        message: the sentence.
+        category: its class.
+        stacklevel: frames above this call to the line that the warning is about; 1 is the caller.
+    """
+    try:
+        frame = sys._getframe(stacklevel)
+    except ValueError:  # fewer frames than that
+        frame = sys._getframe(1)
+    _repeat(Warned(message, category, frame.f_code.co_filename, frame.f_lineno), frame.f_globals)
+
+
+def repeat(collected: Iterable[Warned]) -> None:
+    """Warn of what was collected, for the lines that it was about."""
+    for item in collected:
+        _repeat(item, None)
+
+
+def _repeat(item: Warned, module_globals: dict | None) -> None:
+    if any(handler(item) for handler in reversed(_HANDLERS.get())):
+        return
+    registry = None if module_globals is None else module_globals.setdefault("__warningregistry__", {})
+    module = None if module_globals is None else module_globals.get("__name__")
+    warnings.warn_explicit(*item, module, registry, module_globals)
+
+
+@contextmanager
+def _handled(handler: _Handler) -> Iterator[None]:
+    token = _HANDLERS.set((*_HANDLERS.get(), handler))
+    try:
+        yield
+    finally:
+        _HANDLERS.reset(token)
+
+
+@contextmanager
+def ignored(*categories: type[Warning], about: str = "") -> Iterator[None]:
+    """Ignore warnings of some classes in a block of this thread; of those whose sentence holds ``about``."""
+    with _handled(lambda item: issubclass(item.category, categories) and about in item.message):
+        yield
+
+
+@contextmanager
+def collected(*categories: type[Warning]) -> Iterator[list[Warned]]:
+    """Collect warnings of some classes, all by default, in a block of this thread; :func:`repeat` reports them."""
+    found: list[Warned] = []
+
+    def take(item: Warned) -> bool:
+        if categories and not issubclass(item.category, categories):
+            return False
+        found.append(item)
+        return True
+
+    with _handled(take):
+        yield found
