@@ -1,6 +1,7 @@
 """Models shared by the tests; the scene is that of the demo."""
 
 import os
+import sys
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -9,6 +10,15 @@ import pytest
 from scenes import THESIS
 
 import hhr_dolfinx as hhr
+
+
+@pytest.fixture
+def restless():
+    """Threads change as often as they can, so that a race shows in one run and not in one of a thousand."""
+    before = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    yield
+    sys.setswitchinterval(before)
 
 
 @pytest.fixture(scope="session")

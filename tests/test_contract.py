@@ -3,17 +3,24 @@
 import json
 import subprocess
 import sys
+import threading
+import warnings
 from pathlib import Path
 
 import contract
 import numpy as np
 import pytest
+from threadpoolctl import threadpool_info
+from threads import THREADS, at_once
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import NotOfferedError, ParameterError, SingularError
 from hhr_dolfinx.models.eliminations.elimination import Elimination
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.one_thread import one_thread
+from hhr_dolfinx.pages.page import write_model_page
+from hhr_dolfinx.study.scene.scenery import scenery_of
 
 ROOT = Path(__file__).parent.parent
 
@@ -168,3 +175,87 @@ def test_a_subclass_may_have_its_own_solve():
     assert np.array_equal(counting.solve(contract.MIDDLE).forces(), model.solve(contract.MIDDLE).forces())
     counting.outputs(contract.MIDDLE)
     assert counting.asked == 2
+
+
+def bits(kind, number, folder):
+    """What a model of a kind says by several verbs at a point of its own, as bytes; its page too where it has one."""
+    model = contract.model_of(kind)
+    point = np.array(list(contract.KINDS[kind].mu.values())) * (1 - 0.01 * number)
+    quiet = {"outside": "ignore"}
+    found = []
+    for gradient in (False, True):
+        try:
+            answer = model.solve(point, gradient=gradient, **quiet)
+        except NotOfferedError:
+            continue
+        found += [answer.forces().tobytes(), answer.displacement().tobytes()]
+        if answer.gradient is not None:
+            found += [answer.gradient.multipliers.tobytes(), answer.gradient.unknown.tobytes()]
+    many = model.solve_many(np.stack([point, 0.99 * point]), **quiet)
+    found += [many.forces().tobytes(), hhr.answer_points(model, point[None], **quiet).forces.tobytes()]
+    file = folder / "model.npz"
+    if file.exists():
+        found.append(hhr.load_model(file).solve(point, **quiet).forces().tobytes())
+    return found
+
+
+SLOW = pytest.mark.slow
+SHARED = [
+    pytest.param(kind, marks=SLOW if "flow" in kind or "local" in kind else ())
+    for kind in contract.KINDS
+    if kind != "interpolated condensation, floating"  # which is refused
+]
+"""Kinds of models that threads share; histories of bodies that flow take seconds each."""
+
+
+@pytest.mark.usefixtures("restless")
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("kind", SHARED)
+def test_eight_threads_give_the_bits_of_one_and_leave_the_process_alone(kind, tmp_path):
+    """All verbs on one shared model; filters of warnings and threads of BLAS are what they were."""
+    model = contract.model_of(kind)
+    try:
+        hhr.save_model(tmp_path / "model.npz", model)
+    except NotOfferedError:
+        pass
+    jobs = [lambda k=k: bits(kind, k, tmp_path) for k in range(THREADS)]
+    expected = [job() for job in jobs]
+    filters, pools = list(warnings.filters), threadpool_info()
+    assert at_once(jobs) == expected
+    assert warnings.filters == filters
+    assert threadpool_info() == pools
+
+
+@pytest.mark.usefixtures("restless")
+def test_a_page_is_written_by_eight_threads(tmp_path):
+    """The same page by each, whatever the others ask the model."""
+    model = contract.model_of("interpolated condensation, moduli")
+    scenery = scenery_of(contract.KINDS["interpolated condensation, moduli"].full())
+    filters, pools = list(warnings.filters), threadpool_info()
+
+    def page(k):
+        return write_model_page(tmp_path / f"{k}.html", model, scenery).read_text()
+
+    pages = at_once([lambda k=k: page(k) for k in range(THREADS)])
+    assert len(set(pages)) == 1
+    assert warnings.filters == filters and threadpool_info() == pools
+
+
+def test_blocks_that_overlap_restore_threads_of_blas():
+    """The first block sets one thread, the last one restores what was there, in whatever order threads leave."""
+    before = threadpool_info()
+    first, second = threading.Barrier(2), threading.Barrier(2)
+
+    def early():
+        with one_thread:
+            first.wait(timeout=20)
+        second.wait(timeout=20)
+
+    def late():
+        first.wait(timeout=20)
+        with one_thread:
+            second.wait(timeout=20)
+            assert all(pool["num_threads"] == 1 for pool in threadpool_info())
+
+    at_once([early, late])
+    assert threadpool_info() == before

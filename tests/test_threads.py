@@ -13,10 +13,11 @@ import numpy as np
 import pellet_cladding as pellet_demo
 import pellet_cladding_plastic as demo
 import pytest
+import test_friction
 from bare import WAIT
 from petsc4py import PETSc
-import test_friction
 from scenes import pressed_pair
+from threads import THREADS, at_once
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.condensation import exact_condensation
@@ -28,38 +29,7 @@ from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.linear.dense import LapackLU, PetscLU, dense_factors
 from hhr_dolfinx.shapes import coordinate_names
 
-THREADS = 8
-
-
-@pytest.fixture(autouse=True)
-def restless():
-    """Threads change as often as they can, so that a race shows in one run and not in one of a thousand."""
-    before = sys.getswitchinterval()
-    sys.setswitchinterval(1e-6)
-    yield
-    sys.setswitchinterval(before)
-
-
-def at_once(jobs):
-    """Results of all jobs, started together in a thread each; the first exception is raised."""
-    results, gate = [None] * len(jobs), threading.Barrier(len(jobs))
-
-    def run(k):
-        gate.wait()
-        try:
-            results[k] = jobs[k]()
-        except Exception as error:
-            results[k] = error
-
-    threads = [threading.Thread(target=run, args=(k,)) for k in range(len(jobs))]
-    for thread in threads:
-        thread.start()
-    for thread in threads:
-        thread.join()
-    for result in results:
-        if isinstance(result, Exception):
-            raise result
-    return results
+pytestmark = pytest.mark.usefixtures("restless")
 
 
 def answers(model, points):
