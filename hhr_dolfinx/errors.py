@@ -109,6 +109,10 @@ class LocalModelWarning(UserWarning):
     """Some of several local models are larger, or less exact, than was wished."""
 
 
+class UndeterminedWarning(UserWarning):
+    """Contact does not determine a rigid motion of a body: of all answers that of least motion is given."""
+
+
 class SceneWarning(UserWarning):
     """Something in a scene has no effect, or its imposed displacements contradict its contacts."""
 

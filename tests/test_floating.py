@@ -10,14 +10,15 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
-from scipy.optimize import nnls
+from scipy.optimize import minimize, nnls
 from test_mpi import TESTS, launch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.floating import FloatingEqualities, floating_set
-from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SceneWarning
+from hhr_dolfinx.contact.floating import FloatingEqualities, _nearest, floating_set
+from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SceneWarning, UndeterminedWarning
+from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import stacked_blocks as blocks
 from hhr_dolfinx.geometries.gmsh_model import mesh_of
 from hhr_dolfinx.geometries.two_blocks import side
@@ -279,3 +280,97 @@ def residual_along(full, answer, effects):
     driving = full.problem.rigid.T @ (full.problem.loads @ full.problem.amplitudes(answer.parameter))
     held = effects.T @ answer.forces()
     return np.abs(driving - held).max() / (np.abs(effects).T @ answer.forces()).max()
+
+
+def between_walls():
+    """A block on a floor, pressed down, between walls that it need not touch; the left one may come near."""
+    box = block.side
+    return hhr.Scene(
+        name="between_walls",
+        geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(2, 1), cells=(8, 4)),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(block.SOLID, 1000.0, 0.0),),
+        contacts=(
+            hhr.Obstacle(box(1, False), (0.0, -1.0), 0.0),
+            hhr.Obstacle(box(0, False), (-1.0, 0.0), 0.1),
+            hhr.Obstacle(box(0, True), (1.0, 0.0), 2.5),
+        ),
+        parameters=hhr.ParameterSpace(("press", "wall", "side"), (1.0, 0.0, 0.0), (10.0, 0.3, 5.0)),
+        openings=(hhr.Opening(1, hhr.Amplitude(slopes={"wall": -1.0})),),
+        loads=(
+            hhr.Pressure(box(1, True), hhr.Amplitude(slopes={"press": 1.0})),
+            hhr.Traction(box(0, False), (1.0, 0.0), hhr.Amplitude(slopes={"side": 1.0})),
+        ),
+        outputs=(
+            hhr.DisplacementAt("across", place=(1.0, 1.0), component=0),
+            hhr.DisplacementAt("down", place=(1.0, 1.0), component=1),
+            hhr.ContactForce("weight", contact=0, direction=(0.0, -1.0)),
+        ),
+    )
+
+
+@pytest.fixture(scope="module")
+def walled():
+    training = hhr.train(between_walls(), [2, 3, 2])
+    return {
+        "full": training.full_order,
+        "condensed": hhr.condense(training.full_order),
+        "HHR": training.build(AS_IT_IS),
+    }
+
+
+AS_IT_IS = hhr.Recipe().as_it_is()
+
+
+@pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.UndeterminedWarning", "ignore:.*kept out:UserWarning")
+@pytest.mark.parametrize("kind", ["full", "condensed", "HHR"])
+@pytest.mark.parametrize(("wall", "across"), [(0.0, 0.0), (0.1, 0.0), (0.3, 0.2)])
+def test_a_motion_that_contact_leaves_open_is_the_least_one(walled, kind, wall, across):
+    """The block stays where it is, or where the wall moves it without a force; no model picks a motion of its own."""
+    answer = walled[kind].solve((4.0, wall, 0.0))
+    outputs = answer.outputs()
+    # round-off of springs that held the block on the way, 1e9 times as soft as it
+    assert outputs["across"] == pytest.approx(across, abs=1e-8)
+    assert outputs["down"] == pytest.approx(-4.0 / 1000.0, abs=1e-8)
+    assert outputs["weight"] == pytest.approx(-8.0, rel=1e-9)
+    assert answer.forces()[walled["full"].problem.contact_pairs != 0] == pytest.approx(0.0, abs=1e-8)
+    estimate = answer.estimate()
+    assert "across" not in (estimate.outputs if estimate else {})
+    if kind != "HHR":
+        assert {"down", "weight"} == set(estimate.outputs)
+
+
+@pytest.mark.parametrize("kind", ["full", "condensed", "HHR"])
+def test_a_motion_that_contact_leaves_open_is_named(walled, kind):
+    with pytest.warns(
+        UndeterminedWarning,
+        match=r"moves along \[-?1.0, .?0.0\] at press = 4, .* least motion",
+    ):
+        walled[kind].solve((4.0, 0.1, 0.0))
+
+
+@pytest.mark.parametrize("kind", ["full", "condensed", "HHR"])
+def test_a_motion_that_contact_holds_is_no_open_one(walled, kind):
+    """Pushed sideways the block leans on the right wall: nothing is left open, and all outputs are bounded."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UndeterminedWarning)
+        answer = walled[kind].solve((4.0, 0.0, 2.0))
+    assert answer.undetermined is None
+    # the clearance, and what its right half is compressed by
+    assert answer.outputs()["across"] == pytest.approx(0.5 + 2.0 / 1000.0, rel=1e-8)
+
+
+@given(st.integers(0, 10_000))
+@settings(max_examples=60, deadline=None)
+def test_the_least_motion_is_that_of_a_quadratic_program(seed):
+    """Beside SLSQP, which knows neither normal equations nor non-negative least squares."""
+    rng = np.random.default_rng(seed)
+    rows, limits, target = rng.normal(size=(6, 2)), rng.uniform(0.0, 1.0, 6), 2 * rng.normal(size=2)
+    found = _nearest(rows, limits, target)
+    program = minimize(
+        lambda w: ((w - target) ** 2).sum(), np.zeros(2), jac=lambda w: 2 * (w - target), method="SLSQP",
+        constraints={"type": "ineq", "fun": lambda w: limits - rows @ w, "jac": lambda w: -rows},
+        options={"ftol": 1e-14},
+    )  # fmt: skip
+    assert (rows @ found <= limits + 1e-10).all()
+    assert found == pytest.approx(program.x, abs=1e-5)

@@ -10,13 +10,20 @@ not hold all bodies, or where statuses cycle, weak springs hold the bodies: with
 q0 + (driving - G^T lambda) / k, and S + G G^T / k is that of bodies that are held. Moving the springs' ends q0 along is
 the proximal point method (R. T. Rockafellar, SIAM J. Control Optim. 14, 1976), which ends in finitely many steps for
 such problems.
+
+Forces that are found need not determine the motions: two nodes of a disc that bear force leave it a turn about the
+point where their normals meet, as long as no other node is reached. All of these motions are answers. Every model
+hands out the same one of them, that of least size, see :func:`open_motions`.
 """
 
 from __future__ import annotations
 
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
+from scipy.linalg import null_space
+from scipy.optimize import nnls
 
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, Statuses, active_set
 from hhr_dolfinx.errors import SingularError
@@ -32,6 +39,10 @@ ROUND_OFF = 1e-13
 """Part of the forces on all bodies that is round-off in the balance of one."""
 NOTHING = 1e-14
 """Part of the force that would close the largest gap, below which a force is round-off of that gap."""
+BEARING = 1e-9
+BEARING_OF_GAPS = 1e-12
+"""Parts of the largest contact force, and of the force that would close the largest gap, up to which a condition bears
+no force that holds a body: loads balance each other to round-off only."""
 SINGULAR = 1e-8
 """Residual of an equality problem, in parts of its right-hand side, from which on it is singular to round-off."""
 
@@ -74,6 +85,20 @@ class FloatingEqualities:
             raise SingularError("the conditions that touch do not hold all bodies")
         return found[:m], slack[:m], self._units * found[m:]
 
+    def bearing(self, forces: np.ndarray, free_slack: np.ndarray) -> np.ndarray:
+        """Which conditions bear a force that is more than round-off, (m,) bool."""
+        closing = np.abs(free_slack).max(initial=0.0) / self._size
+        return forces > BEARING * forces.max(initial=0.0) + BEARING_OF_GAPS * closing
+
+    def left_open(self, bearing: np.ndarray) -> np.ndarray:
+        """Orthonormal motions that move none of some conditions, (r, d)."""
+        rows = self.taken[bearing] * self._units
+        if not rows.shape[0]:
+            return np.eye(self.taken.shape[1])
+        # all columns of G are as large as S here; one of zeros is a motion that nothing measures
+        ways = null_space(np.vstack([rows, np.zeros((rows.shape[1],) * 2)]), rcond=SINGULAR)
+        return np.linalg.qr(self._units[:, None] * ways)[0]
+
     def balanced(self, forces: np.ndarray, driving: np.ndarray, nothing: float = 0.0) -> np.ndarray:
         """Whether forces, (m,), balance loads along each motion, (r,), but for part of its own, and round-off of all.
 
@@ -107,6 +132,59 @@ class FloatingEqualities:
         slacks = (right + self._whole @ found)[:m]
         slacks[active] = 0.0
         return found[:m], slacks, self._units[:, None] * found[m:]
+
+
+class OpenMotions(NamedTuple):
+    """Rigid motions that contact forces leave undetermined.
+
+    Attributes:
+        ways: orthonormal motions, (r, d), d >= 1.
+        shift: what leads from the motions that were found to those of least size, (r,).
+        opened: conditions without force that touched and are open then, (m,) bool.
+    """
+
+    ways: np.ndarray
+    shift: np.ndarray
+    opened: np.ndarray
+
+
+def open_motions(
+    equalities: FloatingEqualities, forces: np.ndarray, free_slack: np.ndarray, slack: np.ndarray, moved: np.ndarray
+) -> OpenMotions | None:
+    """Motions that no bearing condition resists; None if the forces determine all of them.
+
+    Args:
+        equalities: on S with the motions, which are orthonormal.
+        forces: of a solution, (m,).
+        free_slack: slack without forces and motions, (m,).
+        slack: that of the solution, (m,).
+        moved: displacement of the solution along the motions, (r,).
+    """
+    bearing = equalities.bearing(forces, free_slack)
+    ways = equalities.left_open(bearing)
+    if not ways.shape[1]:
+        return None
+    rows = equalities.taken[~bearing] @ ways
+    change = _nearest(rows, np.maximum(slack[~bearing], 0.0), -ways.T @ moved)
+    shift = ways @ change
+    opening = -equalities.taken @ shift
+    return OpenMotions(ways, shift, ~bearing & (opening > BEARING * np.abs(opening).max(initial=0.0)))
+
+
+def _nearest(rows: np.ndarray, limits: np.ndarray, target: np.ndarray) -> np.ndarray:
+    """The point w with rows w <= limits that is nearest to a target, (d,); w = 0 is one of them.
+
+    Least distance by non-negative least squares: C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, 1974,
+    chapter 23.
+    """
+    beyond = rows @ target - limits
+    if not (beyond > 0).any():
+        return target
+    system = np.vstack([-rows.T, beyond])
+    unit = np.zeros(len(system))
+    unit[-1] = 1.0
+    left = system @ nnls(system, unit)[0] - unit
+    return target - left[:-1] / left[-1]
 
 
 def floating_set(

@@ -132,6 +132,8 @@ class Answer(NamedTuple):
             :mod:`models.histories.time_error`; 0 where no law has rates, NaN of an answer that belongs to no history.
         ends: times between the parts in which the step was solved, if there were several.
         slip: what friction remembers; None without friction.
+        undetermined: orthonormal rigid motions, as changes of the unknown, (n, d), that neither loads nor contact
+            determine; the answer is the one of least motion. None if there are none.
     """
 
     parameter: np.ndarray
@@ -148,6 +150,7 @@ class Answer(NamedTuple):
     time_error: float = math.nan
     ends: tuple[float, ...] = ()
     slip: SlipState | None = None
+    undetermined: np.ndarray | None = None
 
     @property
     def parts(self) -> int:
@@ -186,8 +189,17 @@ class Answer(NamedTuple):
         return self.gauss
 
     def estimate(self) -> Estimate | None:
-        """What is known of the error of this answer: a bound, or what an indicator says; None where nothing is."""
-        return self.fields.estimate(self)
+        """What is known of the error of this answer: a bound, or what an indicator says; None where nothing is.
+
+        Outputs that an undetermined motion changes have no bound.
+        """
+        found = self.fields.estimate(self)
+        if found is None or self.undetermined is None:
+            return found
+        from hhr_dolfinx.models.undetermined import moved_outputs
+
+        moved = moved_outputs(self)
+        return found._replace(outputs={name: error for name, error in found.outputs.items() if name not in moved})
 
     def outputs(self) -> Outputs:
         """Outputs of the scene by name, with derivatives if the answer has a gradient.

@@ -14,12 +14,19 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, OutsideTrainingError, ParameterError
+from hhr_dolfinx.errors import (
+    NotOfferedError,
+    NotSolvableError,
+    OutsideTrainingError,
+    ParameterError,
+    UndeterminedWarning,
+)
 from hhr_dolfinx.models.answer import Answer, History, Path, SeveralAnswers, one_by_one, outcome, unanswered
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import checked_path, one_step, refuse_gradient, solve_along
 from hhr_dolfinx.plain import rebuilt
 from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange, check_outside
+from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Friction
@@ -157,7 +164,11 @@ class AnsweringModel:
             if raise_on_failure:
                 raise
             return self.unanswered(point)
-        return answer if answer.status is Status.CONVERGED else outcome(answer, raise_on_failure, self.advice)
+        if answer.status is not Status.CONVERGED:
+            return outcome(answer, raise_on_failure, self.advice)
+        if answer.undetermined is not None:
+            self._warn_undetermined(answer)
+        return answer
 
     def check_range(self, point: np.ndarray, outside: str) -> None:
         """Tell of, or refuse, a point, (P,), outside of what was trained."""
@@ -213,6 +224,18 @@ class AnsweringModel:
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
         """The answer to a checked point, (P,), converged or not, from a checked start."""
         raise NotImplementedError
+
+    def _warn_undetermined(self, answer: Answer) -> None:
+        """Warn that contact leaves rigid motions of an answer open."""
+        from hhr_dolfinx.models.undetermined import described
+
+        warn(
+            f"neither loads nor contact determine how far {described(answer)} at "
+            f"{self.parameters.described(answer.parameter)}: the answer is that of least motion, and nothing bounds "
+            "outputs that read it. For one answer hold the body by a displacement, or load it",
+            UndeterminedWarning,
+            stacklevel=3,
+        )
 
     def _checked_outside(self, outside: str) -> str:
         """What happens outside of what was trained: what was asked for, or the usual of this kind."""

@@ -226,7 +226,30 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         if self.response is None or not answer.converged:
             return answer.unknown if self.response is None else np.full(self.basis.shape[1], np.nan)
         there: Any = self._bound_at(answer)
-        return self.response.coordinates(there, there.completed(answer.multipliers[None], self._outside)[0])
+        found = self.response.coordinates(there, there.completed(answer.multipliers[None], self._outside)[0])
+        return found if answer.undetermined is None else self._least_moved(answer, answer.undetermined, found)
+
+    def _least_moved(self, answer: Answer, undetermined: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
+        """Coordinates, (c,), of the field that moves as the answer does along motions that nothing determines.
+
+        The first modes of gamma and the last columns of the displacement are the rigid motions, orthonormal.
+        """
+        assert self.response is not None
+        along_columns, along_loads = self._along_motions
+        r = len(along_columns)
+        ways = undetermined[:r]
+        moved = along_columns @ coordinates + along_loads @ (self.response.loading @ self.amplitudes(answer.parameter))
+        found = coordinates.copy()
+        found[-r:] += ways @ (ways.T @ (answer.unknown[:r] - moved))
+        return found
+
+    @cached_property
+    def _along_motions(self) -> tuple[np.ndarray, np.ndarray]:
+        """What columns and loads move along the rigid motions, (r, c) and (r, k)."""
+        bound: Any = self.bound
+        assert self.response is not None
+        motions = self.basis[:, -bound.taken.shape[1] :].T
+        return motions @ self.basis, motions @ self.response.loaded
 
     @cached_property
     def _lifted(self) -> tuple[np.ndarray, np.ndarray]:

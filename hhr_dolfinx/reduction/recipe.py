@@ -497,7 +497,8 @@ def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.n
     check_basis(problem, basis, f"the basis of {step!r}")
     if problem.rigid is not None:
         along = problem.spread.sum(rigid.T @ basis)
-        basis = problem.spread.orthonormal(np.hstack([rigid, basis - rigid @ along]))[0]
+        others = problem.spread.orthonormal(np.hstack([rigid, basis - rigid @ along]))[0][:, rigid.shape[1] :]
+        basis = np.hstack([rigid, others])  # a QR may turn the sign of the motions
     return np.where(free[:, None], basis, 0.0)  # without the round-off that was let pass
 
 

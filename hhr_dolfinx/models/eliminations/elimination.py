@@ -165,18 +165,27 @@ def _floating_answer(
     gradient: bool,
 ) -> Answer:
     """The same where rigid motions are unknowns too."""
-    from hhr_dolfinx.contact.floating import floating_set
+    from hhr_dolfinx.contact.floating import floating_set, open_motions
 
     equalities = floating.equalities
     free_slack = contact.free_slack
     found, motions = floating_set(equalities, free_slack, floating.driving, start, pairs)
     unknown = contact.unknown(found.forces) + floating.modes @ motions
-    answer = found_as(found, point, unknown, fields)
-    if not gradient or found.status is not Status.CONVERGED:
+    if found.status is not Status.CONVERGED:
+        return found_as(found, point, unknown, fields)
+    slack = free_slack + contact.schur @ found.forces - equalities.taken @ motions
+    left = open_motions(equalities, found.forces, free_slack, slack, floating.modes.T @ unknown)
+    if left is None:
+        answer = found_as(found, point, unknown, fields)
+    else:
+        unknown = unknown + floating.modes @ left.shift
+        slack = slack - equalities.taken @ left.shift
+        found = found._replace(active=found.active & ~left.opened)
+        answer = found_as(found, point, unknown, fields)._replace(undetermined=floating.modes @ left.ways)
+    if not gradient:
         return answer
     from hhr_dolfinx.models.gradient import Gradient, grazing
 
-    slack = free_slack + contact.schur @ found.forces - equalities.taken @ motions
     of_slack, of_unknown = contact.at_fixed_forces(found.forces, unknown)
     driven = floating.drift(found.forces, unknown)
     changes, opened, moved = equalities.several(found.active, of_slack, driven)
