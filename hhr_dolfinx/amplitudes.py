@@ -7,6 +7,7 @@ are, so a model on disk is data only and nothing that is loaded is ever executed
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -15,13 +16,13 @@ from typing import TYPE_CHECKING, Annotated, Any, Protocol
 import numpy as np
 
 from hhr_dolfinx.declared import Floats
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import NotSolvableError, SceneError
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
-    from hhr_dolfinx.formulas import Formula
+    from hhr_dolfinx.formulas import Formula, Scalar
 
 
 @dataclass(frozen=True)
@@ -295,6 +296,58 @@ class Coverage:
         return found
 
 
+RANGES = {"young": (0.0, math.inf), "poisson": (-1.0, 0.5)}
+"""Open intervals in which constants of an isotropic elastic body lie, by the name of the constant."""
+
+
+@dataclass(frozen=True)
+class Limits:
+    """An elastic constant that is a formula, and must stay possible wherever a problem is solved.
+
+    Its box was tried at points only, and a model that interpolates between points never evaluates the formula.
+
+    Attributes:
+        constant: ``young`` or ``poisson``, see :data:`RANGES`.
+        text: the formula.
+        names: of the parameters, in the order of a point.
+    """
+
+    constant: str
+    text: str
+    names: tuple[str, ...]
+
+    def __post_init__(self) -> None:
+        if self.constant not in RANGES:
+            raise SceneError(f"{self.constant!r} is no elastic constant: {', '.join(RANGES)} are")
+
+    @cached_property
+    def _scalar(self) -> Scalar:
+        from hhr_dolfinx.formulas import Scalar
+
+        return Scalar(self.text, self.names)
+
+    def check(self, point: np.ndarray) -> None:
+        """Raise NotSolvableError for a constant that is impossible at a point, (P,)."""
+        low, high = RANGES[self.constant]
+        value = self._scalar.value(point)
+        if not low < value < high:
+            raise NotSolvableError(self._refused(value, point))
+
+    def check_many(self, points: np.ndarray) -> None:
+        """Raise NotSolvableError for a constant that is impossible at one of many points, (n, P)."""
+        low, high = RANGES[self.constant]
+        values = self._scalar.values(points)
+        bad = np.flatnonzero(~((values > low) & (values < high)))
+        if bad.size:
+            raise NotSolvableError(self._refused(values[bad[0]], points[bad[0]]))
+
+    def _refused(self, value: float, point: np.ndarray) -> str:
+        what = {"young": "the modulus", "poisson": "Poisson's ratio"}[self.constant]
+        must = {"young": "be positive", "poisson": "lie in (-1, 0.5)"}[self.constant]
+        place = ", ".join(f"{name} = {number:g}" for name, number in zip(self.names, point.tolist(), strict=True))
+        return f"{what} {self.text[:60]} is {value:g} at {place}, and must {must}: change it, or narrow the box"
+
+
 @dataclass(frozen=True)
 class Amplitudes:
     """All amplitudes of a scene: affine ones, constant + slopes @ mu, then those that are not.
@@ -303,11 +356,13 @@ class Amplitudes:
         constant: (1 + T0,), whose first entry is the 1 of the parameter-free part.
         slopes: (1 + T0, P).
         nonaffine: amplitudes of several terms each, one after another.
+        limits: elastic constants that must be possible at each point at which theta is evaluated.
     """
 
     constant: Annotated[Floats, "affine"]
     slopes: Annotated[Floats, "affine", "P"]
     nonaffine: tuple[NonAffine, ...] = ()
+    limits: tuple[Limits, ...] = ()
 
     def faults_for(self, space: ParameterSpace, terms: int) -> Iterator[str]:
         """What is wrong with amplitudes that a file holds for these parameters and loads, (1 + T)."""
@@ -315,19 +370,26 @@ class Amplitudes:
             yield "the first amplitude must be the constant 1"
         if any(getattr(value, "names", space.names) != space.names for value in self.nonaffine):
             yield f"a formula is one of other parameters than {space.names}"
+        if any(limit.names != space.names for limit in self.limits):
+            yield f"an elastic constant is one of other parameters than {space.names}"
         counts = [checked_count(value, space, "its file") for value in self.nonaffine]
         if self.constant.size + sum(counts) != terms:
             yield f"the amplitudes are {self.constant.size} and {counts}, the loads {terms}"
 
     @classmethod
-    def collect(cls, amplitudes: Sequence[Amplitude | Formula | NonAffine], space: ParameterSpace) -> Amplitudes:
+    def collect(
+        cls,
+        amplitudes: Sequence[Amplitude | Formula | NonAffine],
+        space: ParameterSpace,
+        limits: tuple[Limits, ...] = (),
+    ) -> Amplitudes:
         """Stack affine ones behind the leading constant 1, and behind these the others, each in their order."""
         given = [bound(amplitude, space) for amplitude in amplitudes]
         affine = [amplitude for amplitude in given if isinstance(amplitude, Amplitude)]
         others = tuple(amplitude for amplitude in given if not isinstance(amplitude, Amplitude))
         constant = np.array([1.0] + [amplitude.constant for amplitude in affine])
         slopes = np.array([np.zeros(len(space.names)), *(amplitude.row(space) for amplitude in affine)])
-        return cls(constant, slopes, others)
+        return cls(constant, slopes, others, limits)
 
     @cached_property
     def firsts(self) -> list[int]:
@@ -339,7 +401,10 @@ class Amplitudes:
 
         Raises:
             SceneError: if an amplitude that is not affine answers with columns of others.
+            NotSolvableError: if an elastic constant is impossible there.
         """
+        for limit in self.limits:
+            limit.check(point)
         affine = self.constant + self.slopes @ point
         if not self.nonaffine:
             return Theta(slice(None), affine)
@@ -360,6 +425,8 @@ class Amplitudes:
         """θ at every point, (n, 1 + T); sparse where most terms may be zero."""
         from scipy.sparse import csr_matrix
 
+        for limit in self.limits:
+            limit.check_many(points)
         affine = self.constant + points @ self.slopes.T
         if not self.nonaffine:
             return affine

@@ -2,12 +2,12 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
 from typing import TYPE_CHECKING, Any
 
+from hhr_dolfinx.amplitudes import RANGES, Limits
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import ParameterSpace, Tag, check_tag, is_number
 from hhr_dolfinx.units import Units
@@ -106,14 +106,19 @@ class Body:
         """Whether more of its elasticity than a factor that all of it has depends on parameters or on the place."""
         return isinstance(self.poisson, str) or self.grading is not None
 
+    def limits(self, names: tuple[str, ...]) -> tuple[Limits, ...]:
+        """Elastic constants that are formulas of parameters of these names."""
+        constants = {"young": self.young, "poisson": self.poisson}
+        return tuple(Limits(name, text, names) for name, text in constants.items() if isinstance(text, str))
+
     def check(self, parameters: ParameterSpace) -> None:
         """Raise SceneError for a modulus or a ratio that is impossible somewhere in the box."""
         from hhr_dolfinx.formulas import Scalar, check_over_box
 
         ratio = "keep Poisson's ratio in (-1, 0.5), or narrow the box"
-        for name, value, low, high, remedy in (
-            ("young", self.young, 0.0, math.inf, "Young's modulus must be positive everywhere in the box: narrow it"),
-            ("poisson", self.poisson, -1.0, 0.5, ratio),
+        for name, value, (low, high), remedy in (
+            ("young", self.young, RANGES["young"], "Young's modulus must be positive everywhere in the box: narrow it"),
+            ("poisson", self.poisson, RANGES["poisson"], ratio),
         ):
             if isinstance(value, str):
                 what = f"{name} of body {self.tag}"

@@ -199,13 +199,14 @@ def bits(kind, number, folder):
     return found
 
 
-SLOW = pytest.mark.slow
+LONG = {"sliding past the mesh", "HHR, friction and floating", "HHR, friction and moduli",
+        "interpolated condensation, friction and shape"}  # fmt: skip
 SHARED = [
-    pytest.param(kind, marks=SLOW if "flow" in kind or "local" in kind else ())
+    pytest.param(kind, marks=pytest.mark.slow if "flow" in kind or "local" in kind or kind in LONG else ())
     for kind in contract.KINDS
     if kind != "interpolated condensation, floating"  # which is refused
 ]
-"""Kinds of models that threads share; histories of bodies that flow take seconds each."""
+"""Kinds of models that threads share; histories take seconds each."""
 
 
 @pytest.mark.usefixtures("restless")

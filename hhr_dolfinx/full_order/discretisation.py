@@ -105,7 +105,8 @@ class Discretisation(DiscreteSpace):
         straight, curved = parted(moved)
         opened = [item.amplitude for item in scene.openings]
         given = [term.amplitude for term in straight], opened, [term.amplitude for term in (*terms, *curved)]
-        amplitudes = Amplitudes.collect([item for part in given for item in part], scene.parameters)
+        limits = tuple(limit for body in scene.bodies for limit in body.limits(scene.parameters.names))
+        amplitudes = Amplitudes.collect([item for part in given for item in part], scene.parameters, limits)
         shape = self.size, amplitudes.firsts[-1]
         forces = placed(terms, first_load(scene), shape)
         lifts = placed(straight, 1, shape) + placed(curved, shape[1] - len(curved), shape)

@@ -50,6 +50,7 @@ class FullStiffness:
         """Factor the stiffness of a point, unless it is that at hand, or known from another one."""
         if full.scaled is not None:
             return cls._scaled(full, point)
+        theta = full.problem.amplitudes(point)  # first, since it refuses moduli that are impossible
         problem = full.problem.at(point)
         if full.problem.varies:
             _, stiffness, per_force, schur = full.condensed_at(problem, point)
@@ -57,7 +58,6 @@ class FullStiffness:
             stiffness = full.problem.own_stiffness
             per_force = None
             schur = full.schur
-        theta = problem.amplitudes(point)
         free = full.solve_with(stiffness, problem.loads[problem.rows] @ theta)
         slack = problem.gaps @ theta - problem.moved(free)
         return cls(full, problem, point, free, schur, slack, stiffness, per_force)

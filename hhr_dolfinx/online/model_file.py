@@ -32,7 +32,7 @@ FORMAT = "hhr_dolfinx model"
 VERSION = 5
 
 MODULES = {
-    "amplitudes": "Amplitudes Coverage",
+    "amplitudes": "Amplitudes Coverage Limits",
     "contact.friction": "Coulomb Friction FrictionLaw Tresca",
     "formulas": "Formula Modulus Scalar",
     "materials.laws": "Norton Plasticity",

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, NotSolvableError, ParameterError
+from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, NotSolvableError, ParameterError, SceneError
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Model, Path
 from hhr_dolfinx.models.histories.equilibrium import Equilibrium, MarchSettings
 from hhr_dolfinx.parameters import ParameterSpace
@@ -141,7 +141,7 @@ def one_step(
         start[model.friction.fixed] = target[model.friction.fixed]
     try:
         return model.march([(0.0, start), (duration, target)], MarchSettings(outside=outside)).answers[-1]
-    except (ConvergenceError, NotSolvableError):
+    except (ConvergenceError, NotSolvableError, SceneError):  # of a modulus or a constant that is impossible there
         if raise_on_failure:
             raise
         return _unanswered(model.equilibrium, target)
