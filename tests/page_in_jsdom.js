@@ -61,5 +61,4 @@ function seen() {
 
 const found = [seen()];
 for (const [kind, ...given] of acts) { ACTS[kind](...given); found.push(seen()); }
-console.log(JSON.stringify({ found, errors }));
-process.exit();
+process.stdout.write(JSON.stringify({ found, errors }), () => process.exit()); // not before all of it is written
