@@ -25,8 +25,8 @@ from hhr_dolfinx.pages import page
 NODE = shutil.which("node")
 BLOCKS = 7
 """Contacts of the blocks below."""
-# pages and C used to cut these otherwise: their errors were measured by the forces and the energy of increments that the
-# path kept, and those of Python by all that were tried; forces were up to 1.4e-4 apart
+# pages and C used to cut these otherwise: their errors were measured by the forces and the energy of increments that
+# the path kept, and those of Python by all that were tried; forces were up to 1.4e-4 apart
 NEAR = {
     7: (0.04963800609111786, -0.08819317817687988),
     11: (0.0370611846446991, -0.08725740909576417),
