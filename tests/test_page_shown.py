@@ -88,7 +88,8 @@ def views_of_elastic():
     """At an address, with a slider moved, a number written, reset, stress chosen, copied, and another address."""
     acts = [
         ("slide", "E1", "4"), ("write", "push", "0.01"),
-        ("choose", "component", "0"), ("choose", "component", "stress"), ("choose", "exaggerate", "0"), ("click", "copy"),
+        ("choose", "component", "0"), ("choose", "component", "stress"), ("choose", "exaggerate", "0"),
+        ("click", "copy"),
         ("drag", "pad", (WIDE, 0), (0, HIGH / 2)), ("key", "pad", "ArrowRight"),
         ("click", "reset"), ("address", "#E1=2&what=1"),
     ]  # fmt: skip
