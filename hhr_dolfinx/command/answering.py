@@ -36,8 +36,9 @@ def largest_values(
         pairs: contact pair of each of the forces, (c,); None where that is not known: the sum is then that of all.
         forces: of pressures, (c,).
     """
-    units = None if scene is None else scene.units
-    length, force = ("", "") if units is None else (units.length, units.force_in(scene.hypothesis))
+    length = force = ""
+    if scene is not None and scene.units is not None:
+        length, force = scene.units.length, scene.units.force_in(scene.hypothesis)
     displacement = answer.displacement().reshape(-1, dimension)
     slips = {}
     if answer.slip is not None:
