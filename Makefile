@@ -86,7 +86,7 @@ lint: setup
 	.venv/bin/python -m mypy
 
 test: setup
-	@echo "Some 3700 tests: six minutes on two idle cores, three times as long on busy ones; dots come as tests are done."
+	@echo "Some 4200 tests: about eleven minutes on two idle cores, three times as long on busy ones; dots come as tests are done."
 	.venv/bin/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 QUICK = active_set bad_input bad_meshes bad_pairings basis bounds clusters cubature enrichment fields formulas forms full_order house \

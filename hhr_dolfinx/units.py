@@ -36,6 +36,14 @@ class Units:
             f"{self.length} {self.stress}", f"{self.stress} {self.length}²"
         )
 
+    def force_in(self, hypothesis: str) -> str:
+        """Unit of the forces of a hypothesis, in words: per unit depth in the plane."""
+        return f"{self.force}/{self.length}" if hypothesis.startswith("plane") else self.force
+
+    def work_in(self, hypothesis: str) -> str:
+        """Unit of their work, in words."""
+        return self.force if hypothesis.startswith("plane") else f"{self.force} {self.length}"
+
     def stress_of(self, pascals: float) -> float:
         """A stress in pascals as a number of the scene."""
         return pascals / STRESSES[self.stress]

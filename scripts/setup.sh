@@ -4,13 +4,17 @@
 # 1. A Python that already has DOLFINx >= 0.9 (conda, apt) is used with its DOLFINx.
 # 2. Otherwise a Python >= 3.12 is looked for and DOLFINx, PETSc and SLEPc are installed as a wheel.
 #
-# PYTHON=/path/to/python chooses the interpreter. What goes on is said in whole lines, so that a log can keep it; all
-# that pip said is in .venv/pip.log.
+# PYTHON=/path/to/python chooses the interpreter. HHR_CI=1 also asks for what lets every test run: node, jsdom, Chromium
+# and the programs of the extra "ci". What goes on is said in whole lines, so that a log can keep it; all that pip said is
+# in .venv/pip.log.
 set -eu
 cd "$(dirname "$0")/.."
 venv=.venv
 stamp=$venv/.ready
-if [ -e "$stamp" ] && [ "$stamp" -nt pyproject.toml ] && [ "$stamp" -nt scripts/setup.sh ]; then exit 0; fi
+also=${HHR_CI:+,ci}
+# the stamp names the extras that were installed: an environment without those of continuous integration is not enough
+if [ -e "$stamp" ] && [ "$stamp" -nt pyproject.toml ] && [ "$stamp" -nt scripts/setup.sh ] &&
+    { [ -z "$also" ] || grep -q "$also" "$stamp"; }; then exit 0; fi
 
 say() { printf '%s\n' "$*" >&2; }
 
@@ -64,6 +68,11 @@ check_system() {
     need_library libXcursor.so.1 libxcursor1
     need_library libXft.so.2 libxft2
     need_library libXinerama.so.1 libxinerama1
+    if [ -n "$also" ]; then
+        command -v node >/dev/null 2>&1 || missing="$missing nodejs"
+        [ -e /usr/share/nodejs/jsdom ] || missing="$missing node-jsdom"
+        command -v chromium >/dev/null 2>&1 || missing="$missing chromium"
+    fi
     if [ -n "$missing" ]; then
         say "These system packages are missing:$missing"
         say "Install them, then call this again. On Debian and Ubuntu:"
@@ -109,7 +118,7 @@ if [ -n "$system_python" ]; then
     say "Set-up 2 of 3: the DOLFINx of $system_python is used; installing the rest into $venv"
     say "    (up to 440 MB to download, 1.7 GB on disk, two minutes)"
     "$system_python" -m venv --system-site-packages "$venv"
-    extras=all,test
+    extras=all,test$also
 else
     if [ "$(uname -sm)" != "Linux x86_64" ]; then
         say "The DOLFINx wheel is for x86-64 Linux; here ($(uname -sm)) install DOLFINx with conda:"
@@ -119,7 +128,7 @@ else
     say "Set-up 2 of 3: installing DOLFINx, PETSc, SLEPc and the rest for $python into $venv"
     say "    (520 MB to download, 1.9 GB on disk, two minutes)"
     "$python" -m venv "$venv"
-    extras=all,solver,test
+    extras=all,solver,test$also
 fi
 install "$extras"
 say "Set-up 3 of 3: trying what was installed"
@@ -128,5 +137,5 @@ for name in hhr_dolfinx.__all__: getattr(hhr_dolfinx, name)' || {
     say "The installation does not work; the message above says why."
     exit 1
 }
-touch "$stamp"
+printf '%s\n' "$extras" >"$stamp"
 say "Set up in $(($(date +%s) - begin)) s: $(du -sm "$venv" | cut -f1) MB in $venv"

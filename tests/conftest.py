@@ -7,6 +7,7 @@ os.environ.setdefault("OMP_NUM_THREADS", "1")
 
 import hertz_half_discs as demo
 import pytest
+from no_skips import pytest_make_collect_report, pytest_runtest_makereport  # noqa: F401
 from scenes import THESIS
 
 import hhr_dolfinx as hhr

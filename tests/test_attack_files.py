@@ -235,11 +235,11 @@ def by_calculix(path, count, dim):
 KINDS = [("plane_strain", True), ("plane_strain", False), ("axisymmetric", False), ("solid", True), ("solid", False)]
 
 
-@pytest.mark.parametrize(("hypothesis", "simplices"), KINDS)
-@pytest.mark.parametrize("order", [1, 2])
+# of second order simplices alone: the others have nodes in the middle of faces, which decks have no elements for
+@pytest.mark.parametrize(
+    ("hypothesis", "simplices", "order"), [(*kind, 1) for kind in KINDS] + [(*kind, 2) for kind in KINDS if kind[1]]
+)
 def test_a_deck_is_the_scene_again_and_calculix_agrees(hypothesis, simplices, order, tmp_path):
-    if order == 2 and not simplices:
-        pytest.skip("nodes in the middle of faces, which decks have no elements for")
     scene = dataclasses.replace(pressed(hypothesis, simplices), order=order)
     model = hhr.FullOrderModel(scene, MPI.COMM_SELF)
     answer = model.solve(5.0)

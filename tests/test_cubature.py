@@ -238,9 +238,9 @@ def test_refused_compressions(chunks, tolerance, words):
 def test_many_points_in_seconds():
     """A fifth of the largest tables: the whole of it takes seconds, scipy's minutes."""
     rows = noisy(300, 20000)
-    start = time.perf_counter()
+    start = time.process_time()
     assert fitted(rows, 1e-3).points.size > 100
-    assert time.perf_counter() - start < 10
+    assert time.process_time() - start < 10
 
 
 @pytest.fixture(scope="module")

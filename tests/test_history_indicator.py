@@ -154,9 +154,9 @@ def test_it_costs_less_than_a_step():
     model.march(path).answers[-1].estimate()
 
     def seconds(task):
-        start = time.perf_counter()
+        start = time.process_time()
         task()
-        return time.perf_counter() - start
+        return time.process_time() - start
 
     history = model.march(path)
     march = min(seconds(lambda: model.march(path)) for _ in range(3))

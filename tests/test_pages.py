@@ -365,8 +365,13 @@ def test_a_page_of_another_scene_or_too_large_is_refused(monkeypatch, tmp_path):
         hhr.write_model_page(tmp_path / "page.html", model, made(others)[2])
     with pytest.raises(NotOfferedError, match="another mesh"):
         hhr.write_model_page(tmp_path / "page.html", model, dataclasses.replace(scenery, nodes=scenery.nodes + 1000))
-    monkeypatch.setattr(page, "MOST_BYTES", 1000)
+    # what is drawn makes it too large, and then what answers, which is refused before anything is made
+    monkeypatch.setattr(page, "MOST_BYTES", 20_000)
     with pytest.raises(NotOfferedError, match="go by mail"):
+        hhr.write_model_page(tmp_path / "page.html", model, scenery)
+    monkeypatch.setattr(page, "MOST_BYTES", 100)
+    monkeypatch.setattr(page, "page_text", lambda *given: pytest.fail("a page was made"))
+    with pytest.raises(NotOfferedError, match=r"go by mail: \d+ contact conditions"):
         hhr.write_model_page(tmp_path / "page.html", model, scenery)
     assert not list(tmp_path.iterdir())
 

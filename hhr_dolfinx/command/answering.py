@@ -27,7 +27,7 @@ TABLES = (".csv", ".parquet")
 def largest_values(
     answer: Answer, dimension: int, scene: Scene | None, pairs: np.ndarray | None, forces: np.ndarray
 ) -> dict[str, float]:
-    """The largest displacement, the sum of the forces of each contact, and how many conditions touch.
+    """The largest displacement, the sum of the forces of each contact, and the number of active contacts.
 
     Args:
         answer: of any model.
@@ -36,9 +36,9 @@ def largest_values(
         pairs: contact pair of each of the forces, (c,); None where that is not known: the sum is then that of all.
         forces: of pressures, (c,).
     """
-    units = None if scene is None else scene.units
-    per_depth = scene is not None and scene.hypothesis.startswith("plane")
-    length, force = ("", "") if units is None else (units.length, units.force + f"/{units.length}" * per_depth)
+    length = force = ""
+    if scene is not None and scene.units is not None:
+        length, force = scene.units.length, scene.units.force_in(scene.hypothesis)
     displacement = answer.displacement().reshape(-1, dimension)
     slips = {}
     if answer.slip is not None:
@@ -53,7 +53,7 @@ def largest_values(
             which = f" {number} of {', '.join(map(str, scene.contacts[number].tags))}" if several else ""
             name = f"sum of the forces of contact{which}" if several else "sum of contact forces"
             rows[_with_unit(name, force)] = float(forces[pairs == number].sum())
-    return rows | {"conditions that touch": int((forces > 0).sum())} | slips
+    return rows | {"active contacts": int((forces > 0).sum())} | slips
 
 
 def _with_unit(name: str, unit: str) -> str:

@@ -3,7 +3,7 @@
    method, and what it does not settle brought nearer by sweeps over single contacts; friction.js says the same. */
 #define MODEL_NEWTON 40
 #define MODEL_GIVES 1e-4
-#define MODEL_HALVED 8
+#define MODEL_HALVED 6
 #define MODEL_FEWEST 4
 #define MODEL_CUTS 12
 #define MODEL_SETTLED 1e-3
@@ -30,7 +30,7 @@ typedef struct {
     model_state *state, *pool;
     model_column *columns;
     double *schur, *slack, *stiffness, *y, *start, *forces, *left, *known, *x, *ways; /* ways: of what slips, along its rows */
-    double coefficient[MODEL_CONTACTS], limit[MODEL_CONTACTS], shrunk[MODEL_CONTACTS], probe, largest, dissipated;
+    double coefficient[MODEL_CONTACTS], limit[MODEL_CONTACTS], shrunk[MODEL_CONTACTS], probe, largest, energy; /* the last two by which errors are measured */
     int *place;
     unsigned char *at, *pressing, *seen; /* at: whether rows act, are at their limit, slip: 0, 1 or, backwards, 2 */
     int begun;
@@ -302,6 +302,10 @@ static inline int model_increment(model_path *p, const model_state *before, cons
     }
     if (!model_settles(p)) return 0;
     model_remember(p, before, point, after);
+    for (int k = 0; k < MODEL_TWICE; k++) { /* the energy is that of S as it is, not softened */
+        const double force = p->forces[model_twice[k]];
+        after->energy -= 0.5 * MODEL_GIVES * p->room->schur[model_twice[k] * m + model_twice[k]] * force * force;
+    }
     return 1;
 }
 
@@ -328,34 +332,42 @@ static inline double model_stuck(const model_state *before, const model_state *a
 }
 
 /* What an increment in two halves is off: forces by the largest of the path, dissipated work by that of the path. */
-static inline double model_off(model_path *p, const model_state *before, const model_state *half, const model_state *second,
-                               const model_state *whole) {
-    double sizes[2] = {0, 0}, change = 0, work = 0, other = 0;
-    for (int i = 0; i < MODEL_CONDITIONS; i++) {
-        sizes[0] += half->forces[i] * half->forces[i], sizes[1] += second->forces[i] * second->forces[i];
+static inline double model_off(const model_path *p, const model_state *before, const model_state *half,
+                               const model_state *second, const model_state *whole) {
+    double change = 0, work = 0, other = 0;
+    for (int i = 0; i < MODEL_CONDITIONS; i++)
         change += (second->forces[i] - whole->forces[i]) * (second->forces[i] - whole->forces[i]);
-    }
-    p->largest = fmax(p->largest, sqrt(fmax(sizes[0], sizes[1])));
-    p->dissipated = fmax(p->dissipated, second->energy);
     for (int k = 0; k < MODEL_CONTACTS; k++) work += second->work[k], other += whole->work[k];
     const double forces = sqrt(change) + sqrt(model_stuck(before, half) + model_stuck(half, second));
-    const double scale = work + MODEL_WORK_LEAST * p->dissipated;
+    const double scale = work + MODEL_WORK_LEAST * p->energy;
     return fmax(forces / (p->largest > 0 ? p->largest : 1), fabs(work - other) / (scale > 0 ? scale : 1));
 }
 
-/* An increment of a load in proportion, halved until that changes little. */
+/* An increment that counts in the sizes by which errors are measured, whether the path keeps it or not. */
+static inline int model_tried(model_path *p, const model_state *before, const double *point, model_state *after) {
+    double size = 0;
+    if (!model_increment(p, before, point, after)) return 0;
+    for (int i = 0; i < MODEL_CONDITIONS; i++) size += after->forces[i] * after->forces[i];
+    p->largest = fmax(p->largest, sqrt(size));
+    p->energy = fmax(p->energy, after->energy);
+    return 1;
+}
+
+/* An increment of a load in proportion, halved until that changes little, as models/histories/sliding.py does. */
 static inline int model_careful(model_path *p, const model_state *before, const double *point, model_state *after, int depth) {
     double middle[MODEL_PARAMETERS];
     model_state *half = &p->pool[3 * depth], *whole = half + 1, *second = half + 2;
+    const int single = model_tried(p, before, point, whole);
+    if (depth >= (single ? MODEL_CUTS : MODEL_HALVED)) {
+        if (single) *after = *whole;
+        return single;
+    }
     model_between(before->point, point, 0.5, middle);
-    const int single = model_increment(p, before, point, whole);
-    const int both = model_increment(p, before, middle, half) && model_increment(p, half, point, second);
-    if (single && both) {
-        if (model_off(p, before, half, second, whole) <= MODEL_SETTLED || depth + 1 >= MODEL_CUTS) {
-            *after = *second;
-            return 1;
-        }
-    } else if (depth >= MODEL_CUTS) return 0;
+    if (model_tried(p, before, middle, half) && single && model_tried(p, half, point, second) &&
+        (model_off(p, before, half, second, whole) <= MODEL_SETTLED || depth + 1 >= MODEL_CUTS)) {
+        *after = *second;
+        return 1;
+    }
     return model_careful(p, before, middle, half, depth + 1) && model_careful(p, half, point, after, depth + 1);
 }
 
@@ -374,7 +386,7 @@ static inline int model_rest(model_path *p, const double *point) {
     model_start(point, from);
     memset(p->state, 0, sizeof *p->state);
     memcpy(p->state->point, from, sizeof from);
-    p->begun = 0, p->largest = p->dissipated = 0;
+    p->begun = 0, p->largest = p->energy = 0;
     if (!model_stays(point)) return MODEL_OUTSIDE;
     if (!model_set_contact(p->room, from)) return MODEL_NO_ANSWER;
     p->room->started = 1;

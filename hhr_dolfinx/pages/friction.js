@@ -5,7 +5,7 @@
    Needs model.js. */
 
 ((hhr) => {
-  const TOLERANCE = 1e-11, ROUND_OFF = 1e-15, PROBES = [0.2, 1, 0.01], NEWTON = 40, GIVES = 1e-4, HALVED = 8;
+  const TOLERANCE = 1e-11, ROUND_OFF = 1e-15, PROBES = [0.2, 1, 0.01], NEWTON = 40, GIVES = 1e-4, HALVED = 6;
   const FEWEST = 4, CUTS = 12, SETTLED = 1e-3, WORK = 1e-3, APART = 1e-9;
   const SWEEPS = [10, 30, 100, 300, 1000, 3000];
   const largest = (values) => values.reduce((most, value) => Math.max(most, Math.abs(value)), 0);
@@ -53,7 +53,7 @@
       const contact = this.model.contact(point), slack = contact.slack, given = this.bounds(point);
       this.tangential.forEach((row, k) => { slack[row] -= before.position[k]; });
       const found = this.settled(this.softened(contact.schur), slack, given, before.forces);
-      return found && this.after(before, { ...found, point, given, theta: contact.theta });
+      return found && this.after(before, { ...found, point, given, theta: contact.theta, energy: this.energy(contact.schur, found) });
     }
 
     /* The same, cut into halves where it has to be. */
@@ -85,21 +85,34 @@
     }
 
     careful(before, point, states, scale, depth) {
-      const middle = before.point.map((x, k) => (x + point[k]) / 2), whole = this.increment(before, point);
-      const half = this.increment(before, middle), second = half && this.increment(half, point);
-      if (whole && second) {
-        const off = this.difference(before, half, second, whole, scale);
-        if (off <= SETTLED || depth + 1 >= CUTS) { states.push(half, second); return second; }
-      } else if (depth >= CUTS) return null;
+      const whole = this.tried(before, point, scale);
+      if (depth >= (whole ? CUTS : HALVED)) {
+        if (whole) states.push(whole);
+        return whole;
+      }
+      const middle = before.point.map((x, k) => (x + point[k]) / 2), half = this.tried(before, middle, scale);
+      const second = whole && half && this.tried(half, point, scale);
+      if (second && (this.difference(before, half, second, whole, scale) <= SETTLED || depth + 1 >= CUTS)) {
+        states.push(half, second);
+        return second;
+      }
       const first = this.careful(before, middle, states, scale, depth + 1);
       return first && this.careful(first, point, states, scale, depth + 1);
+    }
+
+    /* An increment that counts in the sizes by which errors are measured, whether the path keeps it or not. */
+    tried(before, point, scale) {
+      const state = this.increment(before, point);
+      if (state) {
+        scale.forces = Math.max(scale.forces, Math.hypot(...state.forces));
+        scale.energy = Math.max(scale.energy, state.energy);
+      }
+      return state;
     }
 
     /* What an increment in two halves is off: forces by the largest of the path, dissipated work by that of the path. */
     difference(before, half, second, whole, scale) {
       const norm = (values) => Math.hypot(...values), sum = (values) => values.reduce((t, x) => t + x, 0);
-      for (const state of [half, second]) scale.forces = Math.max(scale.forces, norm(state.forces));
-      scale.energy = Math.max(scale.energy, second.energy);
       const closing = Math.hypot(this.held(before, half), this.held(half, second)), work = sum(second.work);
       const off = norm(second.forces.map((x, i) => x - whole.forces[i])) + closing;
       return Math.max(off / (scale.forces || 1), Math.abs(work - sum(whole.work)) / (work + WORK * scale.energy || 1));
@@ -116,10 +129,15 @@
       return Math.sqrt(square);
     }
 
+    /* Elastic energy of contact forces, with S as it is and not softened. */
+    energy(schur, { forces, pushed }) {
+      const soft = this.twice.reduce((t, row) => t + GIVES * schur[row * this.model.m + row] * forces[row] ** 2, 0);
+      return 0.5 * (forces.reduce((t, x, i) => t + x * pushed[i], 0) - soft);
+    }
+
     /* What is remembered after an increment: bounds and pressures along a slip are the means of both ends. */
-    after(before, { forces, slack, pushed, at, point, given, theta }) {
-      const { normal, tangential } = this, state = Object.assign(this.blank(point), { forces, theta, converged: true });
-      state.energy = 0.5 * forces.reduce((t, x, i) => t + x * pushed[i], 0);
+    after(before, { forces, slack, at, point, given, theta, energy }) {
+      const { normal, tangential } = this, state = Object.assign(this.blank(point), { forces, theta, energy, converged: true });
       const slipped = new Float64Array(normal.length), slides = new Uint8Array(normal.length);
       tangential.forEach((row, k) => {
         state.position[k] = before.position[k] + slack[row];

@@ -14,7 +14,8 @@ import numpy as np
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.models.estimates import relative_errors
-from hhr_dolfinx.pages.arrays import check_model, drawn, flows, packed
+from hhr_dolfinx.pages.arrays import check_model, contact_tree, drawn, flows, packed
+from hhr_dolfinx.pages.packing import Packed
 from hhr_dolfinx.pages.scenery import Scenery, thinned
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
@@ -52,7 +53,7 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
         NotOfferedError: for another kind of model, one of another scene, or one that is too large for a page.
         FileError: if the file cannot be written.
     """
-    check_model(model)
+    check_fits(model)
     if len(scenery.areas) != model.conditions:
         raise NotOfferedError(
             f"the scenery is of {len(scenery.areas)} contact conditions and the model of {model.conditions}: they are "
@@ -65,15 +66,32 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
     if not np.linalg.norm(own - scenery.compliance) <= ALIKE * np.linalg.norm(own):
         raise NotOfferedError("the scenery is not of the scene of this model: its contact is stiffer or softer")
     text = page_text(model, scenery)
-    if len(text.encode()) > MOST_BYTES:
-        raise NotOfferedError(
-            f"a page of {len(text) / 1e6:.1f} MB is more than the {MOST_BYTES / 1e6:g} that go by mail: "
-            f"{_size(model)} are too many. Take a coarser mesh for the page"
-            + (", or a model with fewer modes: a larger error, or fewer paths" if flows(model) else "")
-        )
+    _check_size(model, len(text.encode()))
     with replacing(path, text=True) as file:
         file.write(text)
     return Path(path)
+
+
+def check_fits(model: Any) -> None:
+    """Refuse a model that no page is built for or has room for, before anything is made of it.
+
+    Raises:
+        NotOfferedError: by the kind of the model, or by its size.
+    """
+    check_model(model)
+    arrays = Packed()
+    contact_tree(model, arrays)
+    _check_size(model, arrays.size)
+
+
+def _check_size(model: Any, size: int) -> None:
+    """Refuse a page of ``size`` bytes, if that is too many."""
+    if size > MOST_BYTES:
+        raise NotOfferedError(
+            f"a page of {size / 1e6:.1f} MB is more than the {MOST_BYTES / 1e6:g} that go by mail: "
+            f"{_size(model)} are too many. Take a coarser mesh for the page"
+            + (", or a model with fewer modes: a larger error, or fewer paths" if flows(model) else "")
+        )
 
 
 def _compliance(model: Any) -> np.ndarray:

@@ -87,8 +87,8 @@ class Scenery:
         moves: whether shapes are parameters: areas are then those of the middle of the box alone.
         strains: of the cells that are drawn; None where their stress is not that of a displacement alone.
         owners: cell of each triangle in a model that flows, (t,), which alone knows them; None elsewhere.
-        words: ``scene``, ``contacts`` (a name for each), ``bodies`` (a line for each), ``hypothesis``, ``length`` and
-            ``stress`` (units, or nothing), ``units`` of parameters by name.
+        words: ``scene``, ``contacts`` (a name for each), ``bodies`` (a line for each), ``hypothesis``, ``length``,
+            ``stress``, ``force`` and ``work`` (units, or nothing), ``units`` of parameters by name.
     """
 
     points: np.ndarray

@@ -67,7 +67,7 @@
 
   /* Numbers. */
   // where shapes are parameters areas are, and forces of nodes are what is known
-  const what = scenery.moves ? "force of a node" : "pressure", ofStress = scenery.moves ? "" : words.stress;
+  const what = scenery.moves ? "force of a node" : "pressure", ofPressure = (scenery.moves ? words.force : words.stress) ?? "";
   const stressOf = (force, i) => (scenery.moves ? force : areas[i] > 0 ? force / areas[i] : NaN);
   const pressure = () => Array.from(answer.forces, stressOf);
   const ownOf = (pair) => [...pairs.keys()].filter((i) => pairs[i] === pair && presses(i));
@@ -81,9 +81,9 @@
       const own = ownOf(pair), sum = own.reduce((t, i) => t + answer.forces[i], 0);
       const peak = Math.max(...own.map((i) => (Number.isNaN(all[i]) ? -Infinity : all[i])));
       found.push([contactName(pair), null, null]);
-      found.push(["sum of forces", sum, null]);
-      if (Number.isFinite(peak)) found.push([`largest ${what}${unit(ofStress)}`, peak, null]);
-      found.push([`conditions that touch, of ${own.length}`, own.filter((i) => answer.forces[i] > 0).length, null]);
+      found.push([`sum of forces${unit(words.force)}`, sum, null]);
+      if (Number.isFinite(peak)) found.push([`largest ${what}${unit(ofPressure)}`, peak, null]);
+      found.push(["active contacts", own.filter((i) => answer.forces[i] > 0).length, null, own.length]);
       if (sliding) found.push(...rubbing(pair));
     }
     if (flowing) found.push(["largest cumulated plastic strain where the law is evaluated", Math.max(0, ...answer.cumulated), null]);
@@ -97,10 +97,10 @@
     const contact = [...sliding.normal.keys()].filter((k) => pairs[sliding.normal[k]] === pair);
     const total = (values) => contact.reduce((t, k) => t + values[k], 0);
     const along = [...sliding.tangential.keys()].filter((k) => contact.includes(sliding.owner[k]));
-    const sums = [...Array(dim).keys()].map((c) => [`friction on the first surface, along ${"xyz"[c]}`, along.reduce((t, k) => t + onSlave(k, c), 0), null]);
-    return [...sums, ["conditions that stick", contact.filter((k) => answer.statuses[k] === 1).length, null],
-      ["conditions that slip", contact.filter((k) => answer.statuses[k] === 2).length, null],
-      ["dissipated work", total(answer.work), null], [`longest way slipped${unit(words.length)}`, Math.max(0, ...contact.map((k) => answer.path[k])), null]];
+    const sums = [...Array(dim).keys()].map((c) => [`friction on the first surface, along ${"xyz"[c]}${unit(words.force)}`, along.reduce((t, k) => t + onSlave(k, c), 0), null]);
+    return [...sums, ["sticking contacts", contact.filter((k) => answer.statuses[k] === 1).length, null, contact.length],
+      ["slipping contacts", contact.filter((k) => answer.statuses[k] === 2).length, null, contact.length],
+      [`dissipated work${unit(words.work)}`, total(answer.work), null], [`largest accumulated slip${unit(words.length)}`, Math.max(0, ...contact.map((k) => answer.path[k])), null]];
   }
 
   function showNumbers() {
@@ -114,14 +114,14 @@
       return;
     }
     at("where").textContent = `at ${tree.names.map((name, k) => `${name} = ${exactly(answer.point[k])}`).join(", ")}`;
-    for (const [name, value, slopes] of rows()) {
+    for (const [name, value, slopes, whole] of rows()) {
       const row = element("tr");
       if (value === null) {
         row.append(element("td", name, { className: "head", colSpan: derived ? 2 + tree.names.length : 2 }));
         table.append(row);
         continue;
       }
-      row.append(element("td", name), element("td", said(value)));
+      row.append(element("td", name), element("td", whole === undefined ? said(value) : `${value} of ${whole}`));
       if (derived) tree.names.forEach((_, k) => row.append(element("td", slopes ? said(slopes[k]) : "")));
       table.append(row);
     }
@@ -142,7 +142,7 @@
   function interpolated() {
     const own = bounded(), { kind, points: count } = tree.error;
     const [subject, whole] = scenery.moves ? ["Contact forces", "their size"] : ["Pressures", "the largest one"];
-    const here = own ? `${subject} are off by at most ${said(atMost(own.error))}${unit(scenery.moves ? "" : words.stress)} here${own.relative < 1 ? `, ${percent(own.relative)} of ${whole}` : ", which is more than there is"}` : "";
+    const here = own ? `${subject} are off by at most ${said(atMost(own.error))}${unit(ofPressure)} here${own.relative < 1 ? `, ${percent(own.relative)} of ${whole}` : ", which is more than there is"}` : "";
     if (worst === null) return here ? `${here} (${HOW[kind]}).` : "Nothing is known of the errors of these answers.";
     const anywhere = `at any of ${count} random points`;
     return here ? `${here}, and by ${percent(worst)} ${anywhere} (${HOW[kind]}).` : `${subject} are off by at most ${percent(worst)} of ${whole} ${anywhere} (${HOW[kind]}).`;
@@ -196,7 +196,7 @@
     const { axis, order } = line, x = order.map((i) => places[i * dim + axis]), y = order.map((i) => values[i]);
     const band = bounded()?.error ?? (worst ?? 0) * Math.max(0, ...y.filter(Number.isFinite));
     const statuses = order.map((i) => (!(answer.forces[i] > 0) ? "--open" : slides(i) ? "--slips" : "--force"));
-    const titles = [`${"xyz"[axis]}${unit(words.length)}`, `${what}${unit(ofStress)}`];
+    const titles = [`${"xyz"[axis]}${unit(words.length)}`, `${what}${unit(ofPressure)}`];
     plots.line(canvas, { x, y, range: shown(x, order), band, along: tractions(line), statuses, titles });
     canvas.setAttribute("aria-label", `pressure along ${"xyz"[axis]}, at most ${said(Math.max(...y))}`);
   }
@@ -204,7 +204,7 @@
   function drawMap({ canvas, own }, values) {
     const flat = arrays[scenery.flat], closed = own.map((i) => answer.forces[i] > 0);
     const most = plots.map(canvas, { places: own.map((i) => [flat[i * 2], flat[i * 2 + 1]]), values: own.map((i) => values[i]),
-      closed, areas: own.map((i) => areas[i]), unit: unit(ofStress), marks: sliding && own.map((i) => slides(i) ? "--slips" : "--force") });
+      closed, areas: own.map((i) => areas[i]), unit: unit(ofPressure), marks: sliding && own.map((i) => slides(i) ? "--slips" : "--force") });
     canvas.setAttribute("aria-label", `pressures on the surface, at most ${said(most)}`);
   }
 
@@ -347,7 +347,7 @@
   at("footer").replaceChildren(...words.bodies.map((line) => element("p", `body ${line}`)),
     element("p", "This page holds the whole model and asks nobody. Scripts of hhr_dolfinx, licence of the package."));
   const names = ["length", ..."xyz".slice(0, dim)];
-  names.forEach((name, k) => at("component").append(element("option", k ? `along ${name}` : "its length", { value: k ? k - 1 : "length" })));
+  names.forEach((name, k) => at("component").append(element("option", k ? `along ${name}` : "magnitude", { value: k ? k - 1 : "length" })));
   if (tree.stress) at("component").append(element("option", "von Mises' stress", { value: "stress" }));
   if (flowing) at("component").append(element("option", "cumulated plastic strain", { value: "plastic" }));
   if (!draws) at("shape").replaceChildren(element("h2", "Displacement"), element("p", tree.field

@@ -116,6 +116,8 @@ def _words(scene: Scene) -> dict[str, Any]:
         "contacts": [" and ".join(map(str, item.tags)) for item in scene.contacts],
         "length": "" if units is None else units.length,
         "stress": "" if units is None else units.stress,
+        "force": "" if units is None else units.force_in(scene.hypothesis),
+        "work": "" if units is None else units.work_in(scene.hypothesis),
     }
 
 
