@@ -89,14 +89,17 @@ class NamedMesh(tuple):
     Attributes:
         physical_groups: name, dimension and number or numbers of each; a body and a surface may have one name. Meshes
             of DOLFINx know theirs from 0.10 on.
+        summary: contents of the file that it was read from, a ``geometries.summary.Summary``; None of no file.
     """
 
     physical_groups: Groups
+    summary: Any
 
-    def __new__(cls, mesh: Mesh, cells: MeshTags, facets: MeshTags, groups: Groups) -> NamedMesh:
+    def __new__(cls, mesh: Mesh, cells: MeshTags, facets: MeshTags, groups: Groups, summary: Any = None) -> NamedMesh:
         """A tuple of three."""
         found = super().__new__(cls, (mesh, cells, facets))
         found.physical_groups = groups
+        found.summary = summary
         return found
 
 
@@ -109,6 +112,25 @@ def extra(name: str, what: str) -> Iterator[None]:
         raise MissingPackageError(
             f"{what} needs the package {error.name}, which is not installed: `pip install hhr_dolfinx[{name}]`"
         ) from error
+
+
+def netcdf4(what: str) -> Any:
+    """The package netCDF4, for ``what``.
+
+    Its HDF5 is another one than DOLFINx's, whose symbols are global once PETSc is loaded: unless each library looks for
+    its own first, files that are HDF5 cannot be opened ("NetCDF: HDF error").
+    """
+    given = sys.getdlopenflags() if hasattr(sys, "getdlopenflags") else None
+    if given is not None:
+        sys.setdlopenflags(given | getattr(os, "RTLD_DEEPBIND", 0))
+    try:
+        with extra("mesh", what):
+            import netCDF4
+
+            return netCDF4
+    finally:
+        if given is not None:
+            sys.setdlopenflags(given)
 
 
 SOLVER = frozenset({"dolfinx", "ufl", "basix", "petsc4py", "slepc4py", "mpi4py"})
