@@ -249,7 +249,10 @@ def _mesh_of(deck: _Deck, path: Path) -> RawMesh:
         for number, item in deck.elements.items()
         if item[0] != "line" and DIMENSION.get(item[0], 3) == max(dimensions)
     }
-    kind, left_out = one_kind(((kind, np.array(deck.whole[number])) for number, (kind, _) in solid.items()), path)
+    blocks: dict[tuple[str, int], list[list[int]]] = {}
+    for number, (of, _) in solid.items():
+        blocks.setdefault((of, len(deck.whole[number])), []).append(deck.whole[number])
+    kind, left_out = one_kind(((of, np.array(rows)) for (of, _), rows in blocks.items()), path)
     cells = {number: nodes for number, (own, nodes) in solid.items() if own == kind}
     lost = next((number for number in cells if not deck.nodes.keys() >= set(deck.whole[number])), None)
     if lost is not None:
@@ -259,10 +262,10 @@ def _mesh_of(deck: _Deck, path: Path) -> RawMesh:
     array = np.array([[node_of[n] for n in nodes] for nodes in cells.values()], dtype=np.int64)
     bodies = {deck.spelling["elset", name]: np.array([row_of[n] for n in numbers if n in row_of], dtype=np.int64)
               for name, numbers in deck.element_sets.items()}  # fmt: skip
-    blocks = {len(deck.whole[number]) for number in cells}
+    counts = {len(deck.whole[number]) for number in cells}
     whole = [
         np.array([[node_of[n] for n in deck.whole[k]] for k in cells if len(deck.whole[k]) == count])
-        for count in blocks
+        for count in counts
     ]
     sides = sides_of(kind, whole, path)
     facets = _facets(deck, kind, array, node_of)
