@@ -14,7 +14,8 @@ from hhr_dolfinx.compat import netcdf4
 
 UNV_GROUPS = {"2429": 4, "2430": 4, "2432": 4, "2435": 2, "2452": 2, "2467": 2, "2477": 2}
 """Data sets of groups, with the number of members in a line: of older ones without two more numbers each."""
-_NODES, _ELEMENTS = 7, 8
+_NODES = 7
+_ELEMENTS = 8
 """Codes of members."""
 
 

@@ -581,7 +581,3 @@ def test_gaps_of_a_look_are_those_that_are_drawn(tmp_path):
     )
     (text,) = [item.text for item in check_scene(scene).findings if "gaps from" in item.text]
     assert "gaps from 0.01 to 0.01, facets" in text
-
-
-def test_the_base_of_all_errors_is_a_public_name():
-    assert issubclass(SceneError, hhr.HHRError) and "HHRError" in hhr.__all__

@@ -158,7 +158,8 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
             low = gaps[rows].min()
             high = gaps[rows].max()
             closed = (
-                f" as drawn, which imposed displacements bring to {low:.3g} to {high:.3g}{unit} at {_said(found.scene, point)}"
+                f" as drawn, which imposed displacements bring to {low:.3g} to {high:.3g}{unit} at "
+                f"{_said(found.scene, point)}"
             )
         found.say(
             OK,
