@@ -65,7 +65,7 @@ def _groups(rows: list[str], width: int) -> Iterator[tuple[str, Group]]:
         place = last
 
 
-def groups_of_nodes(path: Path, points: np.ndarray) -> dict[str, np.ndarray]:
+def groups_of_nodes(path: Path, points: np.ndarray, numbers: np.ndarray) -> dict[str, np.ndarray]:
     """Nodes of the groups of nodes of a MED file, by name.
 
     The names of groups are texts that netCDF4 does not read. A family of nodes in one group is named for it by Salome,
@@ -73,7 +73,8 @@ def groups_of_nodes(path: Path, points: np.ndarray) -> dict[str, np.ndarray]:
 
     Args:
         path: of the file.
-        points: as gmsh reads them, (n, 3), in the order of the file.
+        points: as gmsh reads them, (n, 3).
+        numbers: that gmsh gives them, (n,), one after another in the file.
     """
     netcdf = netcdf4(f"groups of nodes of {path}")
     with warnings.catch_warnings():
@@ -84,7 +85,9 @@ def groups_of_nodes(path: Path, points: np.ndarray) -> dict[str, np.ndarray]:
             return {}
         with data:
             data.set_auto_mask(False)
-            return _families_of_nodes(data, points)
+            order = np.argsort(numbers)
+            found = _families_of_nodes(data, points[order])
+            return {name: order[rows] for name, rows in found.items()}
 
 
 def _families_of_nodes(data: Any, points: np.ndarray) -> dict[str, np.ndarray]:

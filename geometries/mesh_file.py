@@ -178,7 +178,7 @@ def read_by_gmsh(path: Path) -> RawMesh:
     facets, surfaces = _joined(sides, width, of_unv)
     nodes = {name: np.flatnonzero(np.isin(numbers, group.nodes)) for name, group in of_unv.items() if group.nodes.size}
     if path.suffix.lower() == ".med":
-        nodes = groups_of_nodes(path, points)
+        nodes = groups_of_nodes(path, points, numbers)
     for name, group in of_unv.items():
         if name not in bodies and name not in surfaces and group.elements.size:
             left_out[name] = f"a set of {group.elements.size} elements that are neither cells nor facets of the mesh"
