@@ -163,7 +163,11 @@ def outer_faces_of_cells(kind: str, cells: np.ndarray) -> tuple[np.ndarray, np.n
 
 def are_sides(kind: str, cells: np.ndarray, facets: np.ndarray) -> np.ndarray:
     """Whether facets, (f, k), are sides of some cells, by their corners, (f,)."""
-    sides = np.sort(faces(kind, cells).reshape(-1, len(FACES[kind][0])), axis=1)
+    # few nodes of a mesh in space are on facets, and sorting all of its sides takes seconds
+    wanted = np.zeros(max(cells.max(initial=0), facets.max(initial=0)) + 1, dtype=bool)
+    wanted[facets] = True
+    sides = faces(kind, cells[wanted[cells].any(axis=1)]).reshape(-1, len(FACES[kind][0]))
+    sides = np.sort(sides[wanted[sides].all(axis=1)], axis=1)
     every = np.concatenate([np.unique(sides, axis=0), np.sort(facets, axis=1)])
     _, which = np.unique(every, axis=0, return_inverse=True)
     first, last = np.split(which.ravel(), [len(every) - len(facets)])
