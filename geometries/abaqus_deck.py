@@ -14,15 +14,24 @@ from pathlib import Path
 import numpy as np
 
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, one_kind, sides_of
+from hhr_dolfinx.geometries.cells import (
+    CORNERS,
+    DIMENSION,
+    FACES,
+    are_sides,
+    one_kind,
+    outer_faces_of_cells,
+    sides_of,
+)
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 _LINES = ("T2D", "T3D", "B2", "B3", "R2D2", "RAX2", "SAX1", "SAX2")
 _PLANE = ("CPE", "CPS", "CAX", "S", "M3D", "R3D")
 _NOT_PLANE = ("SPRING", "SC6", "SC8")
 _SOLID = ("C3D", "SC8", "F3D")
-_NO_CELLS = ("MASS", "SPRING", "DASHPOT", "D", "CONN", "GAP", "ROTARYI", "U", "RB")
 """First letters of types of elements. Lines, and plane ones in space, name facets; gmsh writes surfaces so."""
+_COUNTED = re.compile(r"(?:AC|DC|GK|COH|[CFMRT])[23]D(\d+)|(?:C?GAX|C?CAX|CPE|CPS|SC?)(\d+)")
+"""Types that say how many nodes they have: C3D8R."""
 _COUNTS = {2: {3: "triangle", 6: "triangle", 4: "quadrilateral", 8: "quadrilateral", 9: "quadrilateral"},
            3: {4: "tetrahedron", 10: "tetrahedron", 8: "hexahedron", 20: "hexahedron", 27: "hexahedron", 5: "pyramid",
                6: "prism", 15: "prism"}}  # fmt: skip
@@ -37,17 +46,23 @@ class _Deck:
         nodes: coordinates by number.
         elements: kind and corners by number.
         whole: all nodes of each of them.
+        types: types of elements as they were written, by number, of those that are not understood too.
         node_sets, element_sets: numbers by name in capitals.
         faces: of surfaces by name in capitals: an element or a set, and a face.
+        unions: names of surfaces that make up others, by name in capitals.
+        left_out: surfaces that are not understood, by name, and why.
         spelling: names as they were first written, by kind of set and name in capitals.
     """
 
     nodes: dict[int, list[float]] = field(default_factory=dict)
     elements: dict[int, tuple[str, list[int]]] = field(default_factory=dict)
     whole: dict[int, list[int]] = field(default_factory=dict)
+    types: dict[int, str] = field(default_factory=dict)
     node_sets: dict[str, list[int]] = field(default_factory=dict)
     element_sets: dict[str, list[int]] = field(default_factory=dict)
     faces: dict[str, list[tuple[str, str]]] = field(default_factory=dict)
+    unions: dict[str, list[str]] = field(default_factory=dict)
+    left_out: dict[str | int, str] = field(default_factory=dict)
     spelling: dict[tuple[str, str], str] = field(default_factory=dict)
     parts: set[str] = field(default_factory=set)
 
@@ -58,7 +73,11 @@ class _Deck:
 
 
 def read_deck(path: Path) -> RawMesh:
-    """The mesh of a deck, with its includes; raises FileContentError for what is none."""
+    """The mesh of a deck, with its includes; what is no part of a mesh is left out, with the reason.
+
+    Raises:
+        FileContentError: for a deck without a mesh, or one that is damaged.
+    """
     deck = _Deck()
     for line, keyword, options, rows in _blocks(path):
         try:
@@ -95,11 +114,12 @@ def _blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[st
     keyword = ""
     start = 0
     more = False
+    nodes: float = np.inf
     for number, line in _lines(path):
         words = _words(line)
         if not line.startswith("*"):
-            if more and rows and keyword == "ELEMENT":
-                # a line that ends in a comma goes on in the next one
+            if more and rows and keyword == "ELEMENT" and len(rows[-1]) - 1 < nodes:
+                # a line that ends in a comma goes on in the next one, unless the element has all its nodes
                 rows[-1] = [*rows[-1], *(word for word in words if word)]
             else:
                 rows.append([word for word in words if word] if keyword == "ELEMENT" else words)
@@ -113,6 +133,8 @@ def _blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[st
         more = False
         pairs = (word.partition("=") for word in words[1:] if word)
         options = {key.strip().upper(): value.strip().strip('"') for key, _, value in pairs}
+        counted = _COUNTED.match(options.get("TYPE", "").upper())
+        nodes = int(counted[1] or counted[2]) if counted else np.inf
     if keyword:
         yield start, keyword, options, rows
 
@@ -130,18 +152,12 @@ def _take(deck: _Deck, keyword: str, options: dict[str, str], rows: list[list[st
         name = deck.named(keyword.lower(), options[keyword])
         sets.setdefault(name, []).extend(_members(sets, rows, "GENERATE" in options))
     elif keyword == "SURFACE":
-        name = deck.named("surface", options["NAME"])
-        if options.get("TYPE", "ELEMENT").upper() == "NODE":
-            deck.node_sets.setdefault(deck.named("nset", options["NAME"]), []).extend(
-                # behind a node or a set there may be its area
-                _members(deck.node_sets, [row[:1] for row in rows], False)
-            )
-        else:
-            deck.faces.setdefault(name, []).extend((row[0], row[1].upper() if len(row) > 1 else "") for row in rows)
+        _surface(deck, options, rows)
     elif keyword == "INSTANCE":
         deck.parts.add(options.get("PART", ""))
+        said = "parts and instances that are moved" if rows else "several parts, each with nodes 1, 2, ... of its own,"
         if rows or len(deck.parts) > 1:
-            raise ValueError("parts and instances that are moved are not understood: write a flat deck, in Abaqus by "
+            raise ValueError(f"{said} are not understood: write a flat deck, in Abaqus by "
                              "'Do not use parts and assemblies in input files'")  # fmt: skip
     elif keyword == "SYSTEM" and rows:
         raise ValueError("nodes in a coordinate system of their own (*SYSTEM) are not understood")
@@ -152,21 +168,43 @@ def _place(words: list[str]) -> list[float]:
     return [float(word.upper().replace("D", "E")) if word else 0.0 for word in (*words, "", "", "")[:3]]
 
 
+def _surface(deck: _Deck, options: dict[str, str], rows: list[list[str]]) -> None:
+    """Add a surface of faces or of nodes, or a union of others; others are left out."""
+    name = deck.named("surface", options["NAME"])
+    kind = options.get("TYPE", "ELEMENT").upper()
+    combined = options.get("COMBINE", "UNION").upper()
+    if kind == "NODE":
+        deck.node_sets.setdefault(deck.named("nset", options["NAME"]), []).extend(
+            # behind a node or a set there may be its area
+            _members(deck.node_sets, [row[:1] for row in rows], False)
+        )
+    elif kind != "ELEMENT" or combined != "UNION":
+        what = f"TYPE={kind}" if kind != "ELEMENT" else f"COMBINE={combined}"
+        deck.left_out[options["NAME"]] = f"surfaces of {what} are not read"
+    elif "COMBINE" in options:
+        deck.unions[name] = [word.upper() for row in rows for word in row if word]
+    else:
+        deck.faces.setdefault(name, []).extend((row[0], row[1].upper() if len(row) > 1 else "") for row in rows)
+
+
 def _elements(deck: _Deck, options: dict[str, str], rows: list[list[str]]) -> None:
-    """Add a block of elements; masses, springs and the like have no cells."""
+    """Add a block of elements; of those that are no cells, lines or facets the types and sets are kept."""
     name = options["TYPE"].upper()
+    kinds: dict[int, str] = {}
     if name.startswith(_LINES):
         kinds = {2: "line", 3: "line"}
     elif name.startswith(_PLANE) and not name.startswith(_NOT_PLANE):
         kinds = _COUNTS[2]
     elif name.startswith(_SOLID):
         kinds = _COUNTS[3]
-    elif name.startswith(_NO_CELLS):
-        return
-    else:
-        raise ValueError(f"elements of type {name} are not understood")
+    if not kinds:
+        # what goes on in a further line is no number of an element, but a set of these is larger at most
+        rows = [row for row in rows if row and row[0].isdigit()]
     for row in rows:
-        number, *nodes = (int(word) for word in row)
+        number, *nodes = (int(word) for word in row) if kinds else (int(row[0]),)
+        deck.types[number] = name
+        if not kinds:
+            continue
         if len(nodes) not in kinds:
             raise ValueError(f"element {number} of type {name} has {len(nodes)} nodes, which is not understood")
         kind = kinds[len(nodes)]
@@ -201,59 +239,126 @@ def _mesh_of(deck: _Deck, path: Path) -> RawMesh:
     """Arrays of a deck: cells of the highest dimension, and sets of them."""
     dimensions = {DIMENSION.get(kind, 3) for kind, _ in deck.elements.values() if kind != "line"}
     if not dimensions:
-        raise FileContentError(f"{path} has no elements of the plane or of space")
-    cells = {
+        types = sorted(set(deck.types.values()))
+        raise FileContentError(
+            f"{path} has no elements of the plane or of space"
+            + (f" that are understood: {', '.join(types)}" if types else "")
+        )
+    solid = {
         number: item
         for number, item in deck.elements.items()
         if item[0] != "line" and DIMENSION.get(item[0], 3) == max(dimensions)
     }
-    kind = one_kind((kind for kind, _ in cells.values()), path)
+    blocks: dict[tuple[str, int], list[list[int]]] = {}
+    for number, (of, _) in solid.items():
+        blocks.setdefault((of, len(deck.whole[number])), []).append(deck.whole[number])
+    kind, left_out = one_kind(((of, np.array(rows)) for (of, _), rows in blocks.items()), path)
+    cells = {number: nodes for number, (own, nodes) in solid.items() if own == kind}
     lost = next((number for number in cells if not deck.nodes.keys() >= set(deck.whole[number])), None)
     if lost is not None:
         raise FileContentError(f"{path}: element {lost} has a node that is not in the deck")
     node_of = {number: k for k, number in enumerate(deck.nodes)}
     row_of = {number: k for k, number in enumerate(cells)}
+    array = np.array([[node_of[n] for n in nodes] for nodes in cells.values()], dtype=np.int64)
     bodies = {deck.spelling["elset", name]: np.array([row_of[n] for n in numbers if n in row_of], dtype=np.int64)
               for name, numbers in deck.element_sets.items()}  # fmt: skip
-    array = np.array([[node_of[n] for n in nodes] for _, nodes in cells.values()], dtype=np.int64)
-    blocks = {len(deck.whole[number]) for number in cells}
+    counts = {len(deck.whole[number]) for number in cells}
     whole = [
         np.array([[node_of[n] for n in deck.whole[k]] for k in cells if len(deck.whole[k]) == count])
-        for count in blocks
+        for count in counts
     ]
     sides = sides_of(kind, whole, path)
-    surfaces = _facet_sets(deck, max(dimensions), node_of, len(FACES[kind][0]))
-    for name, faces in deck.faces.items():
-        spelt = deck.spelling["surface", name]
-        surfaces[spelt] = _faces(deck, faces, kind, array, row_of, spelt)
+    facets = _facets(deck, kind, array, node_of)
+    surfaces, reasons = _surfaces(deck, kind, array, row_of, facets)
     nodes = {deck.spelling["nset", name]: np.array([node_of[n] for n in numbers if n in node_of], dtype=np.int64)
              for name, numbers in deck.node_sets.items()}  # fmt: skip
     bodies = {name: rows for name, rows in bodies.items() if rows.size} or {"all": np.arange(len(array))}
-    return RawMesh(np.array(list(deck.nodes.values())), kind, array, bodies, surfaces, nodes, sides)
+    left_out |= deck.left_out | _idle_elements(deck, cells.keys() | facets.keys()) | reasons
+    return RawMesh(np.array(list(deck.nodes.values())), kind, array, bodies, surfaces, nodes, sides, left_out)
 
 
-def _facet_sets(deck: _Deck, dim: int, node_of: dict[int, int], width: int) -> dict[str | int, np.ndarray]:
-    """Corners of facets of sets of elements that are facets themselves, (f, width), by name."""
-    found: dict[str | int, np.ndarray] = {}
-    for name, numbers in deck.element_sets.items():
-        there = [deck.elements[n] for n in numbers if n in deck.elements]
-        own = [nodes for kind, nodes in there if DIMENSION.get(kind, 1) == dim - 1 and len(nodes) == width]
-        if own and all(n in node_of for nodes in own for n in nodes):
-            found[deck.spelling["elset", name]] = np.array([[node_of[n] for n in nodes] for nodes in own])
+def _facets(deck: _Deck, kind: str, cells: np.ndarray, node_of: dict[int, int]) -> dict[int, np.ndarray]:
+    """Corners of the elements that are sides of cells, by number: shells on a solid, lines around a plane body."""
+    width = len(FACES[kind][0])
+    own = {
+        number: np.array([node_of[n] for n in nodes])
+        for number, (of, nodes) in deck.elements.items()
+        if DIMENSION.get(of, 1) == DIMENSION[kind] - 1 and len(nodes) == width and all(n in node_of for n in nodes)
+    }
+    if not own:
+        return {}
+    inside = are_sides(kind, cells, np.array(list(own.values())))
+    return {number: corners for (number, corners), kept in zip(own.items(), inside, strict=True) if kept}
+
+
+def _idle_elements(deck: _Deck, used: set[int]) -> dict[str | int, str]:
+    """Elements that are no cells nor sides of cells, by their sets, and by types where they are in none."""
+    idle: dict[str, set[int]] = {}
+    for number, name in deck.types.items():
+        if number not in used:
+            idle.setdefault(name, set()).add(number)
+    found: dict[str | int, str] = {}
+    for name, numbers in idle.items():
+        what = f"{len(numbers)} element{'' if len(numbers) == 1 else 's'} of type {name}"
+        sets = [deck.spelling["elset", key] for key, own in deck.element_sets.items() if numbers & set(own)]
+        for key in sets or [what]:
+            more = f"; {found[key]}" if key in found else ""
+            found[key] = (f"{what} in it, " if sets else "") + f"neither cells nor sides of cells{more}"
     return found
 
 
+def _surfaces(
+    deck: _Deck, kind: str, cells: np.ndarray, row_of: dict[int, int], facets: dict[int, np.ndarray]
+) -> tuple[dict[str | int, np.ndarray], dict[str | int, str]]:
+    """Corners of the facets of sets of elements and of surfaces, (f, k), by name; and why others have none."""
+    found: dict[str | int, np.ndarray] = {}
+    reasons: dict[str | int, str] = {}
+    for name, numbers in deck.element_sets.items():
+        own = [facets[n] for n in numbers if n in facets]
+        if own:
+            found[deck.spelling["elset", name]] = np.array(own)
+    for name, given in deck.faces.items():
+        spelt = deck.spelling["surface", name]
+        parts = [_faces(deck, item, kind, cells, row_of, facets, spelt) for item in given]
+        said = [part for part in parts if isinstance(part, str)]
+        if said:
+            reasons[spelt] = said[0]
+        else:
+            found[spelt] = np.concatenate([np.zeros((0, len(FACES[kind][0])), dtype=np.int64), *parts])
+    for name, members in deck.unions.items():
+        spelt = deck.spelling["surface", name]
+        spelt_members = [deck.spelling.get(("surface", member), "") for member in members]
+        if members and all(member in found for member in spelt_members):
+            found[spelt] = np.concatenate([found[member] for member in spelt_members])
+        else:
+            reasons[spelt] = f"a union of surfaces that are not all there: {', '.join(members)}"
+    return found, reasons
+
+
 def _faces(
-    deck: _Deck, faces: list[tuple[str, str]], kind: str, cells: np.ndarray, row_of: dict[int, int], name: str
-) -> np.ndarray:
-    """Corners of the faces of a surface, (f, k)."""
+    deck: _Deck, item: tuple[str, str], kind: str, cells: np.ndarray, row_of: dict[int, int],
+    facets: dict[int, np.ndarray], name: str,
+) -> np.ndarray | str:  # fmt: skip
+    """Corners of the faces that an element or a set has in a surface, (f, k); or why there are none.
+
+    Raises:
+        FileContentError: for a face that cells do not have.
+    """
+    given, face = item
     corners = np.array(FACES[kind])
-    found = []
-    for given, face in faces:
-        numbers = [int(given)] if given.isdigit() else deck.element_sets.get(given.upper(), [])
-        rows = [row_of[n] for n in numbers if n in row_of]
-        number = int(face[1:]) if face[1:].isdigit() else 0
-        if not rows or not face.startswith("S") or not 1 <= number <= len(corners):
-            raise FileContentError(f"surface '{name}': '{given}, {face}' is no face of cells that are there")
-        found.append(cells[rows][:, corners[number - 1]])
-    return np.concatenate(found) if found else np.zeros((0, corners.shape[1]), dtype=np.int64)
+    numbers = [int(given)] if given.isdigit() else deck.element_sets.get(given.upper(), [])
+    rows = [row_of[n] for n in numbers if n in row_of]
+    if face in ("SPOS", "SNEG"):
+        own = [facets[n] for n in numbers if n in facets]
+        return np.array(own) if own else f"its elements '{given}' are no sides of cells"
+    if not rows:
+        types = sorted({deck.types[n] for n in numbers if n in deck.types})
+        return f"'{given}' has no cells of the mesh" + (f", but elements of type {', '.join(types)}" if types else "")
+    if not face:
+        # all of a set that lies outside
+        outer, of = outer_faces_of_cells(kind, cells)
+        return outer[np.isin(of, rows)]
+    number = int(face[1:]) if face.startswith("S") and face[1:].isdigit() else 0
+    if not 1 <= number <= len(corners):
+        raise FileContentError(f"surface '{name}': '{given}, {face}' is no face of cells of kind {kind}")
+    return cells[rows][:, corners[number - 1]]

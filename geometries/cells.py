@@ -30,7 +30,9 @@ OTHERS = {"wedge": "prism", "pyramid": "pyramid"}
 """Cells of bodies in space that are not supported: how meshio's names of them begin, and their own names."""
 OF_CORNERS = {4: "tetrahedron", 5: "pyramid", 6: "prism", 8: "hexahedron"}
 """Cells in space by their number of corners."""
-_PLURAL = {"tetrahedron": "tetrahedra", "hexahedron": "hexahedra"}
+PLURAL = {"triangle": "triangles", "quadrilateral": "quadrilaterals", "tetrahedron": "tetrahedra",
+          "hexahedron": "hexahedra", "prism": "prisms", "pyramid": "pyramids"}  # fmt: skip
+"""Names of several cells of a kind."""
 _ONE_KIND = {
     2: "in gmsh without 'Recombine Surface' and with Mesh.RecombineAll = 0 for triangles, or recombined and with "
     "Mesh.SubdivisionAlgorithm = 1 for quadrilaterals",
@@ -69,12 +71,34 @@ TENSOR = {"quadrilateral": [0, 1, 3, 2], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
 TENSOR_FACET = [0, 1, 3, 2]
 
 
-def one_kind(kinds: Iterable[str], path: Path) -> str:
-    """The kind of all cells of a file; raises FileContentError for several, or one that is not supported."""
-    found = sorted(set(kinds))
-    if len(found) == 1 and found[0] in CORNERS:
-        return found[0]
-    names = " and ".join(_PLURAL.get(kind, f"{kind}s") for kind in found)
+def one_kind(blocks: Iterable[tuple[str, np.ndarray]], path: Path) -> tuple[str, dict[str | int, str]]:
+    """Kind of the cells of a file, and those of other kinds that are left out, with the reason.
+
+    Prisms and pyramids are left out if they touch no cell of a supported kind: they are bodies of their own, which a
+    scene need not have. Else the mesh without them would have holes.
+
+    Args:
+        blocks: kind and nodes, (b, K), of all cells of the highest dimension.
+        path: for messages.
+
+    Raises:
+        FileContentError: for several kinds, or one that is not supported.
+    """
+    nodes: dict[str, list[np.ndarray]] = {}
+    for kind, rows in blocks:
+        nodes.setdefault(kind, []).append(np.asarray(rows))
+    found = sorted(nodes)
+    kept = [kind for kind in found if kind in CORNERS]
+    others = [kind for kind in found if kind not in CORNERS]
+    if len(kept) == 1:
+        inside = np.unique(np.concatenate([rows.ravel() for rows in nodes[kept[0]]]))
+        if not any(np.isin(rows, inside).any() for kind in others for rows in nodes[kind]):
+            counts = {kind: sum(map(len, nodes[kind])) for kind in others}
+            return kept[0], {
+                f"{count} {kind if count == 1 else PLURAL[kind]}": "not supported; none touches a cell of the mesh"
+                for kind, count in counts.items()
+            }
+    names = " and ".join(PLURAL.get(kind, f"{kind}s") for kind in found)
     said = f"mixes {names}" if len(found) > 1 else f"has {names}"
     raise FileContentError(
         f"{path} {said}, and a mesh must have cells of one kind: triangles, quadrilaterals, tetrahedra or hexahedra. "
@@ -135,3 +159,16 @@ def outer_faces_of_cells(kind: str, cells: np.ndarray) -> tuple[np.ndarray, np.n
     _, first, count = np.unique(np.sort(flat, axis=1), axis=0, return_index=True, return_counts=True)
     outer = first[count == 1]
     return flat[outer], outer // len(FACES[kind])
+
+
+def are_sides(kind: str, cells: np.ndarray, facets: np.ndarray) -> np.ndarray:
+    """Whether facets, (f, k), are sides of some cells, by their corners, (f,)."""
+    # few nodes of a mesh in space are on facets, and sorting all of its sides takes seconds
+    wanted = np.zeros(max(cells.max(initial=0), facets.max(initial=0)) + 1, dtype=bool)
+    wanted[facets] = True
+    sides = faces(kind, cells[wanted[cells].any(axis=1)]).reshape(-1, len(FACES[kind][0]))
+    sides = np.sort(sides[wanted[sides].all(axis=1)], axis=1)
+    every = np.concatenate([np.unique(sides, axis=0), np.sort(facets, axis=1)])
+    _, which = np.unique(every, axis=0, return_inverse=True)
+    first, last = np.split(which.ravel(), [len(every) - len(facets)])
+    return np.isin(last, first)

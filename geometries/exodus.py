@@ -2,18 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.compat import extra
+from hhr_dolfinx.compat import netcdf4
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.geometries.cells import CORNERS, FACES, one_kind, sides_of
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, one_kind, sides_of
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
-_KINDS = {"TRI": "triangle", "QUA": "quadrilateral", "SHE": "quadrilateral", "TET": "tetrahedron", "HEX": "hexahedron",
-          "WED": "prism", "PYR": "pyramid"}  # fmt: skip
+_KINDS = {"TRI": "triangle", "QUA": "quadrilateral", "TET": "tetrahedron", "HEX": "hexahedron", "WED": "prism",
+          "PYR": "pyramid"}  # fmt: skip
 """Kinds of cells by the first letters of their names."""
 _HEX_SIDES = ((0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (0, 1, 2, 3), (4, 5, 6, 7))
 _TET_SIDES = ((0, 1, 3), (1, 2, 3), (0, 2, 3), (0, 1, 2))
@@ -23,33 +24,91 @@ _SIDES = FACES | {"hexahedron": _HEX_SIDES, "tetrahedron": _TET_SIDES}
 
 def read_exodus(path: Path) -> RawMesh:
     """The mesh of an Exodus file; raises FileContentError for one of several kinds of cells."""
-    with extra("mesh", f"the mesh file {path}"):
-        import netCDF4
-    with netCDF4.Dataset(path) as data:
+    with netcdf4(f"the mesh file {path}").Dataset(path) as data:
         data.set_auto_mask(False)
         return _read(data, path)
 
 
 def _read(data: Any, path: Path) -> RawMesh:
     count = len(data.dimensions["num_el_blk"])
-    kinds = []
-    blocks = []
-    for k in range(1, count + 1):
-        connected = data.variables[f"connect{k}"]
-        kind = _KINDS.get(str(connected.elem_type).upper()[:3])
-        if kind is None:
-            raise FileContentError(f"{path}: block {k} has elements of type {connected.elem_type}: not understood")
-        kinds.append(kind)
-        blocks.append(np.asarray(connected[:], dtype=np.int64) - 1)
-    kind = one_kind(kinds, path)
-    sides = sides_of(kind, blocks, path, "exodus")
-    cells = np.concatenate([block[:, : CORNERS[kind]] for block in blocks])
-    starts = np.cumsum([0, *map(len, blocks)])
+    labels = _labels(data, "eb", count)
+    blocks = [_Block.of(data, k, *labels[k - 1]) for k in range(1, count + 1)]
+    dim = max((DIMENSION.get(block.kind, 3) for block in blocks if block.kind), default=0)
+    if not dim:
+        types = ", ".join(sorted({block.type for block in blocks}))
+        raise FileContentError(
+            f"{path} has elements of type {types}, and no triangles, quadrilaterals, tetrahedra or hexahedra"
+        )
+    solid = [block for block in blocks if block.kind and DIMENSION.get(block.kind, 3) == dim]
+    kind, left_out = one_kind(((block.kind, block.nodes) for block in solid), path)
+    own = [block for block in solid if block.kind == kind]
+    sides = sides_of(kind, [block.nodes for block in own], path, "exodus")
+    cells = np.concatenate([block.nodes[:, : CORNERS[kind]] for block in own])
+    starts = np.cumsum([0, *(len(block.nodes) for block in own)])
     bodies: dict[str | int, np.ndarray] = {}
-    for k, (number, name) in enumerate(_labels(data, "eb", count)):
-        rows = np.arange(starts[k], starts[k + 1])
-        bodies |= {number: rows} | ({name: rows} if name else {})
-    return RawMesh(_points(data), kind, cells, bodies, _side_sets(data, kind, cells), _node_sets(data), sides)
+    for k, block in enumerate(own):
+        bodies |= dict.fromkeys(block.names, np.arange(starts[k], starts[k + 1]))
+    # side sets count the elements of all blocks
+    row_of = np.full(sum(len(block.nodes) for block in blocks), -1)
+    row_of[np.concatenate([block.first + np.arange(len(block.nodes)) for block in own])] = np.arange(len(cells))
+    surfaces, reasons = _side_sets(data, kind, cells, row_of)
+    width = len(FACES[kind][0])
+    for block in blocks:
+        if block.corners == width and DIMENSION.get(block.kind, 1) == dim - 1:
+            surfaces |= {name: block.nodes[:, :width] for name in block.names if name not in surfaces}
+        elif block not in own:
+            left_out[block.names[-1]] = (
+                f"a block of {len(block.nodes)} elements of type {block.type}, which are no cells"
+            )
+    return RawMesh(_points(data), kind, cells, bodies, surfaces, _node_sets(data), sides, left_out | reasons)
+
+
+@dataclass(frozen=True, eq=False)
+class _Block:
+    """Elements of one type.
+
+    Attributes:
+        type: as the file calls it.
+        kind: of cells; an empty text for what is none.
+        corners: of an element; 0 where that is not known.
+        nodes: rows of all nodes, (b, K).
+        first: element of the file that is the first of them.
+        names: number, and name where it has one.
+    """
+
+    type: str
+    kind: str
+    corners: int
+    nodes: np.ndarray
+    first: int
+    names: tuple[str | int, ...]
+
+    @classmethod
+    def of(cls, data: Any, k: int, number: int, name: str) -> _Block:
+        """Block k = 1, 2, ... of a file; an empty one has no variable."""
+        sizes = [len(data.dimensions[f"num_el_in_blk{j}"]) if f"num_el_in_blk{j}" in data.dimensions else 0
+                 for j in range(1, k + 1)]  # fmt: skip
+        names = (number, name) if name else (number,)
+        if f"connect{k}" not in data.variables:
+            return cls("none", "", 0, np.zeros((0, 0), dtype=np.int64), sum(sizes[:-1]), names)
+        connected = data.variables[f"connect{k}"]
+        type_ = str(getattr(connected, "elem_type", "")).upper()
+        nodes = np.asarray(connected[:], dtype=np.int64) - 1
+        line = type_.startswith(("BAR", "BEA", "EDG", "LIN", "TRU"))
+        kind = (
+            ""
+            if line
+            else _kind(type_, nodes.shape[1], "num_dim" in data.dimensions and len(data.dimensions["num_dim"]))
+        )
+        corners = 2 if line else CORNERS.get(kind, 0)
+        return cls(type_, kind, corners, nodes, sum(sizes[:-1]), names)
+
+
+def _kind(type_: str, count: int, dim: int) -> str:
+    """Kind of cells of a type; an empty text for one that is none. Some writers call lines of plane meshes shells."""
+    if type_.startswith("SHE"):
+        return "" if dim == 2 else "triangle" if count in (3, 6) else "quadrilateral"
+    return _KINDS.get(type_[:3], "")
 
 
 def _points(data: Any) -> np.ndarray:
@@ -59,8 +118,12 @@ def _points(data: Any) -> np.ndarray:
     return np.column_stack([data.variables[f"coord{axis}"][:] for axis in "xyz" if f"coord{axis}" in data.variables])
 
 
-def _side_sets(data: Any, kind: str, cells: np.ndarray) -> dict[str | int, np.ndarray]:
+def _side_sets(
+    data: Any, kind: str, cells: np.ndarray, row_of: np.ndarray
+) -> tuple[dict[str | int, np.ndarray], dict[str | int, str]]:
+    """Corners of the facets of side sets; and those with sides of other elements, which are left out."""
     found: dict[str | int, np.ndarray] = {}
+    reasons: dict[str | int, str] = {}
     count = len(data.dimensions["num_side_sets"]) if "num_side_sets" in data.dimensions else 0
     for k, (number, name) in enumerate(_labels(data, "ss", count), start=1):
         # of empty ones there is no variable
@@ -69,9 +132,15 @@ def _side_sets(data: Any, kind: str, cells: np.ndarray) -> dict[str | int, np.nd
         elements, sides = (
             np.asarray(data.variables[f"{what}_ss{k}"][:], dtype=np.int64) - 1 for what in ("elem", "side")
         )
-        facets = np.take_along_axis(cells[elements], np.array(_SIDES[kind])[sides], axis=1)
+        rows = row_of[elements]
+        inside = (rows >= 0) & (sides < len(_SIDES[kind]))
+        if not inside.all():
+            reasons[name or number] = (
+                f"{int((~inside).sum())} of its {len(rows)} sides are of elements that are no cells"
+            )
+        facets = np.take_along_axis(cells[rows[inside]], np.array(_SIDES[kind])[sides[inside]], axis=1)
         found |= {number: facets} | ({name: facets} if name else {})
-    return found
+    return found, reasons
 
 
 def _node_sets(data: Any) -> dict[str, np.ndarray]:

@@ -67,7 +67,7 @@ def _facets_without_cells() -> bool:
     return bool(np.setdiff1d(nodes_of(dim - 1), nodes_of(dim)).size)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Entity:
     """Elements of one kind of a geometrical entity.
 
@@ -76,16 +76,20 @@ class Entity:
         corners: rows of the nodes of their corners, (n, k).
         nodes: rows of all their nodes, (n, K).
         groups: number and name of the physical groups that it is in; an empty text where there is no name.
+        tag: number of the entity.
+        numbers: of its elements, (n,).
     """
 
     dim: int
     corners: np.ndarray
     nodes: np.ndarray
     groups: tuple[tuple[int, str], ...]
+    tag: int
+    numbers: np.ndarray
 
 
-def entities_of(path: Path) -> tuple[np.ndarray, list[Entity]]:
-    """What a mesh file holds as gmsh reads it: points, (n, 3), and elements, of lines and more."""
+def entities_of(path: Path) -> tuple[np.ndarray, np.ndarray, list[Entity]]:
+    """Contents of a mesh file as gmsh reads it: points, (n, 3), their numbers, (n,), and elements."""
     with _session(_OPTIONS):
         gmsh.merge(str(path))
         numbers, places, _ = gmsh.model.mesh.getNodes()
@@ -95,12 +99,12 @@ def entities_of(path: Path) -> tuple[np.ndarray, list[Entity]]:
         for dim, tag in gmsh.model.getEntities():
             groups = tuple((int(n), gmsh.model.getPhysicalName(dim, n).strip())
                            for n in gmsh.model.getPhysicalGroupsForEntity(dim, tag))  # fmt: skip
-            kinds, _, nodes = gmsh.model.mesh.getElements(dim, tag)
-            for kind, own in zip(kinds, nodes, strict=True):
+            kinds, elements, nodes = gmsh.model.mesh.getElements(dim, tag)
+            for kind, own, which in zip(kinds, nodes, elements, strict=True):
                 _, _, _, count, _, corners = gmsh.model.mesh.getElementProperties(kind)
                 every = row_of[own.astype(np.int64).reshape(-1, count)]
-                found.append(Entity(dim, every[:, :corners], every, groups))
-        return places.reshape(-1, 3), [entity for entity in found if entity.dim > 0]
+                found.append(Entity(dim, every[:, :corners], every, groups, tag, which.astype(np.int64)))
+        return places.reshape(-1, 3), numbers.astype(np.int64), found
 
 
 @contextmanager

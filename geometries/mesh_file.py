@@ -6,31 +6,23 @@ blocks and side sets of Exodus, groups of MED. A set of nodes stands for the out
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
-from contextlib import redirect_stdout, suppress
+from contextlib import suppress
 from dataclasses import dataclass
-from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx.compat import NamedMesh, extra, linear_mesh, tags_of
+from hhr_dolfinx.compat import NamedMesh, linear_mesh, tags_of
 from hhr_dolfinx.errors import FileContentError, HHRError, SceneError
-from hhr_dolfinx.geometries.cells import (
-    CORNERS,
-    DIMENSION,
-    FACES,
-    FACET_KINDS,
-    KINDS,
-    OF_CORNERS,
-    OTHERS,
-    one_kind,
-    sides_of,
-)
+from hhr_dolfinx.geometries.by_meshio import of_small_elements, read_by_meshio
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, OF_CORNERS, one_kind, sides_of
+from hhr_dolfinx.geometries.conforming import conforming
+from hhr_dolfinx.geometries.groups import Group, groups_of_nodes, groups_of_unv
 from hhr_dolfinx.geometries.partition import shares
 from hhr_dolfinx.geometries.raw_mesh import Numbers, RawMesh, facets_by_number
+from hhr_dolfinx.geometries.summary import Summary, summary_of
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -42,10 +34,6 @@ BY_GMSH = (".med", ".unv", ".bdf", ".nas", ".cgns")
 
 ENDINGS = (".msh", ".inp", ".e", ".xdmf", ".vtk", ".vtu", *BY_GMSH)
 """Endings of the usual formats, for messages."""
-
-
-Groups = list[tuple[str, tuple[int, int]]]
-"""Names with number and dimension."""
 
 
 @dataclass(frozen=True)
@@ -72,11 +60,6 @@ class MeshFile:
         Raises:
             FileContentError: for a file that cannot be read, or holds no mesh of one kind of cells.
         """
-        path = Path(self.path)
-        if path.suffix.lower() == ".xdmf" and path.is_file():
-            from hhr_dolfinx.geometries.xdmf import read_xdmf
-
-            return read_xdmf(path, comm, self.scale)
         raw = None
         error = None
         if comm.rank == 0:
@@ -87,15 +70,20 @@ class MeshFile:
         error = comm.bcast(error)
         if error is not None:
             raise error
-        return _shared(raw, comm, self.scale)
+        summary = None if raw is None else summary_of(raw, Path(self.path), self.scale)
+        return _shared(raw, comm, self.scale, comm.bcast(summary))
 
     def read(self) -> RawMesh:
         """What the file holds, before it is shared out."""
         path = Path(self.path)
+        if path.is_dir():
+            raise FileContentError(
+                f"{path} is a folder, and a mesh is a file. Of a mesh of Elmer's `ElmerGrid 2 4 {path}` makes a .msh"
+            )
         if not path.is_file():
             raise FileContentError(f"there is no mesh file {path}: {_found_instead(path)}")
         try:
-            return _reader(path)(path).once().compact()
+            return conforming(_reader(path)(path).once()).compact()
         except HHRError:
             raise
         except Exception as error:
@@ -123,9 +111,9 @@ def _advice(path: Path) -> str:
 
 
 def _reader(path: Path) -> Any:
-    """What reads a file, by its ending."""
+    """What reads a file, by its ending; decks of Abaqus by their first word too, which cgx calls .msh."""
     ending = path.suffix.lower()
-    if ending == ".inp":
+    if ending == ".inp" or _begins_as_deck(path):
         from hhr_dolfinx.geometries.abaqus_deck import read_deck
 
         return read_deck
@@ -133,7 +121,18 @@ def _reader(path: Path) -> Any:
         from hhr_dolfinx.geometries.exodus import read_exodus
 
         return read_exodus
+    if ending == ".xdmf":
+        from hhr_dolfinx.geometries.xdmf import read_xdmf
+
+        return read_xdmf
     return read_by_gmsh if ending in BY_GMSH or _version(path) >= 4 else read_by_meshio
+
+
+def _begins_as_deck(path: Path) -> bool:
+    """Whether the first line of a file is one of Abaqus': ``*NODE``, ``*HEADING`` or a comment."""
+    with path.open("rb") as file:
+        start = file.read(4096).lstrip().upper()
+    return start.startswith((b"**", b"*NODE", b"*HEADING", b"*INCLUDE", b"*PART"))
 
 
 def _version(path: Path) -> float:
@@ -156,7 +155,7 @@ def read_by_gmsh(path: Path) -> RawMesh:
     from hhr_dolfinx.geometries.gmsh_model import entities_of
 
     try:
-        points, entities = entities_of(path)
+        points, numbers, entities = entities_of(path)
     except Exception as error:
         if "compiled" not in str(error):
             raise
@@ -167,110 +166,58 @@ def read_by_gmsh(path: Path) -> RawMesh:
     dim = max((one[0] for one in there if one in kinds or one[0] == 3), default=0)
     if not dim:
         raise FileContentError(f"{path} has no triangles, quadrilaterals, tetrahedra or hexahedra")
-    kind = one_kind((kinds.get(one) or OF_CORNERS[one[1]] for one in there if one[0] == dim), path)
-    own = [entity for entity in entities if entity.dim == dim]
+    solid = [entity for entity in entities if entity.dim == dim]
+    of = {entity: kinds.get((dim, entity.corners.shape[1])) or OF_CORNERS[entity.corners.shape[1]] for entity in solid}
+    kind, left_out = one_kind(((of[entity], entity.nodes) for entity in solid), path)
+    own = [entity for entity in solid if of[entity] == kind]
     order = sides_of(kind, (entity.nodes for entity in own), path, "gmsh")
-    cells, bodies = _joined(own, CORNERS[kind])
     width = len(FACES[kind][0])
     sides = [entity for entity in entities if entity.dim == dim - 1 and entity.corners.shape[1] == width]
-    facets, surfaces = _joined(sides, width)
+    of_unv = groups_of_unv(path) if path.suffix.lower() == ".unv" else {}
+    cells, bodies = _joined(own, CORNERS[kind], of_unv)
+    facets, surfaces = _joined(sides, width, of_unv)
+    nodes = {name: np.flatnonzero(np.isin(numbers, group.nodes)) for name, group in of_unv.items() if group.nodes.size}
+    if path.suffix.lower() == ".med":
+        nodes = groups_of_nodes(path, points, numbers)
+    for name, group in of_unv.items():
+        if name not in bodies and name not in surfaces and group.elements.size:
+            left_out[name] = f"a set of {group.elements.size} elements that are neither cells nor facets of the mesh"
+    for entity in entities:
+        if entity.dim < dim - 1:
+            count = len(entity.corners)
+            left_out |= {name: of_small_elements(count, entity.dim) for _, name in entity.groups if name}
     return RawMesh(points, kind, cells, bodies or {1: np.arange(len(cells))},
-                   {name: facets[rows] for name, rows in surfaces.items()}, sides=order)  # fmt: skip
+                   {name: facets[rows] for name, rows in surfaces.items()}, nodes, order, left_out)  # fmt: skip
 
 
-def _joined(entities: list[Entity], width: int) -> tuple[np.ndarray, dict[str | int, np.ndarray]]:
-    """Corners of all elements, (n, width), and rows of each group by its number and by its name."""
+def _joined(
+    entities: list[Entity], width: int, of_unv: Mapping[str, Group]
+) -> tuple[np.ndarray, dict[str | int, np.ndarray]]:
+    """Corners of all elements, (n, width), and rows of each group by its number and by its name.
+
+    Where no group has any of them the numbers are those of the entities: lines of a .geo, properties of Nastran.
+    """
     starts = np.cumsum([0, *(len(entity.corners) for entity in entities)])
     found: dict[str | int, list[np.ndarray]] = {}
     for start, entity in zip(starts, entities, strict=False):
-        for number, name in entity.groups:
+        rows = start + np.arange(len(entity.corners))
+        for name, group in of_unv.items():
+            found.setdefault(name, []).append(rows[np.isin(entity.numbers, group.elements)])
+        for number, name in () if of_unv else entity.groups:
             for tag in (number, name) if name else (number,):
-                found.setdefault(tag, []).append(start + np.arange(len(entity.corners)))
+                found.setdefault(tag, []).append(rows)
     corners = [entity.corners for entity in entities]
     every = np.concatenate(corners) if corners else np.zeros((0, width), dtype=np.int64)
-    return every, {tag: np.unique(np.concatenate(rows)) for tag, rows in found.items()}
-
-
-def read_by_meshio(path: Path) -> RawMesh:
-    """Whatever meshio reads; sets by the names of gmsh, MED and meshio's own, else by numbers."""
-    with extra("mesh", f"the mesh file {path}"):
-        import meshio
-    said = StringIO()
-    # it says on the console what it cannot read, and ends the program
-    try:
-        with redirect_stdout(said):
-            mesh = meshio.read(path)
-    except SystemExit:
-        raise FileContentError(f"mesh file {path} cannot be read: {' '.join(said.getvalue().split())}") from None
-    there = [block.type for block in mesh.cells if block.type in KINDS]
-    if not there and not any(block.type.startswith(tuple(OTHERS)) for block in mesh.cells):
-        kinds = sorted({block.type for block in mesh.cells})
-        raise FileContentError(f"{path} has cells of kinds {kinds}, and none of {sorted(KINDS)}")
-    others = {name for block in mesh.cells for start, name in OTHERS.items() if block.type.startswith(start)}
-    dim = 3 if others else max(DIMENSION[KINDS[kind]] for kind in there)
-    kind = one_kind([*others, *(KINDS[kind] for kind in there if DIMENSION[KINDS[kind]] == dim)], path)
-    own = [k for k, block in enumerate(mesh.cells) if KINDS.get(block.type) == kind]
-    order = sides_of(kind, (mesh.cells[k].data for k in own), path)
-    width = len(FACES[kind][0])
-    sides = [k for k, block in enumerate(mesh.cells) if FACET_KINDS.get(block.type) == width and k not in own]
-    cells = _corners(mesh, own, CORNERS[kind])
-    facets = _corners(mesh, sides, width)
-    groups = _physical_names(path)
-    bodies = _sets(mesh, own, dim, groups)
-    surfaces = {name: facets[rows] for name, rows in _sets(mesh, sides, dim - 1, groups).items()}
-    nodes = {str(name): np.asarray(rows) for name, rows in mesh.point_sets.items()}
-    return RawMesh(mesh.points, kind, cells, bodies or {1: np.arange(len(cells))}, surfaces, nodes, order)
-
-
-def _physical_names(path: Path) -> Groups:
-    """Names of gmsh with number and dimension: a body and a surface may share one, of which meshio keeps the last."""
-    if path.suffix.lower() != ".msh":
-        return []
-    text = path.read_bytes().partition(b"$PhysicalNames")[2].partition(b"$EndPhysicalNames")[0]
-    found = re.findall(r'^\s*(\d+)\s+(\d+)\s+"(.*)"\s*$', text.decode(errors="replace"), re.MULTILINE)
-    return [(name, (int(number), int(dim))) for dim, number, name in found]
-
-
-def _corners(mesh: Any, blocks: list[int], count: int) -> np.ndarray:
-    """Corners of the cells of some blocks, (c, count)."""
-    parts = [np.asarray(mesh.cells[k].data)[:, :count] for k in blocks]
-    return np.concatenate(parts) if parts else np.zeros((0, count), dtype=np.int64)
-
-
-def _sets(mesh: Any, blocks: list[int], dim: int, groups: Groups) -> dict[str | int, np.ndarray]:
-    """Places in some blocks, one after another, by name or number."""
-    starts = np.cumsum([0, *(len(mesh.cells[k].data) for k in blocks)])
-    found: dict[str | int, list[np.ndarray]] = {}
-    sets = {name.strip() for name in mesh.cell_sets}
-    for name, parts in mesh.cell_sets.items():
-        if not name.startswith("gmsh:"):
-            rows = [start + np.asarray(parts[k], dtype=np.int64) for start, k in zip(starts, blocks, strict=False)
-                    if parts[k] is not None]  # fmt: skip
-            found.setdefault(name.strip(), []).extend(rows)
-    names = _names_of_numbers(mesh, dim, groups)
-    for key in ("gmsh:physical", "cell_tags", "medit:ref", "gambit:group", "su2:tag", "MaterialID"):
-        for start, k in zip(starts, blocks, strict=False):
-            if key in mesh.cell_data:
-                values = np.asarray(mesh.cell_data[key][k]).ravel()
-                for value in np.unique(values[values != 0]).tolist():
-                    rows = start + np.flatnonzero(values == value)
-                    for name in (value, *names.get(value, ())):
-                        if name is value or name not in sets:
-                            found.setdefault(name, []).append(rows)
-    joined = {name: np.concatenate(parts) for name, parts in found.items() if parts}
-    return {name: rows for name, rows in joined.items() if rows.size and not (isinstance(name, int) and name < 0)}
-
-
-def _names_of_numbers(mesh: Any, dim: int, groups: Groups) -> Mapping[int, list[str]]:
-    """Names of a number of the cells of a dimension: physical groups of gmsh, groups of MED."""
-    names: dict[int, list[str]] = {}
-    for name, group in groups or mesh.field_data.items():
-        with suppress(TypeError, ValueError, IndexError):
-            if int(group[1]) == dim:
-                names.setdefault(int(group[0]), []).append(name.strip())
-    for number, own in getattr(mesh, "cell_tags", {}).items():
-        names.setdefault(int(number), []).extend(own)
-    return names
+    joined = {tag: np.unique(np.concatenate(rows)) for tag, rows in found.items()}
+    joined = {tag: rows for tag, rows in joined.items() if rows.size}
+    tags = sorted({entity.tag for entity in entities})
+    if joined or not tags:
+        return every, joined
+    numbered: dict[str | int, np.ndarray] = {}
+    for start, entity in zip(starts, entities, strict=False):
+        rows = start + np.arange(len(entity.corners))
+        numbered[entity.tag] = np.concatenate([numbered.get(entity.tag, rows[:0]), rows])
+    return every, numbered if len(tags) > 1 else {1: np.arange(len(every)), **numbered}
 
 
 def _arrays(raw: RawMesh, scale: float) -> tuple[tuple[np.ndarray, ...], Any]:
@@ -284,7 +231,7 @@ def _arrays(raw: RawMesh, scale: float) -> tuple[tuple[np.ndarray, ...], Any]:
     return (points * scale, whole, cells[bodies.items], facets, bodies.values, surfaces.values), groups
 
 
-def _shared(raw: RawMesh | None, comm: Comm, scale: float) -> NamedMesh:
+def _shared(raw: RawMesh | None, comm: Comm, scale: float, summary: Summary | None) -> NamedMesh:
     """The mesh of the first rank, shared out."""
     arrays, groups = ((), None) if raw is None else _arrays(raw, scale)
     kind, groups, shapes = comm.bcast(raw and (raw.kind, groups, [array.shape[1:] for array in arrays]))
@@ -292,4 +239,4 @@ def _shared(raw: RawMesh | None, comm: Comm, scale: float) -> NamedMesh:
     mesh = linear_mesh(comm, points, cells, kind, 1 if shapes[1][0] == CORNERS[kind] else 2, shares)
     top = mesh.topology.dim
     of_cells, of_facets = (tags_of(mesh, top - k, tagged[k], tagged[k + 2]) for k in (0, 1))
-    return NamedMesh(mesh, of_cells, of_facets, groups)
+    return NamedMesh(mesh, of_cells, of_facets, groups, summary)

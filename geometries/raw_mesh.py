@@ -27,6 +27,7 @@ class RawMesh:
         surfaces: corners of facets, (f, k), by name or number.
         nodes: sets of nodes by name; their facets are the outer ones whose corners all belong to the set.
         sides: nodes on the edges of cells of second order, (c, edges); None of first order.
+        left_out: what the file has and the mesh has not, by name or in words, and why.
     """
 
     points: np.ndarray
@@ -36,6 +37,7 @@ class RawMesh:
     surfaces: Mapping[str | int, np.ndarray] = field(default_factory=dict)
     nodes: Mapping[str, np.ndarray] = field(default_factory=dict)
     sides: np.ndarray | None = None
+    left_out: Mapping[str | int, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         """Refuse what is no mesh."""
@@ -92,7 +94,8 @@ class RawMesh:
         surfaces = {name: facets[(facets >= 0).all(axis=1)] for name, facets in surfaces.items()}
         nodes = {name: numbers[one][numbers[one] >= 0] for name, one in self.nodes.items()}
         sides = None if self.sides is None else numbers[self.sides]
-        return RawMesh(points, self.kind, numbers[self.cells], self.bodies, surfaces, nodes, sides)
+        cells = numbers[self.cells]
+        return replace(self, points=points, cells=cells, surfaces=surfaces, nodes=nodes, sides=sides)
 
     def ordered(self) -> np.ndarray:
         """Corners of the cells in the order that DOLFINx wants."""

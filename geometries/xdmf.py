@@ -1,65 +1,191 @@
-"""Meshes and tags of XDMF files, as DOLFINx and meshio write them; their grids have numbers and no names."""
+"""Meshes and tags of XDMF files: of DOLFINx, meshio, ParaView and others; their grids have numbers and no names.
+
+All grids of a file are read, so that tags may be in several of them, and points in another one. Numbers are in the file
+itself, in raw files or in HDF5, which netCDF4 reads: that of DOLFINx's wheel has no compression.
+"""
 
 from __future__ import annotations
 
+import re
+import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING
 from xml.etree import ElementTree
 
 import numpy as np
-from dolfinx import io
-from dolfinx import mesh as dmesh
 
-from hhr_dolfinx.compat import NamedMesh
+from hhr_dolfinx.compat import extra, netcdf4
 from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.geometries.by_meshio import Elements, raw_mesh, whole_numbers
+from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
-if TYPE_CHECKING:
-    from mpi4py.MPI import Comm
+_TYPES = {
+    "polyvertex": "vertex", "polyline": "line", "interval": "line", "edge": "line", "edge_3": "line3",
+    "triangle": "triangle", "tri": "triangle", "triangle_6": "triangle6", "tri_6": "triangle6",
+    "quadrilateral": "quad", "quad": "quad", "quadrilateral_8": "quad8", "quad_8": "quad8",
+    "quadrilateral_9": "quad9", "quad_9": "quad9",
+    "tetrahedron": "tetra", "tet": "tetra", "tetrahedron_10": "tetra10", "tet_10": "tetra10",
+    "pyramid": "pyramid", "wedge": "wedge", "hexahedron": "hexahedron", "hex": "hexahedron",
+    "hexahedron_20": "hexahedron20", "hex_20": "hexahedron20",
+    "hexahedron_27": "hexahedron27", "hex_27": "hexahedron27",
+}  # fmt: skip
+"""Kinds of elements by their names in small letters, as meshio calls them."""
+_RAW = {"int": "i", "uint": "u", "char": "i", "uchar": "u", "float": "f"}
+Grid = ElementTree.Element
 
-_DIMENSIONS = {"polyline": 1, "interval": 1, "edge": 1, "triangle": 2, "tri": 2, "quadrilateral": 2, "quad": 2,
-               "tetrahedron": 3, "tet": 3, "hexahedron": 3, "hex": 3}  # fmt: skip
 
-
-def read_xdmf(path: Path, comm: Comm, scale: float) -> NamedMesh:
-    """The mesh of a file, shared out, and the tags of its cells and facets.
+def read_xdmf(path: Path) -> RawMesh:
+    """The mesh of all grids of a file.
 
     Raises:
-        FileContentError: for a file without a mesh, or without tags of both.
+        FileContentError: for a file without a mesh, or one whose numbers are not there.
     """
-    grids = _grids(path)
-    meshes = [name for name, dim, tagged in grids if dim == max(item[1] for item in grids)]
-    with io.XDMFFile(comm, str(path), "r") as file:
-        mesh = file.read_mesh(name=meshes[0])
-        top = mesh.topology.dim
-        tags = {}
-        for name, dim, tagged in grids:
-            if tagged and dim in (top, top - 1) and dim not in tags:
-                mesh.topology.create_connectivity(dim, top)
-                tags[dim] = file.read_meshtags(mesh, name=name)
-    missing = [what for dim, what in ((top, "cells"), (top - 1, "facets")) if dim not in tags]
-    if "facets" in missing:
-        names = [name for name, *_ in grids]
-        raise FileContentError(f"{path} has no tags of facets, only the grids {names}: write them too")
-    if missing:
-        count = mesh.topology.index_map(top).size_local
-        tags[top] = dmesh.meshtags(mesh, top, np.arange(count, dtype=np.int32), np.ones(count, dtype=np.int32))
-    mesh.geometry.x[:] *= scale
-    return NamedMesh(mesh, tags[top], tags[top - 1], [])
-
-
-def _grids(path: Path) -> list[tuple[str, int, bool]]:
-    """Name and dimension of the grids of a file, and whether they have numbers of their cells."""
     try:
         root = ElementTree.parse(path).getroot()
     except ElementTree.ParseError as error:
         raise FileContentError(f"mesh file {path} is no XDMF ({error})") from error
-    found = []
-    for grid in root.iter("Grid"):
+    reader = _Numbers(path, root)
+    points: list[np.ndarray] = []
+    starts: dict[Grid, int] = {}
+    elements: list[Elements] = []
+    values: list[str] = []
+    for grid in _grids(root):
+        values += [item.get("Name", "") for item in grid.findall("Attribute") if item.get("Center", "Node") != "Cell"]
         topology = grid.find("Topology")
-        if topology is not None:
-            kind = (topology.get("TopologyType") or topology.get("Type") or "").lower().split("_")[0]
-            tagged = any(item.get("Center") == "Cell" for item in grid.findall("Attribute"))
-            found.append((grid.get("Name", "mesh"), _DIMENSIONS.get(kind, 0), tagged))
-    if not any(dim >= 2 for _, dim, _ in found):
+        geometry = _geometry(root, grid)
+        if topology is None or geometry is None:
+            continue
+        if geometry not in starts:
+            starts[geometry] = sum(map(len, points))
+            points.append(reader.points(geometry))
+        elements += _elements(reader, grid, topology, starts[geometry], path)
+    if not elements:
         raise FileContentError(f"mesh file {path} has no grid of triangles, quadrilaterals, tetrahedra or hexahedra")
-    return found
+    width = max(part.shape[1] for part in points)
+    whole = np.concatenate([np.pad(part, ((0, 0), (0, width - part.shape[1]))) for part in points])
+    left_out: dict[str | int, str] = {"values at nodes": ", ".join(dict.fromkeys(values))} if values else {}
+    return raw_mesh(whole, elements, path, left_out=left_out)
+
+
+def _grids(root: Grid) -> list[Grid]:
+    """Grids that hold numbers; of those of several times the first."""
+    later = {
+        step
+        for grid in root.iter("Grid")
+        if grid.get("CollectionType") == "Temporal"
+        for step in grid.findall("Grid")[1:]
+    }
+    return [grid for grid in root.iter("Grid") if grid not in later and grid.get("GridType", "Uniform") == "Uniform"]
+
+
+def _geometry(root: Grid, grid: Grid) -> Grid | None:
+    """Points of a grid: its own, or those that it names or refers to."""
+    own = grid.find("Geometry")
+    if own is not None:
+        return own
+    every = [item for item in root.iter("Grid") if item.find("Geometry") is not None]
+    pointers = [item.get("xpointer", "") for item in grid if item.tag.endswith("include")]
+    names = [name for pointer in pointers for name in re.findall(r"@Name=['\"](.*?)['\"]", pointer)]
+    named = [item for item in every if item.get("Name") in names]
+    return (named or every)[0].find("Geometry") if every else None
+
+
+def _elements(reader: _Numbers, grid: Grid, topology: Grid, start: int, path: Path) -> list[Elements]:
+    """Elements of a grid with the numbers that its attributes give them."""
+    name = (topology.get("TopologyType") or topology.get("Type") or "").lower()
+    nodes = reader.array(topology)
+    blocks: list[tuple[str, np.ndarray]]
+    if name == "mixed":
+        with extra("mesh", f"the mesh file {path}"):
+            from meshio.xdmf.common import translate_mixed_cells
+        blocks = [(block.type, block.data) for block in translate_mixed_cells(nodes.ravel().astype(np.int64))]
+    elif name in _TYPES:
+        count = int(topology.get("NodesPerElement", 0)) or (nodes.shape[1] if nodes.ndim == 2 else 2)
+        blocks = [(_TYPES[name], nodes.reshape(-1, count).astype(np.int64))]
+    else:
+        raise FileContentError(
+            f"{path}: grid '{grid.get('Name')}' has elements of type '{name}', which is not understood"
+        )
+    ends = np.cumsum([len(rows) for _, rows in blocks])
+    arrays: list[dict[str, np.ndarray]] = [{} for _ in blocks]
+    for attribute in grid.findall("Attribute"):
+        if attribute.get("Center") == "Cell":
+            values = whole_numbers(reader.array(attribute).ravel())
+            if values is not None and values.size == ends[-1]:
+                key = attribute.get("Name") or grid.get("Name") or "numbers"
+                for block, part in zip(arrays, np.split(values, ends[:-1]), strict=True):
+                    block[key] = part
+    return [Elements(type_, rows + start, own) for (type_, rows), own in zip(blocks, arrays, strict=True)]
+
+
+class _Numbers:
+    """Arrays that an XDMF file holds or refers to."""
+
+    def __init__(self, path: Path, root: Grid):
+        self._path = path
+        self._root = root
+
+    def points(self, geometry: Grid) -> np.ndarray:
+        """Coordinates, (n, 2 or 3)."""
+        if (geometry.get("GeometryType") or geometry.get("Type") or "XYZ").upper() in ("X_Y_Z", "X_Y"):
+            return np.column_stack([self._item(item).ravel() for item in geometry.findall("DataItem")])
+        found = self.array(geometry).astype(float)
+        flat = (geometry.get("GeometryType") or geometry.get("Type") or "XYZ").upper() == "XY"
+        return found.reshape(-1, 2 if flat else 3) if found.ndim == 1 else found
+
+    def array(self, owner: Grid) -> np.ndarray:
+        """Numbers of an item with one array."""
+        item = owner.find("DataItem")
+        if item is None:
+            raise FileContentError(f"{self._path}: '{owner.tag}' has no DataItem")
+        return self._item(item)
+
+    def _item(self, item: Grid) -> np.ndarray:
+        text = (item.text or "").strip()
+        if item.get("Reference"):
+            place = (text or item.get("Reference", "")).removeprefix("/Xdmf").strip("/")
+            found = self._root.find(place)
+            if found is None:
+                raise FileContentError(f"{self._path} refers to {place}, which is not in it")
+            return self._item(found)
+        shape = [int(word) for word in item.get("Dimensions", "").split()] or [-1]
+        kind = item.get("Format", "XML").upper()
+        if item.get("ItemType", "Uniform") != "Uniform" or kind not in ("XML", "HDF", "BINARY"):
+            raise FileContentError(
+                f"{self._path} has a DataItem of type {item.get('ItemType', kind)}, which is not understood: write the "
+                "mesh anew, by dolfinx.io.XDMFFile or meshio"
+            )
+        whole = item.get("NumberType", item.get("DataType", "Float")).lower() in ("int", "uint", "char", "uchar")
+        if kind == "XML":
+            return np.array(text.split(), dtype=np.int64 if whole else float).reshape(shape)
+        return (self._hdf(text) if kind == "HDF" else self._raw(item, text)).reshape(shape)
+
+    def _beside(self, name: str) -> Path:
+        """A file that this one names, in its folder."""
+        found = self._path.parent / name.strip()
+        if not found.is_file():
+            raise FileContentError(
+                f"{self._path} keeps its numbers in {name.strip()}, which is not in "
+                f"{self._path.parent.absolute()}: put it there too, under this name"
+            )
+        return found
+
+    def _hdf(self, text: str) -> np.ndarray:
+        name, _, place = text.rpartition(":")
+        file = self._beside(name)
+        netcdf = netcdf4(f"the mesh file {self._path}")
+        # it warns of what else is in the file
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore")
+            with netcdf.Dataset(file) as data:
+                data.set_auto_mask(False)
+                try:
+                    return np.asarray(data[place.strip()][:])
+                except (IndexError, KeyError):
+                    raise FileContentError(f"{file} has no numbers {place}, which {self._path} names") from None
+
+    def _raw(self, item: Grid, text: str) -> np.ndarray:
+        order = {"little": "<", "big": ">"}.get(item.get("Endian", "").lower(), "=")
+        kind = _RAW[item.get("NumberType", item.get("DataType", "Float")).lower()]
+        precision = 1 if "char" in item.get("NumberType", "").lower() else int(item.get("Precision", 4))
+        count = int(np.prod([int(word) for word in item.get("Dimensions", "").split()]))
+        return np.fromfile(self._beside(text), f"{order}{kind}{precision}", count, offset=int(item.get("Seek", 0)))

@@ -6,6 +6,7 @@ from .body import Body as Body
 from .certify.trust import TrustLimits as TrustLimits
 from .contact.friction import Coulomb as Coulomb
 from .contact.friction import Tresca as Tresca
+from .errors import HHRError as HHRError
 from .full_order.full import FullOrderModel as FullOrderModel
 from .full_order.mesh_error import MeshError as MeshError
 from .full_order.mesh_error import mesh_error as mesh_error

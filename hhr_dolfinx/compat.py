@@ -1,15 +1,14 @@
 """What differs between DOLFINx distributions and versions, in one place.
 
 The wheel ``dolfinx-solver-real`` wants ``import dolfinx_solver`` before dolfinx, mpi4py or petsc4py; conda and apt have
-no such module. The package imports this module before any other, which sees to that when one of these is first asked
-for, so the rest of it need not know. Nothing heavy is imported at the top. What is optional is imported inside
+no such module. The package imports this module before any other, which sees to that by :mod:`solver_first`, so the rest
+of it need not know. Nothing heavy is imported at the top. What is optional is imported inside
 :func:`extra`.
 """
 
 from __future__ import annotations
 
 import importlib
-import importlib.util
 import logging
 import os
 import platform
@@ -18,12 +17,10 @@ import sys
 import tempfile
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
-from importlib.abc import Loader, MetaPathFinder
-from importlib.machinery import ModuleSpec
 from pathlib import Path
-from types import ModuleType
 from typing import TYPE_CHECKING, Any
 
+from hhr_dolfinx import solver_first
 from hhr_dolfinx.errors import MissingPackageError
 
 if TYPE_CHECKING:
@@ -41,46 +38,8 @@ _log = logging.getLogger(__name__)
 MINIMUM_DOLFINX = (0, 9)
 
 
-class _Loaded(Loader):
-    """Hands out a module that was loaded while it was being looked for.
-
-    The import system would load a second one where the module has a specification, so that it has none meanwhile.
-    """
-
-    def __init__(self, module: ModuleType):
-        self._module = module
-        self._own = module.__spec__
-        module.__spec__ = None
-
-    def create_module(self, spec: ModuleSpec) -> ModuleType:
-        """The module."""
-        return self._module
-
-    def exec_module(self, module: ModuleType) -> None:
-        """Nothing but its own specification again: it was executed before."""
-        module.__spec__ = self._own
-
-
-class _SolverFirst(MetaPathFinder):
-    """Imports ``dolfinx_solver`` before the first import of what it must come before, by whomever.
-
-    A model that is read from a file needs none of these, and starting MPI takes longer than reading the model.
-    """
-
-    NAMES = frozenset({"dolfinx", "mpi4py", "petsc4py", "slepc4py"})
-
-    def find_spec(self, fullname: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
-        """None, so that others find the module; or what is there since ``dolfinx_solver`` has loaded it."""
-        if fullname not in self.NAMES:
-            return None
-        # returns at once where its own imports come here
-        importlib.import_module("dolfinx_solver")
-        module = sys.modules.get(fullname)
-        return None if module is None else ModuleSpec(fullname, _Loaded(module), origin=module.__file__)
-
-
-if importlib.util.find_spec("dolfinx_solver") is not None and "dolfinx_solver" not in sys.modules:
-    sys.meta_path.insert(0, _SolverFirst())
+if "dolfinx_solver" not in sys.modules:
+    solver_first.install()
 
 
 class NamedMesh(tuple):
@@ -89,14 +48,17 @@ class NamedMesh(tuple):
     Attributes:
         physical_groups: name, dimension and number or numbers of each; a body and a surface may have one name. Meshes
             of DOLFINx know theirs from 0.10 on.
+        summary: contents of the file that it was read from, a ``geometries.summary.Summary``; None of no file.
     """
 
     physical_groups: Groups
+    summary: Any
 
-    def __new__(cls, mesh: Mesh, cells: MeshTags, facets: MeshTags, groups: Groups) -> NamedMesh:
+    def __new__(cls, mesh: Mesh, cells: MeshTags, facets: MeshTags, groups: Groups, summary: Any = None) -> NamedMesh:
         """A tuple of three."""
         found = super().__new__(cls, (mesh, cells, facets))
         found.physical_groups = groups
+        found.summary = summary
         return found
 
 
@@ -109,6 +71,25 @@ def extra(name: str, what: str) -> Iterator[None]:
         raise MissingPackageError(
             f"{what} needs the package {error.name}, which is not installed: `pip install hhr_dolfinx[{name}]`"
         ) from error
+
+
+def netcdf4(what: str) -> Any:
+    """The package netCDF4, for ``what``.
+
+    Its HDF5 is another one than DOLFINx's, whose symbols are global once PETSc is loaded: unless each library looks for
+    its own first, files that are HDF5 cannot be opened ("NetCDF: HDF error").
+    """
+    given = sys.getdlopenflags() if hasattr(sys, "getdlopenflags") else None
+    if given is not None:
+        sys.setdlopenflags(given | getattr(os, "RTLD_DEEPBIND", 0))
+    try:
+        with extra("mesh", what):
+            import netCDF4
+
+            return netCDF4
+    finally:
+        if given is not None:
+            sys.setdlopenflags(given)
 
 
 SOLVER = frozenset({"dolfinx", "ufl", "basix", "petsc4py", "slepc4py", "mpi4py"})

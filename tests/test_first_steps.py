@@ -11,6 +11,8 @@ import pytest
 from bare import WAIT
 from test_mpi import launch
 
+from hhr_dolfinx.solver_first import COPY, install_for_all
+
 ROOT = Path(__file__).parent.parent
 LONG = "word " * 60 + "end"
 SPEAKS = f"""
@@ -232,3 +234,26 @@ def test_which_dolfinx_the_set_up_takes(tmp_path, version, scalar, good):
     environment = os.environ | {"PYTHONPATH": str(tmp_path)}
     run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, timeout=WAIT)
     assert (run.returncode == 0) == good and not run.stderr
+
+
+def test_dolfinx_may_be_imported_first(tmp_path):
+    """As import sorters have it; with the wheel it ended in "libmpi.so.12: cannot open shared object file"."""
+    install_for_all(tmp_path)
+    program = (
+        "import site, sys\n"
+        "sys.meta_path[:] = [finder for finder in sys.meta_path if type(finder).__name__ != 'SolverFirst']\n"
+        f"sys.modules.pop({COPY!r}, None)\n"
+        f"site.addsitedir({str(tmp_path)!r})\n"
+        "from dolfinx import mesh\n"
+        "import hhr_dolfinx as hhr\n"
+        "print(mesh.Mesh.__name__, issubclass(hhr.FullOrderModel, object))\n"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=WAIT)
+    assert run.stdout == "Mesh True\n", run.stderr[-3000:]
+
+
+def test_the_base_of_all_errors_is_a_public_name():
+    import hhr_dolfinx as hhr
+    from hhr_dolfinx.errors import SceneError
+
+    assert issubclass(SceneError, hhr.HHRError) and "HHRError" in hhr.__all__

@@ -17,6 +17,30 @@ if TYPE_CHECKING:
     from hhr_dolfinx.scene import Scene
 
 
+MESHES = frozenset(
+    (
+        ".msh",
+        ".inp",
+        ".e",
+        ".ex2",
+        ".exo",
+        ".xdmf",
+        ".vtk",
+        ".vtu",
+        ".med",
+        ".unv",
+        ".bdf",
+        ".nas",
+        ".cgns",
+        ".su2",
+        ".mesh",
+    )
+)
+"""Endings of mesh files, which no scene has."""
+MOST_NAMES = 1000
+"""Bodies, surfaces and sets of a mesh file that are listed."""
+
+
 def scene_of(name: str) -> Scene:
     """The scene of ``file.py``, ``file.py:name`` or an entry point: a Scene, or a function that returns one.
 
@@ -88,6 +112,25 @@ def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) ->
 def is_model(name: str) -> bool:
     """Whether a name is that of a model in a file."""
     return Path(name).suffix == ".npz"
+
+
+def is_mesh(name: str) -> bool:
+    """Whether a name is that of a mesh file, or of a file or folder that can be nothing else."""
+    path = Path(name)
+    return (path.exists() and path.suffix not in (".py", ".npz")) or path.suffix.lower() in MESHES
+
+
+def contents_of(name: str) -> str:
+    """Contents of a mesh file, and how a scene names it.
+
+    Raises:
+        FileContentError: for a file that is no mesh.
+    """
+    from hhr_dolfinx.geometries.mesh_file import MeshFile
+    from hhr_dolfinx.geometries.summary import summary_of
+
+    found = summary_of(MeshFile(name).read(), Path(name)).text(MOST_NAMES)
+    return f"{found}\nA scene names these as Body, contacts and loads of its geometry, hhr.MeshFile({name!r})"
 
 
 def checked_target(path: Path | None, endings: tuple[str, ...]) -> None:

@@ -34,7 +34,7 @@ def hhr(verbose: bool) -> None:
     logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(message)s")
 
 
-@hhr.command(epilog=examples("hhr check my_scene.py", "hhr check my_scene.py --at load=3 --picture scene.png"))
+@hhr.command(epilog=examples("hhr check my_scene.py", "hhr check my_scene.py --at load=3", "hhr check part.msh"))
 @SCENE
 @AT
 @click.option("--picture", type=click.Path(path_type=Path), help="where to draw it [<scene>_check.png]")
@@ -43,13 +43,23 @@ def hhr(verbose: bool) -> None:
 def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: bool) -> None:
     """Look at a scene without solving it: tags, supports, surfaces, gaps, loads, parameters; with a picture.
 
+    SCENE may be a mesh file too, or a deck: its bodies, surfaces and sets are listed, and what is left out of it.
+
     With --mesh-error it is solved once, in full, and the error of the mesh is estimated.
     """
-    from hhr_dolfinx.command.loading import checked_target, point_of, scene_of
-    from hhr_dolfinx.study.scene.check import check_scene
+    from hhr_dolfinx.command.loading import checked_target, is_mesh, point_of, scene_of
 
     checked_target(picture, PICTURES)
     console, _ = spoken()
+    if is_mesh(scene):
+        from hhr_dolfinx.command.loading import contents_of
+
+        if words or picture is not None or mesh_error:
+            raise click.UsageError(f"{scene} is a mesh: --at, --picture and --mesh-error are for scenes")
+        console.print(contents_of(scene), highlight=False, markup=False, soft_wrap=True)
+        return
+    from hhr_dolfinx.study.scene.check import check_scene
+
     made = scene_of(scene)
     picture = picture or Path(f"{made.name}_check.png")
     checked_target(picture, PICTURES)

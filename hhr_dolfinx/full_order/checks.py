@@ -54,7 +54,7 @@ def build_geometry(scene: Scene, comm: MPI.Comm) -> Any:
     _check_cells(mesh, comm)
     if scene.hypothesis == "axisymmetric":
         _check_radius(mesh, comm)
-    names = TagNames.of(groups, mesh.topology.dim)
+    names = TagNames.of(groups, mesh.topology.dim, getattr(result, "summary", None))
     check_tags(scene, mesh, tags, names, comm)
     return (*result, names)
 
@@ -269,8 +269,10 @@ def check_present(kind: str, tags: dmesh.MeshTags, wanted: Iterable[Tag], names:
     numbers = names.cell if kind == "cell" else names.facet
     missing = [tag for tag in wanted if not there & set(numbers(tag))]
     if missing:
+        missing = sorted(set(missing), key=str)
         raise SceneError(
-            f"{kind} tags {sorted(set(missing), key=str)} are not in the mesh, which has {names.described(kind, there)}"
+            f"{kind} tags {missing} are not in the mesh, which has {names.described(kind, there)}"
+            f"{names.of_file(missing)}"
         )
     return there
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.geometries.summary import Summary
 from hhr_dolfinx.parameters import Tag
 
 Sets = Mapping[Tag, tuple[int, ...]]
@@ -21,26 +22,32 @@ class TagNames:
 
     Attributes:
         cells, facets: numbers by name, and of those tags that are more than one number.
+        summary: contents of the file that the mesh was read from; empty of no file.
     """
 
     cells: Sets = field(default_factory=dict)
     facets: Sets = field(default_factory=dict)
+    summary: Summary = field(default_factory=Summary)
 
     @classmethod
-    def of(cls, groups: Any, dim: int) -> TagNames:
+    def of(cls, groups: Any, dim: int, summary: Summary | None = None) -> TagNames:
         """Of physical groups, ``{name: (dimension, number or numbers)}`` or such pairs, of a mesh of a dimension."""
         pairs = list(groups.items() if isinstance(groups, Mapping) else groups or ())
         cells, facets = ({name: _numbers(group[1]) for name, group in pairs if int(group[0]) == wanted}
                          for wanted in (dim, dim - 1))  # fmt: skip
-        return cls(cells, facets)
+        return cls(cells, facets, summary or Summary())
 
     def cell(self, tag: Tag) -> tuple[int, ...]:
         """Numbers of a body; raises SceneError for a name that is not there."""
-        return _found("body", tag, self.cells, "surface", self.facets)
+        return _found("body", tag, self.cells, "surface", self.facets, self.summary)
 
     def facet(self, tag: Tag) -> tuple[int, ...]:
         """Numbers of a surface; raises SceneError for a name that is not there."""
-        return _found("surface", tag, self.facets, "body", self.cells)
+        return _found("surface", tag, self.facets, "body", self.cells, self.summary)
+
+    def of_file(self, wanted: Iterable[Tag]) -> str:
+        """Lines below an error of tags that are missing: why they are, and what the file has; empty of no file."""
+        return _of_file(wanted, self.summary)
 
     def described(self, kind: str, numbers: Iterable[int]) -> str:
         """Tags of a kind, ``cell`` or ``facet``, in words: numbers, and names where they have any."""
@@ -56,7 +63,13 @@ def _numbers(given: Any) -> tuple[int, ...]:
     return tuple(int(number) for number in given) if hasattr(given, "__iter__") else (int(given),)
 
 
-def _found(kind: str, tag: Tag, there: Sets, other: str, others: Sets) -> tuple[int, ...]:
+def _of_file(wanted: Iterable[Tag], summary: Summary) -> str:
+    """Why tags are no bodies or surfaces of a file, and its contents."""
+    known = [f"{tag!r} is in the file: {summary.reasons[tag]}" for tag in wanted if tag in summary.reasons]
+    return "".join(f"\n{line}" for line in (*known, summary.text() if summary.head else "") if line)
+
+
+def _found(kind: str, tag: Tag, there: Sets, other: str, others: Sets, summary: Summary) -> tuple[int, ...]:
     """Numbers of a tag of a kind, where another kind of tags is beside it."""
     if tag in there:
         return there[tag]
@@ -67,7 +80,7 @@ def _found(kind: str, tag: Tag, there: Sets, other: str, others: Sets) -> tuple[
     if not names:
         raise SceneError(
             f"no {kind} of the mesh has a name, and '{tag}' is asked for: name the physical groups of the mesh, or "
-            "give their numbers"
+            f"give their numbers{_of_file([tag], summary)}"
         )
     near = difflib.get_close_matches(tag.lower(), [name.lower() for name in names], n=1)
     hint = " Name one of these, or give the mesh a group of this name."
@@ -75,4 +88,5 @@ def _found(kind: str, tag: Tag, there: Sets, other: str, others: Sets) -> tuple[
         hint = f" Is '{next(name for name in names if name.lower() == near[0])}' meant?"
     if tag in others:
         hint = f" '{tag}' is a {other} of it: a {kind} is needed here."
-    raise SceneError(f"no {kind} of the mesh is called '{tag}': its {plural[kind]} are {', '.join(names)}.{hint}")
+    said = f"no {kind} of the mesh is called '{tag}': its {plural[kind]} are {', '.join(names)}.{hint}"
+    raise SceneError(said + _of_file([tag], summary))

@@ -29,6 +29,8 @@ SMALL_GAP = 2.0
 between two of its nodes is off by the sag."""
 LARGE_IN_SPACE = 20_000
 """Dofs from which on a full model in space takes time that is worth a word."""
+MOST_LEFT_OUT = 5
+"""Names of a mesh file that are left out, of which as many are listed."""
 OVERLAP = 2.0
 """Overlaps beyond so many times the sag of facets are those of the bodies rather than of the mesh."""
 
@@ -107,6 +109,11 @@ def _names(found: SceneCheck) -> None:
     idle = sorted(name for name, own in facets.items() if isinstance(name, str) and not taken & set(own))
     if idle:
         found.say(NOTE, f"the mesh has surfaces that nothing names: {', '.join(idle)}")
+    left_out = [f"{name}: {why}" for name, why in discretisation.names.summary.left_out.items()]
+    if left_out:
+        more = f"; and {len(left_out) - MOST_LEFT_OUT} more" if len(left_out) > MOST_LEFT_OUT else ""
+        said = "; ".join(left_out[:MOST_LEFT_OUT])
+        found.say(NOTE, f"the mesh file has what is left out: {said}{more}. `hhr check` of the file itself lists all")
 
 
 def _pairs(found: SceneCheck) -> None:
@@ -145,11 +152,19 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
                       "nothing. Leave it out, or hold other surfaces")  # fmt: skip
             continue
         sag = max(sag_of(surface) for surface in surfaces)
-        own = gaps[rows]
+        own = still[rows]
+        closed = ""
+        if not np.allclose(own, gaps[rows], rtol=1e-9, atol=1e-9 * np.abs(own).max()):
+            low = gaps[rows].min()
+            high = gaps[rows].max()
+            closed = (
+                f" as drawn, which imposed displacements bring to {low:.3g} to {high:.3g}{unit} at "
+                f"{_said(found.scene, point)}"
+            )
         found.say(
             OK,
-            f"contact {place} of {names}: {own.size} conditions, gaps from {own.min():.3g} to {own.max():.3g}{unit}, "
-            f"facets sag by {sag:.2g}{unit}{_rubs(found.scene.friction[place])}",
+            f"contact {place} of {names}: {own.size} conditions, gaps from {own.min():.3g} to {own.max():.3g}{unit}"
+            f"{closed}, facets sag by {sag:.2g}{unit}{_rubs(found.scene.friction[place])}",
         )
         _overlap(found, place, -float(still[rows].min()), sag, point)
         small = [float(own.min()), _least_gap(problem, rows)]
@@ -160,6 +175,11 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
                 f"contact {place} of {names}: the smallest gap, {small[0]:.3g}{unit}, is below twice the sag of "
                 f"facets, {sag:.2g}{unit}: which nodes touch first is made by the mesh. Refine the curved surfaces",
             )
+
+
+def _said(scene: Scene, point: np.ndarray) -> str:
+    """A point in words: names and values of the parameters."""
+    return ", ".join(f"{name} = {value:g}" for name, value in zip(scene.parameters.names, point, strict=True))
 
 
 def _least_gap(problem: ContactProblem, rows: np.ndarray) -> float:

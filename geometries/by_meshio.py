@@ -1,0 +1,273 @@
+"""Meshes as meshio reads them: blocks of elements, with sets by name and arrays of numbers."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import redirect_stderr, redirect_stdout, suppress
+from dataclasses import dataclass, field
+from io import StringIO
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.compat import extra
+from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, FACES, FACET_KINDS, KINDS, OTHERS, one_kind, sides_of
+from hhr_dolfinx.geometries.conforming import counted
+from hhr_dolfinx.geometries.raw_mesh import RawMesh
+
+Sets = dict[str | int, np.ndarray]
+Groups = list[tuple[str, tuple[int, int]]]
+"""Names with number and dimension."""
+
+MARKERS = ("gmsh:physical", "cell_tags", "medit:ref", "gambit:group", "su2:tag", "MaterialID")
+"""Arrays that are known to number bodies and surfaces; 0 is none."""
+NO_MARKERS = ("vtkghosttype", "vtkoriginalcellids", "globalcellid", "globalcellids", "globalelementid", "cell_ids")
+"""Arrays of whole numbers that are none of bodies, in small letters."""
+_ONE = np.ones(1)
+MOST = 1000
+"""Different numbers up to which an array of unknown name may be one of bodies and surfaces."""
+
+
+@dataclass(frozen=True, eq=False)
+class Elements:
+    """Elements of one kind.
+
+    Attributes:
+        type: meshio's name of the kind.
+        nodes: of each, (b, K).
+        numbers: arrays of numbers of the elements, (b,), by name.
+        sets: places of elements, by name.
+    """
+
+    type: str
+    nodes: np.ndarray
+    numbers: Mapping[str, np.ndarray] = field(default_factory=dict)
+    sets: Mapping[str, np.ndarray] = field(default_factory=dict)
+
+    @property
+    def kind(self) -> str:
+        """Kind of cells; an empty text for what is none."""
+        return KINDS.get(self.type) or next((kind for start, kind in OTHERS.items() if self.type.startswith(start)), "")
+
+
+def read_by_meshio(path: Path) -> RawMesh:
+    """The mesh of a file that meshio reads; raises FileContentError for others."""
+    with extra("mesh", f"the mesh file {path}"):
+        import meshio
+    said = StringIO()
+    # it says on the console what it cannot read, and ends the program
+    try:
+        with redirect_stdout(said), redirect_stderr(said):
+            mesh = meshio.read(path)
+    except SystemExit:
+        reason = " ".join(said.getvalue().split()) or f"meshio does not read files that end in {path.suffix}"
+        raise FileContentError(f"mesh file {path} cannot be read: {reason}") from None
+    elements = [
+        Elements(block.type, np.asarray(block.data), _arrays(mesh.cell_data, k), _places(mesh.cell_sets, k))
+        for k, block in enumerate(mesh.cells)
+    ]
+    names = _physical_names(path) or _names_of_fields(mesh.field_data)
+    names += [(name, (int(number), -1)) for number, own in getattr(mesh, "cell_tags", {}).items() for name in own]
+    nodes = {str(name): np.asarray(rows) for name, rows in mesh.point_sets.items()}
+    fields = [name for name in mesh.point_data if not name.startswith("gmsh:")]
+    left_out: dict[str | int, str] = {"values at nodes": ", ".join(fields)} if fields else {}
+    return raw_mesh(mesh.points, elements, path, names=[*names, *_markers_of_su2(path)], nodes=nodes, left_out=left_out)
+
+
+def _arrays(data: Mapping[str, Sequence[np.ndarray]], k: int) -> dict[str, np.ndarray]:
+    """Whole numbers that the arrays of a mesh give the elements of a block, (b,), by name."""
+    found = {}
+    for name, blocks in data.items():
+        values = np.asarray(blocks[k])
+        if values.size == len(values) and (whole := whole_numbers(values.ravel())) is not None:
+            found[name] = whole
+    return found
+
+
+def whole_numbers(values: np.ndarray) -> np.ndarray | None:
+    """The array as integers; None where some of its values are none."""
+    if np.issubdtype(values.dtype, np.integer):
+        return values.astype(np.int64)
+    finite = np.issubdtype(values.dtype, np.floating) and bool((np.abs(values) < 2**31).all())
+    return values.astype(np.int64) if finite and bool((values == np.rint(values)).all()) else None
+
+
+def _places(sets: Mapping[str, Sequence[Any]], k: int) -> dict[str, np.ndarray]:
+    """Places of the elements of a block in each of the named sets of meshio."""
+    return {
+        name.strip(): np.asarray(parts[k], dtype=np.int64)
+        for name, parts in sets.items()
+        if not name.startswith("gmsh:") and parts[k] is not None
+    }
+
+
+def _physical_names(path: Path) -> Groups:
+    """Names of gmsh with number and dimension: a body and a surface may share one, of which meshio keeps the last."""
+    if path.suffix.lower() != ".msh":
+        return []
+    text = path.read_bytes().partition(b"$PhysicalNames")[2].partition(b"$EndPhysicalNames")[0]
+    found = re.findall(r'^\s*(\d+)\s+(\d+)\s+"(.*)"\s*$', text.decode(errors="replace"), re.MULTILINE)
+    return [(name, (int(number), int(dim))) for dim, number, name in found]
+
+
+def _names_of_fields(fields: Mapping[str, Any]) -> Groups:
+    """Names with number and dimension, as meshio keeps them."""
+    found: Groups = []
+    for name, group in fields.items():
+        with suppress(TypeError, ValueError, IndexError):
+            found.append((name.strip(), (int(group[0]), int(group[1]))))
+    return found
+
+
+def _markers_of_su2(path: Path) -> Groups:
+    """Names of the markers of SU2, which meshio numbers: a text has the last number and one more."""
+    if path.suffix.lower() != ".su2":
+        return []
+    text = path.read_text(errors="replace")
+    dim = re.search(r"^\s*NDIME\s*=\s*(\d)", text, re.MULTILINE)
+    found: Groups = []
+    number = 0
+    for word in re.findall(r"^\s*MARKER_TAG\s*=\s*(.*?)\s*$", text, re.MULTILINE):
+        text_only = not word.lstrip("+-").isdigit()
+        number = number + 1 if text_only else int(word)
+        if text_only and dim:
+            found.append((word, (number, int(dim[1]) - 1)))
+    return found
+
+
+def raw_mesh(
+    points: np.ndarray,
+    elements: Sequence[Elements],
+    path: Path,
+    *,
+    names: Iterable[tuple[str, tuple[int, int]]] = (),
+    nodes: Mapping[str, np.ndarray] | None = None,
+    left_out: Mapping[str | int, str] | None = None,
+) -> RawMesh:
+    """The mesh of blocks of elements: cells of the highest dimension, their facets, and the sets of both.
+
+    Args:
+        points: (n, 2 or 3).
+        elements: of all kinds.
+        path: for messages.
+        names: of numbers, with their dimension, or -1 for all.
+        nodes: sets of nodes by name.
+        left_out: by the reader, by name, and why.
+
+    Raises:
+        FileContentError: for elements of which no mesh can be made.
+    """
+    there = [block for block in elements if block.kind]
+    if not there:
+        kinds = sorted({block.type for block in elements})
+        raise FileContentError(
+            f"{path} has cells of kinds {kinds}, and none of {sorted(KINDS)}: it is empty, or of a format that is not "
+            "understood. Write it as .msh, .inp, .med, .e or .vtu"
+        )
+    dim = max(DIMENSION.get(block.kind, 3) for block in there)
+    kind, others = one_kind(((b.kind, b.nodes) for b in there if DIMENSION.get(b.kind, 3) == dim), path)
+    own = [block for block in there if block.kind == kind]
+    order = sides_of(kind, (block.nodes for block in own), path)
+    width = len(FACES[kind][0])
+    sides = [block for block in elements if FACET_KINDS.get(block.type) == width and block.kind != kind]
+    bodies, said = _sets(own, dim, names)
+    found, also_said = _sets(sides, dim - 1, names)
+    facets = _corners(sides, width)
+    smaller = [block for block in elements if block not in own and block not in sides and block not in there]
+    reasons = {**others, **said, **also_said, **_smaller(smaller, names), **(left_out or {})}
+    cells = _corners(own, CORNERS[kind])
+    if not any(bodies) or (
+        len(bodies) == 1 and not any(block.numbers.get("gmsh:physical", _ONE).any() for block in own)
+    ):
+        # none has a number, or 0, or all that of the one entity that gmsh made
+        bodies = {1: np.arange(len(cells)), **bodies}
+    surfaces = {name: facets[rows] for name, rows in found.items()}
+    return RawMesh(points, kind, cells, bodies, surfaces, nodes or {}, order, reasons)
+
+
+def _corners(blocks: Iterable[Elements], count: int) -> np.ndarray:
+    """Corners of the elements of some blocks, (c, count)."""
+    return np.concatenate([np.zeros((0, count), dtype=np.int64), *(block.nodes[:, :count] for block in blocks)])
+
+
+def _sets(
+    blocks: Sequence[Elements], dim: int, names: Iterable[tuple[str, tuple[int, int]]]
+) -> tuple[Sets, dict[str | int, str]]:
+    """Places in some blocks, one after another, by name or number; and numbers that are left out."""
+    starts = np.cumsum([0, *(len(block.nodes) for block in blocks)])
+    found: dict[str | int, list[np.ndarray]] = {}
+    for start, block in zip(starts, blocks, strict=False):
+        for name, rows in block.sets.items():
+            found.setdefault(name, []).append(start + rows)
+    sets: Sets = {name: np.concatenate(rows) for name, rows in found.items()}
+    numbered, left_out = _numbered(_whole_arrays(blocks, starts))
+    of_number: dict[str | int, list[str]] = {}
+    for name, (number, of) in names:
+        if of in (dim, -1):
+            of_number.setdefault(number, []).append(name.strip())
+    for tag, rows in numbered.items():
+        for name in (tag, *of_number.get(tag, ())):
+            if name not in found:
+                sets[name] = np.concatenate([sets[name], rows]) if name in sets else rows
+    return {name: rows for name, rows in sets.items() if rows.size}, left_out
+
+
+def _whole_arrays(blocks: Sequence[Elements], starts: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
+    """Places and numbers of the arrays that may be of bodies or surfaces: known ones, else gmsh's, else others."""
+    parts: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
+    for start, block in zip(starts, blocks, strict=False):
+        for name, values in block.numbers.items():
+            keep = np.flatnonzero(values > 0) if name in (*MARKERS, "gmsh:geometrical") else np.flatnonzero(values >= 0)
+            if keep.size:
+                parts.setdefault(name, []).append((start + keep, values[keep]))
+    found = {
+        name: (np.concatenate([p for p, _ in own]), np.concatenate([v for _, v in own])) for name, own in parts.items()
+    }
+    for kept in ([name for name in MARKERS if name in found], [name for name in found if name == "gmsh:geometrical"]):
+        if kept:
+            return {name: found[name] for name in kept}
+    return {
+        name: own for name, own in found.items() if name.lower() not in NO_MARKERS and np.unique(own[1]).size <= MOST
+    }
+
+
+def _numbered(arrays: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> tuple[Sets, dict[str | int, str]]:
+    """Places by number; of several arrays also by ``array:number``, alone where several have the number."""
+    found: Sets = {}
+    left_out: dict[str | int, str] = {}
+    holders: dict[int, list[str]] = {}
+    known = any(name in MARKERS for name in arrays)
+    for name, (places, values) in arrays.items():
+        for number in np.unique(values).tolist():
+            rows = places[values == number]
+            holders.setdefault(number, []).append(name)
+            found[number] = np.concatenate([found[number], rows]) if number in found else rows
+            if len(arrays) > 1:
+                found[f"{name}:{number}"] = rows
+    for number, names in holders.items():
+        if len(names) > 1 and not known:
+            del found[number]
+            left_out[number] = (
+                f"is in several arrays: name it {' or '.join(repr(f'{name}:{number}') for name in names)}"
+            )
+    return found, left_out
+
+
+def _smaller(blocks: Iterable[Elements], names: Iterable[tuple[str, tuple[int, int]]]) -> dict[str | int, str]:
+    """Named sets of elements that are too small to be facets, such as lines in space, and why they are left out."""
+    found: dict[str | int, str] = {}
+    for block in blocks:
+        dim = {"vertex": 0, "line": 1, "line3": 1}.get(block.type, 2)
+        sets, _ = _sets([block], dim, names)
+        for name, rows in sets.items():
+            if isinstance(name, str):
+                found[name] = of_small_elements(len(rows), dim)
+    return found
+
+
+def of_small_elements(count: int, dim: int) -> str:
+    """Reason why a set of elements, which are neither cells nor facets, is left out."""
+    return f"a set of {counted(count, dim)}; supports, loads and contacts need facets"

@@ -1,0 +1,101 @@
+"""Cells that fit each other: no corner twice in a cell, one node for both cells of a side, facets that are sides.
+
+DOLFINx takes all of this for granted: where it does not hold it ends the process, or writes where it must not.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.geometries.cells import EDGES, PLURAL, are_sides
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.geometries.raw_mesh import RawMesh
+
+COINCIDE = 1e-5
+"""Distance of two nodes over the length of their side below which they are one: files keep 7 digits or so."""
+
+
+def conforming(raw: RawMesh) -> RawMesh:
+    """The mesh with one node in the middle of each side, and surfaces without facets that are no side of a cell.
+
+    Raises:
+        FileContentError: for cells that have a node twice, or sides that have several nodes at different places.
+    """
+    _check_distinct(raw)
+    joined = raw if raw.sides is None else _joined(raw, raw.sides)
+    return _with_sides_only(joined)
+
+
+def _check_distinct(raw: RawMesh) -> None:
+    """Refuse cells in which a node is twice, as wedges are written as hexahedra."""
+    order = np.sort(raw.cells, axis=1)
+    twice = (order[:, 1:] == order[:, :-1]).any(axis=1)
+    if twice.any():
+        place = raw.points[raw.cells[twice][0]].mean(axis=0).round(6).tolist()
+        raise FileContentError(
+            f"{int(twice.sum())} of {len(raw.cells)} {PLURAL[raw.kind]} have a node twice, e.g. around {place}: "
+            "collapsed cells are not supported. Mesh these places with whole cells"
+        )
+
+
+def _joined(raw: RawMesh, sides: np.ndarray) -> RawMesh:
+    """The mesh with one of the nodes of each side that coincide."""
+    ends = np.sort(raw.cells[:, np.array(EDGES[raw.kind])].reshape(-1, 2), axis=1)
+    _, first, which = np.unique(ends, axis=0, return_index=True, return_inverse=True)
+    flat = sides.ravel()
+    kept = flat[first][which.ravel()]
+    lengths = np.linalg.norm(raw.points[ends[:, 0]] - raw.points[ends[:, 1]], axis=1)
+    apart = np.linalg.norm(raw.points[flat] - raw.points[kept], axis=1) > COINCIDE * lengths
+    if apart.any():
+        _refuse(raw, ends[apart], "have nodes of their own in the middle of each of their cells, at different places")
+    _, firsts, counts = np.unique(kept[first], return_index=True, return_counts=True)
+    shared = np.isin(kept[first], kept[first][firsts[counts > 1]])
+    wrong = shared | np.isin(kept[first], raw.cells)
+    if wrong.any():
+        _refuse(raw, ends[first][wrong], "have a node in the middle that is that of another side or a corner of a cell")
+    if np.array_equal(kept, flat):
+        return raw
+    numbers = np.arange(len(raw.points))
+    numbers[flat] = kept
+    nodes = {name: np.unique(numbers[own]) for name, own in raw.nodes.items()}
+    return replace(raw, sides=kept.reshape(sides.shape), nodes=nodes)
+
+
+def _refuse(raw: RawMesh, ends: np.ndarray, what: str) -> None:
+    """Raise the error for sides of second order that do not meet."""
+    ends = np.unique(ends, axis=0)
+    from_, to = raw.points[ends[0]].round(6).tolist()
+    raise FileContentError(
+        f"{len(ends)} sides of cells of second order {what}, e.g. the side from {from_} to {to}: neighbouring cells do "
+        "not meet there. Merge coinciding nodes where the mesh is made (gmsh: Geometry.AutoCoherence, "
+        "removeDuplicateNodes), or mesh with cells of first order and set order=2 in the scene"
+    )
+
+
+def _with_sides_only(raw: RawMesh) -> RawMesh:
+    """The mesh whose surfaces hold sides of its cells only; facets that are left out are counted."""
+    names = [name for name, facets in raw.surfaces.items() if len(facets)]
+    if not names:
+        return raw
+    ends = np.cumsum([len(raw.surfaces[name]) for name in names])
+    inside = np.split(are_sides(raw.kind, raw.cells, np.concatenate([raw.surfaces[name] for name in names])), ends[:-1])
+    kept = {name: raw.surfaces[name][own] for name, own in zip(names, inside, strict=True)}
+    lost = {
+        name: counted(int((~own).sum()), raw.dim - 1) for name, own in zip(names, inside, strict=True) if not own.all()
+    }
+    reasons = {
+        name: f"{what} of it belong to no cell: there are no shells, membranes or bars" for name, what in lost.items()
+    }
+    # what the reader says knows more of the file
+    return replace(raw, surfaces={**raw.surfaces, **kept}, left_out={**reasons, **raw.left_out})
+
+
+def counted(count: int, dim: int) -> str:
+    """A number of elements of a dimension, in words."""
+    one = {0: "node", 1: "line", 2: "facet", 3: "cell"}[dim]
+    return f"{count} {one}" if count == 1 else f"{count} {one}s"

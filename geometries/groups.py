@@ -1,0 +1,114 @@
+"""Groups that gmsh passes over: those of I-DEAS' .unv in all of their data sets, and groups of nodes of MED."""
+
+from __future__ import annotations
+
+import warnings
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.compat import netcdf4
+
+UNV_GROUPS = {"2429": 4, "2430": 4, "2432": 4, "2435": 2, "2452": 2, "2467": 2, "2477": 2}
+"""Data sets of groups, with the number of members in a line: of older ones without two more numbers each."""
+_NODES = 7
+_ELEMENTS = 8
+"""Codes of members."""
+
+
+@dataclass(frozen=True, eq=False)
+class Group:
+    """A group of a .unv file: numbers of its elements and of its nodes."""
+
+    elements: np.ndarray
+    nodes: np.ndarray
+
+
+def groups_of_unv(path: Path) -> dict[str, Group]:
+    """Groups of a file by name; empty where it has none."""
+    found: dict[str, Group] = {}
+    lines = iter(path.read_text(errors="replace").splitlines())
+    for line in lines:
+        if line.strip() != "-1":
+            continue
+        kind = next(lines, "").strip()
+        rows = _data_set(lines)
+        if kind in UNV_GROUPS:
+            found |= dict(_groups(rows, UNV_GROUPS[kind]))
+    return found
+
+
+def _data_set(lines: Iterator[str]) -> list[str]:
+    """Lines up to the end of a data set."""
+    found = []
+    for line in lines:
+        if line.strip() == "-1":
+            break
+        found.append(line)
+    return found
+
+
+def _groups(rows: list[str], width: int) -> Iterator[tuple[str, Group]]:
+    """Names and members of a data set of groups: a head that ends in their count, a name, and their lines."""
+    place = 0
+    while place + 1 < len(rows):
+        head = rows[place].split()
+        count = int(head[-1])
+        name = rows[place + 1].strip() or head[0]
+        last = place + 2 + -(-count // width)
+        words = [int(word) for line in rows[place + 2 : last] for word in line.split()]
+        members = np.array(words, dtype=np.int64).reshape(count, -1)[:, :2]
+        yield name, Group(*(members[members[:, 0] == code, 1] for code in (_ELEMENTS, _NODES)))
+        place = last
+
+
+def groups_of_nodes(path: Path, points: np.ndarray, numbers: np.ndarray) -> dict[str, np.ndarray]:
+    """Nodes of the groups of nodes of a MED file, by name.
+
+    The names of groups are texts that netCDF4 does not read. A family of nodes in one group is named for it by Salome,
+    ``FAM_3_name``; others keep the name of the family.
+
+    Args:
+        path: of the file.
+        points: as gmsh reads them, (n, 3).
+        numbers: that gmsh gives them, (n,), one after another in the file.
+    """
+    netcdf = netcdf4(f"groups of nodes of {path}")
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        try:
+            data = netcdf.Dataset(path)
+        except OSError:
+            return {}
+        with data:
+            data.set_auto_mask(False)
+            order = np.argsort(numbers)
+            found = _families_of_nodes(data, points[order])
+            return {name: order[rows] for name, rows in found.items()}
+
+
+def _families_of_nodes(data: Any, points: np.ndarray) -> dict[str, np.ndarray]:
+    meshes = data["ENS_MAA"].groups if "ENS_MAA" in data.groups else {}
+    for name, mesh in meshes.items():
+        # one of one time, or one for each
+        step = mesh if "NOE" in mesh.groups else next(iter(mesh.groups.values()), mesh)
+        nodes = step.groups.get("NOE")
+        families = data["FAS"].groups.get(name) if "FAS" in data.groups else None
+        if nodes is None or families is None or "NOEUD" not in families.groups or "FAM" not in nodes.variables:
+            continue
+        places = np.asarray(nodes["COO"][:]).reshape(-1, len(nodes["FAM"])).T
+        if places.shape[0] != len(points) or not np.allclose(places, points[:, : places.shape[1]]):
+            continue
+        of = np.asarray(nodes["FAM"][:])
+        return {_name_of(family): np.flatnonzero(of == group.NUM) for family, group in families["NOEUD"].groups.items()}
+    return {}
+
+
+def _name_of(family: str) -> str:
+    """Name of the group that a family is named for."""
+    head, _, rest = family.partition("_")
+    number, _, name = rest.partition("_")
+    return name if head == "FAM" and number.lstrip("-").isdigit() and name else family

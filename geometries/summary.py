@@ -1,0 +1,93 @@
+"""Contents of a mesh file in words: cells, bodies, surfaces and sets with sizes and places, and what is left out."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from hhr_dolfinx.geometries.cells import PLURAL
+from hhr_dolfinx.geometries.conforming import counted
+from hhr_dolfinx.geometries.raw_mesh import RawMesh
+
+Lines = tuple[tuple[str, str], ...]
+
+
+@dataclass(frozen=True)
+class Summary:
+    """Contents of a mesh file.
+
+    Attributes:
+        head: file, nodes, cells and extent.
+        parts: bodies, surfaces and so on: names and what they are, by title.
+        reasons: why a name that the file has is no body or surface, by name.
+        left_out: those of what is no part of the mesh.
+    """
+
+    head: str = ""
+    parts: Mapping[str, Lines] = field(default_factory=dict)
+    reasons: Mapping[str | int, str] = field(default_factory=dict)
+    left_out: Mapping[str | int, str] = field(default_factory=dict)
+
+    def text(self, most: int = 12) -> str:
+        """All of it, with so many lines of each part."""
+        rows = [self.head]
+        for title, lines in self.parts.items():
+            rows.append(f"  {title}:")
+            width = max(len(name) for name, _ in lines[:most])
+            rows += [f"    {name:{width}}  {what}" for name, what in lines[:most]]
+            if len(lines) > most:
+                rows.append(f"    and {len(lines) - most} more")
+        return "\n".join(rows)
+
+
+def summary_of(raw: RawMesh, path: Path, scale: float = 1.0) -> Summary:
+    """Contents of a file that was read."""
+    points = raw.points * scale
+    surfaces = raw.all_surfaces()
+    order = "first" if raw.sides is None else "second"
+    count = f"{len(raw.cells)} {raw.kind if len(raw.cells) == 1 else PLURAL[raw.kind]}"
+    head = f"{path.name}: {len(points)} nodes, {count} of {order} order, {_extent(points)}"
+    bodies = _lines({name: (len(rows), raw.cells[rows]) for name, rows in raw.bodies.items()}, raw.dim, points)
+    without = len(raw.cells) - np.unique(np.concatenate(list(raw.bodies.values()))).size
+    if without:
+        bodies += (("in none", counted(without, raw.dim)),)
+    outer = _lines({name: (len(facets), facets) for name, facets in surfaces.items()}, raw.dim - 1, points)
+    lines = {name: nodes for name, nodes in raw.nodes.items() if name not in surfaces and len(nodes)}
+    sets = _lines({name: (len(nodes), nodes) for name, nodes in lines.items()}, 0, points)
+    said = tuple((str(name), why) for name, why in raw.left_out.items())
+    parts = {
+        "bodies": bodies,
+        "surfaces": outer,
+        "sets of nodes that hold no whole facet; supports, loads and contacts need facets": sets,
+        "left out": said,
+    }
+    reasons = {
+        name: f"a set of {counted(len(nodes), 0)} that holds no whole facet; supports, loads and contacts need some"
+        for name, nodes in lines.items()
+    }
+    shown = {title: rows for title, rows in parts.items() if rows}
+    return Summary(head, shown, {**raw.left_out, **reasons}, raw.left_out)
+
+
+def _lines(sets: Mapping[str | int, tuple[int, np.ndarray]], dim: int, points: np.ndarray) -> Lines:
+    """Names, counts and places of sets, given by counts and nodes."""
+    return tuple(
+        (str(name), f"{counted(count, dim)}, {_extent(points[np.unique(nodes)])}")
+        for name, (count, nodes) in sets.items()
+    )
+
+
+def _extent(points: np.ndarray) -> str:
+    """Range of the coordinates of points."""
+    if not len(points):
+        return "nowhere"
+    low = points.min(axis=0)
+    high = points.max(axis=0)
+    flat = high - low <= 1e-9 * max(float(np.abs(points).max()), 1e-300)
+    return ", ".join(
+        f"{axis} = {a:.6g}" if same else f"{axis} {a:.6g} to {b:.6g}"
+        for axis, a, b, same in zip("xyz", low, high, flat, strict=False)
+    )

@@ -1,0 +1,78 @@
+"""Import ``dolfinx_solver`` before the first import of dolfinx, mpi4py, petsc4py or slepc4py, by whoever it is.
+
+The wheel ``dolfinx-solver-real`` has its MPI in its own folder: ``from dolfinx import mesh`` as the first line of a
+program ends with "libmpi.so.12: cannot open shared object file". This package sees to the order once it is imported;
+``python -m hhr_dolfinx.solver_first`` makes an environment see to it always, by a ``.pth`` file and a copy of this one.
+Without the wheel, as with conda and apt, nothing happens. Only Python's own modules are imported: each start runs this.
+"""
+
+from __future__ import annotations
+
+import importlib
+import importlib.util
+import sys
+from importlib.machinery import ModuleSpec
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+COPY = "hhr_dolfinx_solver_first"
+"""Name of the copy in an environment, and of its ``.pth`` file."""
+
+
+class _Loaded:
+    """Hands out a module that was loaded while it was being looked for.
+
+    The import system would load a second one where the module has a specification, so that it has none meanwhile.
+    """
+
+    def __init__(self, module: ModuleType):
+        self._module = module
+        self._own = module.__spec__
+        module.__spec__ = None
+
+    def create_module(self, spec: ModuleSpec) -> ModuleType:
+        """The module."""
+        return self._module
+
+    def exec_module(self, module: ModuleType) -> None:
+        """Nothing but its own specification again: it was executed before."""
+        module.__spec__ = self._own
+
+
+class SolverFirst:
+    """Imports ``dolfinx_solver`` before the first import of what it must come before.
+
+    A model that is read from a file needs none of these, and starting MPI takes longer than reading the model.
+    """
+
+    NAMES = frozenset({"dolfinx", "mpi4py", "petsc4py", "slepc4py"})
+
+    def find_spec(self, fullname: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+        """None, so that others find the module; or what is there since ``dolfinx_solver`` has loaded it."""
+        if fullname not in self.NAMES or importlib.util.find_spec("dolfinx_solver") is None:
+            return None
+        # returns at once where its own imports come here
+        importlib.import_module("dolfinx_solver")
+        module = sys.modules.get(fullname)
+        return None if module is None else ModuleSpec(fullname, _Loaded(module), origin=module.__file__)  # type: ignore[arg-type]
+
+
+def install() -> None:
+    """See to the order from now on, in this process."""
+    if not any(type(finder).__name__ == SolverFirst.__name__ for finder in sys.meta_path):
+        sys.meta_path.insert(0, SolverFirst())
+
+
+def install_for_all(folder: Path) -> Path:
+    """See to the order in each start of the Python whose packages lie in a folder; returns the ``.pth`` file."""
+    (folder / f"{COPY}.py").write_text(Path(__file__).read_text(encoding="utf-8"), encoding="utf-8")
+    start = folder / f"{COPY}.pth"
+    start.write_text(f"import {COPY}; {COPY}.install()\n", encoding="utf-8")
+    return start
+
+
+if __name__ == "__main__":
+    import sysconfig
+
+    print(f"{install_for_all(Path(sysconfig.get_path('purelib')))}: dolfinx may be imported first from now on")

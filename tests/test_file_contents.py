@@ -1,0 +1,600 @@
+"""Contents of mesh files: nothing is dropped without a word, and nothing that no scene names refuses the rest.
+
+All files hold two unit cubes, 0.01 apart, in the way of their format. E = 1000, nu = 0 and closed by 0.02 beyond the
+gap over two unit lengths: the pressure is 10, a closed form, so that tolerances are those of round-off.
+"""
+
+import re
+import warnings
+
+import gmsh
+import numpy as np
+import pytest
+from dolfinx import io
+from mpi4py import MPI
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.compat import linear_mesh, netcdf4, tags_of
+from hhr_dolfinx.errors import FileContentError, SceneError
+from hhr_dolfinx.geometries.groups import groups_of_nodes
+from hhr_dolfinx.geometries.mesh_file import summary_of
+
+POINTS = [(float(x), float(y), z) for z in (0.0, 1.0, 1.01, 2.01) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))]
+CUBES = ((1, 2, 3, 4, 5, 6, 7, 8), (9, 10, 11, 12, 13, 14, 15, 16))
+FACES = {11: (1, 2, 3, 4), 12: (5, 6, 7, 8), 13: (9, 10, 11, 12), 14: (13, 14, 15, 16)}
+NUMBERS = (1, 2, 11, 12, 13, 14)
+NAMES = ("LOWER", "UPPER", "FLOOR", "MASTER", "SLAVE", "LID")
+
+
+def nodes_of_deck(points, first=1):
+    return "*NODE\n" + "".join(f"{k}, {', '.join(map(str, place))}\n" for k, place in enumerate(points, first))
+
+
+DECK = (
+    nodes_of_deck(POINTS)
+    + "*ELEMENT, TYPE=C3D8, ELSET=LOWER\n1, 1, 2, 3, 4, 5, 6, 7, 8\n"
+    + "*ELEMENT, TYPE=C3D8, ELSET=UPPER\n2, 9, 10, 11, 12, 13, 14, 15, 16\n"
+    + "*SURFACE, NAME=FLOOR\n1, S1\n*SURFACE, NAME=MASTER\n1, S2\n"
+    + "*SURFACE, NAME=SLAVE\n2, S1\n*SURFACE, NAME=LID\n2, S2\n"
+)
+TOOL = nodes_of_deck([(x, y, 9.0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], 100)
+WEDGE = [(x, y, z) for z in (5.0, 6.0) for x, y in ((0, 0), (1, 0), (0, 1))]
+
+
+def two_cubes(path, names=NUMBERS):
+    lower, upper, floor, top, under, lid = names
+    return hhr.Scene(
+        name="two_cubes",
+        geometry=hhr.MeshFile(path),
+        hypothesis="solid",
+        bodies=(hhr.Body(lower, 1e3, 0.0), *(() if upper is None else (hhr.Body(upper, 1e3, 0.0),))),
+        contacts=(hhr.NodeToSurface(under, top),),
+        displacements=(
+            *hhr.Displacement.clamp(floor, 3),
+            *hhr.Displacement.clamp(lid, 2),
+            hhr.Displacement(lid, 2, hhr.Amplitude(slopes={"down": -1.0})),
+        ),
+        parameters=hhr.ParameterSpace(("down",), (0.0,), (0.05,)),
+        outputs=(hhr.LargestPressure("pressure", contact=0),),
+    )
+
+
+def pressure(path, names=NUMBERS):
+    found = hhr.FullOrderModel(two_cubes(path, names), MPI.COMM_SELF).solve({"down": 0.03})
+    return found.outputs()["pressure"]
+
+
+def reasons(path):
+    return hhr.MeshFile(path).read().left_out
+
+
+EXTRA = {
+    "rigid tool": (
+        TOOL + "*ELEMENT, TYPE=R3D4, ELSET=TOOL\n3, 100, 101, 102, 103\n*SURFACE, NAME=S_TOOL\nTOOL, SNEG\n",
+        {"TOOL": "1 element of type R3D4", "S_TOOL": "no sides of cells"},
+    ),
+    "skin": ("*ELEMENT, TYPE=S4, ELSET=SKIN\n3, 13, 14, 15, 16\n*SURFACE, NAME=S_SKIN\nSKIN, SPOS\n", {}),
+    "shell": (TOOL + "*ELEMENT, TYPE=S4, ELSET=TABLE\n3, 100, 101, 102, 103\n", {"TABLE": "1 element of type S4"}),
+    "beam": (
+        "*ELEMENT, TYPE=B31, ELSET=ROD\n3, 1, 16\n*SURFACE, NAME=S_ROD\n3, S1\n",
+        {"ROD": "1 element of type B31", "S_ROD": "elements of type B31"},
+    ),
+    "pipe in no set": ("*ELEMENT, TYPE=PIPE31\n3, 1, 16\n", {"1 element of type PIPE31": "neither cells nor sides"}),
+    "glue": (
+        TOOL + nodes_of_deck([(x, y, 9.0) for x, y in ((0, 0), (1, 0), (1, 1), (0, 1))], 104)
+        + "*ELEMENT, TYPE=COH3D8, ELSET=GLUE\n3, 100, 101, 102, 103, 104, 105, 106, 107\n",
+        {"GLUE": "1 element of type COH3D8"},
+    ),
+    "analytical": (
+        "*SURFACE, TYPE=CYLINDER, NAME=RIGID\nSTART, 0., 0.\nLINE, 1., 0.\n", {"RIGID": "TYPE=CYLINDER are not read"}
+    ),
+    "union": ("*SURFACE, NAME=BOTH, COMBINE=UNION\nMASTER, SLAVE\n", {}),
+    "difference": ("*SURFACE, NAME=LESS, COMBINE=DIFFERENCE\nMASTER, SLAVE\n", {"LESS": "COMBINE=DIFFERENCE"}),
+    "nothing there": ("*SURFACE, NAME=LOST\nNOWHERE, S1\n", {"LOST": "'NOWHERE' has no cells of the mesh"}),
+    "wedge": (
+        nodes_of_deck(WEDGE, 100) + "*ELEMENT, TYPE=C3D6, ELSET=OTHER\n3, 100, 101, 102, 103, 104, 105\n",
+        {"OTHER": "1 element of type C3D6", "1 prism": "not supported"},
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", EXTRA)
+def test_what_no_scene_names_does_not_refuse_a_deck(what, tmp_path):
+    text, wanted = EXTRA[what]
+    path = tmp_path / "blocks.inp"
+    path.write_text(DECK + text)
+    assert pressure(path, NAMES) == pytest.approx(10.0, rel=1e-9)
+    found = reasons(path)
+    assert found.keys() == wanted.keys()
+    for name, why in wanted.items():
+        assert why in found[name]
+
+
+def test_surfaces_of_skins_unions_and_whole_outsides(tmp_path):
+    path = tmp_path / "blocks.inp"
+    path.write_text(DECK + EXTRA["skin"][0] + EXTRA["union"][0] + "*SURFACE, NAME=OUTSIDE\nUPPER,\n")
+    surfaces = hhr.MeshFile(path).read().surfaces
+    facets = {name: {frozenset((own + 1).tolist()) for own in rows} for name, rows in surfaces.items()}
+    assert facets["S_SKIN"] == facets["SKIN"] == {frozenset(FACES[14])}
+    assert facets["BOTH"] == {frozenset(FACES[12]), frozenset(FACES[13])}
+    assert len(facets["OUTSIDE"]) == 6 and frozenset(FACES[13]) in facets["OUTSIDE"]
+
+
+def test_a_wedge_that_touches_a_hexahedron_is_no_body_of_its_own(tmp_path):
+    """Without it the mesh would have a hole."""
+    path = tmp_path / "mixed.inp"
+    path.write_text(DECK + nodes_of_deck([(0.5, 2, 2.01), (0.5, 2, 1.01)], 100)
+                    + "*ELEMENT, TYPE=C3D6, ELSET=UPPER\n3, 15, 16, 100, 11, 12, 101\n")  # fmt: skip
+    with pytest.raises(FileContentError, match="mixes hexahedra and prisms"):
+        hhr.MeshFile(path).read()
+
+
+def test_an_element_ends_when_it_has_its_nodes(tmp_path):
+    path = tmp_path / "commas.inp"
+    path.write_text(re.sub(r"^(\d+(?:, \d+){8})$", r"\1,", DECK, flags=re.MULTILINE))
+    assert path.read_text().count("8,\n") == 1
+    assert pressure(path, NAMES) == pytest.approx(10.0, rel=1e-9)
+    # and goes on where it has not
+    path.write_text(DECK.replace("1, 1, 2, 3, 4, 5", "1, 1, 2, 3, 4,\n5"))
+    assert len(hhr.MeshFile(path).read().cells) == 2
+
+
+def nastran():
+    rows = ["BEGIN BULK"]
+    rows += [f"GRID    {k:<8d}        {x:<8.4f}{y:<8.4f}{z:<8.4f}" for k, (x, y, z) in enumerate(POINTS, 1)]
+    for k, cube in enumerate(CUBES, 1):
+        words = "".join(f"{n:<8d}" for n in cube)
+        rows += [f"CHEXA   {k:<8d}{k:<8d}{words[:48]}+", f"+       {words[48:]}"]
+    rows += [f"CQUAD4  {n:<8d}{n:<8d}" + "".join(f"{k:<8d}" for k in face) for n, face in FACES.items()]
+    return "\n".join([*rows, "ENDDATA", ""])
+
+
+def gmsh_without_groups():
+    rows = ["$MeshFormat", "2.2 0 8", "$EndMeshFormat", "$Nodes", str(len(POINTS))]
+    rows += [f"{k} {x} {y} {z}" for k, (x, y, z) in enumerate(POINTS, 1)]
+    rows += ["$EndNodes", "$Elements", str(len(CUBES) + len(FACES))]
+    rows += [f"{k} 3 2 0 {n} " + " ".join(map(str, face)) for k, (n, face) in enumerate(FACES.items(), 1)]
+    rows += [f"{k + 4} 5 2 0 {k} " + " ".join(map(str, cube)) for k, cube in enumerate(CUBES, 1)]
+    return "\n".join([*rows, "$EndElements", ""])
+
+
+def vtu(**arrays):
+    cells = [*CUBES, *FACES.values()]
+    ends = np.cumsum([len(cell) for cell in cells]).tolist()
+
+    def array(kind, name, values, more=""):
+        numbers = " ".join(map(str, values))
+        return f'<DataArray type="{kind}" Name="{name}" format="ascii"{more}>{numbers}</DataArray>'
+
+    return (
+        '<VTKFile type="UnstructuredGrid" version="0.1" byte_order="LittleEndian"><UnstructuredGrid>'
+        f'<Piece NumberOfPoints="{len(POINTS)}" NumberOfCells="{len(cells)}">'
+        "<Points>" + array("Float64", "Points", np.ravel(POINTS), ' NumberOfComponents="3"') + "</Points><Cells>"
+        + array("Int64", "connectivity", [k - 1 for cell in cells for k in cell]) + array("Int64", "offsets", ends)
+        + array("UInt8", "types", [12, 12, 9, 9, 9, 9]) + "</Cells><CellData>"
+        + "".join(array("Float64" if name == "heat" else "Int64", name, values) for name, values in arrays.items())
+        + "</CellData></Piece></UnstructuredGrid></VTKFile>"
+    )  # fmt: skip
+
+
+def unv(data_set):
+    rows = ["    -1", "  2411"]
+    for k, (x, y, z) in enumerate(POINTS, 1):
+        rows += [f"{k:10d}{1:10d}{1:10d}{11:10d}", f"{x:25.16E}{y:25.16E}{z:25.16E}"]
+    rows += ["    -1", "    -1", "  2412"]
+    for k, cube in enumerate(CUBES, 1):
+        rows += [f"{k:10d}{115:10d}{2:10d}{1:10d}{7:10d}{8:10d}", "".join(f"{n:10d}" for n in cube)]
+    for n, face in FACES.items():
+        rows += [f"{n:10d}{44:10d}{1:10d}{1:10d}{7:10d}{4:10d}", "".join(f"{k:10d}" for k in face)]
+    rows += ["    -1", "    -1", f"  {data_set}"]
+    groups = {"LOWER": [(8, 1)], "UPPER": [(8, 2)], "FLOOR": [(8, 11)], "MASTER": [(8, 12)], "SLAVE": [(8, 13)]}
+    groups["LID"] = [(7, k) for k in FACES[14]]  # of nodes
+    for number, (name, members) in enumerate(groups.items(), 1):
+        rows += [f"{number:10d}" + f"{0:10d}" * 6 + f"{len(members):10d}", name]
+        pairs = [f"{kind:10d}{k:10d}{0:10d}{0:10d}" for kind, k in members]
+        rows += ["".join(pairs[k : k + 2]) for k in range(0, len(pairs), 2)]
+    return "\n".join([*rows, "    -1", ""])
+
+
+def su2():
+    rows = ["NDIME= 3", "NELEM= 2"]
+    rows += ["12 " + " ".join(str(k - 1) for k in cube) for cube in CUBES]
+    rows += [f"NPOIN= {len(POINTS)}", *(f"{x} {y} {z}" for x, y, z in POINTS), "NMARK= 4"]
+    for name, face in zip(NAMES[2:], FACES.values(), strict=True):
+        rows += [f"MARKER_TAG= {name}", "MARKER_ELEMS= 1", "9 " + " ".join(str(k - 1) for k in face)]
+    return "\n".join([*rows, ""])
+
+
+MARKERS = {
+    "properties of Nastran": ("c.bdf", nastran(), NUMBERS),
+    "entities of gmsh": ("c.msh", gmsh_without_groups(), NUMBERS),
+    "an array of any name": ("c.vtu", vtu(marker=NUMBERS), NUMBERS),
+    "numbers beside ghosts and a field": (
+        "c.vtu", vtu(part=NUMBERS, vtkGhostType=[0] * 6, heat=[0.5] * 6), NUMBERS),
+    "one of two arrays": ("c.vtu", vtu(rank=[0, 1, 0, 0, 1, 1], marker=NUMBERS),
+                          ("marker:1", 2, 11, 12, 13, 14)),
+    "data set 2467": ("c.unv", unv(2467), NAMES),
+    "data set 2477": ("c.unv", unv(2477), NAMES),
+    "markers of SU2": ("c.su2", su2(), (1, None, *NAMES[2:])),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", MARKERS)
+def test_numbers_and_names_of_a_file_are_there(what, tmp_path):
+    name, text, names = MARKERS[what]
+    path = tmp_path / name
+    path.write_text(text)
+    assert pressure(path, names) == pytest.approx(10.0, rel=1e-9)
+
+
+def test_numbers_that_several_arrays_have_are_named_by_their_array(tmp_path):
+    path = tmp_path / "c.vtu"
+    path.write_text(MARKERS["one of two arrays"][1])
+    with pytest.raises(SceneError, match=r"1 is in the file: is in several arrays: name it 'rank:1' or 'marker:1'"):
+        pressure(path)
+
+
+def test_groups_of_lines_and_points_of_gmsh_are_named(tmp_path):
+    gmsh.initialize()
+    gmsh.option.setNumber("General.Terminal", 0)
+    box = gmsh.model.occ.addBox(0, 0, 0, 1, 1, 1)
+    gmsh.model.occ.synchronize()
+    for dim, tag, name in ((3, box, "body"), (2, 1, "left"), (1, 1, "edge"), (0, 3, "pin")):
+        gmsh.model.addPhysicalGroup(dim, [tag], name=name)
+    gmsh.option.setNumber("Mesh.MeshSizeMin", 1.0)
+    gmsh.model.mesh.generate(3)
+    for version in (2.2, 4.1):
+        gmsh.option.setNumber("Mesh.MshFileVersion", version)
+        gmsh.write(str(tmp_path / f"{version}.msh"))
+    gmsh.finalize()
+    for version in (2.2, 4.1):
+        found = reasons(tmp_path / f"{version}.msh")
+        assert found["edge"] == "a set of 1 line; supports, loads and contacts need facets", version
+        assert found["pin"] == "a set of 1 node; supports, loads and contacts need facets", version
+
+
+def cubes_of_dolfinx():
+    """Mesh, tags of cells, and tags of facets in one grid and in two."""
+    order = [0, 1, 3, 2, 4, 5, 7, 6]
+    mesh = linear_mesh(MPI.COMM_SELF, np.array(POINTS), np.array(CUBES)[:, order] - 1, "hexahedron")
+    cells = tags_of(mesh, 3, np.array(CUBES)[:, order] - 1, np.array([1, 2]))
+    of = {name: tags_of(mesh, 2, np.array([FACES[n] for n in own])[:, [0, 1, 3, 2]] - 1, np.array(own))
+          for name, own in (("facets", (11, 12, 13, 14)), ("supports", (11, 14)), ("contacts", (12, 13)))}  # fmt: skip
+    for name, tags in {"cells": cells, **of}.items():
+        tags.name = name
+    return mesh, cells, of
+
+
+def by_dolfinx(folder, *, split=False, ascii_=False):
+    mesh, cells, facets = cubes_of_dolfinx()
+    path = folder / "cubes.xdmf"
+    encoding = io.XDMFFile.Encoding.ASCII if ascii_ else io.XDMFFile.Encoding.HDF5
+    with io.XDMFFile(MPI.COMM_SELF, str(path), "w", encoding=encoding) as file:
+        file.write_mesh(mesh)
+        for tags in (cells, *((facets["supports"], facets["contacts"]) if split else (facets["facets"],))):
+            file.write_meshtags(tags, mesh.geometry)
+    return path
+
+
+def points_apart(folder):
+    path = by_dolfinx(folder)
+    text = path.read_text()
+    geometry = re.search(r"<Geometry.*?</Geometry>", text, re.DOTALL)[0]
+    first = text.index("<Grid ")
+    text = (
+        text[:first] + f'<Grid Name="points" GridType="Uniform">{geometry}</Grid>' + text[text.index("</Grid>") + 7 :]
+    )
+    pointer = "<xi:include xpointer=\"xpointer(/Xdmf/Domain/Grid[@Name='points']/Geometry)\" />"
+    path.write_text(re.sub(r"<xi:include [^>]*/>", pointer, text))
+    return path
+
+
+def compressed(folder):
+    path = by_dolfinx(folder)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        old = netcdf4("a test").Dataset(path.with_suffix(".h5"))
+        with old, netcdf4("a test").Dataset(folder / "gz.h5", "w") as new:
+            old.set_auto_mask(False)
+            for place in re.findall(r"cubes.h5:(\S+?)<", path.read_text()):
+                values = old[place][:]
+                group = new.createGroup(place.rpartition("/")[0])
+                name = place.rpartition("/")[2]
+                for k, size in enumerate(values.shape):
+                    group.createDimension(f"{name}{k}", size)
+                axes = [f"{name}{k}" for k in range(values.ndim)]
+                group.createVariable(name, values.dtype, axes, zlib=True)[:] = values
+    path.write_text(path.read_text().replace("cubes.h5", "gz.h5"))
+    path.with_suffix(".h5").unlink()
+    return path
+
+
+def mixed_in_xml(folder):
+    """All elements in one grid, as meshio writes several kinds: 9 is a hexahedron and 5 a quadrilateral."""
+    cells = [(9, *(k - 1 for k in cube)) for cube in CUBES] + [(5, *(k - 1 for k in face)) for face in FACES.values()]
+
+    def item(kind, shape, values):
+        numbers = " ".join(str(value) for row in values for value in np.atleast_1d(row))
+        return f'<DataItem DataType="{kind}" Dimensions="{shape}" Format="XML" Precision="8">{numbers}</DataItem>'
+
+    (folder / "m.xdmf").write_text(
+        '<Xdmf Version="3.0"><Domain><Grid Name="Grid"><Geometry GeometryType="XYZ">'
+        + item("Float", "16 3", POINTS) + '</Geometry><Topology TopologyType="Mixed" NumberOfElements="6">'
+        + item("Int", str(sum(map(len, cells))), cells) + "</Topology>"
+        + '<Attribute Name="tag" AttributeType="Scalar" Center="Cell">' + item("Int", "6", NUMBERS) + "</Attribute>"
+        + "</Grid></Domain></Xdmf>"
+    )  # fmt: skip
+    return folder / "m.xdmf"
+
+
+XDMF = {
+    "usual": by_dolfinx,
+    "points in a grid of their own": points_apart,
+    "numbers in the file": lambda folder: by_dolfinx(folder, ascii_=True),
+    "tags in two grids": lambda folder: by_dolfinx(folder, split=True),
+    "compressed": compressed,
+    "mixed cells in the file": mixed_in_xml,
+}
+
+
+@pytest.mark.parametrize("what", XDMF)
+def test_xdmf_of_others(what, tmp_path):
+    """PETSc is loaded by then, whose HDF5 is another one than netCDF4's."""
+    assert pressure(XDMF[what](tmp_path)) == pytest.approx(10.0, rel=1e-9)
+
+
+def test_xdmf_without_its_numbers(tmp_path):
+    path = by_dolfinx(tmp_path)
+    path.with_suffix(".h5").unlink()
+    with pytest.raises(FileContentError, match=r"keeps its numbers in cubes\.h5, which is not in .*put it there too"):
+        hhr.MeshFile(path)(MPI.COMM_SELF)
+
+
+def exodus(path, kind):
+    """Blocks of hexahedra, of faces and of a line, as meshio and MOOSE write them."""
+    blocks = {1: ("HEX8", [CUBES[0]]), 5: ("BAR2", [(1, 16)]), 2: ("HEX8", [CUBES[1]])}
+    blocks |= {n: ("QUAD4", [face]) for n, face in FACES.items() if n != 14}
+    with netcdf4("a test").Dataset(path, "w", format=kind) as data:
+        for name, size in (
+            ("num_nodes", 16),
+            ("num_dim", 3),
+            ("num_el_blk", len(blocks)),
+            ("num_side_sets", 1),
+            ("one", 1),
+        ):
+            data.createDimension(name, size)
+        data.createVariable("coord", "f8", ("num_dim", "num_nodes"))[:] = np.array(POINTS).T
+        for k, (type_, rows) in enumerate(blocks.values(), 1):
+            data.createDimension(f"num_el_in_blk{k}", len(rows))
+            data.createDimension(f"num_nod_per_el{k}", len(rows[0]))
+            block = data.createVariable(f"connect{k}", "i4", (f"num_el_in_blk{k}", f"num_nod_per_el{k}"))
+            block.elem_type = type_
+            block[:] = rows
+        data.createVariable("eb_prop1", "i4", ("num_el_blk",))[:] = list(blocks)
+        data.createVariable("ss_prop1", "i4", ("num_side_sets",))[:] = [14]
+        # side 6 of the third element of the file, which is the second hexahedron
+        data.createVariable("elem_ss1", "i4", ("one",))[:] = 3
+        data.createVariable("side_ss1", "i4", ("one",))[:] = 6
+    return path
+
+
+@pytest.mark.parametrize("kind", ["NETCDF3_64BIT_OFFSET", "NETCDF4"])
+def test_blocks_of_faces_and_lines_of_exodus(kind, tmp_path):
+    path = exodus(tmp_path / "c.e", kind)
+    assert pressure(path) == pytest.approx(10.0, rel=1e-9)
+    assert reasons(path) == {5: "a block of 1 elements of type BAR2, which are no cells"}
+
+
+EDGES = {
+    "C3D10": ((0, 1), (1, 2), (2, 0), (0, 3), (1, 3), (2, 3)),
+    "C3D20": ((0, 1), (1, 2), (2, 3), (3, 0), (4, 5), (5, 6), (6, 7), (7, 4), (0, 4), (1, 5), (2, 6), (3, 7)),
+    "CPE6": ((0, 1), (1, 2), (2, 0)),
+}
+SQUARE = ((0, 0), (1, 0), (1, 1), (0, 1))
+CELLS = {
+    "CPE6": ([[(0, 0), (1, 0), (1, 1)], [(0, 0), (1, 1), (0, 1)]], ("1, S1", "2, S2")),
+    "C3D10": ([[(0, 0, 0), (1, 0, 0), (0, 1, 0), (0, 0, 1)], [(0, 0, 0), (0, 1, 0), (1, 0, 0), (0, 0, -1)]],
+              ("2, S3", "1, S3")),
+    "C3D20": ([[(x, y, z + w) for w in (0, 1) for x, y in SQUARE] for z in (0, 1)], ("1, S1", "2, S2")),
+}  # fmt: skip
+
+
+def bar(path, kind, shared, off=0.0):
+    """Two cells of second order, whose common sides have one node, or one for each cell, ``off`` apart."""
+    cells, (foot, top) = CELLS[kind]
+    number, places, rows = {}, [], []
+
+    def node(key, place):
+        if key not in number:
+            places.append(tuple(place))
+            number[key] = len(places)
+        return number[key]
+
+    for which, cell in enumerate(cells):
+        row = [node(place, place) for place in cell]
+        for a, b in EDGES[kind]:
+            key = (frozenset((cell[a], cell[b])), 0 if shared else which)
+            middle = (np.array(cell[a]) + cell[b]) / 2
+            middle[-1] += which * off
+            row.append(node(key, middle.tolist()))
+        rows.append(row)
+    text = nodes_of_deck(places) + f"*ELEMENT, TYPE={kind}, ELSET=BAR\n"
+    for k, row in enumerate(rows, 1):
+        text += f"{k}, " + ",\n".join(", ".join(map(str, row[i : i + 12])) for i in range(0, len(row), 12)) + "\n"
+    path.write_text(text + f"*SURFACE, NAME=FOOT\n{foot}\n*SURFACE, NAME=TOP\n{top}\n")
+    return path
+
+
+def pulled(path, dim):
+    up = (0,) * (dim - 1) + (1,)
+    scene = hhr.Scene(
+        name="bar",
+        geometry=hhr.MeshFile(path),
+        hypothesis="plane_strain" if dim == 2 else "solid",
+        bodies=(hhr.Body("BAR", young=1e3, poisson=0.0),),
+        contacts=(hhr.Obstacle("TOP", normal=up, offset=9.0),),
+        displacements=(
+            *(hhr.Displacement("FOOT", axis) for axis in range(dim)),
+            *hhr.Displacement.clamp("TOP", dim - 1)[: dim - 1],
+        ),
+        loads=(hhr.Traction("TOP", up, hhr.Amplitude(slopes={"pull": 1.0})),),
+        parameters=hhr.ParameterSpace(("pull",), (0.0,), (10.0,)),
+    )
+    return np.abs(hhr.FullOrderModel(scene, MPI.COMM_SELF).solve({"pull": 5.0}).displacement()).max()
+
+
+@pytest.mark.parametrize("kind", CELLS)
+def test_nodes_in_the_middle_of_a_common_side_are_one_where_they_coincide(kind, tmp_path):
+    """DOLFINx ended the process. Right is the answer of the mesh in which they are shared; of the bar of two bricks
+    p h / E = 5 * 2 / 1000."""
+    dim = 2 if kind == "CPE6" else 3
+    right = pulled(bar(tmp_path / "one.inp", kind, shared=True), dim)
+    own = pulled(bar(tmp_path / "two.inp", kind, shared=False), dim)
+    assert own == pytest.approx(right, rel=1e-9)
+    if kind == "C3D20":
+        assert own == pytest.approx(0.01, rel=1e-9)
+
+
+@pytest.mark.parametrize("kind", CELLS)
+def test_common_sides_with_nodes_at_two_places_are_named(kind, tmp_path):
+    count = {"CPE6": 1, "C3D10": 3, "C3D20": 4}[kind]
+    path = bar(tmp_path / "two.inp", kind, shared=False, off=1e-3)
+    with pytest.raises(FileContentError, match=rf"^{count} sides? of .*side from \[.*do not meet there"):
+        hhr.MeshFile(path)(MPI.COMM_SELF)
+
+
+TRIANGLES = "*ELEMENT, TYPE=CPE{}, ELSET=A\n"
+LAME = {
+    "a node of a side that is a corner": (
+        nodes_of_deck([(0, 0), (2, 0), (0, 2), (1, 0), (1, 1), (0, 1), (1, -1), (0.5, 0), (1, -0.5), (0.5, -0.5)])
+        + TRIANGLES.format(6) + "1, 1, 2, 3, 4, 5, 6\n2, 1, 7, 4, 10, 9, 8\n",
+        "a node in the middle that is that of another side or a corner of a cell",
+    ),
+    "a cell with a node twice": (
+        nodes_of_deck([(0, 0), (1, 0), (1, 1), (0, 1)]) + TRIANGLES.format(3) + "1, 1, 2, 3\n2, 1, 1, 3\n",
+        "1 of 2 triangles have a node twice",
+    ),
+    "a hexahedron that is a wedge": (
+        nodes_of_deck(POINTS[:8]) + "*ELEMENT, TYPE=C3D8, ELSET=A\n1, 1, 2, 3, 3, 5, 6, 7, 7\n",
+        "have a node twice",
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("what", LAME)
+def test_cells_that_do_not_fit_are_refused_before_dolfinx_sees_them(what, tmp_path):
+    text, message = LAME[what]
+    (tmp_path / "lame.inp").write_text(text)
+    with pytest.raises(FileContentError, match=message):
+        hhr.MeshFile(tmp_path / "lame.inp")(MPI.COMM_SELF)
+
+
+BEAM = DECK + "*NSET, NSET=EDGE\n1, 2\n*NSET, NSET=PIN\n1\n" + EXTRA["shell"][0]
+
+
+def test_a_summary_of_a_file(tmp_path):
+    path = tmp_path / "beam.inp"
+    path.write_text(BEAM)
+    text = summary_of(hhr.MeshFile(path).read(), path, scale=2.0).text()
+    assert text.startswith("beam.inp: 16 nodes, 2 hexahedra of first order, x 0 to 2, y 0 to 2, z 0 to 4.02\n")
+    assert "    UPPER  1 cell, x 0 to 2, y 0 to 2, z 2.02 to 4.02\n" in text
+    assert "    SLAVE   1 facet, x 0 to 2, y 0 to 2, z = 2.02\n" in text
+    assert "    EDGE  2 nodes, x 0 to 2, y = 0, z = 0\n" in text
+    assert text.endswith("    TABLE  1 element of type S4 in it, neither cells nor sides of cells")
+
+
+@pytest.mark.parametrize(
+    ("tag", "why"),
+    [("EDGE", "'EDGE' is in the file: a set of 2 nodes that holds no whole facet"),
+     ("TABLE", "'TABLE' is in the file: 1 element of type S4"), ("WHERE", "Name one of these")],
+)  # fmt: skip
+def test_a_missing_name_is_answered_with_what_the_file_has(tag, why, tmp_path):
+    path = tmp_path / "beam.inp"
+    path.write_text(BEAM)
+    with pytest.raises(SceneError, match=f"no surface of the mesh is called '{tag}'.*") as found:
+        pressure(path, (*NAMES[:2], tag, *NAMES[3:]))
+    assert why in str(found.value) and "beam.inp: 16 nodes" in str(found.value)
+
+
+def test_missing_numbers_are_answered_with_what_the_file_has(tmp_path):
+    path = tmp_path / "c.bdf"
+    path.write_text(nastran())
+    with pytest.raises(SceneError, match=r"facet tags \[15\] are not in the mesh") as found:
+        pressure(path, (1, 2, 11, 12, 13, 15))
+    assert "    14  1 facet, x 0 to 1, y 0 to 1, z = 2.01" in str(found.value)
+
+
+def test_check_of_a_scene_names_what_is_left_out(tmp_path):
+    from hhr_dolfinx.study.scene.check import check_scene
+
+    path = tmp_path / "beam.inp"
+    path.write_text(BEAM)
+    notes = [finding.text for finding in check_scene(two_cubes(path, NAMES)).findings if finding.level == "note"]
+    assert any("TABLE: 1 element of type S4" in text for text in notes)
+
+
+def test_check_of_a_file_lists_what_it_holds(tmp_path, monkeypatch):
+    from click.testing import CliRunner
+
+    from hhr_dolfinx.command.main import hhr as command
+
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "beam.inp").write_text(BEAM)
+    (tmp_path / "folder").mkdir()
+    found = CliRunner().invoke(command, ["check", "beam.inp"])
+    assert found.exit_code == 0 and "TABLE  1 element of type S4" in found.output and "EDGE" in found.output
+    assert "hhr.MeshFile('beam.inp')" in found.output
+    for name, message in (("folder", "ElmerGrid"), ("none.msh", "there is no mesh file none.msh")):
+        found = CliRunner().invoke(command, ["check", name])
+        assert found.exit_code == 3 and message in found.output, found.output
+    assert CliRunner().invoke(command, ["check", "beam.inp", "--at", "load=3"]).exit_code == 2
+
+
+def test_a_deck_of_another_ending_is_read_by_its_content(tmp_path):
+    path = tmp_path / "cgx.msh"
+    path.write_text(DECK)
+    assert hhr.MeshFile(path).read().kind == "hexahedron"
+
+
+def test_files_that_are_no_meshes_say_why(tmp_path):
+    (tmp_path / "text.msh").write_text("not a mesh")
+    (tmp_path / "k.mdpa").write_text("Begin Nodes\n1 0 0 0\nEnd Nodes\nBegin Elements SmallDisplacementElement3D8N\n"
+                                     "1 0 1 1 1 1 1 1 1 1\nEnd Elements\n")  # fmt: skip
+    for name, why in (("text.msh", "Couldn't read file"), ("k.mdpa", "of a format that is not understood")):
+        with pytest.raises(FileContentError, match=why):
+            hhr.MeshFile(tmp_path / name).read()
+
+
+def test_gaps_of_a_look_are_those_that_are_drawn(tmp_path):
+    """Where moduli vary, imposed displacements had closed them already: -0.015 for a mesh that is drawn with 0.01."""
+    from dataclasses import replace
+
+    from hhr_dolfinx.study.scene.check import check_scene
+
+    path = tmp_path / "blocks.inp"
+    path.write_text(DECK)
+    scene = two_cubes(path, NAMES)
+    space = hhr.ParameterSpace(("down", "E"), (0.0, 500.0), (0.05, 1500.0))
+    varying = replace(scene, parameters=space, bodies=(hhr.Body("LOWER", "E", 0.0), scene.bodies[1]))
+    (text,) = [item.text for item in check_scene(varying).findings if "gaps from" in item.text]
+    assert (
+        "gaps from 0.01 to 0.01 as drawn, which imposed displacements bring to -0.015 to -0.015 at down = 0.025" in text
+    )
+    (text,) = [item.text for item in check_scene(scene).findings if "gaps from" in item.text]
+    assert "gaps from 0.01 to 0.01, facets" in text
+
+
+def test_groups_of_nodes_of_med(tmp_path):
+    """The layout of MED by netCDF4; gmsh has the nodes in another order than the file."""
+    points = np.array(POINTS)
+    families = np.where(points[:, 2] == 2.01, 7, 0)
+    with netcdf4("a test").Dataset(tmp_path / "c.med", "w") as data:
+        nodes = data.createGroup("ENS_MAA/cubes/step/NOE")
+        nodes.createDimension("all", points.size)
+        nodes.createDimension("nodes", len(points))
+        nodes.createVariable("COO", "f8", ("all",))[:] = points.T.ravel()
+        nodes.createVariable("FAM", "i8", ("nodes",))[:] = families
+        data.createGroup("FAS/cubes/NOEUD/FAM_7_LID").NUM = 7
+    order = np.random.default_rng(0).permutation(len(points))
+    found = groups_of_nodes(tmp_path / "c.med", points[order], order + 1)
+    assert found.keys() == {"LID"} and sorted(order[found["LID"]].tolist()) == [12, 13, 14, 15]
