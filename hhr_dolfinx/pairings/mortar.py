@@ -18,7 +18,8 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import NeverFacingError, SceneError
-from hhr_dolfinx.pairings.projection import near_pairs
+from hhr_dolfinx.pairings.facing import looking, opposed
+from hhr_dolfinx.pairings.projection import ROUND_OFF, near_pairs
 from hhr_dolfinx.pairings.segments import Segments, common_parts
 from hhr_dolfinx.pairings.surface import (
     FACING,
@@ -109,15 +110,28 @@ class Mortar:
         segments = common_parts(slave, master, directions, *pairs)
         if not segments.measures.size:
             raise NeverFacingError(never_facing(slave, master, "no facet of one lies in front of a facet of the other"))
-        if self.normal is None:
-            segments = _meeting(slave, master, segments, reach, overlap)
+        if normals is None:
+            meeting = _meeting(slave, master, segments, reach, overlap)
+            expected = opposed(slave, master, overlap).overhanging & ~_hidden(slave, segments, meeting)
+            segments = meeting
+        else:
+            expected = looking(slave, normals, GRAZING)[0]
         _check_one_layer(slave, master, segments)
-        return self._rows(slave, master, normals, segments, dofs)
+        return self._rows(slave, master, normals, segments, expected, dofs)
 
     def _rows(
-        self, slave: Surface, master: Surface, normals: np.ndarray | None, segments: Segments, dofs: int
+        self,
+        slave: Surface,
+        master: Surface,
+        normals: np.ndarray | None,
+        segments: Segments,
+        expected: np.ndarray,
+        dofs: int,
     ) -> ContactRows:
-        """Integrate over the segments and divide by the weight of each multiplier function."""
+        """Integrate over the segments and divide by the weight of each multiplier function.
+
+        Nodes that are ``expected`` to have a condition, (n,) bool, are warned of where they have none.
+        """
         dual = self.multipliers == "dual" and slave.quadratic is None
         n = len(slave.nodes)
         tests = _Side(slave.facets, segments.slave, segments.slave_values)
@@ -127,9 +141,12 @@ class Mortar:
         tested = functions * segments.measures[:, None]
         by_facet = _summed(tested, segments.slave, len(slave.facets))
         area = np.bincount(slave.facets.ravel(), by_facet.ravel(), n)
+        least = GRAZING
         if normals is None:
             normals = _facing_normals(slave, by_facet)
-        covered = area > COVERED * slave.areas
+            least = FACING
+        # a node on an edge is covered where the side is that looks at the master
+        covered = area > COVERED * looking(slave, normals, least)[1]
         shared = None
         if slave.quadratic is not None and covered.any():
             shared = slave.shared(normals, np.flatnonzero(covered))
@@ -137,7 +154,7 @@ class Mortar:
             covered = area > 0
         if not covered.any():
             raise NeverFacingError(never_facing(slave, master, "no slave node is covered by the master"))
-        warn_beyond_edge(slave, master, ~covered)
+        warn_beyond_edge(slave, master, expected & ~covered)
         scale = diags(1 / np.where(covered, area, 1.0))
         # dual functions are biorthogonal to the shape functions of the slave
         onto_slave = identity(n) if dual else scale @ _shared(shared, _assemble(tests, tested, on_slave, (n, n)))
@@ -200,13 +217,25 @@ def _meeting(slave: Surface, master: Surface, segments: Segments, reach: float, 
     more than a cell.
     """
     distance = _distances(slave, master, segments)
-    behind = distance < -np.maximum(slave.depths[segments.slave], master.depths[segments.master]) - overlap
+    # sides of equal blocks of one cell lie a cell behind each other, to round-off
+    deepest = np.maximum(slave.depths[segments.slave], master.depths[segments.master]) * (1 - ROUND_OFF)
+    behind = distance < -deepest - overlap
     if behind.all():
         raise NeverFacingError(never_facing(slave, master, beyond_overlap(-distance.min())))
     # a body can only stand in the way where there is room for it
     roomy = np.unique(segments.slave[distance > slave.depths[segments.slave]])
     seen = ~behind & (distance <= _own_body(slave, roomy, reach)[segments.slave])
     return Segments(*(part[seen] for part in segments))
+
+
+def _hidden(slave: Surface, segments: Segments, seen: Segments) -> np.ndarray:
+    """Slave nodes of facets of which a part is not seen, because a body lies between, (n,) bool."""
+    count = len(slave.facets)
+    parts = (np.bincount(some.slave, some.measures, count) for some in (segments, seen))
+    whole, left = parts
+    hidden = np.zeros(len(slave.nodes), dtype=bool)
+    hidden[slave.facets[left < whole * (1 - ROUND_OFF)]] = True
+    return hidden
 
 
 def _own_body(slave: Surface, facets: np.ndarray, reach: float) -> np.ndarray:

@@ -352,14 +352,13 @@ def unit(normal: Sequence[float], dim: int) -> np.ndarray:
 
 
 def check_facing(surface: Surface, normal: np.ndarray, along: bool) -> None:
-    """Raise SceneError for a surface that does not look along the contact normal, or against it."""
-    facing = surface.node_normals() @ normal
-    away = (facing if along else -facing) < -1e-9
-    if away.any():
+    """Raise SceneError for a surface of which no part looks along the contact normal, or against it."""
+    towards = surface.outward @ (normal if along else -normal)
+    if towards.max() <= GRAZING:
+        middle = surface.points.mean(axis=0).tolist()
         raise SceneError(
-            f"surface {surface.tag} should look {'along' if along else 'against'} the contact normal "
-            f"{normal.tolist()} and does not at {int(away.sum())} of {away.size} nodes, e.g. at "
-            f"{surface.points[away][0].tolist()}: the surfaces do not face each other. "
+            f"surface {surface.tag} around {middle} should look {'along' if along else 'against'} the contact normal "
+            f"{normal.tolist()} and none of its {towards.size} facets does: the surfaces do not face each other. "
             "Swap the surfaces or the sign of the normal, which points away from the first surface"
         )
 
@@ -423,12 +422,11 @@ def warn_of_sag(slave: Surface, master: Surface, rows: ContactRows, sag: float) 
 
 
 def warn_beyond_edge(slave: Surface, master: Surface, lost: np.ndarray, advice: str = "") -> None:
-    """Warn of slave nodes that get no condition, by a mask."""
+    """Warn of slave nodes that look at the master, past its edge, and get no condition; by a mask."""
     if lost.any():
         warn(
             f"{int(lost.sum())} of {lost.size} nodes of slave surface {slave.tag} lie beyond the edge of master "
-            f"surface {master.tag} or look away from it and get no contact condition, e.g. at "
-            f"{slave.points[lost][0].tolist()}{advice}"
+            f"surface {master.tag} and get no contact condition, e.g. at {slave.points[lost][0].tolist()}{advice}"
         )
 
 
