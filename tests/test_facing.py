@@ -12,6 +12,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.pairings.surface import area_vectors
+from hhr_dolfinx.study.scene.check import check_scene
 
 BULGE = 0.05
 """Depth of a convex side: its normals turn by 11 degrees at most, so that lengths along them differ by 2 %."""
@@ -224,5 +225,5 @@ def test_a_constant_pressure_passes_between_whole_outsides(pairing, dim, simplic
 
 def test_a_check_says_how_much_of_a_surface_faces_nothing():
     """Three sides of a square of 4 cells have 13 nodes, 5 of them on the side that faces the other one."""
-    told = str(hhr.check(pressed_squares(hhr.Mortar, 2, whole=True)))
+    told = str(check_scene(pressed_squares(hhr.Mortar, 2, whole=True)).findings)
     assert "5 conditions" in told and "8 of 13 nodes of 2 face nothing" in told

@@ -12,7 +12,7 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from hhr_dolfinx.pairings.projection import ROUND_OFF, ClosestPoints, closest_of, closest_points
-from hhr_dolfinx.pairings.surface import FACING, Surface, normalised
+from hhr_dolfinx.pairings.surface import FACING, GRAZING, Surface, normalised
 
 AT_ONCE = 10_000_000
 """Pairs of a side and a facet that are looked at together: 80 MB for each array of them."""
@@ -70,6 +70,17 @@ def looking(surface: Surface, normals: np.ndarray, least: float) -> tuple[np.nda
     part = np.bincount(nodes, (shares * sides).ravel(), len(surface.nodes))
     found = np.bincount(nodes, sides.ravel(), len(surface.nodes)) > 0
     return found, surface.areas * np.divide(part, whole, out=np.zeros_like(whole), where=whole > 0)
+
+
+def along_normal(surface: Surface, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of which a side looks along one normal, (dim,), given by the user: numbers, (m,), and areas of all, (n,).
+
+    Of a surface that stands upright on all of its nodes: they may meet what lies along the normal.
+    """
+    looks, areas = looking(surface, normal, GRAZING)
+    if not looks.any():
+        return np.arange(len(surface.nodes)), surface.areas
+    return np.flatnonzero(looks), areas
 
 
 def opposed(slave: Surface, master: Surface, overlap: float) -> Opposed:

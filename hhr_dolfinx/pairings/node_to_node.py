@@ -11,9 +11,8 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.pairings.facing import looking
+from hhr_dolfinx.pairings.facing import along_normal
 from hhr_dolfinx.pairings.surface import (
-    GRAZING,
     Surface,
     check_facing,
     nodal_rows,
@@ -54,10 +53,9 @@ class NodeToNode:
         normal = unit(self.normal, first.points.shape[1])
         check_facing(first, normal, along=True)
         check_facing(second, normal, along=False)
-        looks, areas = looking(first, normal, GRAZING)
-        here = np.flatnonzero(looks)
+        here, areas = along_normal(first, normal)
         here = here[tangential_order(first.points[here], normal)]
-        there = np.flatnonzero(looking(second, -normal, GRAZING)[0])
+        there, _ = along_normal(second, -normal)
         there = there[_partners(first, second, here, there, normal)]
         nodes = np.column_stack([first.nodes[here], second.nodes[there]])
         matrix = nodal_rows(nodes, np.tile(normal, (len(nodes), 1)), np.tile([1.0, -1.0], (len(nodes), 1)), dofs)

@@ -10,9 +10,8 @@ import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.pairings.facing import looking
+from hhr_dolfinx.pairings.facing import along_normal
 from hhr_dolfinx.pairings.surface import (
-    GRAZING,
     Surface,
     check_facing,
     nodal_rows,
@@ -59,8 +58,7 @@ class Obstacle:
         (surface,) = surfaces
         normal = unit(self.normal, surface.points.shape[1])
         check_facing(surface, normal, along=True)
-        looks, areas = looking(surface, normal, GRAZING)
-        facing = np.flatnonzero(looks)
+        facing, areas = along_normal(surface, normal)
         order = facing[tangential_order(surface.points[facing], normal)]
         nodes = surface.nodes[order]
         points = surface.points[order]

@@ -354,7 +354,7 @@ def unit(normal: Sequence[float], dim: int) -> np.ndarray:
 def check_facing(surface: Surface, normal: np.ndarray, along: bool) -> None:
     """Raise SceneError for a surface of which no part looks along the contact normal, or against it."""
     towards = surface.outward @ (normal if along else -normal)
-    if towards.max() <= GRAZING:
+    if towards.max() <= GRAZING and towards.min() < -1e-9:
         middle = surface.points.mean(axis=0).tolist()
         raise SceneError(
             f"surface {surface.tag} around {middle} should look {'along' if along else 'against'} the contact normal "
