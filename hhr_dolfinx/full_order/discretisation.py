@@ -121,7 +121,7 @@ class Discretisation(DiscreteSpace):
         gaps = gaps[kept]
         friction = None
         if any(law is not None for law in scene.friction):
-            rows, pairs, friction = self._with_tangents(rows, pairs, free)
+            rows, pairs, friction = self._with_tangents(rows, pairs, free, lifts)
             gaps = np.vstack([gaps, -(rows.matrix[len(gaps) :] @ lifts).toarray()])
         pulled = [strained(term, lifts) if moduli else term @ lifts for term in stiffness]
         lifted = [masked(csc_matrix(vstack(self.comm.allgather(part))), free) for part in pulled]
@@ -159,7 +159,7 @@ class Discretisation(DiscreteSpace):
         return csr_matrix(self.own_rows(mass)[::dim][:, ::dim])
 
     def _with_tangents(
-        self, rows: ContactRows, pairs: np.ndarray, free: np.ndarray
+        self, rows: ContactRows, pairs: np.ndarray, free: np.ndarray, lifts: csc_matrix
     ) -> tuple[ContactRows, np.ndarray, Friction]:
         """Conditions with tangential rows behind them, the pair of each, and the friction on them."""
         from hhr_dolfinx.contact.friction import FrictionLaw
@@ -177,7 +177,7 @@ class Discretisation(DiscreteSpace):
             return np.array([k for k, name in enumerate(scene.parameters.names) if name in some], dtype=np.int64)
 
         mesh = Mesh(self._points(), self._cell_nodes(), self.order)
-        return with_tangents(rows, pairs, laws, free, places(scene.named), places(shaped), mesh)
+        return with_tangents(rows, pairs, laws, free, lifts, places(scene.named), places(shaped), mesh)
 
     def load_terms(self) -> list[Term]:
         """Terms of all loads on the mesh as it lies, those that are affine first, as θ counts them."""
