@@ -30,6 +30,7 @@ from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.full_order.motions import rigid_lifts, with_motions
 from hhr_dolfinx.full_order.stress import stress_in_cells
 from hhr_dolfinx.loads import Assembler, Term, checked_terms, first_load, parted, placed
+from hhr_dolfinx.pairings.surface import warn_of_straight_sides
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 
@@ -264,7 +265,10 @@ class Discretisation(DiscreteSpace):
 
     def contact_rows(self) -> tuple[ContactRows, np.ndarray]:
         """Rows of all pairs on the mesh as it lies, and the pair of each."""
-        parts = [item.rows([self.surface(tag) for tag in item.tags], self.size) for item in self.scene.contacts]
+        pairs = [(item, [self.surface(tag) for tag in item.tags]) for item in self.scene.contacts]
+        for _, surfaces in pairs:
+            warn_of_straight_sides(surfaces)
+        parts = [item.rows(surfaces, self.size) for item, surfaces in pairs]
         for item, part in zip(self.scene.contacts, parts, strict=True):
             if not isinstance(part, ContactRows):
                 raise SceneError(f"the rows of {item!r} must be ContactRows, and are {part!r}")

@@ -36,6 +36,10 @@ LEAST_SAG_OF_CURVES = 1e-4
 have no gap to compare it with."""
 STRAIGHT = 1e-6
 """Angle between the flat parts of a facet of second order below which its sides are straight."""
+CURVED = 1e-4
+"""Mean sag of straight sides, in lengths of a flat part, below which a surface is flat: its sides meet at 0.1 degrees."""
+ALIKE = 0.1
+"""Sum of the sags of two surfaces, in parts of the larger one, below which they are curved alike."""
 SAG = 0.13
 """Mean sag of facets over the mean gap above which the gap is one of the mesh: at 0.14 the mean pressure of a press fit
 of rings was off by 8 to 13 %, at 1.9 by 30 to 34 %, and at single nodes by all of it; below 0.13 by 5 % at most."""
@@ -419,6 +423,35 @@ def warn_of_sag(slave: Surface, master: Surface, rows: ContactRows, sag: float) 
             "until the sag of a facet, its length times its angle to the next one over 8, is far below the gap, or "
             "mesh both alike, node to node"
         )
+
+
+def warn_of_straight_sides(surfaces: Sequence[Surface]) -> None:
+    """Warn of a pair whose surface is curved and has straight sides, where displacements are of second order.
+
+    Surfaces that are curved alike, as those of rings in each other, have gaps without chords, see
+    :func:`warn_of_sag`.
+    """
+    sags = [_straight_sag(surface) for surface in surfaces]
+    place = int(np.abs(sags).argmax())
+    worst = surfaces[place]
+    largest = abs(sags[place])
+    if largest < CURVED * worst.lengths().mean() or abs(sum(sags)) < ALIKE * largest:
+        return
+    warn(
+        f"displacements are of second order and the sides of surface {worst.tag} are straight, though it is curved: "
+        f"between corners its gap is that of chords, {largest:.2g} off on average, and pressures alternate from "
+        "node to node. Mesh it with cells of second order, whose sides are curved (gmsh: setOrder(2)), or take "
+        "displacements of first order, Scene(order=1)"
+    )
+
+
+def _straight_sag(surface: Surface) -> float:
+    """Mean height of the curved surface above its flat parts where sides of second order are straight; else 0."""
+    if surface.quadratic is None or (surface.sag_shares() != 4.0).any():
+        return 0.0
+    count, k = surface.facets.shape
+    bulges = surface.bulges(np.arange(count), np.full((count, k), 1 / k))
+    return float(bulges @ surface.sizes / surface.sizes.sum())
 
 
 def warn_beyond_edge(slave: Surface, master: Surface, lost: np.ndarray, advice: str = "") -> None:
