@@ -203,6 +203,7 @@ def test_what_is_refused():
         second(dataclasses.replace(contract.blocks(), order=3))
 
 
+@pytest.mark.filterwarnings("ignore:displacements are of second order:hhr_dolfinx.errors.PairingWarning")
 def test_shapes_as_parameters():
     """Eight trained points leave 6e-6 at most but where statuses are new (24 %, as of first order)."""
     scene = second(contract.blocks(box=contract.SHAPE, shapes=(contract.CROWNED,)))
@@ -308,7 +309,7 @@ def test_displacements_of_second_order_on_straight_sides_of_a_round_are_told_of(
 def test_pressures_of_nodes_near_incompressibility_are_told_of():
     """Of elastic bodies alone: what flows bears its limit load to 1 %, and is no mistake."""
     stiff = hhr.Body(FIRST, 3.0, 0.3), hhr.Body(SECOND, 5.0, 0.499)
-    with pytest.warns(LockingWarning, match=r"body 2 .* nu = 0\.499.* single nodes alternate.* first order"):
+    with pytest.warns(LockingWarning, match=r"body 2 .* nu = 0\.499.* single nodes alternate.* refine"):
         hhr.FullOrderModel(pressed(2, False, "node to node", bodies=stiff), MPI.COMM_SELF)
 
 
@@ -332,6 +333,7 @@ def test_a_slave_beyond_the_edge_of_its_master(swapped):
     assert found[0] == pytest.approx(found[1], rel=0.01)
 
 
+@pytest.mark.filterwarnings("ignore:displacements are of second order:hhr_dolfinx.errors.PairingWarning")
 def test_conditions_at_imposed_displacements_are_independent():
     """The ends of the arcs are held: with a function of their own there, rows of B were dependent."""
     full = hhr.FullOrderModel(second(hertz_half_discs.scene()), MPI.COMM_SELF)

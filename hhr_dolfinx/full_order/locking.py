@@ -84,8 +84,7 @@ def _warn_of_alternating(scene: Scene, body: Body) -> None:
     warnings.warn(
         f"body {body.tag} of scene '{scene.name}' is nearly incompressible, nu = {body.poisson}, and its displacements "
         "are of second order: sums and means of contact pressures are right, and those of single nodes alternate "
-        "around them. Read resultants, refine, or take quadrilaterals or hexahedra of first order, which average the "
-        "dilatation of their cells",
+        "around them. Read resultants and means, or refine: the errors fall with the square of the cells",
         LockingWarning,
         stacklevel=4,
     )

@@ -37,7 +37,7 @@ have no gap to compare it with."""
 STRAIGHT = 1e-6
 """Angle between the flat parts of a facet of second order below which its sides are straight."""
 CURVED = 1e-4
-"""Mean sag of straight sides, in lengths of a flat part, below which a surface is flat: its sides meet at 0.1 degrees."""
+"""Mean sag of straight sides, in lengths of a flat part, below which a surface is flat: sides meet at 0.1 degrees."""
 ALIKE = 0.1
 """Sum of the sags of two surfaces, in parts of the larger one, below which they are curved alike."""
 SAG = 0.13
