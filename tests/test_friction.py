@@ -624,6 +624,7 @@ def test_friction_counts_where_both_sides_are_imposed(dimension, tmp_path):
     on_side = full.problem.contact_points[friction.normal, 0] < 1e-9
     assert (np.bincount(friction.owner, minlength=on_side.size) == dimension - 1).all()
     path = [(0.0, (0.0, 0.0)), (1.0, (0.03, 0.0)), (2.0, (0.03, 0.1)), (3.0, (0.03, -0.1))]
+    assert 0 < full.coupling((0.03, 0.1)) < np.inf, "what acts on no unknown has no part in it"
     exact = [full, hhr.condense(scene)]
     models = list(exact)
     if dimension == 2:
