@@ -14,10 +14,8 @@ from scipy.spatial.distance import cdist
 from hhr_dolfinx.pairings.projection import ROUND_OFF, ClosestPoints, closest_of, closest_points
 from hhr_dolfinx.pairings.surface import FACING, GRAZING, Surface, normalised
 
-AT_ONCE = 10_000_000
-"""Pairs of a side and a facet that are looked at together: 80 MB for each array of them."""
-
-
+AT_ONCE = 2_000_000
+"""Pairs of a node and a facet that are looked at together: 16 MB for each array, a few times that of sides."""
 BEYOND = 1e-6
 """Part of a facet by which a slave node may lie beyond the edge of the master surface: round-off of meshers."""
 
@@ -140,13 +138,15 @@ def _of_opposed(slave: Surface, master: Surface, nodes: np.ndarray, closest: Clo
     for first in range(0, nodes.size, count):
         some = nodes[first : first + count]
         own = (of_node >= first) & (of_node < first + count)
-        against = np.zeros((some.size, len(middles)), dtype=bool)
-        np.logical_or.at(against, of_node[own] - first, sides[own] @ master.outward.T < -FACING)
+        starts = np.searchsorted(of_node[own] - first, np.arange(some.size))
+        against = np.logical_or.reduceat(sides[own] @ master.outward.T < -FACING, starts, axis=0)
         distance = np.where(against, cdist(slave.points[some], middles), np.inf)
         # no facet is nearer than its middle less its radius, and the nearest is no farther than a middle
         bound = distance.min(axis=1)
         point, facet = np.nonzero(against & (distance - reach <= bound[:, None] * (1 + ROUND_OFF)))
         having = np.unique(point)
+        if not having.size:
+            continue
         nearest = closest_of(
             slave.points[some[having]], master.corners, bound[having], np.searchsorted(having, point), facet
         )
@@ -156,7 +156,7 @@ def _of_opposed(slave: Surface, master: Surface, nodes: np.ndarray, closest: Clo
 
 
 def _sides(surface: Surface, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Normals of the sides of some nodes, (l,): unit normals, (s, dim), and the place of the node of each, (s,)."""
+    """Normals of the sides of some nodes, (l,): unit normals, (s, dim), and the place of each node, in order, (s,)."""
     place = np.full(len(surface.nodes), -1)
     place[nodes] = np.arange(nodes.size)
     of_corner = place[surface.facets].ravel()
