@@ -1,7 +1,6 @@
-"""Which side of a surface looks at another surface: a node on an edge of a body has several sides.
+"""Partners of the nodes of one surface on another: the closest points of facets that look against one of their sides.
 
-The mean of their normals looks along none of them, and the facet that is nearest to such a node may be one that looks
-the same way. Surfaces that are the whole outside of a body have many such nodes.
+The facet that is nearest to a node on an edge may be one that looks the same way.
 """
 
 from __future__ import annotations
@@ -12,7 +11,8 @@ import numpy as np
 from scipy.spatial.distance import cdist
 
 from hhr_dolfinx.pairings.projection import ROUND_OFF, ClosestPoints, closest_of, closest_points
-from hhr_dolfinx.pairings.surface import FACING, GRAZING, Surface, normalised
+from hhr_dolfinx.pairings.sides import looking, sides_of
+from hhr_dolfinx.pairings.surface import FACING, Surface, normalised
 
 AT_ONCE = 2_000_000
 """Pairs of a node and a facet that are looked at together: 16 MB for each array, a few times that of sides."""
@@ -45,40 +45,6 @@ class Opposed(NamedTuple):
     def meets(self) -> np.ndarray:
         """Nodes that face their partner, and can meet it, (n,) bool."""
         return self.facing & ~self.behind & ~self.beyond
-
-
-def looking(surface: Surface, normals: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of which a side looks along a normal, (n,) bool, and the tributary area of that side, (n,).
-
-    A side is the facets at a node that meet smoothly. Without edges there is one, and the area is that of the node.
-
-    Args:
-        surface: n nodes.
-        normals: unit normal at each node, (n, dim), or one for all, (dim,).
-        least: cosine between a side and the normal above which it looks along it.
-    """
-    k = surface.facets.shape[1]
-    along = np.broadcast_to(normals, surface.points.shape)[surface.facets]
-    sides = np.einsum("fkd,fkd->fk", surface.corner_normals(), along) > least
-    # integrals of the linear functions of a facet over it, where the weight of its measure is linear, too
-    weights = surface.weights[surface.facets]
-    shares = surface.sizes[:, None] * (weights + weights.sum(axis=1, keepdims=True)) / (k + 1)
-    nodes = surface.facets.ravel()
-    whole = np.bincount(nodes, shares.ravel(), len(surface.nodes))
-    part = np.bincount(nodes, (shares * sides).ravel(), len(surface.nodes))
-    found = np.bincount(nodes, sides.ravel(), len(surface.nodes)) > 0
-    return found, surface.areas * np.divide(part, whole, out=np.zeros_like(whole), where=whole > 0)
-
-
-def along_normal(surface: Surface, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of which a side looks along one normal, (dim,), given by the user: numbers, (m,), and areas of all, (n,).
-
-    Of a surface that stands upright on all of its nodes: they may meet what lies along the normal.
-    """
-    looks, areas = looking(surface, normal, GRAZING)
-    if not looks.any():
-        return np.arange(len(surface.nodes)), surface.areas
-    return np.flatnonzero(looks), areas
 
 
 def opposed(slave: Surface, master: Surface, overlap: float) -> Opposed:
@@ -129,7 +95,7 @@ def _towards(master: Surface, closest: ClosestPoints) -> np.ndarray:
 
 def _of_opposed(slave: Surface, master: Surface, nodes: np.ndarray, closest: ClosestPoints) -> ClosestPoints:
     """Closest points for some nodes, (l,), on facets that look against one of their sides; as they are without any."""
-    sides, of_node = _sides(slave, nodes)
+    sides, of_node = sides_of(slave, nodes)
     middles = master.corners.mean(axis=1)
     reach = np.linalg.norm(master.corners - middles[:, None], axis=2).max(axis=1)
     found = ClosestPoints(*(part.copy() for part in closest))
@@ -153,15 +119,3 @@ def _of_opposed(slave: Surface, master: Surface, nodes: np.ndarray, closest: Clo
         for part, nearer in zip(found, nearest, strict=True):
             part[some[having]] = nearer
     return found
-
-
-def _sides(surface: Surface, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Normals of the sides of some nodes, (l,): unit normals, (s, dim), and the place of each node, in order, (s,)."""
-    place = np.full(len(surface.nodes), -1)
-    place[nodes] = np.arange(nodes.size)
-    of_corner = place[surface.facets].ravel()
-    own = of_corner >= 0
-    normals = surface.corner_normals().reshape(-1, surface.points.shape[1])[own]
-    # facets of one side have one normal
-    _, first = np.unique(np.column_stack([of_corner[own], np.round(normals, 9)]), axis=0, return_index=True)
-    return normals[first], of_corner[own][first]

@@ -18,9 +18,10 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import NeverFacingError, SceneError
-from hhr_dolfinx.pairings.facing import looking, opposed
+from hhr_dolfinx.pairings.facing import opposed
 from hhr_dolfinx.pairings.projection import ROUND_OFF, near_pairs
 from hhr_dolfinx.pairings.segments import Segments, common_parts
+from hhr_dolfinx.pairings.sides import looking
 from hhr_dolfinx.pairings.surface import (
     FACING,
     GRAZING,

@@ -11,7 +11,7 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.pairings.facing import along_normal
+from hhr_dolfinx.pairings.sides import along_normal
 from hhr_dolfinx.pairings.surface import (
     Surface,
     check_facing,

@@ -12,8 +12,9 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactRows, joined
 from hhr_dolfinx.errors import NeverFacingError, SceneError
-from hhr_dolfinx.pairings.facing import BEYOND, looking, opposed
+from hhr_dolfinx.pairings.facing import BEYOND, opposed
 from hhr_dolfinx.pairings.projection import ClosestPoints, closest_points, project
+from hhr_dolfinx.pairings.sides import looking
 from hhr_dolfinx.pairings.surface import (
     FACING,
     GRAZING,
