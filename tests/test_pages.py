@@ -19,7 +19,7 @@ import sphere_on_block
 from bare import WAIT
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
-from test_friction import round_block, rubbing
+from test_friction import driven, leaning, round_block, rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileContentError, NotOfferedError
@@ -541,6 +541,7 @@ RUBBING = {
         hhr.Coulomb("f * (1 + f)", limit=0.02), geometry=round_block, box={"f": (0.0, 0.8)}
     ),
     "Tresca": lambda: rubbing(hhr.Tresca(0.01), geometry=round_block),
+    "both sides imposed": lambda: driven(geometry=leaning),
     "slave nodes": lambda: rubbing(
         pairing=hhr.NodeToSurface(side(SECOND, 1, False), side(FIRST, 1, True), (0.0, -1.0), friction=0.4),
         geometry=round_block,

@@ -140,7 +140,8 @@ class Friction(Rebuilt):
         fixed: places of the parameters on which laws, moduli or shapes depend: they stay while loads grow in
             proportion.
         shaped: those of shapes, which stay along a path.
-        twice: tangential rows that other conditions on the same nodes say too, as in corners; numbers of rows, (k,).
+        twice: tangential rows that other conditions on the same nodes say too, as in corners, and those along which all
+            of their nodes are imposed, whose forces are those of a slip that is given; numbers of rows, (k,).
     """
 
     normal: Annotated[Integers, "frictional"]

@@ -150,7 +150,7 @@ class SlidingContact:
 
     def __init__(self, schur: np.ndarray, friction: Friction, taken: np.ndarray | None = None):
         self.given = schur
-        self.schur = schur = _softened(schur, friction.twice)
+        self.schur = schur = _softened(schur, friction)
         self.friction = friction
         self.taken = np.zeros((len(schur), 0)) if taken is None else taken
         rows = friction.tangential
@@ -483,12 +483,20 @@ class SlidingContact:
         return failed._replace(status=Status.ADRIFT, iterations=iterations, sweeps=sweeps)
 
 
-def _softened(schur: np.ndarray, twice: np.ndarray) -> np.ndarray:
-    """S with some elastic slip of rows that other conditions say too, (k,), which settles what bears a force there."""
+def _softened(schur: np.ndarray, friction: Friction) -> np.ndarray:
+    """S with some elastic slip of rows that leave their forces undetermined: it settles what bears a force there.
+
+    A row that acts on no unknown has no compliance of its own, and gives by a part of that of its pressure.
+    """
+    twice = friction.twice
     if not twice.size:
         return schur
     found = schur.copy()
-    found[twice, twice] *= 1 + ELASTIC_SLIP
+    own = np.diag(schur)
+    order = np.argsort(friction.tangential)
+    places = order[np.searchsorted(friction.tangential, twice, sorter=order)]
+    pressure = friction.normal[friction.owner[places]]
+    found[twice, twice] += ELASTIC_SLIP * np.where(own[twice] > 0, own[twice], own[pressure])
     return found
 
 

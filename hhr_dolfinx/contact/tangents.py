@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 from scipy import linalg
-from scipy.sparse import block_diag, csr_matrix, vstack
+from scipy.sparse import block_diag, csc_matrix, csr_matrix, diags, vstack
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
@@ -34,19 +34,22 @@ def with_tangents(
     pairs: np.ndarray,
     laws: Mapping[int, FrictionLaw],
     free: np.ndarray,
+    lifts: csc_matrix,
     fixed: np.ndarray,
     shaped: np.ndarray,
     mesh: Mesh,
 ) -> tuple[ContactRows, np.ndarray, Friction]:
     """Conditions with the tangential rows of some pairs behind them, the pair of each, and the friction on them.
 
-    Along what imposed displacements hold nothing slips: such tangents are left out.
+    Along what imposed displacements hold nothing slips: such tangents are left out. Where they move both sides past
+    each other the friction does no work on unknowns, and is a force that resultants count.
 
     Args:
         rows: conditions of pressures.
         pairs: contact pair of each, (n,).
         laws: of the pairs that have friction.
         free: dofs that are not imposed, (N,) bool.
+        lifts: imposed displacements, (N, 1 + T).
         fixed, shaped: see :class:`Friction`.
         mesh: nodes and cells.
 
@@ -59,12 +62,15 @@ def with_tangents(
     normals = normals_of(own.matrix, own.slaves, dim)
     tangents = tangents_of(normals)
     matrix = tangential_rows(own.matrix, normals, tangents)
-    turns, owner = _movable(matrix, free, dim)
+    turns, owner, driven = _movable(matrix, free, lifts, dim)
     matrix = csr_matrix(turns @ matrix)
+    matrix = csr_matrix(matrix - diags(driven.astype(float)) @ matrix @ diags(free.astype(float)))
     tangents = turns @ tangents.reshape(-1, dim)
     behind = ContactRows(matrix, np.zeros(owner.size), own.slaves[owner], own.points[owner], own.areas[owner])
     held = csr_matrix(rows.matrix.multiply(free.astype(float)))
-    twice = _said_twice(held, csr_matrix(matrix.multiply(free.astype(float))), normal, owner, dim)
+    moving = csr_matrix(matrix.multiply(free.astype(float)))
+    moving.eliminate_zeros()
+    twice = _said_twice(held, moving, normal, owner, dim)
     numbers = np.array(list(laws))
     friction = Friction(
         normal, own.areas, _spacing(own, pairs[normal], normals, mesh), np.searchsorted(numbers, pairs[normal]),
@@ -144,32 +150,45 @@ class Mesh:
         return float(lengths[np.abs(ways @ normal) < 0.5 * lengths].min(initial=np.inf))
 
 
-def _movable(matrix: csr_matrix, free: np.ndarray, dim: int) -> tuple[csr_matrix, np.ndarray]:
-    """Combinations of the tangential rows of each contact, (T', T), independent on free dofs, and the contact of each.
+def _movable(
+    matrix: csr_matrix, free: np.ndarray, lifts: csc_matrix, dim: int
+) -> tuple[csr_matrix, np.ndarray, np.ndarray]:
+    """Combinations of the tangential rows of each contact, (T', T), and the contact of each.
 
-    Where all of its rows are they stay as they are. Else they are turned, and what is held is left out.
+    Where all of its rows are independent on free dofs they stay as they are. Else they are turned, and what is held is
+    left out, unless imposed displacements drive it: a mask, (T',), says which of them act on no free dof.
 
     Args:
         matrix: tangential rows, dim - 1 for each contact, (T, N).
         free: dofs that are not imposed, (N,) bool.
+        lifts: imposed displacements, (N, 1 + T).
         dim: components of the displacement at a node.
     """
     moving = csr_matrix(matrix.multiply(free.astype(float)))
+    imposed = abs(matrix.multiply(~free) @ lifts)
     every = np.asarray(matrix.multiply(matrix).sum(axis=1)).ravel()
+    least = DEPENDENT * abs(lifts).max() * np.sqrt(every)
+    slipping = np.asarray(imposed.max(axis=1).todense()).ravel() > least
     blocks = []
+    driven = []
     for first in range(0, matrix.shape[0], dim - 1):
-        rows = moving[first : first + dim - 1]
+        own = slice(first, first + dim - 1)
+        rows = moving[own]
         sizes, ways = np.linalg.eigh((rows @ rows.T).toarray())
-        kept = sizes > DEPENDENT * every[first : first + dim - 1].max()
-        blocks.append(np.eye(dim - 1) if kept.all() else ways[:, kept].T)
+        moves = sizes > DEPENDENT * every[own].max()
+        kept = moves | slipping[own].any()
+        blocks.append(np.eye(dim - 1) if moves.all() else ways[:, kept].T)
+        driven.append(~moves[kept])
     turns = csr_matrix(block_diag([csr_matrix(block) for block in blocks]))
-    return turns, np.repeat(np.arange(len(blocks)), [len(block) for block in blocks])
+    return turns, np.repeat(np.arange(len(blocks)), [len(block) for block in blocks]), np.concatenate(driven)
 
 
 def _said_twice(
     pressing: csr_matrix, matrix: csr_matrix, normal: np.ndarray, owner: np.ndarray, dim: int
 ) -> np.ndarray:
-    """Tangential rows of contacts on whose nodes other conditions say the same, (k,).
+    """Tangential rows that leave a part of their forces undetermined, (k,).
+
+    These are rows of contacts on whose nodes other conditions say the same, and those that act on no free dof.
 
     In a corner between two surfaces a tangent of one is the normal of the other: where both touch and stick, what bears
     the force is undetermined.
@@ -181,7 +200,7 @@ def _said_twice(
         owner: contact of each tangential row, (T,).
         dim: components of the displacement at a node.
     """
-    found = []
+    found = [np.flatnonzero(np.diff(matrix.indptr) == 0)]
     for contact, others in _sharing_nodes(pressing, normal, dim).items():
         neighbours = np.flatnonzero(np.isin(normal[owner], others))
         span = vstack([pressing[others], matrix[neighbours]])
@@ -193,7 +212,7 @@ def _said_twice(
         least = np.linalg.svd(left, compute_uv=False).min(initial=1.0) ** 2
         if least <= DEPENDENT * (rows**2).sum(axis=1).max(initial=0.0):
             found.append(own)
-    return np.sort(np.concatenate(found)) if found else np.zeros(0, dtype=np.int64)
+    return np.unique(np.concatenate(found))
 
 
 def _sharing_nodes(normals: csr_matrix, normal: np.ndarray, dim: int) -> dict[int, np.ndarray]:

@@ -36,18 +36,20 @@ def coupling(schur: np.ndarray, friction: Friction, coefficient: np.ndarray) -> 
     if np.abs(schur - schur.T).max() > SYMMETRIC * np.abs(schur).max():
         return np.nan
     rubs = np.isfinite(coefficient) & (coefficient > 0)
-    kept = rubs[friction.owner]
+    # rows that act on no unknown move nothing, and their forces follow from all others
+    acts = np.diag(schur) > 0
+    kept = rubs[friction.owner] & acts[friction.tangential]
     if not kept.any():
         return 0.0
     rows = friction.tangential[kept]
     owner = friction.owner[kept]
     own, place = np.unique(owner, return_inverse=True)
     try:
-        factor = linalg.cho_factor(schur)
+        factor = linalg.cho_factor(schur[np.ix_(acts, acts)])
     except linalg.LinAlgError:
         return np.inf
-    normal = friction.normal[own]
-    unit = np.zeros((len(schur), own.size))
+    normal = (np.cumsum(acts) - 1)[friction.normal[own]]
+    unit = np.zeros((int(acts.sum()), own.size))
     unit[normal, np.arange(own.size)] = 1.0
     inverse = linalg.cho_solve(factor, unit)[normal] * np.outer(coefficient[own], coefficient[own])
     tangential = schur[np.ix_(rows, rows)]

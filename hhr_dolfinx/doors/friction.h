@@ -287,7 +287,13 @@ static inline int model_increment(model_path *p, const model_state *before, cons
     memcpy(p->schur, p->room->schur, m * m * sizeof(double));
     memcpy(p->start, before->forces, m * sizeof(double));
     for (int k = 0; k < MODEL_TANGENTS; k++) p->slack[model_tangential[k]] -= before->position[k];
-    for (int k = 0; k < MODEL_TWICE; k++) p->schur[model_twice[k] * m + model_twice[k]] *= 1 + MODEL_GIVES;
+    for (int k = 0; k < MODEL_TWICE; k++) { /* what acts on no unknown gives by a part of its pressure's compliance */
+        int own = 0;
+        while (model_tangential[own] != model_twice[k]) own++;
+        const int row = model_twice[k], pressure = model_normal[model_owner[own]];
+        const double compliance = p->schur[row * m + row];
+        p->schur[row * m + row] += MODEL_GIVES * (compliance > 0 ? compliance : p->schur[pressure * m + pressure]);
+    }
     for (int i = 0; i < m; i++) p->stiffness[i] = 1 / fabs(p->schur[i * m + i]);
     for (int k = 0; k < MODEL_CONTACTS; k++) /* both directions of a contact alike: the projection is that on a disc */
         if (model_along[k + 1] - model_along[k] == 2) {

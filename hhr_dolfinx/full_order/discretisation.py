@@ -30,6 +30,7 @@ from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
 from hhr_dolfinx.full_order.motions import rigid_lifts, with_motions
 from hhr_dolfinx.full_order.stress import stress_in_cells
 from hhr_dolfinx.loads import Assembler, Term, checked_terms, first_load, parted, placed
+from hhr_dolfinx.pairings.surface import warn_of_straight_sides
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 
@@ -122,7 +123,7 @@ class Discretisation(DiscreteSpace):
         gaps = gaps[kept]
         friction = None
         if any(law is not None for law in scene.friction):
-            rows, pairs, friction = self._with_tangents(rows, pairs, free)
+            rows, pairs, friction = self._with_tangents(rows, pairs, free, lifts)
             gaps = np.vstack([gaps, -(rows.matrix[len(gaps) :] @ lifts).toarray()])
         pulled = [strained(term, lifts) if moduli else term @ lifts for term in stiffness]
         lifted = [masked(csc_matrix(vstack(self.comm.allgather(part))), free) for part in pulled]
@@ -160,7 +161,7 @@ class Discretisation(DiscreteSpace):
         return csr_matrix(self.own_rows(mass)[::dim][:, ::dim])
 
     def _with_tangents(
-        self, rows: ContactRows, pairs: np.ndarray, free: np.ndarray
+        self, rows: ContactRows, pairs: np.ndarray, free: np.ndarray, lifts: csc_matrix
     ) -> tuple[ContactRows, np.ndarray, Friction]:
         """Conditions with tangential rows behind them, the pair of each, and the friction on them."""
         from hhr_dolfinx.contact.friction import FrictionLaw
@@ -178,7 +179,7 @@ class Discretisation(DiscreteSpace):
             return np.array([k for k, name in enumerate(scene.parameters.names) if name in some], dtype=np.int64)
 
         mesh = Mesh(self._points(), self._cell_nodes(), self.order)
-        return with_tangents(rows, pairs, laws, free, places(scene.named), places(shaped), mesh)
+        return with_tangents(rows, pairs, laws, free, lifts, places(scene.named), places(shaped), mesh)
 
     def load_terms(self) -> list[Term]:
         """Terms of all loads on the mesh as it lies, those that are affine first, as θ counts them."""
@@ -265,7 +266,10 @@ class Discretisation(DiscreteSpace):
 
     def contact_rows(self) -> tuple[ContactRows, np.ndarray]:
         """Rows of all pairs on the mesh as it lies, and the pair of each."""
-        parts = [item.rows([self.surface(tag) for tag in item.tags], self.size) for item in self.scene.contacts]
+        pairs = [(item, [self.surface(tag) for tag in item.tags]) for item in self.scene.contacts]
+        for _, surfaces in pairs:
+            warn_of_straight_sides(surfaces)
+        parts = [item.rows(surfaces, self.size) for item, surfaces in pairs]
         for item, part in zip(self.scene.contacts, parts, strict=True):
             if not isinstance(part, ContactRows):
                 raise SceneError(f"the rows of {item!r} must be ContactRows, and are {part!r}")

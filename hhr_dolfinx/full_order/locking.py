@@ -51,9 +51,13 @@ def _largest_ratio(body: Body, scene: Scene) -> float:
 def mean_dilatation(scene: Scene, cell: str, order: int = 1) -> tuple[bool, ...]:
     """Whether each body takes the mean dilatation of its cells.
 
-    It warns of bodies that keep their volume on cells that lock. Functions of degree 2 have fields enough.
+    It warns of bodies that keep their volume on cells that lock. Functions of degree 2 have fields enough, but their
+    pressures at single nodes alternate where elastic bodies are nearly incompressible, which it warns of too.
     """
     if order > 1:
+        for body in scene.bodies:
+            if body.law is None and keeps_volume(body, scene):
+                _warn_of_alternating(scene, body)
         return (False,) * len(scene.bodies)
     bodies = tuple(keeps_volume(body, scene) for body in scene.bodies)
     if cell in SIMPLICES:
@@ -70,6 +74,16 @@ def _warn(scene: Scene, body: Body, cell: str) -> None:
         f"body {body.tag} of scene '{scene.name}' {why}, and its cells are of the kind {cell}, which lock: the body "
         "answers too stiffly, bears more than its limit load, and its pressures oscillate from cell to cell. "
         f"Mesh it with {SIMPLICES[cell]}, which do not lock here",
+        LockingWarning,
+        stacklevel=4,
+    )
+
+
+def _warn_of_alternating(scene: Scene, body: Body) -> None:
+    warnings.warn(
+        f"body {body.tag} of scene '{scene.name}' is nearly incompressible, nu = {body.poisson}, and its displacements "
+        "are of second order: sums and means of contact pressures are right, and those of single nodes alternate "
+        "around them. Read resultants and means, or refine: the errors fall with the square of the cells",
         LockingWarning,
         stacklevel=4,
     )

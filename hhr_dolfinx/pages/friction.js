@@ -158,12 +158,16 @@
       return state;
     }
 
-    /* Rows that other conditions say too give a little. */
+    /* Rows that other conditions say too give a little; those that act on no unknown by a part of their pressure's. */
     softened(schur) {
       if (!this.twice.length) return schur;
       if (this.last?.given === schur) return this.last.found;
       const found = Float64Array.from(schur);
-      this.twice.forEach((row) => { found[row * this.model.m + row] *= 1 + GIVES; });
+      const m = this.model.m;
+      this.twice.forEach((row) => {
+        const pressure = this.normal[this.owner[this.tangential.indexOf(row)]], own = schur[row * m + row];
+        found[row * m + row] += GIVES * (own > 0 ? own : schur[pressure * m + pressure]);
+      });
       this.last = { given: schur, found };
       return found;
     }

@@ -18,8 +18,10 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import NeverFacingError, SceneError
-from hhr_dolfinx.pairings.projection import near_pairs
+from hhr_dolfinx.pairings.facing import opposed
+from hhr_dolfinx.pairings.projection import ROUND_OFF, near_pairs
 from hhr_dolfinx.pairings.segments import Segments, common_parts
+from hhr_dolfinx.pairings.sides import looking
 from hhr_dolfinx.pairings.surface import (
     FACING,
     GRAZING,
@@ -82,13 +84,26 @@ class Mortar:
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """One row for each slave node whose surroundings face the master surface."""
-        return self.rows_anew(surfaces, dofs, 0.0)
+        slave, master = surfaces
+        every, seen = self._faced(slave, master, 0.0)
+        rows = self._rows(slave, master, seen, dofs)
+        idle = ~np.isin(slave.nodes, rows.slaves)
+        if idle.any():
+            if self.normal is None:
+                looks = opposed(slave, master, 0.0).overhanging & ~_hidden(slave, every, seen)
+            else:
+                looks = looking(slave, unit(self.normal, slave.points.shape[1]), GRAZING)[0]
+            warn_beyond_edge(slave, master, idle & looks)
+        return rows
 
     def rows_anew(self, surfaces: Sequence[Surface], dofs: int, overlap: float) -> ContactRows:
         """The same of surfaces that have moved, and may overlap by a length for it."""
         slave, master = surfaces
+        return self._rows(slave, master, self._faced(slave, master, overlap)[1], dofs)
+
+    def _faced(self, slave: Surface, master: Surface, overlap: float) -> tuple[Segments, Segments]:
+        """Common parts of facets that are opposite, and those of them that can meet, because no body lies between."""
         dim = slave.points.shape[1]
-        normals = None
         if self.normal is None:
             directions = slave.outward
             cosine = FACING
@@ -100,23 +115,19 @@ class Mortar:
             check_facing(slave, normal, along=True)
             for surface in (slave, master):
                 warn_of_tilt(surface, normal)
-            normals = np.tile(normal, (len(slave.nodes), 1))
             directions = np.tile(normal, (len(slave.facets), 1))
             # seen along the normal the surfaces are flat, and what faces each other meets
             flat = np.eye(dim) - np.outer(normal, normal)
             pairs = near_pairs(slave.corners @ flat, master.corners @ flat, 0.0)
         pairs = _opposite(slave, master, directions, *pairs, cosine)
-        segments = common_parts(slave, master, directions, *pairs)
-        if not segments.measures.size:
+        every = common_parts(slave, master, directions, *pairs)
+        if not every.measures.size:
             raise NeverFacingError(never_facing(slave, master, "no facet of one lies in front of a facet of the other"))
-        if self.normal is None:
-            segments = _meeting(slave, master, segments, reach, overlap)
-        _check_one_layer(slave, master, segments)
-        return self._rows(slave, master, normals, segments, dofs)
+        seen = every if self.normal is not None else _meeting(slave, master, every, reach, overlap)
+        _check_one_layer(slave, master, seen)
+        return every, seen
 
-    def _rows(
-        self, slave: Surface, master: Surface, normals: np.ndarray | None, segments: Segments, dofs: int
-    ) -> ContactRows:
+    def _rows(self, slave: Surface, master: Surface, segments: Segments, dofs: int) -> ContactRows:
         """Integrate over the segments and divide by the weight of each multiplier function."""
         dual = self.multipliers == "dual" and slave.quadratic is None
         n = len(slave.nodes)
@@ -127,9 +138,14 @@ class Mortar:
         tested = functions * segments.measures[:, None]
         by_facet = _summed(tested, segments.slave, len(slave.facets))
         area = np.bincount(slave.facets.ravel(), by_facet.ravel(), n)
-        if normals is None:
+        if self.normal is None:
             normals = _facing_normals(slave, by_facet)
-        covered = area > COVERED * slave.areas
+            least = FACING
+        else:
+            normals = np.tile(unit(self.normal, slave.points.shape[1]), (n, 1))
+            least = GRAZING
+        # a node on an edge is covered where the side is that looks at the master
+        covered = area > COVERED * looking(slave, normals, least)[1]
         shared = None
         if slave.quadratic is not None and covered.any():
             shared = slave.shared(normals, np.flatnonzero(covered))
@@ -137,7 +153,6 @@ class Mortar:
             covered = area > 0
         if not covered.any():
             raise NeverFacingError(never_facing(slave, master, "no slave node is covered by the master"))
-        warn_beyond_edge(slave, master, ~covered)
         scale = diags(1 / np.where(covered, area, 1.0))
         # dual functions are biorthogonal to the shape functions of the slave
         onto_slave = identity(n) if dual else scale @ _shared(shared, _assemble(tests, tested, on_slave, (n, n)))
@@ -200,13 +215,25 @@ def _meeting(slave: Surface, master: Surface, segments: Segments, reach: float, 
     more than a cell.
     """
     distance = _distances(slave, master, segments)
-    behind = distance < -np.maximum(slave.depths[segments.slave], master.depths[segments.master]) - overlap
+    # sides of equal blocks of one cell lie a cell behind each other, to round-off
+    deepest = np.maximum(slave.depths[segments.slave], master.depths[segments.master]) * (1 - ROUND_OFF)
+    behind = distance < -deepest - overlap
     if behind.all():
         raise NeverFacingError(never_facing(slave, master, beyond_overlap(-distance.min())))
     # a body can only stand in the way where there is room for it
     roomy = np.unique(segments.slave[distance > slave.depths[segments.slave]])
     seen = ~behind & (distance <= _own_body(slave, roomy, reach)[segments.slave])
     return Segments(*(part[seen] for part in segments))
+
+
+def _hidden(slave: Surface, segments: Segments, seen: Segments) -> np.ndarray:
+    """Slave nodes of facets of which a part is not seen, because a body lies between, (n,) bool."""
+    count = len(slave.facets)
+    parts = (np.bincount(some.slave, some.measures, count) for some in (segments, seen))
+    whole, left = parts
+    hidden = np.zeros(len(slave.nodes), dtype=bool)
+    hidden[slave.facets[left < whole * (1 - ROUND_OFF)]] = True
+    return hidden
 
 
 def _own_body(slave: Surface, facets: np.ndarray, reach: float) -> np.ndarray:

@@ -11,7 +11,15 @@ from scipy.spatial import cKDTree
 
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.pairings.surface import Surface, check_facing, nodal_rows, tangential_order, unit, warn_of_overlap
+from hhr_dolfinx.pairings.sides import along_normal
+from hhr_dolfinx.pairings.surface import (
+    Surface,
+    check_facing,
+    nodal_rows,
+    tangential_order,
+    unit,
+    warn_of_overlap,
+)
 from hhr_dolfinx.parameters import Tag
 
 if TYPE_CHECKING:
@@ -40,35 +48,40 @@ class NodeToNode:
         return (self.first, self.second)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row for each pair of nodes."""
+        """One row for each pair of nodes of which a side looks along n, and against it."""
         first, second = surfaces
         normal = unit(self.normal, first.points.shape[1])
         check_facing(first, normal, along=True)
         check_facing(second, normal, along=False)
-        partner = _partners(first, second, normal)
-        order = tangential_order(first.points, normal)
-        nodes = np.column_stack([first.nodes, second.nodes[partner]])[order]
+        here, areas = along_normal(first, normal)
+        here = here[tangential_order(first.points[here], normal)]
+        there, _ = along_normal(second, -normal)
+        there = there[_partners(first, second, here, there, normal)]
+        nodes = np.column_stack([first.nodes[here], second.nodes[there]])
         matrix = nodal_rows(nodes, np.tile(normal, (len(nodes), 1)), np.tile([1.0, -1.0], (len(nodes), 1)), dofs)
-        gap = ((second.points[partner] - first.points) @ normal)[order]
-        rows = ContactRows(matrix, gap, nodes[:, 0], first.points[order], first.areas[order])
+        gap = (second.points[there] - first.points[here]) @ normal
+        rows = ContactRows(matrix, gap, nodes[:, 0], first.points[here], areas[here])
         warn_of_overlap(first, rows)
         return first.averaged(rows)
 
 
-def _partners(first: Surface, second: Surface, normal: np.ndarray) -> np.ndarray:
-    """For each node of the first surface the node of the second that it faces."""
+def _partners(first: Surface, second: Surface, own: np.ndarray, others: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """For each of some nodes of the first surface the place of that among some of the second which it faces."""
     along = np.eye(normal.size) - np.outer(normal, normal)
-    here = first.points @ along
-    there = second.points @ along
+    here = first.points[own] @ along
+    there = second.points[others] @ along
     distance, partner = cKDTree(there).query(here)
     lonely = distance > 1e-4 * _spacing(here)
     if len(here) != len(there) or lonely.any() or np.unique(partner).size != partner.size:
         unmatched = np.setdiff1d(np.arange(len(there)), partner)
-        lost = first.points[lonely] if lonely.any() else second.points[unmatched]
+        lost = first.points[own][lonely] if lonely.any() else second.points[others][unmatched]
+        # two nodes in front of one leave none without a partner
+        place = (lost if len(lost) else first.points[own])[0].tolist()
         raise SceneError(
-            f"surfaces {first.tag} ({len(here)} nodes) and {second.tag} ({len(there)} nodes) do not face each other "
-            f"node to node along {normal.tolist()}: {len(lost)} nodes have no partner, e.g. at {lost[0].tolist()}. "
-            "Mesh both surfaces alike or use a pairing for non-matching meshes, NodeToSurface or Mortar"
+            f"surfaces {first.tag} ({len(here)} nodes that look along the normal) and {second.tag} ({len(there)} that "
+            f"look against it) do not face each other node to node along {normal.tolist()}: {len(lost)} nodes have no "
+            f"partner, e.g. at {place}. Mesh both surfaces alike or use a pairing for non-matching meshes, "
+            "NodeToSurface or Mortar"
         )
     return partner
 

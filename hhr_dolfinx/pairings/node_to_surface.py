@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -12,7 +12,9 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactRows, joined
 from hhr_dolfinx.errors import NeverFacingError, SceneError
+from hhr_dolfinx.pairings.facing import BEYOND, opposed
 from hhr_dolfinx.pairings.projection import ClosestPoints, closest_points, project
+from hhr_dolfinx.pairings.sides import looking
 from hhr_dolfinx.pairings.surface import (
     FACING,
     GRAZING,
@@ -35,8 +37,6 @@ from hhr_dolfinx.parameters import Tag
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Law
 
-BEYOND = 1e-6
-"""Part of a facet by which a slave node may lie beyond the edge of the master surface: round-off of meshers."""
 DEPENDENT = 1e-8
 """Part of a row not spanned by the rows before it, below which it is no condition of its own."""
 LAYERS = 1e-4
@@ -45,6 +45,22 @@ FINER = 0.5
 """Size of slave facets over that of the master above which node to surface does badly on cells of second order."""
 POOR_INF_SUP = 0.02
 """Inf-sup constant of a double pass relative to the norm of B below which pressures oscillate visibly."""
+
+
+class _Partners(NamedTuple):
+    """What the slave nodes are paired with.
+
+    Attributes:
+        kept: slave nodes that have a condition, (m,).
+        closest: closest points of all, (n,).
+        normals: of all, (n, dim).
+        areas: tributary area of all, of the side that looks along the normal, (n,).
+    """
+
+    kept: np.ndarray
+    closest: ClosestPoints
+    normals: np.ndarray
+    areas: np.ndarray
 
 
 @dataclass(frozen=True)
@@ -92,9 +108,9 @@ class NodeToSurface:
     ) -> tuple[ContactRows, np.ndarray, np.ndarray]:
         """Rows, the facet of the master that each node faces, and the values of its shape functions there."""
         if self.normal is None:
-            kept, closest, normals = _closest(slave, master, overlap)
+            kept, closest, normals, areas = _closest(slave, master, overlap)
         else:
-            kept, closest, normals = _along(slave, master, unit(self.normal, slave.points.shape[1]))
+            kept, closest, normals, areas = _along(slave, master, unit(self.normal, slave.points.shape[1]))
         nodes, weights = master.displaced(closest.facets, closest.weights)
         order = kept[tangential_order(slave.points[kept], mean_normal(slave))]
         points = slave.points[order]
@@ -106,7 +122,7 @@ class NodeToSurface:
             gap=np.einsum("md,md->m", master_points - points, normals[order]),
             slaves=slave.nodes[order],
             points=points,
-            areas=slave.areas[order],
+            areas=areas[order],
         )
         return rows, closest.facets[order], closest.weights[order]
 
@@ -179,8 +195,8 @@ def _warn_of_coarse_slave(slave: Surface, master: Surface, weights: np.ndarray) 
         )
 
 
-def _along(slave: Surface, master: Surface, normal: np.ndarray) -> tuple[np.ndarray, ClosestPoints, np.ndarray]:
-    """Project the slave nodes along a given normal; kept slave nodes, and the closest and normals of all."""
+def _along(slave: Surface, master: Surface, normal: np.ndarray) -> _Partners:
+    """Project the slave nodes along a given normal."""
     check_facing(slave, normal, along=True)
     for surface in (slave, master):
         warn_of_tilt(surface, normal)
@@ -196,44 +212,31 @@ def _along(slave: Surface, master: Surface, normal: np.ndarray) -> tuple[np.ndar
     offsets = slave.points @ flat - np.einsum("mk,mkd->md", weights, corners[found] @ flat)
     closest = ClosestPoints(np.flatnonzero(facing)[found], weights, offsets)
     beyond = np.linalg.norm(offsets, axis=1) > BEYOND * master.lengths()[closest.facets]
-    looking = np.zeros(len(slave.nodes), dtype=bool)
-    looking[slave.facets[slave.outward @ normal > GRAZING]] = True
-    return _kept(slave, master, beyond | ~looking), closest, np.tile(normal, (len(slave.nodes), 1))
+    looks, areas = looking(slave, normal, GRAZING)
+    kept = _kept(slave, master, beyond | ~looks, beyond & looks)
+    return _Partners(kept, closest, np.tile(normal, (len(slave.nodes), 1)), areas)
 
 
-def _closest(slave: Surface, master: Surface, allowed: float) -> tuple[np.ndarray, ClosestPoints, np.ndarray]:
-    """Closest-point projection of the slave nodes; kept slave nodes, and the closest and normals of all.
+def _closest(slave: Surface, master: Surface, allowed: float) -> _Partners:
+    """Closest-point projection of the slave nodes on what looks against them.
 
     Bodies may overlap by a cell, and by a length that is allowed beside.
     """
-    closest = closest_points(slave.points, master.corners)
-    corner_normals = master.corner_normals()[closest.facets]
-    outward = master.outward[closest.facets]
-    smooth = np.einsum("mk,mkd->md", closest.weights, corner_normals)
-    normals = -smooth / np.linalg.norm(smooth, axis=1, keepdims=True)
-    facing = np.einsum("md,md->m", slave.node_normals(), normals) > FACING
-    if not facing.any():
+    found = opposed(slave, master, allowed)
+    closest = found.closest
+    if not found.facing.any():
         raise NeverFacingError(never_facing(slave, master, "the closest facets all look the same way as the slave"))
-    # a back side lies behind by the thickness of both bodies, and no body is thinner than a cell
-    overlap = np.einsum("md,md->m", closest.offsets, normals)
-    behind = overlap > np.maximum(slave.node_depths(), master.depths[closest.facets]) + allowed
-    if not (facing & ~behind).any():
-        raise NeverFacingError(never_facing(slave, master, beyond_overlap(overlap[facing].max())))
-    # beyond an edge of the master the closest point lies on that edge and not below the node; on a curved surface
-    # facets are turned against the true normal, by no more than twice what the averages over neighbours are
-    height = np.einsum("md,md->m", closest.offsets, outward)
-    sideways = np.linalg.norm(closest.offsets - outward * height[:, None], axis=1)
-    cosine = np.clip(np.einsum("mkd,md->mk", corner_normals, outward).min(axis=1), -1.0, 1.0)
-    turned = np.tan(np.minimum(2 * np.arccos(cosine), 1.0)) * np.abs(height)
-    beyond = sideways > BEYOND * master.lengths()[closest.facets] + 1.001 * turned
-    return _kept(slave, master, beyond | behind | ~facing), closest, normals
+    if not (found.facing & ~found.behind).any():
+        raise NeverFacingError(never_facing(slave, master, beyond_overlap(found.depth[found.facing].max())))
+    areas = looking(slave, found.normals, FACING)[1]
+    return _Partners(_kept(slave, master, ~found.meets, found.overhanging), closest, found.normals, areas)
 
 
-def _kept(slave: Surface, master: Surface, lost: np.ndarray) -> np.ndarray:
-    """Leave out slave nodes that face nothing, with a warning that names a place."""
+def _kept(slave: Surface, master: Surface, lost: np.ndarray, beyond: np.ndarray) -> np.ndarray:
+    """Leave out slave nodes that face nothing, with a warning that names a place beyond the edge of the master."""
     if lost.all():
         raise NeverFacingError(never_facing(slave, master, "no slave node lies in front of a master facet"))
-    warn_beyond_edge(slave, master, lost, ": swap slave and master, or tag only what can touch")
+    warn_beyond_edge(slave, master, beyond, ": swap slave and master, or tag only what can touch")
     return np.flatnonzero(~lost)
 
 

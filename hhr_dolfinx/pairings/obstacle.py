@@ -10,7 +10,15 @@ import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.pairings.surface import Surface, check_facing, nodal_rows, tangential_order, unit, warn_of_overlap
+from hhr_dolfinx.pairings.sides import along_normal
+from hhr_dolfinx.pairings.surface import (
+    Surface,
+    check_facing,
+    nodal_rows,
+    tangential_order,
+    unit,
+    warn_of_overlap,
+)
 from hhr_dolfinx.parameters import Tag, is_number
 
 if TYPE_CHECKING:
@@ -46,14 +54,15 @@ class Obstacle:
         return (self.surface,)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row u·n <= offset - x·n for each node."""
+        """One row u·n <= offset - x·n for each node of which a side looks at the plane."""
         (surface,) = surfaces
         normal = unit(self.normal, surface.points.shape[1])
         check_facing(surface, normal, along=True)
-        order = tangential_order(surface.points, normal)
+        facing, areas = along_normal(surface, normal)
+        order = facing[tangential_order(surface.points[facing], normal)]
         nodes = surface.nodes[order]
         points = surface.points[order]
         matrix = nodal_rows(nodes[:, None], np.tile(normal, (nodes.size, 1)), np.ones((nodes.size, 1)), dofs)
-        rows = ContactRows(matrix, self.offset - points @ normal, nodes, points, surface.areas[order])
+        rows = ContactRows(matrix, self.offset - points @ normal, nodes, points, areas[order])
         warn_of_overlap(surface, rows)
         return surface.averaged(rows)

@@ -49,11 +49,11 @@ def closest_points(points: np.ndarray, corners: np.ndarray) -> ClosestPoints:
     for first in range(0, len(points), AT_ONCE):
         some = slice(first, first + AT_ONCE)
         pairs = _within(tree, points[some], (bound[some] + radius) * (1 + ROUND_OFF))
-        parts.append(_closest_of(points[some], corners, bound[some], *pairs))
+        parts.append(closest_of(points[some], corners, bound[some], *pairs))
     return ClosestPoints(*(np.concatenate(part) for part in zip(*parts, strict=True)))
 
 
-def _closest_of(
+def closest_of(
     points: np.ndarray, corners: np.ndarray, bound: np.ndarray, point: np.ndarray, facet: np.ndarray
 ) -> ClosestPoints:
     """Closest points on the facets that each point is paired with, none of them farther than its bound, (m,)."""

@@ -110,7 +110,7 @@ def _polygons(slave: Surface, master: Surface, directions: np.ndarray, here: np.
     sides = ((slave, here), (master, there))
     flat = [np.einsum("pkd,pde->pke", surface.corners[which], frames) for surface, which in sides]
     # what overlaps by round-off alone has no common part
-    least = 1e-13 * np.ptp(flat[0], axis=(0, 1)).max(initial=0.0)
+    least = 1e-13 * np.ptp(flat[0].reshape(-1, 2), axis=0).max() if here.size else 0.0
     apart = [one.min(axis=1) > other.max(axis=1) - least for one, other in (flat, flat[::-1])]
     apart = apart[0] | apart[1]
     meeting = ~apart.any(axis=1)

@@ -36,6 +36,10 @@ LEAST_SAG_OF_CURVES = 1e-4
 have no gap to compare it with."""
 STRAIGHT = 1e-6
 """Angle between the flat parts of a facet of second order below which its sides are straight."""
+CURVED = 1e-4
+"""Mean sag of straight sides, in lengths of a flat part, below which a surface is flat: sides meet at 0.1 degrees."""
+ALIKE = 0.1
+"""Sum of the sags of two surfaces, in parts of the larger one, below which they are curved alike."""
 SAG = 0.13
 """Mean sag of facets over the mean gap above which the gap is one of the mesh: at 0.14 the mean pressure of a press fit
 of rings was off by 8 to 13 %, at 1.9 by 30 to 34 %, and at single nodes by all of it; below 0.13 by 5 % at most."""
@@ -352,14 +356,13 @@ def unit(normal: Sequence[float], dim: int) -> np.ndarray:
 
 
 def check_facing(surface: Surface, normal: np.ndarray, along: bool) -> None:
-    """Raise SceneError for a surface that does not look along the contact normal, or against it."""
-    facing = surface.node_normals() @ normal
-    away = (facing if along else -facing) < -1e-9
-    if away.any():
+    """Raise SceneError for a surface of which no part looks along the contact normal, or against it."""
+    towards = surface.outward @ (normal if along else -normal)
+    if towards.max() <= GRAZING and towards.min() < -1e-9:
+        middle = surface.points.mean(axis=0).tolist()
         raise SceneError(
-            f"surface {surface.tag} should look {'along' if along else 'against'} the contact normal "
-            f"{normal.tolist()} and does not at {int(away.sum())} of {away.size} nodes, e.g. at "
-            f"{surface.points[away][0].tolist()}: the surfaces do not face each other. "
+            f"surface {surface.tag} around {middle} should look {'along' if along else 'against'} the contact normal "
+            f"{normal.tolist()} and none of its {towards.size} facets does: the surfaces do not face each other. "
             "Swap the surfaces or the sign of the normal, which points away from the first surface"
         )
 
@@ -422,13 +425,41 @@ def warn_of_sag(slave: Surface, master: Surface, rows: ContactRows, sag: float) 
         )
 
 
+def warn_of_straight_sides(surfaces: Sequence[Surface]) -> None:
+    """Warn of a pair whose surface is curved and has straight sides, where displacements are of second order.
+
+    Surfaces that are curved alike, as those of rings in each other, have gaps without chords, see
+    :func:`warn_of_sag`.
+    """
+    sags = [_straight_sag(surface) for surface in surfaces]
+    place = int(np.abs(sags).argmax())
+    worst = surfaces[place]
+    largest = abs(sags[place])
+    if largest < CURVED * worst.lengths().mean() or abs(sum(sags)) < ALIKE * largest:
+        return
+    warn(
+        f"displacements are of second order and the sides of surface {worst.tag} are straight, though it is curved: "
+        f"between corners its gap is that of chords, {largest:.2g} off on average, and pressures alternate from "
+        "node to node. Mesh it with cells of second order, whose sides are curved (gmsh: setOrder(2)), or take "
+        "displacements of first order, Scene(order=1)"
+    )
+
+
+def _straight_sag(surface: Surface) -> float:
+    """Mean height of the curved surface above its flat parts where sides of second order are straight; else 0."""
+    if surface.quadratic is None or (surface.sag_shares() != 4.0).any():
+        return 0.0
+    count, k = surface.facets.shape
+    bulges = surface.bulges(np.arange(count), np.full((count, k), 1 / k))
+    return float(bulges @ surface.sizes / surface.sizes.sum())
+
+
 def warn_beyond_edge(slave: Surface, master: Surface, lost: np.ndarray, advice: str = "") -> None:
-    """Warn of slave nodes that get no condition, by a mask."""
+    """Warn of slave nodes that look at the master, past its edge, and get no condition; by a mask."""
     if lost.any():
         warn(
             f"{int(lost.sum())} of {lost.size} nodes of slave surface {slave.tag} lie beyond the edge of master "
-            f"surface {master.tag} or look away from it and get no contact condition, e.g. at "
-            f"{slave.points[lost][0].tolist()}{advice}"
+            f"surface {master.tag} and get no contact condition, e.g. at {slave.points[lost][0].tolist()}{advice}"
         )
 
 

@@ -263,6 +263,11 @@ def _index_sets(problem, cells, inside) -> IndexSets:
     # an imposed slave whose masters lie outside would leave a row of B~1 that is zero
     acts = abs(problem.contact) @ in_A.astype(float) > 0
     in_A_lambda = inside[problem.contact_slaves] & acts
+    if problem.friction is not None:
+        # friction that acts on no unknown goes with the pressure that bounds it
+        friction = problem.friction
+        idle = np.diff(problem.contact.indptr)[friction.tangential] == 0
+        in_A_lambda[friction.tangential[idle]] = in_A_lambda[friction.normal[friction.owner[idle]]]
     if not in_A_lambda.any():
         raise ReductionError(
             "no contact condition lies inside the reduced integration domain: "

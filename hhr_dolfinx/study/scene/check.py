@@ -9,7 +9,7 @@ from mpi4py import MPI
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
-from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.contact.problem import ContactProblem, ContactRows
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.expected import expected_in_space
 from hhr_dolfinx.full_order.motions import described, free_bodies
@@ -137,6 +137,12 @@ def _rubs(law: Law | None) -> str:
     return ", " + ", ".join(parts)
 
 
+def _left_out(surface: Surface, rows: ContactRows | None) -> str:
+    """How many nodes of the first surface of a pair have no condition, behind what is said of its contact."""
+    idle = 0 if rows is None else np.setdiff1d(surface.nodes, rows.slaves).size
+    return f", {idle} of {surface.nodes.size} nodes of {surface.tag!r} face nothing" if idle else ""
+
+
 def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None:
     """Distances of the surfaces beside the sag of their facets."""
     theta = problem.amplitudes(point)
@@ -144,7 +150,7 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
     # before imposed displacements close them
     still = gaps if problem.whole_contact is None else gaps + problem.whole_contact @ (problem.lifts @ theta)
     unit = found.length
-    for place, (surfaces, _) in enumerate(found.pairs):
+    for place, (surfaces, made) in enumerate(found.pairs):
         rows = problem.pressing_of(place)
         names = " and ".join(repr(surface.tag) for surface in surfaces)
         if not rows.size:
@@ -164,7 +170,7 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
         found.say(
             OK,
             f"contact {place} of {names}: {own.size} conditions, gaps from {own.min():.3g} to {own.max():.3g}{unit}"
-            f"{closed}, facets sag by {sag:.2g}{unit}{_rubs(found.scene.friction[place])}",
+            f"{closed}, facets sag by {sag:.2g}{unit}{_rubs(found.scene.friction[place])}{_left_out(surfaces[0], made)}",
         )
         _overlap(found, place, -float(still[rows].min()), sag, point)
         small = [float(own.min()), _least_gap(problem, rows)]

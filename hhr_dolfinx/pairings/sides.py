@@ -1,0 +1,56 @@
+"""Sides of the nodes of a surface: the facets at a node that meet smoothly; a node on an edge of a body has several.
+
+The mean of their normals looks along none of them. Surfaces that are the whole outside of a body have many such nodes.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hhr_dolfinx.pairings.surface import GRAZING, Surface
+
+
+def looking(surface: Surface, normals: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of which a side looks along a normal, (n,) bool, and the tributary area of that side, (n,).
+
+    A side is the facets at a node that meet smoothly. Without edges there is one, and the area is that of the node.
+
+    Args:
+        surface: n nodes.
+        normals: unit normal at each node, (n, dim), or one for all, (dim,).
+        least: cosine between a side and the normal above which it looks along it.
+    """
+    k = surface.facets.shape[1]
+    along = np.broadcast_to(normals, surface.points.shape)[surface.facets]
+    sides = np.einsum("fkd,fkd->fk", surface.corner_normals(), along) > least
+    # integrals of the linear functions of a facet over it, where the weight of its measure is linear, too
+    weights = surface.weights[surface.facets]
+    shares = surface.sizes[:, None] * (weights + weights.sum(axis=1, keepdims=True)) / (k + 1)
+    nodes = surface.facets.ravel()
+    whole = np.bincount(nodes, shares.ravel(), len(surface.nodes))
+    part = np.bincount(nodes, (shares * sides).ravel(), len(surface.nodes))
+    found = np.bincount(nodes, sides.ravel(), len(surface.nodes)) > 0
+    return found, surface.areas * np.divide(part, whole, out=np.zeros_like(whole), where=whole > 0)
+
+
+def along_normal(surface: Surface, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Nodes of which a side looks along one normal, (dim,), given by the user: numbers, (m,), and areas of all, (n,).
+
+    Of a surface that stands upright on all of its nodes: they may meet what lies along the normal.
+    """
+    looks, areas = looking(surface, normal, GRAZING)
+    if not looks.any():
+        return np.arange(len(surface.nodes)), surface.areas
+    return np.flatnonzero(looks), areas
+
+
+def sides_of(surface: Surface, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Normals of the sides of some nodes, (l,): unit normals, (s, dim), and the place of each node, in order, (s,)."""
+    place = np.full(len(surface.nodes), -1)
+    place[nodes] = np.arange(nodes.size)
+    of_corner = place[surface.facets].ravel()
+    own = of_corner >= 0
+    normals = surface.corner_normals().reshape(-1, surface.points.shape[1])[own]
+    # facets of one side have one normal
+    _, first = np.unique(np.column_stack([of_corner[own], np.round(normals, 9)]), axis=0, return_index=True)
+    return normals[first], of_corner[own][first]

@@ -1,0 +1,229 @@
+"""What faces what: each pairing in each dimension, of surfaces that are one side or the whole outside of a body."""
+
+import itertools
+import warnings
+
+import numpy as np
+import pytest
+from dolfinx import mesh as dmesh
+from test_pairings_independent import make
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import PairingWarning, SceneError
+from hhr_dolfinx.geometries import two_blocks
+from hhr_dolfinx.pairings.surface import area_vectors
+from hhr_dolfinx.study.scene.check import check_scene
+
+BULGE = 0.05
+"""Depth of a convex side: its normals turn by 11 degrees at most, so that lengths along them differ by 2 %."""
+
+
+def box(dim, count, low, *, bulge=0.0, wide=False, triangles=False):
+    """Nodes of a unit box from a height on, of cells of 1 / count, facets of its sides, and the depth of its bulge.
+
+    A bulge lets the lower side hang through in its middle. A wide box is three units wide.
+    """
+    long = np.linspace(-1.0, 2.0, 3 * count + 1) if wide else np.linspace(0.0, 1.0, count + 1)
+    axes = [long] * (dim - 1) + [np.linspace(0.0, 1.0, count + 1)]
+    points = np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, dim)
+    numbers = np.arange(len(points)).reshape([len(axis) for axis in axes])
+    sides = {}
+    for axis in range(dim):
+        for place in (0, -1):
+            face = np.moveaxis(numbers, axis, 0)[place]
+            if dim == 2:
+                facets = np.column_stack([face[:-1], face[1:]])
+            else:
+                corners = [face[:-1, :-1], face[1:, :-1], face[:-1, 1:], face[1:, 1:]]
+                facets = np.stack(corners, -1).reshape(-1, 4)
+                facets = np.vstack([facets[:, [0, 1, 3]], facets[:, [0, 3, 2]]]) if triangles else facets
+            sides[axis, place] = facets
+    depth = bulge * np.prod(4 * points[:, :-1] * (1 - points[:, :-1]), axis=1)
+    # upper nodes stay where they are
+    points = points + np.outer(low - depth * (1 - points[:, -1]), np.eye(dim)[-1])
+    every = np.vstack([sides[key] for key in sorted(sides)])
+    return points, {"lower": sides[dim - 1, 0], "upper": sides[dim - 1, -1], "whole": every}, depth
+
+
+def pair(dim, count, gap, *, whole, triangles=False, bulge=0.0, wide=False):
+    """A box above another one: surfaces of the upper and of the lower one, all nodes, and gaps of the upper side."""
+    lower, lower_sides, _ = box(dim, count, 0.0, triangles=triangles, wide=wide)
+    upper, upper_sides, depth = box(dim, count, 1.0 + gap + bulge, bulge=bulge, triangles=triangles)
+    points = np.vstack([upper, lower])
+    names = ("whole", "whole") if whole else ("lower", "upper")
+    surfaces = []
+    for tag, (sides, name, own, first) in enumerate(
+        ((upper_sides, names[0], upper, 0), (lower_sides, names[1], lower, len(upper))), 1
+    ):
+        facets = sides[name] + first
+        # what lies behind the middle of each facet, by a cell; boxes are convex seen from their own middle
+        vectors = area_vectors(points[facets])
+        normals = vectors / np.linalg.norm(vectors, axis=1)[:, None]
+        middles = points[facets].mean(axis=1)
+        side = np.sign(np.einsum("fd,fd->f", normals, middles - own.mean(axis=0)))
+        surfaces.append(make(tag, points, facets, middles - side[:, None] * normals / count))
+    below = (count + 1) * np.arange((count + 1) ** (dim - 1))
+    return surfaces, points, np.sort(gap + bulge - depth[below])
+
+
+def kinds(dim):
+    down = -np.eye(dim)[-1]
+    found = {"node to node": hhr.NodeToNode(1, 2, tuple(down)), "obstacle": hhr.Obstacle(1, tuple(down), -1.0)}
+    for name, normal in (("", None), (" along n", tuple(down))):
+        found["node to surface" + name] = hhr.NodeToSurface(1, 2, normal)
+        found["double pass" + name] = hhr.DoublePass(1, 2, normal)
+        found["mortar" + name] = hhr.Mortar(1, 2, normal)
+        found["standard mortar" + name] = hhr.Mortar(1, 2, normal, multipliers="standard")
+    return found
+
+
+def rows_of(pairing, surfaces, points, matching):
+    with warnings.catch_warnings():
+        warnings.filterwarnings("error" if matching else "ignore", ".*beyond the edge", PairingWarning)
+        warnings.filterwarnings("ignore", ".*(curved surfaces they stand for|inf-sup)", PairingWarning)
+        return pairing.rows(surfaces[: len(pairing.tags)], points.size)
+
+
+CELLS = [(2, False), (3, False), (3, True)]
+
+
+@pytest.mark.parametrize("name", kinds(2))
+@pytest.mark.parametrize(("dim", "triangles"), CELLS)
+@pytest.mark.parametrize("whole", [False, True])
+def test_each_pairing_finds_the_flat_side_that_faces(name, dim, triangles, whole):
+    """One condition for each node of that side, its gap, and the area of that side alone, without a word.
+
+    Lengths are about 1, and errors those of round-off: 1e-12.
+    """
+    pairing = kinds(dim)[name]
+    for count, gap in itertools.product((1, 3), (1.5, 0.0, -0.05)):
+        surfaces, points, gaps = pair(dim, count, gap, whole=whole, triangles=triangles)
+        rows = rows_of(pairing, surfaces, points, matching=True)
+        np.testing.assert_allclose(np.sort(rows.gap), gaps, atol=1e-12, err_msg=f"{count} cells, gap {gap}")
+        assert rows.areas.sum() == pytest.approx(1.0, abs=1e-12)
+        # moving the upper box down by one closes each gap by one
+        down = np.zeros_like(points)
+        down[: (count + 1) ** dim, -1] = -1.0
+        np.testing.assert_allclose(rows.matrix @ down.ravel(), 1.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("name", kinds(2))
+@pytest.mark.parametrize(("dim", "triangles"), CELLS)
+@pytest.mark.parametrize("whole", [False, True])
+def test_each_pairing_finds_the_convex_side_that_faces(name, dim, triangles, whole):
+    """The same of a side that hangs through, over a body that is wider, where that is no matter of matching nodes.
+
+    Gaps of nodes are exact. Those along the normals of the convex side are longer by 2 % at most, and integrated ones
+    lie between the least and the largest.
+    """
+    pairing = kinds(dim)[name]
+    for gap in (1.5, 0.0, -0.05):
+        surfaces, points, gaps = pair(
+            dim, 4, gap, whole=whole, triangles=triangles, bulge=BULGE, wide=name != "node to node"
+        )
+        rows = rows_of(pairing, surfaces, points, matching=False)
+        rows = rows.take(np.flatnonzero(rows.slaves < 5**dim))
+        assert rows.gap.size == gaps.size, f"gap {gap}"
+        if "mortar" in name:
+            longer = 0.02 * (abs(gap) + BULGE)
+            assert gaps.min() - 1e-12 < rows.gap.min() and rows.gap.max() < gaps.max() + longer
+        else:
+            np.testing.assert_allclose(np.sort(rows.gap), gaps, atol=1e-12)
+        down = np.zeros_like(points)
+        down[: 5**dim, -1] = -1.0
+        np.testing.assert_allclose(rows.matrix @ down.ravel(), 1.0, atol=0.02)
+
+
+def circle(count):
+    """The whole outside of a disc of radius 1 above a line at -1.3, of ``count`` facets, and all nodes."""
+    angles = 2 * np.pi * (np.arange(count) + 0.5) / count
+    line = np.column_stack([np.linspace(-2, 2, count + 1), np.full(count + 1, -1.3)])
+    points = np.vstack([np.column_stack([np.cos(angles), np.sin(angles)]), line])
+    ring = np.column_stack([np.arange(count), np.roll(np.arange(count), -1)])
+    flat = np.column_stack([np.arange(count), np.arange(1, count + 1)]) + count
+    return (make(1, points, ring, points[ring].mean(axis=1) / 2), make(2, points, flat, np.array([0.0, -2.0]))), points
+
+
+@pytest.mark.parametrize("name", [name for name in kinds(2) if name not in ("node to node", "double pass along n")])
+def test_a_whole_round_has_conditions_where_it_looks_at_the_other_body(name):
+    """The lower half; without a normal what is within 6 degrees of looking aside faces nothing.
+
+    A mortar without one looks along the normals of the round, which meet the line below within 57 degrees of upright.
+    Gaps of nodes are exact to round-off. What looks away is no mistake, and nothing is said of it.
+    """
+    pairing = kinds(2)[name]
+    if name == "obstacle":
+        pairing = hhr.Obstacle(1, (0.0, -1.0), 1.3)
+    surfaces, points = circle(48)
+    rows = rows_of(pairing, surfaces, points, matching="double" not in name)
+    rows = rows.take(np.flatnonzero(rows.slaves < 48))
+    upright = np.rad2deg(np.arctan2(np.abs(points[:48, 0]), -points[:48, 1]))
+    least = 90 if name == "obstacle" or "along n" in name else 57 if "mortar" in name else 84
+    np.testing.assert_array_equal(np.sort(rows.slaves), np.flatnonzero(upright < least))
+    if "mortar" not in name:
+        np.testing.assert_allclose(rows.gap, rows.points[:, 1] + 1.3, atol=1e-12)
+    # each node has a chord, but for the ends of what is covered, which may have half of one
+    chord = 2 * np.sin(np.pi / 48)
+    assert (rows.gap.size - 1.01) * chord < rows.areas.sum() < (rows.gap.size + 0.01) * chord
+
+
+def test_a_surface_that_looks_away_is_refused():
+    surfaces, points = circle(48)
+    half = surfaces[0].facets[surfaces[0].outward[:, 1] > 0.01]  # all of the upper half
+    away = make(1, points, half, points[half].mean(axis=1) / 2)
+    with pytest.raises(SceneError, match="none of its 23 facets does"):
+        hhr.Obstacle(1, (0.0, -1.0), 1.3).rows([away], points.size)
+
+
+def pressed_squares(pairing, dim, *, whole, simplices=False):
+    """Two unit blocks .01 apart, of nu = 0 and E = 1000, pressed together by .03: pressure and force are 10.
+
+    Surfaces are the sides that face, or all sides but those that are held.
+    """
+    up = dim - 1
+    boxes = [((0.0,) * up + (low,), (1.0,) * up + (low + 1.0,), (4, 4, 2)[-dim:]) for low in (0.0, 1.01)]
+
+    def geometry(comm):
+        mesh, bodies, sides = two_blocks.two_blocks(comm, first=boxes[0], second=boxes[1], simplices=simplices)
+        values = sides.values.copy()
+        for body, held in ((1, two_blocks.side(1, up, False)), (2, two_blocks.side(2, up, True))) if whole else ():
+            own = [two_blocks.side(body, axis, upper) for axis in range(dim) for upper in (False, True)]
+            values[np.isin(values, own) & (values != held)] = body
+        return mesh, bodies, dmesh.meshtags(mesh, up, sides.indices, values)
+
+    tags = (2, 1) if whole else (two_blocks.side(2, up, False), two_blocks.side(1, up, True))
+    below, above = two_blocks.side(1, up, False), two_blocks.side(2, up, True)
+    return hhr.Scene(
+        name="pressed_squares",
+        geometry=geometry,
+        hypothesis="plane_strain" if dim == 2 else "solid",
+        bodies=(hhr.Body(1, 1e3, 0.0), hhr.Body(2, 1e3, 0.0)),
+        contacts=(pairing(*tags),),
+        parameters=hhr.ParameterSpace(("down",), (0.0,), (0.05,)),
+        displacements=(
+            *hhr.Displacement.clamp(below, dim),
+            *(hhr.Displacement(above, axis) for axis in range(up)),
+            hhr.Displacement(above, up, hhr.Amplitude(slopes={"down": -1.0})),
+        ),
+        outputs=(
+            hhr.LargestPressure("pressure", contact=0),
+            hhr.ContactForce("force", contact=0, direction=(0.0,) * up + (1.0,)),
+        ),
+    )
+
+
+@pytest.mark.parametrize("pairing", [hhr.NodeToSurface, hhr.DoublePass, hhr.Mortar])
+@pytest.mark.parametrize(("dim", "simplices"), CELLS)
+def test_a_constant_pressure_passes_between_whole_outsides(pairing, dim, simplices):
+    """On matching meshes, where all pairings have it; to the round-off of a solution, 1e-9 of 10."""
+    full_order = hhr.FullOrderModel(pressed_squares(pairing, dim, whole=True, simplices=simplices))
+    answer = full_order.solve(0.03)
+    assert full_order.problem.contact_areas.sum() == pytest.approx(1.0, abs=1e-12)
+    assert answer.forces() / full_order.problem.contact_areas == pytest.approx(10.0, abs=1e-8)
+    assert dict(answer.outputs()) == pytest.approx({"pressure": 10.0, "force": 10.0}, abs=1e-8)
+
+
+def test_a_check_says_how_much_of_a_surface_faces_nothing():
+    """Three sides of a square of 4 by 2 cells have 9 nodes, 5 of them on the side that faces the other one."""
+    told = str(check_scene(pressed_squares(hhr.Mortar, 2, whole=True)).findings)
+    assert "5 conditions" in told and "4 of 9 nodes of 2 face nothing" in told
