@@ -13,13 +13,16 @@ from parts.pellet_families import families
 from scenes import pressed_block, pressed_pair, whole_domain
 from scipy.sparse import csr_matrix
 from scipy.stats import spearmanr
+from toy_greedy import printed_greedy
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.errors import ParameterError, ReductionError, SceneWarning, StudyError
+from hhr_dolfinx.full_order.cell_stiffness import CellStiffness
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.store import digest_of_values
 from hhr_dolfinx.study.training import greedy as module
+from hhr_dolfinx.study.training import indicators
 from hhr_dolfinx.study.training.greedy import Greedy, KeptChoice, independent
 from hhr_dolfinx.study.training.indicators import _Domain
 from hhr_dolfinx.study.training.train import train
@@ -327,3 +330,67 @@ def test_digests_tell_types_shapes_and_order_apart():
     digests = [digest_of_values(value, "it") for value in values]
     assert len(set(digests)) == len(values)
     assert digest_of_values({"a": 1, "b": 2}, "it") == digest_of_values({"b": 2, "a": 1}, "it")
+
+
+@pytest.mark.parametrize("young", [1.0, "E"])
+@pytest.mark.parametrize("poisson", [0.3, 0.48])
+def test_cells_have_the_energy_of_their_strain(poisson, young):
+    """Of any cells that of a uniform strain is their area times its density, and none of a rigid motion.
+
+    Cells at nu = 0.48 take their mean dilatation, which is that of a uniform strain. Round-off of some hundred sums.
+    """
+    box = {"E": (0.5, 2.0)} if young == "E" else {}
+    full = hhr.FullOrderModel(pressed_pair("plane_strain", ((young, poisson), (2.0, 0.25)), box))
+    problem = full.problem
+    point = full.parameters.random(1, 0)[0]
+    lower = np.flatnonzero(problem.points[problem.cell_nodes][:, :, 1].mean(axis=1) < 1.0)
+    some = lower[::3]
+    stiffness = CellStiffness.of(full, some).at(point)
+    field = np.zeros(problem.free.size)
+    field[0::2] = 0.1 * problem.points[:, 0] + 0.02 * problem.points[:, 1]
+    field[1::2] = -0.3 * problem.points[:, 1] + 0.02 * problem.points[:, 0]
+    modulus = point[full.parameters.names.index("E")] if young == "E" else young
+    lam, mu = modulus * poisson / ((1 + poisson) * (1 - 2 * poisson)), modulus / (2 * (1 + poisson))
+    density = lam * (0.1 - 0.3) ** 2 + 2 * mu * (0.1**2 + 0.3**2 + 2 * 0.02**2)
+    assert field @ stiffness @ field == pytest.approx(len(some) / 16 * density, rel=1e-12)
+    turned = np.stack([-problem.points[:, 1], problem.points[:, 0]], axis=1).ravel()
+    assert turned @ stiffness @ turned <= 1e-12 * density
+    rest = np.setdiff1d(np.arange(len(problem.cell_nodes)), some)
+    whole = stiffness + CellStiffness.of(full, rest).at(point)
+    assert abs(whole - problem.at(point).stiffness).max() <= 1e-13 * abs(whole).max()
+
+
+def test_eta2_is_the_bound_of_the_thesis(case, monkeypatch):
+    """(2.122): with the true values on the interface (2.124) is no less than the error on the RID, in its energy.
+
+    With the energy of cells outside of the RID it was a thirteenth of that in the middle, and less than the error.
+    """
+    full = case.full_order
+    known = case.snapshots.take(slice(0, 16))
+    model = hhr.build(full, known, hhr.Recipe(cone=True).as_it_is())
+    answers = list(model.solve_many(full.parameters.random(20, 7), outside="ignore"))
+    exact = np.array([full.solve(answer.parameter).unknown for answer in answers])
+    monkeypatch.setattr(indicators, "_interpolated", lambda problem, known, answers, dofs: exact[:, dofs])
+    told = hhr.Eta2().prepared(full)(model, known, answers)
+    stiffness = CellStiffness.of(full, model.offline.sets.cells).at(full.problem.middle)
+
+    def size(field):
+        return np.sqrt(field @ stiffness @ field)
+
+    fields = np.array([model.offline.basis @ answer.unknown for answer in answers])
+    errors = np.array([size(field - true) / size(field) for field, true in zip(fields, exact, strict=True)])
+    assert (told >= errors).all() and np.median(told / errors) < 20
+
+
+def test_the_algorithm_of_the_thesis_as_printed():
+    """Each time the parameter with the largest indicator, one at a time; the one at which it stops is selected too."""
+    full = hhr.FullOrderModel(pellet())
+    grid = full.parameters.grid([3] * len(full.parameters.names))
+    first = [0, len(grid) // 2, len(grid) - 1]
+    recipe = hhr.Recipe(cone=True)
+    selected, rounds = printed_greedy(full, grid, first, 3, 1e-12, hhr.Eta2(), recipe)
+    assert len(selected) == len(set(selected)) == 6
+    assert [int(eta.argmax()) for eta in rounds] == selected[3:]
+    assert all(np.isneginf(eta[selected[: 3 + k]]).all() for k, eta in enumerate(rounds))
+    early, told = printed_greedy(full, grid, first, 3, 1.01 * rounds[0].max(), hhr.Eta2(), recipe)
+    assert early == selected[:4] and np.array_equal(told[0], rounds[0])
