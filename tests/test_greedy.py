@@ -11,7 +11,8 @@ from flowing import SMALL_MESH
 from mpi4py import MPI
 from parts.pellet_families import families
 from scenes import pressed_block, pressed_pair, whole_domain
-from scipy.sparse import csr_matrix
+from scipy.sparse import csc_matrix, csr_matrix
+from scipy.sparse.linalg import splu
 from scipy.stats import spearmanr
 from toy_greedy import printed_greedy
 
@@ -361,9 +362,10 @@ def test_cells_have_the_energy_of_their_strain(poisson, young):
 
 
 def test_eta2_is_the_bound_of_the_thesis(case, monkeypatch):
-    """(2.122): with the true values on the interface (2.124) is no less than the error on the RID, in its energy.
+    """(2.124) written out once more, and (2.122): with true values on the interface it is no less than the error.
 
-    With the energy of cells outside of the RID it was a thirteenth of that in the middle, and less than the error.
+    The error is that on the RID, in its energy. With the energy of cells outside of the RID the indicator was up to
+    19 % less than the printed one. Two ways to solve with K[A, A] agree to 1e-8 of a residual that is small beside its parts.
     """
     full = case.full_order
     known = case.snapshots.take(slice(0, 16))
@@ -377,9 +379,24 @@ def test_eta2_is_the_bound_of_the_thesis(case, monkeypatch):
     def size(field):
         return np.sqrt(field @ stiffness @ field)
 
+    inner = model.offline.sets.A
+    solve = splu(csc_matrix(full.problem.stiffness[inner][:, inner])).solve
+    outer = np.ones(full.problem.free.size)
+    outer[inner] = 0.0
+
+    def printed(answer, true):
+        field = model.offline.basis @ answer.unknown
+        pulled = full.problem.contact[model.offline.sets.A_lambda].T @ answer.multipliers
+        left = (full.problem.loads @ full.problem.theta(answer.parameter) - full.problem.stiffness @ field - pulled)[
+            inner
+        ]
+        return (np.sqrt(left @ solve(left)) + 2 * size(outer * (true - field))) / size(field)
+
+    expected = [printed(answer, true) for answer, true in zip(answers, exact, strict=True)]
+    assert told == pytest.approx(expected, rel=1e-8)
     fields = np.array([model.offline.basis @ answer.unknown for answer in answers])
     errors = np.array([size(field - true) / size(field) for field, true in zip(fields, exact, strict=True)])
-    assert (told >= errors).all() and np.median(told / errors) < 20
+    assert (told >= errors).all()
 
 
 def test_the_algorithm_of_the_thesis_as_printed():
