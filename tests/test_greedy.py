@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import sys
 import threading
 
 import numpy as np
@@ -365,7 +366,7 @@ def test_eta2_is_the_bound_of_the_thesis(case, monkeypatch):
     """(2.124) written out once more, and (2.122): with true values on the interface it is no less than the error.
 
     The error is that on the RID, in its energy. With the energy of cells outside of the RID the indicator was up to
-    19 % less than the printed one. Two ways to solve with K[A, A] agree to 1e-8 of a residual that is small beside its parts.
+    19 % less than the printed one. Two ways to solve with K[A, A] agree to 1e-8: the residual is a small rest.
     """
     full = case.full_order
     known = case.snapshots.take(slice(0, 16))
@@ -411,3 +412,69 @@ def test_the_algorithm_of_the_thesis_as_printed():
     assert all(np.isneginf(eta[selected[: 3 + k]]).all() for k, eta in enumerate(rounds))
     early, told = printed_greedy(full, grid, first, 3, 1.01 * rounds[0].max(), hhr.Eta2(), recipe)
     assert early == selected[:4] and np.array_equal(told[0], rounds[0])
+
+
+LIMIT, STEP, LOCK = 1, {"of": [0.5]}, threading.Lock()
+
+
+def limited(points):
+    """A choice that reads a global, one by a function, and one by a function that is made in it."""
+    return [stepped(point) for point in points if point < LIMIT]
+
+
+def stepped(point):
+    return point * STEP["of"][0] if point else stepped(point + 1)
+
+
+def guarded(points):
+    with LOCK:
+        return points
+
+
+class Choosing:
+    """A sampling with a number that its class holds, and a method."""
+
+    count = 4
+
+    @property
+    def twice(self):
+        return 2 * LIMIT
+
+    def points(self, space):
+        return space.random(self.count, self.twice)
+
+
+@pytest.mark.parametrize("value", [limited, lambda points: limited(points), Choosing(), Choosing, [Shifted(limited)]])
+def test_a_digest_knows_what_functions_read(value, monkeypatch):
+    """Globals of a module are part of a choice, and those that its functions read."""
+    before = digest_of_values(value, "it")
+    assert digest_of_values(value, "it") == before
+    monkeypatch.setattr(sys.modules[__name__], "LIMIT", 2)
+    assert digest_of_values(value, "it") != before
+
+
+def test_a_digest_knows_globals_of_functions_that_are_called(monkeypatch):
+    before = digest_of_values(limited, "it")
+    monkeypatch.setitem(STEP, "of", [0.25])
+    assert digest_of_values(limited, "it") != before
+
+
+def test_a_digest_knows_attributes_and_methods_of_classes(monkeypatch):
+    before = digest_of_values(Choosing(), "it")
+    with monkeypatch.context() as changed:
+        changed.setattr(Choosing, "count", 5)
+        assert digest_of_values(Choosing(), "it") != before
+    assert digest_of_values(Choosing(), "it") == before
+    monkeypatch.setattr(Choosing, "points", lambda self, space: space.random(3, 0))
+    assert digest_of_values(Choosing(), "it") != before
+
+
+def test_a_digest_does_not_know_what_is_not_read(monkeypatch):
+    before = digest_of_values(stepped, "it")
+    monkeypatch.setattr(sys.modules[__name__], "LIMIT", 2)
+    assert digest_of_values(stepped, "it") == before
+
+
+def test_a_global_that_has_no_values_is_refused(tmp_path):
+    with pytest.raises(StudyError, match=r"holds <.*lock.*no digest .* frozen dataclass"):
+        kept(tmp_path, Greedy(start=Shifted(guarded)))

@@ -7,16 +7,18 @@ and by how it is solved: an interrupted history goes on behind its last file.
 
 from __future__ import annotations
 
+import dis
 import hashlib
 import math
+import sys
 import warnings
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import astuple, fields, is_dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import product
 from pathlib import Path
-from types import BuiltinFunctionType, CodeType, FunctionType, MethodType
+from types import BuiltinFunctionType, CodeType, FunctionType, MemberDescriptorType, MethodType, ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -137,8 +139,9 @@ def _installed(module: str) -> bool:
     """Whether a module is of Python, of this package or of another one that is installed: its code is not a user's."""
     first = module.partition(".")[0]
     file = getattr(sys.modules.get(first), "__file__", None) or ""
-    ours = __name__.partition(".")[0]
-    return first in sys.stdlib_module_names or first == ours or bool({"site-packages", "dist-packages"} & {*Path(file).parts})
+    if first in sys.stdlib_module_names or first == __name__.partition(".")[0]:
+        return True
+    return bool({"site-packages", "dist-packages"} & set(Path(file).parts))
 
 
 def _values_of_function(function: FunctionType) -> list[Any]:
@@ -155,8 +158,7 @@ def _values_of_function(function: FunctionType) -> list[Any]:
                 continue  # of Python itself
             item = found[name] = function.__globals__[name]
             if isinstance(item, ModuleType) and not _installed(item.__name__):
-                of_module = {f"{name}.{part}": vars(item)[part] for part in code.co_names if part in vars(item)}
-                found.update(of_module)
+                found |= {f"{name}.{part}": vars(item)[part] for part in code.co_names if part in vars(item)}
     return [*known, found]
 
 
@@ -175,11 +177,13 @@ def _class_attributes(kind: type) -> list[Any]:
         if _installed(base.__module__):
             continue
         for name, item in vars(base).items():
-            item = getattr(item, "__func__", None) or getattr(item, "fget", None) or getattr(item, "func", None) or item
-            item = inspect.unwrap(item) if callable(item) else item
+            if isinstance(item, staticmethod | classmethod):
+                item = item.__func__
+            elif isinstance(item, property | cached_property):
+                item = item.fget if isinstance(item, property) else item.func
             written = isinstance(item, FunctionType) and item.__code__.co_filename != "<string>"
             plain = not name.startswith("__") and name != "_abc_impl" and not isinstance(item, FunctionType)
-            if written or (plain and not isinstance(item, MemberDescriptorType)):
+            if written or (plain and not isinstance(item, MemberDescriptorType)):  # those of __slots__
                 found.append((name, item))
     return found
 
