@@ -55,9 +55,9 @@ def add_to(digest: Any, parts: list[Any]) -> None:
 def digest_of_values(value: Any, what: str) -> str:
     """A digest of settings, hexadecimal: of their types, numbers, texts, arrays and functions, not of their ``repr``.
 
-    That of an array leaves out what is in its middle, and that of an object may be its address. Functions and classes of
-    a user's own count with the globals that they read and with their class attributes; those of installed packages count
-    with their names.
+    That of an array leaves out what is in its middle, and that of an object may be its address. Functions and classes
+    of a user's own count with the globals that they read and with their class attributes; those of installed packages
+    count with their names.
 
     Args:
         value: numbers, texts, arrays, functions, types, and dataclasses, collections and objects that hold such.
