@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.reduction.modes import deim, pod
 
