@@ -209,12 +209,15 @@ def test_the_usual_recipe_takes_the_enrichment_that_it_advises(monkeypatch):
     """Where its first one leaves forces that stick undetermined; what the other one builds answers as the full order."""
     import contract
 
+    from hhr_dolfinx.study.training.train import Training
+    from hhr_dolfinx.timing import StageLog
+
     full = contract.rubbing("floating")
     path = [(0.0, [0.01]), (1.0, [0.05])]
     histories = hhr.SnapshotSet.of_histories([full.march(path)] * 2)
     small = hhr.Recipe.with_friction(domain=hhr.Rid(1, 1), enrichment=hhr.Enrich(10.0))
     monkeypatch.setattr("hhr_dolfinx.reduction.build.usual_recipe", lambda full: small)
-    model = hhr.build(full, histories)
+    model = Training(full, histories, None, StageLog()).build()
     assert model.offline.recipe.enrichment == hhr.Enrich(2.0) and len(model.offline.log.refused) == 1
     exact, found = (item.march(path).answers[-1].forces() for item in (full, model))
     # a path of training, which its modes span
