@@ -206,7 +206,7 @@ def test_too_few_modes_for_what_sticks_are_refused():
 
 
 def test_the_usual_recipe_takes_the_enrichment_that_it_advises(monkeypatch):
-    """Where its first one leaves forces that stick undetermined; what the other one builds answers as the full order."""
+    """Where its first one leaves forces that stick undetermined; the model then answers as the full order."""
     import contract
 
     from hhr_dolfinx.study.training.train import Training
