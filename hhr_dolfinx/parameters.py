@@ -123,7 +123,8 @@ class ParameterSpace:
             low, high, here = self.lower[place], self.upper[place], point[place]
             step = part * (high - low)
             # weights of the parabola through the points: (-1, 0, 1) / 2 in the middle, (-3, 4, -1) / 2 from an end
-            places, weights = (here - step, here + step), (-0.5, 0.5)
+            places: tuple[float, ...] = (here - step, here + step)
+            weights: tuple[float, ...] = (-0.5, 0.5)
             if here - step < low:
                 places, weights = (here, here + step, here + 2 * step), (-1.5, 2.0, -0.5)
             elif here + step > high:
