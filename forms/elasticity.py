@@ -23,7 +23,7 @@ from hhr_dolfinx.materials.elasticity import lame_parameters
 HYPOTHESES = ("plane_strain", "plane_stress", "axisymmetric", "solid")
 
 
-def strain(u: Expr, hypothesis: str, poisson: float = 0.0) -> Expr:
+def strain(u: Expr, hypothesis: str, poisson: float | Expr = 0.0) -> Expr:
     """Strain ε(u), a 3x3 tensor whose third axis is z in the plane and θ in axisymmetry."""
     e = ufl.sym(ufl.grad(u))
     if hypothesis == "solid":
@@ -39,12 +39,19 @@ def strain(u: Expr, hypothesis: str, poisson: float = 0.0) -> Expr:
     return ufl.as_tensor([[e[0, 0], e[0, 1], 0], [e[1, 0], e[1, 1], 0], [0, 0, third]])
 
 
-def stress(u: Expr, young: float, poisson: float, hypothesis: str, dilatation: Expr | None = None) -> Expr:
+def stress(
+    u: Expr, young: float | Expr, poisson: float | Expr, hypothesis: str, dilatation: Expr | None = None
+) -> Expr:
     """Stress σ(u) = λ tr(ε) I + 2μ ε, thesis (1.6), a 3x3 tensor in the unit of E.
+
+    Moduli may be constants of a form: their values are not compiled in, so that other ones take no compilation.
 
     A ``dilatation`` that is given takes the place of tr(ε), a third of it on each axis.
     """
-    lam, mu = lame_parameters(young, poisson)
+    if isinstance(young, Expr) or isinstance(poisson, Expr):
+        lam, mu = young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
+    else:
+        lam, mu = lame_parameters(young, poisson)
     e = strain(u, hypothesis, poisson)
     if dilatation is not None:
         e += (dilatation - ufl.tr(e)) / 3 * ufl.Identity(3)
@@ -61,7 +68,9 @@ def weight_at(radius: Expr | np.ndarray, hypothesis: str) -> Expr | np.ndarray:
     return 2 * ufl.pi * radius if hypothesis == "axisymmetric" else 1.0 + 0 * radius
 
 
-def stiffness(u: Expr, v: Expr, young: float, poisson: float, hypothesis: str, dx: ufl.Measure) -> ufl.Form:
+def stiffness(
+    u: Expr, v: Expr, young: float | Expr, poisson: float | Expr, hypothesis: str, dx: ufl.Measure
+) -> ufl.Form:
     """Bilinear form a(u, v) = ∫ σ(u) : ε(v) w dx of thesis (1.9) on the measure ``dx``."""
     weight = volume_weight(dx.ufl_domain(), hypothesis)
     return weight * ufl.inner(stress(u, young, poisson, hypothesis), strain(v, hypothesis, poisson)) * dx

@@ -5,6 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.reduction.modes import deim, pod
 
@@ -74,3 +75,16 @@ def test_deim_follows_the_algorithm():
 def test_deim_refuses_dependent_columns():
     with pytest.raises(ReductionError, match="column 1"):
         deim(np.ones((4, 2)))
+
+
+def test_snapshots_are_scaled_in_the_norm_of_the_modes(hertz, hertz_snapshots):
+    """With ``relative`` a snapshot counts as 1 in that norm, so that the mean square of the modes' norms is 1 too.
+
+    The squared singular values of a POD sum to that of the scaled snapshots: all have the energy 1.
+    """
+    columns = hertz_snapshots.displacements[:, 1:]
+    energies = np.sqrt(np.einsum("nk,nk->k", columns, hertz.problem.stiffness @ columns))
+    scaled = hhr.Pod(1e-8, norm="energy").of_columns(hertz.problem, columns / energies)
+    found = hhr.Pod(1e-8, relative=True, norm="energy").of_columns(hertz.problem, columns)
+    assert found.shape == scaled.shape
+    assert np.abs(found - scaled).max() <= 1e-8 * np.abs(scaled).max()

@@ -205,6 +205,25 @@ def test_too_few_modes_for_what_sticks_are_refused():
         hhr.build(full, hhr.SnapshotSet.of_histories([history, history]), recipe)
 
 
+def test_the_usual_recipe_takes_the_enrichment_that_it_advises(monkeypatch):
+    """Where its first one leaves forces that stick undetermined; the model then answers as the full order."""
+    import contract
+
+    from hhr_dolfinx.study.training.train import Training
+    from hhr_dolfinx.timing import StageLog
+
+    full = contract.rubbing("floating")
+    path = [(0.0, [0.01]), (1.0, [0.05])]
+    histories = hhr.SnapshotSet.of_histories([full.march(path)] * 2)
+    small = hhr.Recipe.with_friction(domain=hhr.Rid(1, 1), enrichment=hhr.Enrich(10.0))
+    monkeypatch.setattr("hhr_dolfinx.reduction.build.usual_recipe", lambda full: small)
+    model = Training(full, histories, None, StageLog()).build()
+    assert model.offline.recipe.enrichment == hhr.Enrich(2.0) and len(model.offline.log.refused) == 1
+    exact, found = (item.march(path).answers[-1].forces() for item in (full, model))
+    # a path of training, which its modes span
+    assert np.linalg.norm(found - exact) < 1e-8 * np.linalg.norm(exact)
+
+
 def test_what_is_not_built_in_is_refused_by_name(scene, training):
     with pytest.raises(StudyError, match="depend on the path that leads to them: train on a list of paths"):
         hhr.train(scene, hhr.Sobol(8))

@@ -1,5 +1,6 @@
 """The site: the reference has all public names, messages all errors, links lead somewhere; the tutorial runs."""
 
+import ast
 import re
 from pathlib import Path
 
@@ -54,6 +55,43 @@ def test_links_lead_somewhere(page):
         if not file.exists() or (anchor and anchor not in anchors(file)):
             lost.append(target)
     assert not lost
+
+
+def rows_of_fidelity():
+    """Cells of the table of what the thesis prints."""
+    lines = (DOCS / "fidelity.md").read_text().splitlines()
+    cells = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines if line.startswith("| ")]
+    return [row for row in cells if row[0] != "printed"]
+
+
+def test_places_of_the_thesis_exist():
+    """Files, and classes, functions and methods in them, that the table names; each row says what differs."""
+    lost = []
+    for printed, places, differs in rows_of_fidelity():
+        assert printed and differs
+        for place in re.findall(r"`([\w/]+\.py(?:::[\w.]+)?)`", places + differs):
+            file, _, name = place.partition("::")
+            inside = ast.parse((ROOT / file).read_text()).body if (ROOT / file).exists() else []
+            for part in name.split(".") if name else []:
+                found = [item for item in inside if getattr(item, "name", None) == part]
+                inside = getattr(found[0], "body", []) if found else []
+            if not inside:
+                lost.append(place)
+    assert len(rows_of_fidelity()) > 30 and not lost
+
+
+def test_what_the_code_quotes_of_the_thesis_is_in_the_table():
+    """Numbers of equations and algorithms in words of the code; a call such as ``Enrich(2.0)`` is none."""
+    listed = "\n".join(row[0] + row[2] for row in rows_of_fidelity())
+    quoted = set()
+    for folder in ("hhr_dolfinx", "forms"):
+        for file in (ROOT / folder).rglob("*.py"):
+            text = file.read_text()
+            quoted |= set(re.findall(r"(?<![\w`])\(([1-6]\.[1-9]\d*)\)", text)) | set(
+                re.findall(r"Alg\. [1-6]\.\d", text)
+            )
+    missing = sorted(item for item in quoted if not re.search(rf"(?<![\d.]){re.escape(item)}(?!\d)", listed))
+    assert len(quoted) > 60 and not missing
 
 
 def test_the_tutorial_says_what_it_is_told(tmp_path, monkeypatch, capsys):

@@ -1,4 +1,4 @@
-"""Stability of full and reduced models: inf-sup constants and condition numbers, sparse by SLEPc, dense by LAPACK.
+"""Stability of full and reduced models: inf-sup constants and condition numbers, by LAPACK; of large sparse B by SLEPc.
 
 An inf-sup constant inf_q sup_v b(v, q) / (|v| |q|) over v = Phi gamma and q is the smallest singular
 value of L_q^-1 B~ L_v^-T, where the Gram matrices of the two norms are L_v L_v^T and L_q L_q^T. Two pairs
@@ -8,6 +8,7 @@ of norms are used: the thesis' Euclidean norms of nodal values (section 2.6.1), 
 
 from __future__ import annotations
 
+import logging
 import math
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -17,9 +18,11 @@ import numpy as np
 from scipy import linalg
 from scipy.sparse import csr_matrix
 
+from hhr_dolfinx.certify.eigenvalues import DENSE, extreme_eigenvalue
 from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
-from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
+
+logger = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -27,7 +30,7 @@ class Constants:
     """Inf-sup constants in one pair of norms.
 
     Attributes:
-        beta_h: constant of the full model, (1.20).
+        beta_h: constant of the full model, (1.20); NaN if it is unknown, which changes no answer and no bound.
         beta_HR: constant on the test space of modes cut off outside A, (2.38), (5.18).
         beta_HR_2: constant on the trial space of whole modes, (2.47), (5.19).
         alpha_prime: constant of a on the kernels of b, (2.46); None where the kernel is empty.
@@ -85,7 +88,7 @@ class FullConstants:
     """Inf-sup constants beta_h of the full model, computed once for all reduced models of it.
 
     Attributes:
-        euclidean: smallest singular value of B.
+        euclidean: smallest singular value of B; NaN if it is unknown.
         energy: in the energy norm of displacements and the L2 norm of pressures.
     """
 
@@ -96,7 +99,7 @@ class FullConstants:
     def of(cls, full: Any) -> FullConstants:
         """Constants of a full model, found once and kept as long as it lives.
 
-        B is sparse and as large as the mesh: SLEPc finds its smallest singular value. S is dense: LAPACK.
+        They are reported, and nothing depends on them: one that is not found is NaN, and the model is built.
         """
         if full not in _KNOWN:
             problem = full.problem
@@ -112,33 +115,43 @@ _KNOWN: WeakKeyDictionary[Any, FullConstants] = WeakKeyDictionary()
 
 
 def smallest_singular_value(rows: csr_matrix) -> float:
-    """Smallest singular value of a sparse matrix with fewer rows than columns, by SLEPc; 0 if rows are dependent.
+    """Smallest singular value of a sparse matrix with fewer rows than columns; 0 if rows are dependent, NaN if unknown.
 
-    The eigenvalue of B B^T nearest to zero, by shift and invert.
+    The root of the smallest eigenvalue of B B^T: by LAPACK, or of many rows by SLEPc with shift and invert.
     """
+    square = csr_matrix(rows @ rows.T)
+    scale = float(abs(square.diagonal()).max())
+    if square.shape[0] <= DENSE:
+        value = float(linalg.eigvalsh(square.toarray() / scale)[0])
+    else:
+        value = _smallest_by_inversion(square / scale)
+    if math.isnan(value):
+        logger.warning("SLEPc separates no eigenvalue of B B^T: the inf-sup constant beta_h of the report is unknown")
+        return math.nan
+    return math.sqrt(scale * value) if value > DEPENDENT else 0.0
+
+
+def _smallest_by_inversion(matrix: csr_matrix) -> float:
+    """Smallest eigenvalue of a sparse matrix that is not negative, by SLEPc; NaN if it finds none."""
     from petsc4py import PETSc
     from slepc4py import SLEPc
 
-    square = csr_matrix(rows @ rows.T)
-    scale = float(abs(square.diagonal()).max())
-    matrix = PETSc.Mat().createAIJ(
-        square.shape, csr=(square.indptr, square.indices, square.data / scale), comm=PETSc.COMM_SELF
-    )
-    solver = SLEPc.EPS().create(PETSc.COMM_SELF)
-    solver.setOptionsPrefix("hhr_stability_")
-    solver.setOperators(matrix)
-    solver.setProblemType(SLEPc.EPS.ProblemType.HEP)
-    solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
-    # beside zero, where the matrix may be singular
-    solver.setTarget(-DEPENDENT)
-    solver.getST().setType(SLEPc.ST.Type.SINVERT)
-    solver.setTolerances(1e-12)
-    solver.setFromOptions()
-    solver.solve()
-    if solver.getConverged() == 0:
-        raise NotSolvableError("SLEPc found no eigenvalue of B B^T: look for contact rows that are not finite")
-    value = solver.getEigenvalue(0).real
-    return math.sqrt(scale * value) if value > DEPENDENT else 0.0
+    entries = matrix.indptr, matrix.indices, matrix.data
+    operator = PETSc.Mat().createAIJ(matrix.shape, csr=entries, comm=PETSc.COMM_SELF)
+
+    def prepared() -> Any:
+        solver = SLEPc.EPS().create(PETSc.COMM_SELF)
+        solver.setOptionsPrefix("hhr_stability_")
+        solver.setOperators(operator)
+        solver.setProblemType(SLEPc.EPS.ProblemType.HEP)
+        solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+        # next to zero, where the matrix may be singular
+        solver.setTarget(-DEPENDENT)
+        solver.getST().setType(SLEPc.ST.Type.SINVERT)
+        return solver
+
+    found = extreme_eigenvalue(prepared)
+    return math.nan if found is None else found[0]
 
 
 def singular_range(matrix: np.ndarray) -> tuple[float, float]:

@@ -182,7 +182,8 @@ def check_sticking(stability: Stability) -> None:
     if abs(stability.contact_definite) < DEPENDENT:
         raise NotSolvableError(
             "the contact rows are dependent on the modes without rigid motions, so that friction has several answers: "
-            "enrich the basis further, enrichment=Enrich(2.0), or keep more modes"
+            "enrich the basis further, enrichment=Enrich(2.0), as the usual recipe does where its first enrichment is "
+            "too small, or take a condensed model"
         )
 
 

@@ -16,6 +16,7 @@ import numpy as np
 from hhr_dolfinx.compat import topology
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.files import replacing
 from hhr_dolfinx.geometries.cells import CORNERS, EDGES, FACES, TENSOR
 
 if TYPE_CHECKING:
@@ -49,7 +50,8 @@ def write_deck(path: Path, discretisation: Discretisation, mu: Any) -> None:
     lines = ["*HEADING", f"{scene.name} at {scene.parameters.described(point)}", *_mesh(discretisation)]
     lines += [*_materials(discretisation, point), *_contacts(discretisation, point)]
     lines += _step(discretisation, problem, point)
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    with replacing(path, text=True) as file:
+        file.write("\n".join(lines) + "\n")
 
 
 def _check(discretisation: Discretisation, point: np.ndarray) -> None:

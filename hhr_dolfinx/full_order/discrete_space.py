@@ -104,6 +104,10 @@ class DiscreteSpace(ABC):
             degree=stiffness_degree(self.mesh.topology.cell_name(), self.scene.hypothesis, self.order),
         )
 
+    def constant(self, value: float) -> fem.Constant:
+        """A number in a form that is not compiled in: each new one would take seconds."""
+        return fem.Constant(self.mesh, float(value))
+
     @property
     def gauss_degree(self) -> int:
         """Degree of the rule by which bodies see their strain that flow, or take a mean dilatation."""

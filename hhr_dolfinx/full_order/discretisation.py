@@ -95,7 +95,8 @@ class Discretisation(DiscreteSpace):
             if body.stress is not None:
                 parts.append(elasticity.own_stiffness(*functions, body.stress, scene.hypothesis, dx))
             elif not mean:
-                parts.append(elasticity.stiffness(*functions, body.young, body.poisson, scene.hypothesis, dx))
+                moduli = self.constant(body.young), self.constant(body.poisson)
+                parts.append(elasticity.stiffness(*functions, *moduli, scene.hypothesis, dx))
         return fem.form(sum(parts))
 
     def contact_problem(self, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()) -> ContactProblem:

@@ -90,7 +90,7 @@ def stiffness_parts(
 def add_stiffness(discretisation: DiscreteSpace, matrix: PETSc.Mat) -> None:
     """Add the elastic stiffness of the bodies with a mean dilatation to a matrix, each rank that of its own cells."""
     bodies = discretisation.cell_bodies()
-    cells = np.flatnonzero(np.array(discretisation.mean_dilatation)[bodies])
+    cells = np.flatnonzero((bodies >= 0) & np.array(discretisation.mean_dilatation)[bodies])
     operator = tabulated(discretisation, cells)
     elastic = material_at(discretisation.scene, bodies[cells], operator).elastic
     dofs = operator.dofs.astype(PETSc.IntType)

@@ -80,7 +80,7 @@ def _warn(scene: Scene, body: Body, cell: str) -> None:
 
 
 def _warn_of_alternating(scene: Scene, body: Body) -> None:
-    warnings.warn(
+    warn(
         f"body {body.tag} of scene '{scene.name}' is nearly incompressible, nu = {body.poisson}, and its displacements "
         "are of second order: sums and means of contact pressures are right, and those of single nodes alternate "
         "around them. Read resultants and means, or refine: the errors fall with the square of the cells",

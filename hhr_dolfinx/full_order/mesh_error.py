@@ -93,7 +93,8 @@ def _energies(full: FullOrderModel, place: int, field: fem.Function, point: np.n
         component.x.array[:] = _projected(mass, fem.assemble_vector(fem.form(weight * sigma[i, j] * test * dx)).array)
         recovered[i, j] = recovered[j, i] = component
     tensor = ufl.as_tensor([[recovered.get((i, j), 0.0) for j in range(3)] for i in range(3)])
-    young, poisson = (_number(value, scene.parameters.names, point) for value in (body.young, body.poisson))
+    names = scene.parameters.names
+    young, poisson = (discretisation.constant(_number(value, names, point)) for value in (body.young, body.poisson))
     if body.grading is not None:  # a factor of the modulus
         weight = weight / body.grading(ufl.SpatialCoordinate(mesh))
     error, size = (
@@ -147,7 +148,7 @@ def _number(value: float | str, names: tuple[str, ...], point: np.ndarray) -> fl
     return float(Scalar(value, names).value(point))
 
 
-def _energy(stress: Expr, young: float, poisson: float) -> Expr:
+def _energy(stress: Expr, young: fem.Constant, poisson: fem.Constant) -> Expr:
     """σ : C^-1 σ of an isotropic body."""
     return (1 + poisson) / young * ufl.inner(stress, stress) - poisson / young * ufl.tr(stress) ** 2
 

@@ -59,7 +59,8 @@ def stress_in_body(discretisation: DiscreteSpace, place: int, field: fem.Functio
     if body.stress is not None:
         return body.stress(elasticity.strain(field, scene.hypothesis))
     if not body.varies and body.grading is None and eigenstrain is None:
-        return elasticity.stress(field, body.young, body.poisson, scene.hypothesis, dilatation)
+        moduli = discretisation.constant(body.young), discretisation.constant(body.poisson)
+        return elasticity.stress(field, *moduli, scene.hypothesis, dilatation)
     from hhr_dolfinx.full_order.varying import stress_of
 
     return stress_of(discretisation, body, field, dilatation, point, eigenstrain)

@@ -100,8 +100,7 @@ def _form(discretisation: DiscreteSpace, place: int, moduli: tuple[float, float]
     dx = discretisation.cells(body.tag)
     trial, test = discretisation.arguments
     volume, shape = elasticity.isotropic_parts(elasticity.strain(trial, hypothesis), hypothesis)
-    # constants of the form: their values are not compiled in
-    weights = [fem.Constant(discretisation.mesh, float(value)) for value in moduli]
+    weights = [discretisation.constant(value) for value in moduli]
     stress = sum(weight * part for weight, part in zip(weights, (volume, shape), strict=True) if float(weight.value))
     measured = elasticity.in_plane(elasticity.strain(test, hypothesis), hypothesis)
     weight = elasticity.volume_weight(discretisation.mesh, hypothesis) * grading_of(discretisation, body)
@@ -123,7 +122,7 @@ def stress_of(
     names = discretisation.scene.parameters.names
     hypothesis = discretisation.scene.hypothesis
     formulas = (str(body.young), str(body.poisson))
-    young, poisson = (fem.Constant(discretisation.mesh, Scalar(text, names).value(point)) for text in formulas)
+    young, poisson = (discretisation.constant(Scalar(text, names).value(point)) for text in formulas)
     strain = elasticity.strain(field, hypothesis, poisson)
     if dilatation is not None:
         strain += (dilatation - ufl.tr(strain)) / 3 * ufl.Identity(3)

@@ -99,9 +99,7 @@ class CondensedModel(KeptModel):
         """
         if self.friction is not None:
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
-        from hhr_dolfinx.models.many import checked_points
-
-        checked = checked_points(self.parameters, points)
+        checked = self.parameters.points(points)
         outside = self._checked_outside(outside)
         if self._range is not None:
             inside = ((checked >= self._range.lower) & (checked <= self._range.upper)).all(axis=1)

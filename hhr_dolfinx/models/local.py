@@ -289,9 +289,9 @@ class LocalModels(SeveralModels):
 
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> PartedAnswers:
         """Answer many parameters, (n, P): those of one model together, see :meth:`CondensedModel.solve_many`."""
-        from hhr_dolfinx.models.many import PartedAnswers, checked_points
+        from hhr_dolfinx.models.many import PartedAnswers
 
-        checked = checked_points(self.parameters, points)
+        checked = self.parameters.points(points)
         number, other = self.choice.many(checked)
         near = np.flatnonzero(other != LEAF)
         number[near] = self._nearer(number[near], other[near], checked[near])

@@ -15,7 +15,6 @@ from hhr_dolfinx.models.eliminations.elimination import Responses
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.one_thread import one_thread
-from hhr_dolfinx.parameters import ParameterSpace
 
 BLOCK = 1024
 """Points whose unknown is made at once, so that what is made on the way stays small beside the answers."""
@@ -138,14 +137,6 @@ class PartedAnswers(SeveralAnswers):
             for name, values in part.items():
                 columns[name][rows] = values
         return columns
-
-
-def checked_points(space: ParameterSpace, table: Any) -> np.ndarray:
-    """A table of points, (n, P), checked as by :meth:`ParameterSpace.points`, and quickly where all lie inside."""
-    plain = isinstance(table, np.ndarray) and table.dtype == float and table.shape[1:] == (len(space.names),)
-    if plain and len(table) and ((table >= space.lower) & (table <= space.upper)).all():
-        return table.copy()
-    return space.points(table)
 
 
 # blocks of a hundred conditions: two threads beside another process took 20 times as long, measured once

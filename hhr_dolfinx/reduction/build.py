@@ -23,7 +23,7 @@ from hhr_dolfinx.certify.trust import (
     warn_of_training,
 )
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import NotOfferedError, ReductionError
+from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ReductionError
 from hhr_dolfinx.models.bounds.error_bound import ErrorBound
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.estimates import known_error, warn_unbounded
@@ -35,7 +35,7 @@ from hhr_dolfinx.reduction.calibration import MOST_TRAINING_COMPARED, calibrated
 from hhr_dolfinx.reduction.completion import Completion, bound_of
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.projection import project, reduced_domain
-from hhr_dolfinx.reduction.recipe import Recipe, basis_of, chosen_nodes
+from hhr_dolfinx.reduction.recipe import Enrich, Recipe, basis_of, chosen_nodes
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
@@ -43,6 +43,11 @@ from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 if TYPE_CHECKING:
     from hhr_dolfinx.models.histories.reduced_flow import CubatureFlow, ReducedFlow
     from hhr_dolfinx.models.starts import LinearStarts
+
+
+FURTHER = Enrich(2.0)
+"""Enrichment of the usual recipe with friction where its own leaves contact rows dependent: friction alone then holds a
+body, and forces that stick need modes without its rigid motions."""
 
 
 @dataclass(frozen=True)
@@ -159,9 +164,19 @@ def build(full: Any, snapshots: SnapshotSet, recipe: Any = None, held_out: Snaps
     if isinstance(recipe, Reductor) and not isinstance(recipe, type):
         full, *sets = everywhere(full, snapshots, held_out)
         return _of_scene(full, recipe, recipe.reduced(full, *sets))
-    recipe = usual_recipe(full) if recipe is None else recipe
-    _check_given(full, snapshots, recipe, held_out)
     log = StageLog()
+    if recipe is None and full.problem.friction is not None and full.equilibrium is None:
+        try:
+            return _of_recipe(full, snapshots, usual_recipe(full), held_out, log)
+        except NotSolvableError as error:
+            log.say(f"the usual recipe is tried again with {FURTHER}: {error}")
+            recipe = replace(usual_recipe(full), enrichment=FURTHER)
+    return _of_recipe(full, snapshots, usual_recipe(full) if recipe is None else recipe, held_out, log)
+
+
+def _of_recipe(full: Any, snapshots: SnapshotSet, recipe: Recipe, held_out: SnapshotSet | None, log: StageLog) -> Any:
+    """See :func:`build`."""
+    _check_given(full, snapshots, recipe, held_out)
     comm = full.problem.comm
     if comm is not None and not (why := not_by_rows(full.problem, snapshots, recipe)):
         with together(comm, f"reducing scene '{full.scene.name}'"):

@@ -21,7 +21,7 @@ from hhr_dolfinx import ranks
 from hhr_dolfinx.certify.trust import TrustLimits
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.linear.rows import MatrixOfRows
+from hhr_dolfinx.linear.rows import MatrixOfRows, Rows
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.parameters import is_whole
 from hhr_dolfinx.reduction.enrichment import check_basis
@@ -39,6 +39,13 @@ MOST_LAYERS = 1000
 def _weights(sizes: np.ndarray) -> np.ndarray:
     """One over the norm of each column, 1 for columns of zeros."""
     return np.where(sizes > 0, 1 / np.where(sizes > 0, sizes, 1), 1)
+
+
+def _sizes(columns: np.ndarray, gram: Any, rows: Rows) -> np.ndarray:
+    """Norm of each column, (k,), in that of a Gram matrix; None is the Euclidean one."""
+    if gram is None:
+        return rows.norms(columns)
+    return np.sqrt(np.maximum(rows.sum(np.einsum("nk,nk->k", columns, gram @ columns)), 0.0))
 
 
 def _cut(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
@@ -133,7 +140,7 @@ class Pod(_Truncated):
         """The same of any displacements, (N, S); ranks, if there are several, share out what is decomposed by body."""
         gram = self._gram(problem)
         rows = problem.spread
-        weights = _weights(rows.norms(columns)) if self.relative else None
+        weights = _weights(_sizes(columns, gram, rows)) if self.relative else None
         if not self.by_body:
             return pod(columns if weights is None else columns * weights, self.tolerance, gram, rows)[0]
         bodies = [dofs for dofs in problem.bodies if rows.sum(float(columns[rows.mine(dofs)].any()))]

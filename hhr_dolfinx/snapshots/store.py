@@ -7,15 +7,17 @@ and by how it is solved: an interrupted history goes on behind its last file.
 
 from __future__ import annotations
 
+import dis
 import hashlib
 import math
+import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import astuple, fields, is_dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from itertools import product
 from pathlib import Path
-from types import BuiltinFunctionType, CodeType, FunctionType, MethodType
+from types import BuiltinFunctionType, CodeType, FunctionType, MemberDescriptorType, MethodType, ModuleType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -53,7 +55,9 @@ def add_to(digest: Any, parts: list[Any]) -> None:
 def digest_of_values(value: Any, what: str) -> str:
     """A digest of settings, hexadecimal: of their types, numbers, texts, arrays and functions, not of their ``repr``.
 
-    That of an array leaves out what is in its middle, and that of an object may be its address.
+    That of an array leaves out what is in its middle, and that of an object may be its address. Functions and classes
+    of a user's own count with the globals that they read and with their class attributes; those of installed packages
+    count with their names.
 
     Args:
         value: numbers, texts, arrays, functions, types, and dataclasses, collections and objects that hold such.
@@ -63,7 +67,7 @@ def digest_of_values(value: Any, what: str) -> str:
         StudyError: for an object whose values cannot be told.
     """
     digest = hashlib.sha256()
-    for piece in _pieces(value, what, 0):
+    for piece in _pieces(value, what, 0, {}):
         digest.update(len(piece).to_bytes(8, "little") + piece)
     return digest.hexdigest()
 
@@ -72,8 +76,8 @@ def _arrays(item: Any) -> tuple[np.ndarray, ...]:
     return (item.indptr, item.indices, item.data) if issparse(item) else (np.ascontiguousarray(item),)
 
 
-def _pieces(value: Any, what: str, depth: int) -> Iterator[bytes]:
-    """Bytes that stand for a value and for no other one."""
+def _pieces(value: Any, what: str, depth: int, seen: dict[int, int]) -> Iterator[bytes]:
+    """Bytes that stand for a value and for no other one; functions and classes seen before count with their number."""
     if depth > DEEPEST:
         raise StudyError(f"{what} holds values more than {DEEPEST} deep, or itself: no digest can be made of it")
     kind = type(value)
@@ -81,11 +85,16 @@ def _pieces(value: Any, what: str, depth: int) -> Iterator[bytes]:
     if value is None or isinstance(value, bool | int | float | complex | str | bytes):
         yield repr(value).encode()
         return
+    if isinstance(value, FunctionType | type):
+        if id(value) in seen:
+            yield f"again {seen[id(value)]}".encode()
+            return
+        seen[id(value)] = len(seen)
     for part in _values_of(value, what):
         if isinstance(part, np.ndarray) and part.dtype != object:
             yield f"{part.dtype.str}{part.shape}".encode() + np.ascontiguousarray(part).tobytes()
         else:
-            yield from _pieces(part, what, depth + 1)
+            yield from _pieces(part, what, depth + 1, seen)
     yield b"end"
 
 
@@ -102,25 +111,81 @@ def _values_of(value: Any, what: str) -> list[Any]:
         return sorted(digest_of_values(item, what) for item in value)
     if isinstance(value, list | tuple):
         return list(value)
-    if isinstance(value, type | BuiltinFunctionType | np.ufunc):
+    if isinstance(value, BuiltinFunctionType | np.ufunc):
         return [getattr(value, "__module__", ""), getattr(value, "__qualname__", value.__name__)]
     if isinstance(value, MethodType):
         return [value.__func__, value.__self__]
     if isinstance(value, FunctionType):
-        held = [cell.cell_contents for cell in value.__closure__ or ()]
-        return [value.__module__, value.__qualname__, value.__code__, value.__defaults__, value.__kwdefaults__, held]
+        return _values_of_function(value)
     if isinstance(value, CodeType):
         return [value.co_code, value.co_consts, value.co_names]
     if isinstance(value, partial):
         return [value.func, value.args, value.keywords]
+    if isinstance(value, ModuleType):
+        return [value.__name__]
+    if isinstance(value, type):
+        return [value.__module__, value.__qualname__, *_class_attributes(value)]
     if is_dataclass(value):
-        return [(item.name, getattr(value, item.name)) for item in fields(value)]
+        return [type(value), *((item.name, getattr(value, item.name)) for item in fields(value))]
     if hasattr(value, "__dict__"):
-        return [vars(value)]
+        return [type(value), vars(value)]
     raise StudyError(
         f"{what} holds {value!r}, of which no digest can be made that is the same in another run: write it as a frozen "
         "dataclass of numbers, texts and arrays"
     )
+
+
+def _installed(module: str) -> bool:
+    """Whether a module is of Python, of this package or of another one that is installed: its code is not a user's."""
+    first = module.partition(".")[0]
+    file = getattr(sys.modules.get(first), "__file__", None) or ""
+    if first in sys.stdlib_module_names or first == __name__.partition(".")[0]:
+        return True
+    return bool({"site-packages", "dist-packages"} & set(Path(file).parts))
+
+
+def _values_of_function(function: FunctionType) -> list[Any]:
+    """Code, defaults, closure and, of a user's own function, the globals that its code reads."""
+    held = [cell.cell_contents for cell in function.__closure__ or ()]
+    names = [function.__module__, function.__qualname__]
+    known = [*names, function.__code__, function.__defaults__, function.__kwdefaults__, held]
+    if _installed(function.__module__ or ""):
+        return known
+    found: dict[str, Any] = {}
+    for code in _codes(function.__code__):
+        for name in {step.argval for step in dis.get_instructions(code) if step.opname == "LOAD_GLOBAL"}:
+            if name not in function.__globals__:
+                continue  # of Python itself
+            item = found[name] = function.__globals__[name]
+            if isinstance(item, ModuleType) and not _installed(item.__name__):
+                found |= {f"{name}.{part}": vars(item)[part] for part in code.co_names if part in vars(item)}
+    return [*known, found]
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    """A code and those of functions that are made in it."""
+    yield code
+    for part in code.co_consts:
+        if isinstance(part, CodeType):
+            yield from _codes(part)
+
+
+def _class_attributes(kind: type) -> list[Any]:
+    """Attributes and methods of a user's own class and of its own bases, without what Python writes itself."""
+    found: list[Any] = []
+    for base in kind.__mro__:
+        if _installed(base.__module__):
+            continue
+        for name, item in vars(base).items():
+            if isinstance(item, staticmethod | classmethod):
+                item = item.__func__
+            elif isinstance(item, property | cached_property):
+                item = item.fget if isinstance(item, property) else item.func
+            written = isinstance(item, FunctionType) and item.__code__.co_filename != "<string>"
+            plain = not name.startswith("__") and name != "_abc_impl" and not isinstance(item, FunctionType)
+            if written or (plain and not isinstance(item, MemberDescriptorType)):  # those of __slots__
+                found.append((name, item))
+    return found
 
 
 FORMAT = "hhr_dolfinx snapshot"

@@ -1,7 +1,8 @@
 """Constants and hypotheses of the thesis' theorems, see :mod:`hhr_dolfinx.theorems.theorems`.
 
 Each proof uses a on spaces of its own; the constants on these are the sharpest with which it holds. They are
-eigenvalues of pencils of the size of the basis, but for those on V^0, which are as large as the RID and left to SLEPc.
+eigenvalues of pencils of the size of the basis, but for those on V^0, which are as large as the RID; large ones are
+left to SLEPc.
 """
 
 from __future__ import annotations

@@ -1,7 +1,7 @@
-"""Continuity and coercivity of a(v, w) = v^T K w: by the formulas of the thesis, and by eigenvalues with SLEPc.
+"""Continuity and coercivity of a(v, w) = v^T K w: by the formulas of the thesis, and by eigenvalues.
 
-The smallest eigenvalue comes by shift and invert through factors that are there already, the largest without any; both
-are sparse, and no dense matrix of the size of the mesh is made.
+LAPACK finds those of small matrices. Of large ones SLEPc does: the smallest by shift and invert through factors that
+are there already, the largest without any, and no dense matrix of the size of the mesh is made.
 """
 
 from __future__ import annotations
@@ -13,12 +13,11 @@ from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
+from scipy import linalg
 from scipy.sparse import csr_matrix
 
+from hhr_dolfinx.certify.eigenvalues import DENSE, extreme_eigenvalue
 from hhr_dolfinx.errors import BoundError, NotSolvableError
-
-TOLERANCE = 1e-10
-"""Relative residual of an eigenvalue."""
 
 
 @dataclass(frozen=True)
@@ -82,28 +81,40 @@ def smallest_eigenvalue(
         solve: K^-1 times a vector (n,), by factors that are there already.
         gram: G, likewise, of the norm; None is the Euclidean one.
     """
-    from slepc4py import SLEPc
+    if matrix.shape[0] <= DENSE:
+        return float(linalg.eigvalsh(matrix.toarray(), None if gram is None else gram.toarray())[0])
 
-    solver = _solver(matrix, gram)
-    solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
-    solver.setTarget(0.0)
-    transform = solver.getST()
-    transform.setType(SLEPc.ST.Type.SINVERT)
-    transform.getKSP().setType("preonly")
-    preconditioner = transform.getKSP().getPC()
-    preconditioner.setType("python")
-    preconditioner.setPythonContext(_Kept(solve))
-    value, residual = _found(solver)
+    def prepared() -> Any:
+        from slepc4py import SLEPc
+
+        solver = _solver(matrix, gram)
+        solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+        solver.setTarget(0.0)
+        transform = solver.getST()
+        transform.setType(SLEPc.ST.Type.SINVERT)
+        transform.getKSP().setType("preonly")
+        preconditioner = transform.getKSP().getPC()
+        preconditioner.setType("python")
+        preconditioner.setPythonContext(_Kept(solve))
+        return solver
+
+    value, residual = _found(prepared)
     return value * (1 - residual)
 
 
 def largest_eigenvalue(matrix: csr_matrix) -> float:
     """Largest eigenvalue of a symmetric matrix (n, n), and what the residual leaves open."""
-    from slepc4py import SLEPc
+    if matrix.shape[0] <= DENSE:
+        return float(linalg.eigvalsh(matrix.toarray())[-1])
 
-    solver = _solver(matrix, None)
-    solver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
-    value, residual = _found(solver)
+    def prepared() -> Any:
+        from slepc4py import SLEPc
+
+        solver = _solver(matrix, None)
+        solver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
+        return solver
+
+    value, residual = _found(prepared)
     return value * (1 + residual)
 
 
@@ -131,7 +142,6 @@ def _solver(matrix: csr_matrix, gram: csr_matrix | None) -> Any:
     else:
         solver.setOperators(_petsc(matrix), _petsc(gram))
         solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
-    solver.setTolerances(TOLERANCE, 1000)
     return solver
 
 
@@ -145,15 +155,11 @@ def _petsc(matrix: csr_matrix) -> Any:
     return PETSc.Mat().createAIJ(matrix.shape, csr=entries, comm=PETSc.COMM_SELF)
 
 
-def _found(solver: Any) -> tuple[float, float]:
+def _found(prepared: Callable[[], Any]) -> tuple[float, float]:
     """The eigenvalue and its relative residual, by which it may be off."""
-    from slepc4py import SLEPc
-
-    solver.setFromOptions()
-    solver.solve()
-    if solver.getConverged() == 0:
+    if (found := extreme_eigenvalue(prepared)) is None:
         raise NotSolvableError("SLEPc found no eigenvalue of K: look for moduli many powers of ten apart")
-    return float(solver.getEigenvalue(0).real), float(solver.computeError(0, SLEPc.EPS.ErrorType.RELATIVE))
+    return found
 
 
 def _of_full(full: Any) -> Ellipticity:

@@ -10,7 +10,9 @@ on the interface I (lifts that vanish inside, (2.40)), u^0 = u - r on A. With th
     6           |u - u_HR| <= (1 + M_a / alpha') inf_w |u - w|                                under (2.46),      (2.87)
     8           |u - u_HR|_A <= |R|_A' / alpha + (1 + M_a / alpha) |r - r'|_A                 under (H2),       (2.116)
 
-where u_HR^H answers (2.33) with r' = r. The infima are those of the proofs: over w for which w - u_HR lies in the
+Theorem 7, (2.95), is 8 under (H), where r = r' and the last term is zero: it has no number of its own here.
+
+Above u_HR^H answers (2.33) with r' = r. The infima are those of the proofs: over w for which w - u_HR lies in the
 kernel of b, that is, which close the gaps as u_HR does. The text takes more, all w that penetrate nothing, for which
 (2.77), (2.83) and (2.90) do not hold. The figures of section 2.6 take all w of the reduced space, (2.142): that is
 ``as_printed``, and is called no bound.

@@ -170,7 +170,8 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
         found.say(
             OK,
             f"contact {place} of {names}: {own.size} conditions, gaps from {own.min():.3g} to {own.max():.3g}{unit}"
-            f"{closed}, facets sag by {sag:.2g}{unit}{_rubs(found.scene.friction[place])}{_left_out(surfaces[0], made)}",
+            f"{closed}, facets sag by {sag:.2g}{unit}{_rubs(found.scene.friction[place])}"
+            f"{_left_out(surfaces[0], made)}",
         )
         _overlap(found, place, -float(still[rows].min()), sag, point)
         small = [float(own.min()), _least_gap(problem, rows)]

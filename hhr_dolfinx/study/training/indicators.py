@@ -14,12 +14,14 @@ from typing import Any, Protocol
 
 import numpy as np
 from mpi4py import MPI
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.contact.restriction import Restriction, restricted
 from hhr_dolfinx.errors import ReductionError, StudyError
+from hhr_dolfinx.full_order.cell_stiffness import CellStiffness
 from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.snapshots.records import SnapshotSet
@@ -147,6 +149,11 @@ class Eta:
     What lies on the interface of the RID is interpolated between training answers, (1.72). The thesis interpolates on a
     regular grid; points that are chosen one by one make none, and radial functions r, which are exact at training
     points and linear in one parameter, take its place.
+
+    Three things differ from (1.73). Its norms are of U; those here are of U0, the unknown without what is imposed. The
+    forces by which eta_λ is divided count as at least a thousandth of the largest of training, since forces near zero
+    would choose every point without contact. Where the interpolated interface penetrates, the thesis sets the gap to
+    zero; here only the conditions of the RID are solved for.
     """
 
     def prepared(self, full: Any) -> Score:
@@ -174,8 +181,10 @@ class Eta:
 class Eta2:
     """The indicator (2.124) of the thesis: residual on the RID, and the jump on its interface to what is interpolated.
 
-    In the energy norm of the RID, in which the form a has α = M_a = 1: |R|_{K^-1} + 2 |jump|_K, over the energy norm of
-    the answer on the RID. Interpolated as for :class:`Eta`.
+    In the energy norm of the cells of the RID, in which the form a has α = M_a = 1: |R|_{K^-1} + 2 |jump|_a. Printed is
+    an absolute number; here it is divided by the energy norm of the answer, so that candidates compare. The jump lies
+    between U0, as the loads move the bodies; it is zero off the interface, (2.40), (2.123). Interpolated as for
+    :class:`Eta`.
     """
 
     def prepared(self, full: Any) -> Score:
@@ -185,6 +194,7 @@ class Eta2:
         def score(model: Any, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
             domain = _Domain(full.problem, model.offline.sets)
             interface = _interpolated(full.problem, known, answers, domain.interface)
+            stiffness = CellStiffness.of(full, model.offline.sets.cells)
 
             def indicator(answer: Answer, there: np.ndarray) -> float:
                 if not answer.converged:
@@ -194,12 +204,18 @@ class Eta2:
                 residual = inside.residual(field, answer.multipliers, answer.parameter)
                 jump = np.zeros_like(field)
                 jump[domain.places] = there - field[domain.places]
-                size = inside.energy(field)
-                return (inside.dual(residual) + 2 * inside.energy(jump)) / (size or 1.0)
+                dofs = inside.part.dofs
+                size, jumped = _energy_norms(stiffness.at(answer.parameter)[dofs][:, dofs], field, jump)
+                return (inside.dual(residual) + 2 * jumped) / (size or 1.0)
 
             return np.array([indicator(*pair) for pair in zip(answers, interface, strict=True)])
 
         return score
+
+
+def _energy_norms(stiffness: csr_matrix, *fields: np.ndarray) -> tuple[float, ...]:
+    """Energy norms (w^T K w)^1/2 of fields."""
+    return tuple(float(np.sqrt(max(field @ (stiffness @ field), 0.0))) for field in fields)
 
 
 def _ratio(error: np.ndarray, exact: np.ndarray, floor: float = 0.0) -> float:
@@ -289,7 +305,3 @@ class _Inside:
     def dual(self, residual: np.ndarray) -> float:
         """|R|_{K^-1}."""
         return float(np.sqrt(max(residual @ self._factors.solve(residual), 0.0)))
-
-    def energy(self, field: np.ndarray) -> float:
-        """|U0|_K on the dofs of the RID."""
-        return float(np.sqrt(max(field @ (self.part.problem.stiffness @ field), 0.0)))

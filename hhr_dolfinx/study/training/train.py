@@ -69,8 +69,10 @@ class Training(TrainingAnswers):
         usual recipe of the scene, or the one for which a greedy training chose. What is no recipe is a way to reduce of
         its own, see :class:`~hhr_dolfinx.reduction.build.Reductor`.
         """
-        if recipe is None:
-            recipe = usual_recipe(self.full_order) if self.choice is None else self.choice.recipe
+        if recipe is None and self.choice is not None:
+            recipe = self.choice.recipe
+        if recipe is None and not checked:
+            recipe = usual_recipe(self.full_order)
         if not checked and isinstance(recipe, Recipe):
             recipe = recipe.as_it_is()
         return build(self.full_order, self.snapshots, recipe, self.held_out if checked else None)

@@ -1,0 +1,40 @@
+"""One eigenvalue of a symmetric matrix, also if others lie close to it.
+
+On free meshes the smallest eigenvalues of B B^T lie within 1e-5 of each other. A small subspace then separates none of
+them, though each would do: the value is wanted, and not its vector. LAPACK has no such trouble, and finds those of
+small matrices; a large one gets a wide subspace, and a looser tolerance if the strict one is not reached.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+DENSE = 1000
+"""Rows up to which LAPACK finds all eigenvalues, in half a second: SLEPc may take as long for a single one."""
+SUBSPACE = 64
+"""Vectors of the subspace. Of 216 rows of mortar on tetrahedra 16 vectors needed 475 restarts, and 64 vectors 4."""
+TOLERANCES = (1e-10, 1e-5, 1e-3)
+"""Relative residuals that are tried, in this order: some eigenvalue is as near as the residual says."""
+RESTARTS = 50
+"""Restarts for each tolerance."""
+
+
+def extreme_eigenvalue(prepared: Callable[[], Any]) -> tuple[float, float] | None:
+    """The eigenvalue that solvers of SLEPc are set up for, and its relative residual; None if they find none.
+
+    Args:
+        prepared: returns a new solver. One that has failed counts its restarts further, and stops at once.
+    """
+    from slepc4py import SLEPc
+
+    for tolerance in TOLERANCES:
+        solver = prepared()
+        solver.setDimensions(1, SUBSPACE)
+        solver.setTolerances(tolerance, RESTARTS)
+        solver.setFromOptions()
+        solver.solve()
+        if solver.getConverged():
+            residual = solver.computeError(0, SLEPc.EPS.ErrorType.RELATIVE)
+            return float(solver.getEigenvalue(0).real), float(residual)
+    return None

@@ -1,0 +1,71 @@
+"""Stiffness of some cells alone, as of a RID: at its interface K holds those of the cells outside too."""
+
+from __future__ import annotations
+
+from copy import copy
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+import ufl
+from dolfinx.mesh import meshtags
+from scipy.sparse import csr_matrix, vstack
+
+from hhr_dolfinx.formulas import Modulus
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.discretisation import Discretisation
+
+
+@dataclass(frozen=True)
+class CellStiffness:
+    """K of some cells at any point, without boundary conditions, (N, N).
+
+    Attributes:
+        part: the discretisation with the bodies of these cells.
+        terms: parts of K on the mesh of the scene.
+        moduli: of the parts; none where K is constant.
+    """
+
+    part: Discretisation
+    terms: tuple[csr_matrix, ...]
+    moduli: tuple[Modulus, ...]
+
+    @classmethod
+    def of(cls, full: Any, cells: np.ndarray) -> CellStiffness:
+        """Of a full model and some of its cells, in the order of ``ContactProblem.cell_nodes``. Collective."""
+        part = _of_cells(full.discretisation, cells)
+        return cls(part, *_terms(part))
+
+    def at(self, point: np.ndarray) -> csr_matrix:
+        """K of the cells at a point, (P,)."""
+        terms = self.terms
+        if self.part.reshaped is not None:
+            with self.part.lying_at(point):
+                terms, _ = _terms(self.part)
+        if not self.moduli:
+            return terms[0]
+        return sum(modulus.value(point) * term for modulus, term in zip(self.moduli, terms, strict=True))
+
+
+def _terms(part: Discretisation) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
+    """All rows of the parts of K."""
+    terms, moduli = part.stiffness_terms()
+    if part.comm.size > 1:
+        terms = tuple(csr_matrix(vstack(part.comm.allgather(term))) for term in terms)
+    return terms, moduli
+
+
+def _of_cells(discretisation: Discretisation, cells: np.ndarray) -> Discretisation:
+    """The same discretisation, in which all other cells belong to no body."""
+    mesh = discretisation.mesh
+    tags = discretisation._cell_tags
+    owned = mesh.topology.index_map(mesh.topology.dim).size_local
+    first = sum(discretisation.comm.allgather(owned)[: discretisation.comm.rank])
+    kept = np.isin(tags.indices, cells - first) & (tags.indices < owned)
+    part = copy(discretisation)
+    vars(part).pop("_stiffness_form", None)
+    part._cell_tags = meshtags(mesh, mesh.topology.dim, tags.indices[kept], tags.values[kept])
+    part._dx = ufl.Measure("dx", domain=mesh, subdomain_data=part._cell_tags)
+    part.common_pattern = None
+    return part
