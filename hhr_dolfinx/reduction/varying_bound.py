@@ -39,6 +39,8 @@ CERTAIN = 10 * math.sqrt(2 / math.pi)
 PLACES_OF_FACTORS = 256
 """Random forces under which S is held against solutions, powers of its error, how certain that makes a norm, see
 :func:`probed`, and points at which factors of its parts are compared."""
+MEASURED = 16
+"""Loads, the largest ones, of whose energies round-off is measured."""
 OBSERVED = 10.0
 PLACES = 3
 LARGEST = 1e-3
@@ -100,7 +102,7 @@ def _between(full: Any, solvers: Sequence[Solver]) -> Between:
         PartEnergy(*(np.ascontiguousarray(np.moveaxis(part[name], 2, 0)) for name in ("work", "lifted")))
         for part in modes
     )
-    errors = [ROUND_OFF]
+    errors = [ROUND_OFF, *(_round_off(solver) for solver in solvers)]
     proved = problem.reshaped is None
     for solver, part, energy, kind in zip(energetic, compliances.parts, energies, kinds, strict=True):
         if not part.interpolant.axes.size:  # nothing but an exact factor changes it
@@ -117,6 +119,26 @@ def _between(full: Any, solvers: Sequence[Solver]) -> Between:
         errors.append(OBSERVED * grids[-1].surplus)
     _check_resolved(max(errors))
     return Between(compliances, energies, max(errors), proved, _areas(problem))
+
+
+def _round_off(solver: Solver) -> float:
+    """Part of the energy of loads on a component that is round-off, most where a body is slender.
+
+    What is left of a solution, and what products with K lose: |K x| of a body that bends is far below |K| |x|. Errors
+    of the rows are independent of each other, so that their squares add up (N. J. Higham, Accuracy and Stability of
+    Numerical Algorithms, 2002, section 2.8).
+    """
+    middle = solver.problem.middle
+    problem = solver.with_stiffness(middle)
+    loads = csc_matrix(solver.acting(problem))
+    largest = np.argsort(-np.asarray(abs(loads).sum(axis=0)).ravel(), kind="stable")[:MEASURED]
+    fields = solver.solved_columns(problem, middle, csc_matrix(loads[:, largest]))
+    stiffness = problem.own_stiffness
+    energies = np.asarray(loads[:, largest].multiply(fields).sum(axis=0)).ravel()
+    left = np.abs(energies - np.sum(fields * (stiffness @ fields), axis=0))
+    lost = np.finfo(float).eps * np.linalg.norm(np.abs(fields) * (abs(stiffness) @ np.abs(fields)), axis=0)
+    known = energies > 0
+    return float(((left + lost)[known] / energies[known]).max(initial=0.0))
 
 
 def _areas(problem: ContactProblem) -> Interpolant | None:
