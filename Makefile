@@ -5,25 +5,29 @@ export OPENBLAS_NUM_THREADS = 1
 # what is said comes as it is said, into a file or a pipe too
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes lint test quick slow docs setup
+.PHONY: demo hertz pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes lint test quick slow docs setup
 
 demo: setup
-	.venv/bin/python demos/hertz_half_discs.py
+	.venv/bin/python benchmarks/thesis/hertz_half_discs.py
+
+# the cases of the thesis
+hertz: setup
+	.venv/bin/python benchmarks/thesis/hertz_half_discs.py
 
 pellet: setup
-	.venv/bin/python demos/pellet_cladding.py --study thesis
+	.venv/bin/python benchmarks/thesis/pellet_cladding.py --study thesis
 
 nonmatching: setup
-	.venv/bin/python demos/pellet_cladding_nonmatching.py
+	.venv/bin/python benchmarks/thesis/pellet_cladding_nonmatching.py
 
 plastic: setup
-	.venv/bin/python demos/pellet_cladding_plastic.py
+	.venv/bin/python benchmarks/thesis/pellet_cladding_plastic.py
 
 sphere: setup
 	.venv/bin/python demos/sphere_on_block.py
 
 materials: setup
-	.venv/bin/python demos/pellet_materials.py
+	.venv/bin/python benchmarks/thesis/pellet_materials.py
 
 rod: setup
 	.venv/bin/python demos/fuel_rod.py

@@ -22,7 +22,7 @@ ROOT = Path(__file__).parent.parent
 def quick(tmp_path_factory):
     """Output folder of ``--quick``."""
     out = tmp_path_factory.mktemp("demo")
-    command = [sys.executable, str(ROOT / "demos/hertz_half_discs.py"), "--quick", "--out", str(out)]
+    command = [sys.executable, str(ROOT / "benchmarks/thesis/hertz_half_discs.py"), "--quick", "--out", str(out)]
     run = subprocess.run(command, capture_output=True, text=True, cwd=out, timeout=WAIT)
     assert run.returncode == 0, run.stderr[-3000:]
     (out / "printed").write_text(run.stdout)
@@ -118,6 +118,6 @@ def test_readme_history_runs():
 
 
 def test_command_line_help():
-    command = [sys.executable, str(ROOT / "demos/hertz_half_discs.py"), "--help"]
+    command = [sys.executable, str(ROOT / "benchmarks/thesis/hertz_half_discs.py"), "--help"]
     text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert all(option in text for option in ("--out", "--quick", "--seed"))
