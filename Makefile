@@ -8,7 +8,7 @@ export PYTHONUNBUFFERED = 1
 .PHONY: demo hertz pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes lint test quick slow docs setup
 
 demo: setup
-	.venv/bin/python benchmarks/thesis/hertz_half_discs.py
+	.venv/bin/python demos/bolted_joint.py
 
 # the cases of the thesis
 hertz: setup
