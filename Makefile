@@ -5,7 +5,7 @@ export OPENBLAS_NUM_THREADS = 1
 # what is said comes as it is said, into a file or a pipe too
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo hertz pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes lint test quick slow docs setup
+.PHONY: demo hertz pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes figures lint test quick slow docs setup
 
 demo: setup
 	.venv/bin/python demos/bolted_joint.py
@@ -83,6 +83,10 @@ extreme: setup
 recipes: setup
 	.venv/bin/python benchmarks/random_recipes.py
 
+# all figures of README into docs/figures.json and README, an hour on an idle core
+figures: setup
+	.venv/bin/python benchmarks/figures.py
+
 # style, formatting and types: what continuous integration asks first
 lint: setup
 	.venv/bin/python -m ruff check .
@@ -90,7 +94,7 @@ lint: setup
 	.venv/bin/python -m mypy
 
 test: setup
-	@echo "Some 3700 tests: six minutes on two idle cores, three times as long on busy ones; dots come as tests are done."
+	@echo "Dots come as tests are done; the slow ones are left to make slow."
 	.venv/bin/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 QUICK = active_set bad_input bad_meshes bad_pairings basis bounds clusters cubature enrichment fields formulas forms full_order house \

@@ -76,7 +76,7 @@ CHECKS = {"fretting": check_friction, "press_fit_torque": check_friction}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(set(PROGRAMS) - {"leaf_spring", "joint"}))
+@pytest.mark.parametrize("name", sorted(set(PROGRAMS) - {"leaf_spring", "joint", "figures"}))
 def test_a_script_runs_at_its_smallest(name, tmp_path):
     if name in NEEDED and shutil.which(NEEDED[name]) is None:
         pytest.skip(f"{name} compares with {NEEDED[name]}, which is not on the PATH")

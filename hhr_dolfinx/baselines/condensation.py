@@ -63,17 +63,8 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
     if not (kept or floats):
         fields: Any = _solved_fields(full, free)
     else:
-        fields = ExactFields(
-            problem.amplitudes,
-            problem.lifts,
-            full.per_force,
-            free,
-            size,
-            floats,
-            full.stress_of,
-            functionals=outputs,
-            full=full,
-        )
+        rest = free, size, floats, full.stress_of, outputs, full
+        fields = ExactFields(problem.amplitudes, problem.lifts, full.per_force, *rest)
     if problem.rigid is not None:
         return _floating(problem, problem.rigid, responses, known, fields)
     eliminated = ConstantElimination(responses, problem.amplitudes)

@@ -86,7 +86,8 @@ class AnsweringModel(Shown):
     def facts(self) -> dict[str, str]:
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""
         names = self.parameters.names
-        own, every = self.own_conditions, self.conditions
+        own = self.own_conditions
+        every = self.conditions
         kept = counted(every, "contact condition") if own == every else f"{own} of {every} contact conditions"
         unknowns = self.sizes[0]
         return {

@@ -58,6 +58,11 @@ def _of_answer(answer: Answer, full: FullOrderModel) -> Figure:
     return figure
 
 
+def _axes_of(full: FullOrderModel) -> str:
+    """Names of the two axes of a section."""
+    return "rz" if full.scene.hypothesis == "axisymmetric" else "xy"
+
+
 def _unit(full: FullOrderModel, of: str) -> str:
     units = full.scene.units
     return "" if units is None else f" [{getattr(units, of)}]"
@@ -79,7 +84,7 @@ def _draw_pressures(axes: Any, answer: Answer, full: FullOrderModel) -> None:
         along = int(np.ptp(places, axis=0).argmax())
         order = np.argsort(places[:, along], kind="stable")
         axes.plot(places[order, along], pressures[order], ".-", label=f"contact {pair}")
-        labels.add("xy"[along])
+        labels.add(_axes_of(full)[along])
     axes.set(xlabel=f"{' or '.join(sorted(labels))}{_unit(full, 'length')}",
              ylabel=f"contact pressure{_unit(full, 'stress')}")  # fmt: skip
     axes.grid(alpha=0.25)
@@ -97,7 +102,8 @@ def _draw_bodies(figure: Figure, axes: Any, answer: Answer, full: FullOrderModel
     drawn = PolyCollection(corners, array=np.linalg.norm(moved, axis=1)[cells].mean(axis=1), edgecolor="face")
     axes.add_collection(drawn)
     figure.colorbar(drawn, ax=axes, label=f"displacement{_unit(full, 'length')}")
-    axes.set(xlabel=f"x{_unit(full, 'length')}", ylabel=f"y{_unit(full, 'length')}", aspect="equal",
+    first, second = _axes_of(full)
+    axes.set(xlabel=f"{first}{_unit(full, 'length')}", ylabel=f"{second}{_unit(full, 'length')}", aspect="equal",
              title="" if factor == 1 else f"displacements {factor:g} times as large")  # fmt: skip
     axes.autoscale_view()
 
