@@ -16,7 +16,7 @@ QUOTED = re.compile(r"\d[\d.,]* ?(?:ms|us|µs|%|times)(?![\w-])|\d+ queries")
 
 def test_the_table_of_readme_is_that_of_the_file():
     assert figures.with_table(README, KEPT) == README
-    assert len(KEPT) >= 3
+    assert KEPT
 
 
 def test_a_changed_figure_is_seen():
