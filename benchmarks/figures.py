@@ -72,7 +72,7 @@ def table(found: dict[str, dict[str, Any]]) -> str:
             row = found[name]
             ratio = "-" if row["ratio"] is None else f"{row['ratio']:.2g}"
             cells = (source.title, f"{row['N']} + {row['N_lambda']}", source.model, f"{1e3 * row['answer_s']:.2g} ms",
-                     ratio, f"{row['max']:.1e} ({row['n']} points)", f"`make {source.target}`")  # fmt: skip
+                     ratio, f"{row['max']:.1e} ({row['n']} answers)", f"`make {source.target}`")  # fmt: skip
             rows.append(f"| {' | '.join(cells)} |")
     return "\n".join(rows) + "\n"
 
