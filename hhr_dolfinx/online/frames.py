@@ -61,7 +61,9 @@ def to_xarray(model: AnsweringModel, points: Any, *, outside: str = "refuse") ->
 
     names = model.parameters.names
     answers: Any = answer_points(model, _table(points, names), outside=outside)
-    values = {name: ("point", item) for name, item in columns_of(answers).items() if not name.startswith("force_")}
+    values: dict[str, Any] = {
+        name: ("point", item) for name, item in columns_of(answers).items() if not name.startswith("force_")
+    }
     values |= {"status": ("point", answers.status), "forces": (("point", "condition"), answers.forces)}
     coordinates = {name: ("point", column) for name, column in zip(names, answers.points.T, strict=True)}
     return xarray.Dataset(values, coords=coordinates)

@@ -58,9 +58,9 @@ def _of_answer(answer: Answer, full: FullOrderModel) -> Figure:
     return figure
 
 
-def _axes_of(full: FullOrderModel) -> str:
+def _axes_of(full: FullOrderModel) -> tuple[str, str]:
     """Names of the two axes of a section."""
-    return "rz" if full.scene.hypothesis == "axisymmetric" else "xy"
+    return ("r", "z") if full.scene.hypothesis == "axisymmetric" else ("x", "y")
 
 
 def _unit(full: FullOrderModel, of: str) -> str:
