@@ -5,25 +5,29 @@ export OPENBLAS_NUM_THREADS = 1
 # what is said comes as it is said, into a file or a pipe too
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes lint test quick slow docs setup
+.PHONY: demo hertz pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes figures lint test quick slow docs setup
 
 demo: setup
-	.venv/bin/python demos/hertz_half_discs.py
+	.venv/bin/python demos/bolted_joint.py
+
+# the cases of the thesis
+hertz: setup
+	.venv/bin/python benchmarks/thesis/hertz_half_discs.py
 
 pellet: setup
-	.venv/bin/python demos/pellet_cladding.py --study thesis
+	.venv/bin/python benchmarks/thesis/pellet_cladding.py --study thesis
 
 nonmatching: setup
-	.venv/bin/python demos/pellet_cladding_nonmatching.py
+	.venv/bin/python benchmarks/thesis/pellet_cladding_nonmatching.py
 
 plastic: setup
-	.venv/bin/python demos/pellet_cladding_plastic.py
+	.venv/bin/python benchmarks/thesis/pellet_cladding_plastic.py
 
 sphere: setup
 	.venv/bin/python demos/sphere_on_block.py
 
 materials: setup
-	.venv/bin/python demos/pellet_materials.py
+	.venv/bin/python benchmarks/thesis/pellet_materials.py
 
 rod: setup
 	.venv/bin/python demos/fuel_rod.py
@@ -79,6 +83,10 @@ extreme: setup
 recipes: setup
 	.venv/bin/python benchmarks/random_recipes.py
 
+# all figures of README into docs/figures.json and README, an hour on an idle core
+figures: setup
+	.venv/bin/python benchmarks/figures.py
+
 # style, formatting and types: what continuous integration asks first
 lint: setup
 	.venv/bin/python -m ruff check .
@@ -86,7 +94,7 @@ lint: setup
 	.venv/bin/python -m mypy
 
 test: setup
-	@echo "Some 4200 tests: about eleven minutes on two idle cores, three times as long on busy ones; dots come as tests are done."
+	@echo "About ten minutes on two idle cores, three times as long on busy ones; dots come as tests are done."
 	.venv/bin/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
 QUICK = active_set bad_input bad_meshes bad_pairings basis bounds clusters cubature enrichment fields formulas forms full_order house \

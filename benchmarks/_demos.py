@@ -1,6 +1,7 @@
-"""Puts the demos, whose scenes benchmarks measure, where Python finds them."""
+"""Put the demos and the cases of the thesis, whose scenes benchmarks measure, where Python finds them."""
 
 import sys
 from pathlib import Path
 
-sys.path.append(str(Path(__file__).parent.parent / "demos"))
+HERE = Path(__file__).parent
+sys.path += [str(HERE.parent / "demos"), str(HERE / "thesis")]

@@ -19,6 +19,7 @@ import _demos  # noqa: F401 (before the scenes)
 import numpy as np
 import pellet_materials
 from mpi4py import MPI
+from parts.friction_report import differences, errors_of
 from scipy.stats import qmc
 
 import hhr_dolfinx as hhr
@@ -56,20 +57,6 @@ def legs(rng: np.random.Generator) -> np.ndarray:
     return np.column_stack([np.interp(shares, np.arange(LEGS + 1), column) for column in corners.T])
 
 
-def differences(full: Any, found: hhr.History, exact: hhr.History) -> dict[str, np.ndarray]:
-    """Relative errors of each increment in the Euclidean norm; below a thousandth of the largest they are by that."""
-    rows = {"normal": np.setdiff1d(np.arange(full.conditions), full.friction.tangential)}
-    rows["tangential"] = full.friction.tangential
-    values = {name: [np.array([answer.forces()[own] for answer in history.answers]) for history in (found, exact)]
-              for name, own in rows.items()}  # fmt: skip
-    values["slip"] = [np.array([answer.slip.path for answer in history.answers]) for history in (found, exact)]
-    errors = {}
-    for name, (one, two) in values.items():
-        sizes = np.linalg.norm(two, axis=1)
-        errors[name] = np.linalg.norm(one - two, axis=1) / np.maximum(sizes, 1e-3 * sizes.max() or 1.0)
-    return errors
-
-
 def training_paths(space: hhr.ParameterSpace, count: int, rng: np.random.Generator) -> list:
     """Paths whose materials and friction are spread over the box."""
     low, high = np.array(space.lower), np.array(space.upper)
@@ -90,7 +77,7 @@ def hyper_reduced(full: Any, count: int, rng: np.random.Generator) -> Any:
 
 def unseen(full: Any, models: dict[str, Any], count: int, rng: np.random.Generator) -> dict[str, Any]:
     """Errors and times of some models along paths that nobody has seen."""
-    errors: dict[str, dict[str, list[np.ndarray]]] = {name: {} for name in models}
+    errors: dict[str, list[dict[str, np.ndarray]]] = {name: [] for name in models}
     seconds: dict[str, list[float]] = {name: [] for name in ("full order", *models)}
     iterations: dict[str, list[int]] = {name: [] for name in models}
     fallbacks = dict.fromkeys(models, 0)
@@ -102,21 +89,17 @@ def unseen(full: Any, models: dict[str, Any], count: int, rng: np.random.Generat
         for kind, model in models.items():
             found, taken = timed(partial(model.march, steps))
             seconds[kind].append(taken / (len(steps) - 1))
-            for name, values in differences(full, found, exact).items():
-                errors[kind].setdefault(name, []).append(values)
+            errors[kind].append(differences(full, found, exact))
             iterations[kind] += found.iterations
             fallbacks[kind] += sum(answer.cycled for answer in found.answers)
         couplings.append(models["condensed"].coupling(steps[-1][1]))
     parts = {}
     for kind in models:
-        joined = {name: np.concatenate(values) for name, values in errors[kind].items()}
         parts[kind] = {
             "increments": len(iterations[kind]),
             "iterations": {"mean": float(np.mean(iterations[kind])), "max": max(iterations[kind])},
             "fallbacks": fallbacks[kind],
-            "errors": {
-                name: {"p95": float(np.quantile(item, 0.95)), "max": float(item.max())} for name, item in joined.items()
-            },
+            "errors": errors_of(errors[kind]),
             "ratio": float(np.median(np.array(seconds["full order"]) / seconds[kind])),
         }
     return parts.pop("condensed") | parts | {

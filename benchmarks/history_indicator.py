@@ -20,7 +20,7 @@ import _demos  # noqa: F401 (before the scenes)
 import numpy as np
 import pellet_cladding_plastic as pellet
 from mpi4py import MPI
-from parts.pellet_cladding_paths import path_cases
+from pellet_cladding_paths import path_cases
 from scipy.stats import spearmanr
 
 import hhr_dolfinx as hhr

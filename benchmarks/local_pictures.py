@@ -38,15 +38,22 @@ def _draw_regions(local: LocalModels, path: Path) -> None:
 
 
 def _draw_domains(training: Training, local: LocalModels, path: Path) -> None:
-    """Reduced domains side by side, figures 4.4 and 4.9."""
-    from hhr_dolfinx.study.report.plots import field_grid, plot_fields
+    """Reduced domains of flat meshes side by side, figures 4.4 and 4.9."""
+    import pyvista
+
+    from hhr_dolfinx.study.report.plots import field_grid
 
     shown = local.models[:4]
-    grids = [field_grid(training.full_order, model.offline.sets.cells, {}) for model in shown]
-    names = [f"RID of model {number}" for number in range(len(shown))]
-    for grid, name in zip(grids, names, strict=True):
-        grid.cell_data[name] = grid.cell_data["rid"]
-    plot_fields(grids, names, path)
+    plotter = pyvista.Plotter(off_screen=True, shape=(1, len(shown)), window_size=(400 * len(shown), 600), border=False)
+    for number, model in enumerate(shown):
+        plotter.subplot(0, number)
+        grid = field_grid(training.full_order, model.offline.sets.cells, {})
+        plotter.add_mesh(grid, scalars="rid", cmap=["#d9d9d9", "#c0392b"], show_scalar_bar=False, lighting=False)
+        plotter.add_text(f"RID of model {number}", position="upper_edge", font_size=9, color="k")
+        plotter.view_xy()
+        plotter.camera.tight(padding=0.2, adjust_render_window=False)
+    plotter.screenshot(path)
+    plotter.close()
 
 
 def _draw_maps(training: Training, models: dict, folder: Path, name: str, quick: bool) -> None:

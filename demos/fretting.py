@@ -87,7 +87,7 @@ def main() -> None:
     from parts import fretting_study
 
     found = fretting_study.study(scene(120 if options.quick else 240), options)
-    report.write_report({"scene": "fretting", **found, **report.environment()}, options.out)
+    report.write_report({"scene": "fretting", "seed": options.seed, **found, **report.environment()}, options.out)
     report.print_rows("fretting", found["friction"]["reference"], options.console)
 
 

@@ -91,12 +91,14 @@ def main() -> None:
 
     mesh = {"around": 12, "along": 6, "radial": 2} if options.quick else {}
     found = press_fit_torque_study.study(scene(**mesh), options)
-    report.write_report({"scene": "press_fit_torque", **found, **report.environment()}, options.out)
-    torque, times = found["friction"]["torque"], found["friction"]["times"]
+    report.write_report(
+        {"scene": "press_fit_torque", "seed": options.seed, **found, **report.environment()}, options.out
+    )
+    torque, times = found["friction"]["torque"], found["times"]
     options.console.print(
         f"torque at slip of {torque['designs']} designs: errors {torque['mean']:.1e} in the mean, {torque['max']:.1e} "
-        f"at most; a design {times['full order, a design']:.1f} s, condensed {times['condensed, a design']:.2f} s, "
-        f"{found['friction']['ratio']:.0f} times"
+        f"at most; an increment {times['fom_best']['median']:.2f} s, condensed {times['online']['median']:.3f} s, "
+        f"{found['ratios']['fom_best/online']:.0f} times"
     )
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 ROOT = Path(__file__).parents[1]
-sys.path[:0] = [str(ROOT / name) for name in ("demos", "benchmarks")]
+sys.path[:0] = [str(ROOT / name) for name in ("demos", "benchmarks", "benchmarks/thesis")]
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # small problems get no faster by more
 
 try:
@@ -50,7 +50,8 @@ def write_demo_pages(folder: Path) -> None:
     folder.mkdir(exist_ok=True)
     tests = {path.name: path.read_text() for path in sorted((ROOT / "tests").glob("test_*.py"))}
     names = []
-    for path in sorted((ROOT / "demos").glob("*.py")):
+    thesis = [path for path in sorted((ROOT / "benchmarks/thesis").glob("*.py")) if "def main" in path.read_text()]
+    for path in (*sorted((ROOT / "demos").glob("*.py")), *thesis):
         title, _, rest = ast.get_docstring(ast.parse(path.read_text())).partition("\n")
         held = [name for name, text in tests.items() if f"import {path.stem}" in text or f"{path.stem}.py" in text]
         picture = ROOT / "docs" / "pictures" / f"{path.stem}.png"
@@ -60,16 +61,19 @@ def write_demo_pages(folder: Path) -> None:
         lines += [
             "## Source",
             "",
-            f"`demos/{path.name}`",
+            f"`{path.relative_to(ROOT)}`",
             "",
-            f"```{{literalinclude}} ../../demos/{path.name}",
+            f"```{{literalinclude}} ../../{path.relative_to(ROOT)}",
             "```",
             "",
         ]
         write_if_new(folder / f"{path.stem}.md", "\n".join(lines))
         names.append(path.stem)
     toctree = ["```{toctree}", ":maxdepth: 1", "", *names, "```", ""]
-    said = "Each is a file of `demos/` with its equations; `make` runs most of them by name ([studies](../studies.md))."
+    said = (
+        "Each is a file of `demos/`, or of `benchmarks/thesis/` for the cases of the thesis, with its equations; "
+        "`make` runs most of them by name ([studies](../studies.md))."
+    )
     write_if_new(folder / "index.md", "\n".join(["# Demos", "", said, "", *toctree]))
 
 

@@ -25,6 +25,8 @@ from .models.local import LocalModels as LocalModels
 from .models.local_histories import LocalHistories as LocalHistories
 from .models.reduced import ReducedModel as ReducedModel
 from .online.batch import answer_points as answer_points
+from .online.frames import to_pandas as to_pandas
+from .online.frames import to_xarray as to_xarray
 from .online.matrices import condense_matrices as condense_matrices
 from .online.model_file import load_model as load_model
 from .online.model_file import save_model as save_model

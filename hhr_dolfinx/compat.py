@@ -92,6 +92,14 @@ def netcdf4(what: str) -> Any:
             sys.setdlopenflags(given)
 
 
+def drawn(value: Any, path: Any, *parts: Any) -> Any:
+    """Figure of a scene or an answer, by the module that draws, which is loaded when it is asked for.
+
+    Methods ``plot`` of values stand below all that draws: this is the only call upwards, and it is by name.
+    """
+    return importlib.import_module("hhr_dolfinx.study.report.drawing").figure_of(value, path, *parts)
+
+
 SOLVER = frozenset({"dolfinx", "ufl", "basix", "petsc4py", "slepc4py", "mpi4py"})
 """Packages that come together: with conda or a distribution, or as the wheel of the extra ``solver``."""
 GET_DOLFINX = (

@@ -15,6 +15,7 @@ import numpy as np
 
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude, check_formula
 from hhr_dolfinx.body import Body
+from hhr_dolfinx.compat import drawn
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.loads import Load
@@ -202,6 +203,39 @@ class Scene:
             if near:
                 raise SceneError(f"parameter_units name '{name}', which is no parameter: is '{near[0]}' meant?")
 
+    def __str__(self) -> str:
+        """Text of several lines: bodies, contacts, supports, loads, parameters with their ranges, outputs."""
+        units = "" if self.units is None else f", in {self.units.length} and {self.units.stress}"
+        lines = [f"Scene '{self.name}', {self.hypothesis.replace('_', ' ')}{units}"]
+        lines += [
+            f"  body {body.tag}: young {body.young}, poisson {body.poisson}{_law_of(body)}" for body in self.bodies
+        ]
+        for place, pair in enumerate(self.contacts):
+            law = getattr(pair, "friction", None)
+            friction = "" if law is None else f", friction {law}"
+            lines.append(f"  contact {place}: {type(pair).__name__} of {', '.join(map(str, pair.tags))}{friction}")
+        for what, items in (("displacements", self.displacements), ("loads", self.loads), ("shapes", self.shapes)):
+            if items:
+                lines.append(f"  {what}: {', '.join(_named_in_short(item) for item in items)}")
+        for name, low, high in zip(self.parameters.names, self.parameters.lower, self.parameters.upper, strict=True):
+            unit = self.parameter_units.get(name, "")
+            lines.append(f"  parameter {name}: {low:g} to {high:g} {unit}".rstrip())
+        if self.outputs:
+            lines.append(f"  outputs: {', '.join(output.name for output in self.outputs)}")
+        return "\n".join(lines)
+
+    def plot(self, path: Any = None) -> Any:
+        """Picture of bodies, contact surfaces, supports and loads, as a figure of matplotlib; nothing is solved.
+
+        Args:
+            path: where to save it besides; None for nowhere.
+
+        Raises:
+            SceneError: if its mesh cannot be made.
+            MissingPackageError: without matplotlib.
+        """
+        return drawn(self, path)
+
     def opened(self, contact: int, point: np.ndarray) -> float:
         """What openings add to the gaps of a contact pair, by its place, at a point, (P,)."""
         own = [item.amplitude for item in self.openings if item.contact == contact]
@@ -324,6 +358,16 @@ class Scene:
                 check_formula(amplitude, self.parameters, f"the amplitude of {item!r}")
             if hasattr(item, "check"):
                 item.check(self.parameters)
+
+
+def _law_of(body: Body) -> str:
+    return "" if body.law is None else f", {body.law!r}"
+
+
+def _named_in_short(item: Any) -> str:
+    """A support, load or shape by its kind and its tag."""
+    tag = getattr(item, "tag", None)
+    return type(item).__name__ if tag is None else f"{type(item).__name__} of {tag}"
 
 
 def _has(*names):

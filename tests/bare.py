@@ -4,6 +4,7 @@ import io
 import json
 import mmap
 import pickle
+from pathlib import Path
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -17,6 +18,9 @@ from hhr_dolfinx.parameters import ParameterSpace
 
 WAIT = 1800
 """Seconds after which another process is held to hang; those of the tests take half a minute on an idle machine."""
+_ROOT = Path(__file__).parent.parent
+SCENE_FOLDERS = [str(_ROOT / name) for name in ("tests", "demos", "benchmarks", "benchmarks/thesis")]
+"""Folders in which other processes find scenes and tests, as `pythonpath` of `pyproject.toml` names them for pytest."""
 
 
 def bare_problem(dofs=6, conditions=2):

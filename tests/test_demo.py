@@ -4,9 +4,11 @@ import json
 import re
 import subprocess
 import sys
+import zipfile
 from functools import partial
 from pathlib import Path
 
+import bolted_joint as joint
 import numpy as np
 import pellet_cladding_plastic as plastic
 import pytest
@@ -18,11 +20,29 @@ import hhr_dolfinx as hhr
 ROOT = Path(__file__).parent.parent
 
 
+def test_the_first_demo_ends_without_a_warning_in_a_model_a_page_and_a_unit(tmp_path):
+    """From a STEP file: the model agrees with the full order on the mesh that the demo made."""
+    command = [sys.executable, str(ROOT / "demos/bolted_joint.py"), "--quick", "--out", str(tmp_path)]
+    run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=WAIT)
+    assert run.returncode == 0, run.stderr[-3000:]
+    assert "Warning" not in run.stderr + run.stdout
+    reduction = json.loads((tmp_path / "report.json").read_text())["reduction"]
+    assert reduction["met"] and reduction["verdict"] in run.stdout
+    assert "modelDescription.xml" in zipfile.ZipFile(tmp_path / "bolted_joint.fmu").namelist()
+    assert (tmp_path / "bolted_joint.html").stat().st_size < 3e6
+    point = {"turn": 0.02, "lift": 0.01, "warmer": 40.0, "E_flange": 70e3}
+    full = hhr.FullOrderModel(joint.scene(tmp_path / "joint.msh"))
+    found, known = hhr.load_model(tmp_path / "model.npz").solve(point), full.solve(point)
+    np.testing.assert_allclose(found.forces(), known.forces(), atol=1e-6 * known.forces().max())
+    assert known.outputs()["clamp force"] > 5e3
+    assert known.outputs()["open share of the joint"] == pytest.approx(found.outputs()["open share of the joint"])
+
+
 @pytest.fixture(scope="module")
 def quick(tmp_path_factory):
     """Output folder of ``--quick``."""
     out = tmp_path_factory.mktemp("demo")
-    command = [sys.executable, str(ROOT / "demos/hertz_half_discs.py"), "--quick", "--out", str(out)]
+    command = [sys.executable, str(ROOT / "benchmarks/thesis/hertz_half_discs.py"), "--quick", "--out", str(out)]
     run = subprocess.run(command, capture_output=True, text=True, cwd=out, timeout=WAIT)
     assert run.returncode == 0, run.stderr[-3000:]
     (out / "printed").write_text(run.stdout)
@@ -118,6 +138,6 @@ def test_readme_history_runs():
 
 
 def test_command_line_help():
-    command = [sys.executable, str(ROOT / "demos/hertz_half_discs.py"), "--help"]
+    command = [sys.executable, str(ROOT / "benchmarks/thesis/hertz_half_discs.py"), "--help"]
     text = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     assert all(option in text for option in ("--out", "--quick", "--seed"))

@@ -7,7 +7,7 @@ import tomllib
 from pathlib import Path
 
 import pytest
-from bare import WAIT
+from bare import SCENE_FOLDERS, WAIT
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.errors import HHRError, MissingPackageError
@@ -28,7 +28,7 @@ OPTIONAL = {name: packages(EXTRAS[name]) for name in EXTRAS if name not in ("all
 
 BLOCKED = f"""
 import sys
-sys.path[:0] = {[str(ROOT / "tests"), str(ROOT / "demos")]!r}
+sys.path[:0] = {SCENE_FOLDERS!r}
 for name in {sorted(set.union(*OPTIONAL.values()))!r}:
     sys.modules[name] = None
 import hhr_dolfinx as hhr
@@ -54,7 +54,7 @@ NEEDED = {
     "tables": "hhr.read_points('table.parquet', hhr.ParameterSpace(('mu',), (0.0,), (1.0,)))",
     "pictures": "import hhr_dolfinx.study.report.plots",
     "local": "from hhr_dolfinx.reduction.clusters import medoids; medoids([[0.0, 1.0], [1.0, 0.0]], 1)",
-    "peers": "from parts.peers import nonnegative_factors; nonnegative_factors(None, 1)",
+    "peers": "from peers import nonnegative_factors; nonnegative_factors(None, 1)",
     "mortar": """
 import dataclasses
 from hhr_dolfinx.geometries import stacked_blocks as stacked

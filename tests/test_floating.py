@@ -7,11 +7,12 @@ import warnings
 import gmsh
 import numpy as np
 import pytest
+from bare import SCENE_FOLDERS
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
 from scipy.optimize import minimize, nnls
-from test_mpi import TESTS, launch
+from test_mpi import launch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.condensation import exact_condensation
@@ -193,7 +194,7 @@ def test_the_active_set_finds_what_a_quadratic_program_does(seed, m, r):
 
 PROGRAM = """
 import json, sys, warnings
-sys.path[:0] = [{tests!r}, {demos!r}]
+sys.path[:0] = {folders!r}
 warnings.simplefilter("ignore")
 import hhr_dolfinx as hhr
 import test_floating, your_scene
@@ -211,7 +212,7 @@ if MPI.COMM_WORLD.rank == 0:
 
 def test_ranks_change_no_motion_and_no_name():
     """Bodies held by contact and mesh files on 1, 2 and 3 ranks: round-off."""
-    program = PROGRAM.format(tests=str(TESTS), demos=str(TESTS.parent / "demos"))
+    program = PROGRAM.format(folders=SCENE_FOLDERS)
     one, *others = (json.loads(launch(ranks, ["-c", program]).splitlines()[-1]) for ranks in (1, 2, 3))
     for other in others:
         for name, (forces, outputs) in one.items():

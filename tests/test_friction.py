@@ -234,9 +234,12 @@ def test_cylinders_and_a_punch_beside_closed_forms():
 
 
 def test_the_fretting_demo_closes_its_loop(tmp_path):
-    found = fretting_study.study(fretting.scene(120), SimpleNamespace(out=tmp_path))["friction"]
+    report = fretting_study.study(fretting.scene(120), SimpleNamespace(out=tmp_path))
+    found = report["friction"]
     assert (tmp_path / "fretting.png").stat().st_size > 10_000
-    assert max(found["errors"].values()) < 1e-11 and found["fallbacks"] == 0
+    assert {"sizes", "times", "ratios"} <= set(report)
+    assert set(found["errors"]) == {"normal", "tangential", "slip"}
+    assert max(error["max"] for error in found["errors"].values()) < 1e-9 and found["fallbacks"] == 0
     assert found["cycles"]["dissipated"] == pytest.approx(found["cycles"]["area of the loop"], rel=0.02)
     tractions = [line["error"] for line in found["reference"] if "traction" in line["quantity"]]
     assert len(tractions) == 2 and max(tractions) < 0.01

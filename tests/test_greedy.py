@@ -10,7 +10,7 @@ import pellet_cladding
 import pytest
 from flowing import SMALL_MESH
 from mpi4py import MPI
-from parts.pellet_families import families
+from pellet_families import families
 from scenes import pressed_block, pressed_pair, whole_domain
 from scipy.sparse import csc_matrix, csr_matrix
 from scipy.sparse.linalg import splu

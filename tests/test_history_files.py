@@ -5,7 +5,6 @@ import subprocess
 import sys
 from collections import Counter
 from dataclasses import dataclass, replace
-from pathlib import Path
 from types import SimpleNamespace
 
 import flowing
@@ -13,7 +12,7 @@ import numpy as np
 import pellet_cladding
 import pellet_cladding_plastic as demo
 import pytest
-from bare import WAIT, BareFull, bare_problem, on_disk
+from bare import SCENE_FOLDERS, WAIT, BareFull, bare_problem, on_disk
 from scenes import pressed_block
 from scipy.sparse import csc_matrix
 from toy_law import Bingham
@@ -28,7 +27,6 @@ from hhr_dolfinx.models.histories import march
 from hhr_dolfinx.snapshots import store as store_of_snapshots
 from hhr_dolfinx.snapshots.store import _digest_of
 
-TESTS = Path(__file__).parent
 PATH = demo.path(10.0, flowing.STEPS)
 RENEWED = hhr.MarchSettings("tangent")
 """New tangents in each iteration: nothing but answers passes from step to step, and a resumed history is the same."""
@@ -146,7 +144,7 @@ def test_kept_tangents_stay_behind_and_answers_agree(full, tmp_path, monkeypatch
 
 KILLED = f"""
 import os, signal, sys
-sys.path[:0] = [{str(TESTS)!r}, {str(TESTS.parent / "demos")!r}]
+sys.path[:0] = {SCENE_FOLDERS!r}
 import numpy as np
 import test_history_files as tests
 whole, written = np.savez, []

@@ -13,10 +13,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bare import WAIT
+from bare import SCENE_FOLDERS, WAIT
 
 ROOT = Path(__file__).parent.parent
 FOLDERS = {"hhr_dolfinx": "hhr_dolfinx", "forms": "hhr_dolfinx.forms", "geometries": "hhr_dolfinx.geometries"}
+
+SCRIPTS = [path for folder in ("demos", "benchmarks/thesis") for path in (ROOT / folder).rglob("*.py")]
 
 
 def modules():
@@ -137,7 +139,7 @@ def test_every_folder_is_installed():
 
 def test_functions_fit_on_a_screen():
     """Functions of up to 60 lines; a file is as long as its idea."""
-    for path in (*MODULES.values(), *(ROOT / "demos").rglob("*.py")):
+    for path in (*MODULES.values(), *SCRIPTS):
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.FunctionDef):
                 assert node.end_lineno - node.lineno < 60, (path, node.name)
@@ -164,9 +166,7 @@ def test_public_functions_say_their_types():
 
 def test_one_clock():
     clocks = re.compile(r"^\s*(?:import time|from time|import timeit)\b", re.MULTILINE)
-    holders = [
-        path.name for path in (*MODULES.values(), *(ROOT / "demos").rglob("*.py")) if clocks.search(path.read_text())
-    ]
+    holders = [path.name for path in (*MODULES.values(), *SCRIPTS) if clocks.search(path.read_text())]
     assert holders == ["timing.py"]
 
 
@@ -284,7 +284,7 @@ settings = hhr.StudySettings([paths[5.0], paths[15.0]], held_out=[paths[8.0]], t
 def modules_of_a_study(program, folder):
     """Modules loaded by a whole study, report and model file included, pictures not."""
     program = (
-        f"import sys; sys.path.insert(0, {str(ROOT / 'demos')!r})\n"
+        f"import sys; sys.path[:0] = {SCENE_FOLDERS!r}\n"
         f"from pathlib import Path\nimport hhr_dolfinx as hhr\nfrom rich.console import Console\n{program}\n"
         "study = hhr.study_scene(scene, settings, Path('.'))\n"
         "study.write(Path('.'), Console(quiet=True))\n"

@@ -9,12 +9,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bare import WAIT
+from bare import SCENE_FOLDERS, WAIT
 
-TESTS = Path(__file__).parent
 PROGRAM = """
 import dataclasses, json, sys, warnings, weakref
-sys.path[:0] = [{tests!r}, {demos!r}, {demos!r}[:-5] + "benchmarks"]
+sys.path[:0] = {folders!r}
 import numpy as np
 import contact_patch_test as patch
 import flowing as pellets
@@ -292,7 +291,7 @@ ELSEWHERE = {
 def found(tmp_path_factory):
     """Numbers by the number of ranks."""
     folder = str(tmp_path_factory.mktemp("snapshots"))
-    program = PROGRAM.format(tests=str(TESTS), demos=str(TESTS.parent / "demos"), folder=folder)
+    program = PROGRAM.format(folders=SCENE_FOLDERS, folder=folder)
     return {ranks: json.loads(launch(ranks, ["-c", program]).splitlines()[-1]) for ranks in (1, 2, 3)}
 
 
@@ -410,7 +409,7 @@ def test_a_rank_without_cells_is_told_on_every_rank():
 
 STUDY = """
 import dataclasses, sys
-sys.path.insert(0, {demos!r})
+sys.path[:0] = {folders!r}
 import hertz_half_discs as demo
 demo.SETTINGS = dataclasses.replace(demo.SETTINGS, variants=(), models={{}}, queries=5, naive=False)
 demo.VIEW = None
@@ -423,7 +422,7 @@ def test_a_study_on_two_ranks_is_that_on_one(tmp_path):
 
     Of the demo without what takes its time and does not depend on ranks: variants, pictures, most timed queries.
     """
-    program = STUDY.format(demos=str(TESTS.parent / "demos"))
+    program = STUDY.format(folders=SCENE_FOLDERS)
     reports = []
     for ranks in (1, 2):
         launch(ranks, ["-c", program, "--quick", "--out", str(tmp_path / str(ranks))])
@@ -446,7 +445,7 @@ def test_a_serial_demo_ends_on_other_ranks():
 
 FAILING = """
 import sys
-sys.path[:0] = [{tests!r}, {demos!r}]
+sys.path[:0] = {folders!r}
 import dataclasses
 from types import SimpleNamespace
 import numpy as np
@@ -538,7 +537,7 @@ EACH_FOR_ITSELF = {
 
 
 def run_failing(case, ranks, patience=3.0):
-    program = FAILING.format(tests=str(TESTS), demos=str(TESTS.parent / "demos"), case=case, patience=patience)
+    program = FAILING.format(folders=SCENE_FOLDERS, case=case, patience=patience)
     return run_program(ranks, ["-c", program], limit=WAIT)
 
 

@@ -10,7 +10,7 @@ import contact_patch_test as patch
 import numpy as np
 import pellet_cladding_nonmatching as demo
 import pytest
-from bare import WAIT
+from bare import SCENE_FOLDERS, WAIT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
@@ -33,7 +33,6 @@ from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.projection import load_nodes, open_conditions, project, reduced_domain
 from hhr_dolfinx.study.measure import References
 
-ROOT = Path(__file__).parent.parent
 MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
 
 
@@ -423,8 +422,8 @@ def test_errors_of_the_demo_on_a_coarse_mesh(pellet, pairing):
 
 
 def run_quick(name, out, *arguments):
-    folder = "demos" if (ROOT / f"demos/{name}.py").exists() else "benchmarks"
-    command = [sys.executable, str(ROOT / f"{folder}/{name}.py"), "--quick", "--out", str(out), *arguments]
+    (script,) = (path for folder in SCENE_FOLDERS if (path := Path(folder, f"{name}.py")).exists())
+    command = [sys.executable, str(script), "--quick", "--out", str(out), *arguments]
     run = subprocess.run(command, capture_output=True, text=True, cwd=out, timeout=WAIT)
     assert run.returncode == 0, run.stderr[-3000:]
 

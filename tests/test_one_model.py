@@ -13,7 +13,7 @@ from contextlib import suppress
 import hertz_half_discs as demo
 import numpy as np
 import pytest
-from parts.peers import DualBasisModel
+from peers import DualBasisModel
 from scenes import pressed_block
 from scipy.stats import spearmanr
 from test_active_set import Twice

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
-from parts.pellet_families import families
+from pellet_families import families
 from scenes import pressed_block
 
 import hhr_dolfinx as hhr

@@ -3,9 +3,9 @@
 import hertz_half_discs as demo
 import numpy as np
 import pytest
+from coarser import CoarserMesh
 from mpi4py import MPI
-from parts.coarser import CoarserMesh
-from parts.peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
+from peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.condensation import exact_condensation

@@ -254,7 +254,7 @@ def test_batch_without_a_column_or_file(small, tmp_path):
 def run_demo(*arguments, cwd, ranks=1):
     from test_mpi import launch
 
-    return launch(ranks, [str(ROOT / "demos/pellet_cladding.py"), "--quick", *arguments], cwd)
+    return launch(ranks, [str(ROOT / "benchmarks/thesis/pellet_cladding.py"), "--quick", *arguments], cwd)
 
 
 def test_batch_on_two_ranks_gives_the_same_numbers(tmp_path):

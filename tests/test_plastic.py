@@ -4,7 +4,6 @@ import dataclasses
 import json
 import subprocess
 import sys
-from pathlib import Path
 
 import contact_patch_test as patch
 import numpy as np
@@ -34,7 +33,6 @@ from hhr_dolfinx.reduction.flow import project_flow, tangent_margin
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.recipe import Deim, FlowDeim, ForceDeim, LoadNodes, Pod, Rid, StressDeim, Zone
 
-ROOT = Path(__file__).parent.parent
 YOUNG, POISSON = 200.0, 0.3
 MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
 
@@ -508,7 +506,7 @@ def test_no_flow_costs_two_iterations_a_step():
 
 
 def test_quick_demo(tmp_path):
-    command = [sys.executable, str(ROOT / "demos/pellet_cladding_plastic.py"), "--quick", "--out", str(tmp_path)]
+    command = [sys.executable, demo.__file__, "--quick", "--out", str(tmp_path)]
     run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=WAIT)
     assert run.returncode == 0, run.stderr[-3000:]
     report = json.loads((tmp_path / "report.json").read_text())

@@ -1,20 +1,19 @@
 """Models that ranks build together, each with the rows of its own dofs: those of one rank, and no rank has all rows."""
 
 import json
-from pathlib import Path
 
 import numpy as np
 import pytest
+from bare import SCENE_FOLDERS
 from scipy.sparse import random_array
 from test_mpi import launch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.linear.rows import MatrixOfRows, Rows
 
-TESTS = Path(__file__).parent
 PROGRAM = """
 import dataclasses, json, sys, warnings
-sys.path[:0] = [{tests!r}, {demos!r}]
+sys.path[:0] = {folders!r}
 import numpy as np
 from mpi4py import MPI
 import test_floating, test_rows, toy_basis, your_scene
@@ -151,7 +150,7 @@ class OwnNodes:
 def found(tmp_path_factory):
     """Numbers by the number of ranks."""
     folder = str(tmp_path_factory.mktemp("rows"))
-    program = PROGRAM.format(tests=str(TESTS), demos=str(TESTS.parent / "demos"), folder=folder)
+    program = PROGRAM.format(folders=SCENE_FOLDERS, folder=folder)
     return {ranks: json.loads(launch(ranks, ["-c", program]).splitlines()[-1]) for ranks in (1, 2, 3)}
 
 

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import press_fit as fit
 import pytest
+from bare import SCENE_FOLDERS
 from mpi4py import MPI
 from scenes import PAIR_BOX, check_contact_conditions, largest_difference, pressed_block, pressed_pair, slope_errors
 from test_mpi import launch
@@ -369,7 +370,7 @@ def test_what_a_shape_has_no_answer_for_yet(pair):
 
 PROGRAM = """
 import sys
-sys.path[:0] = [{tests!r}, {demos!r}]
+sys.path[:0] = {folders!r}
 import test_shapes
 import hhr_dolfinx as hhr
 try:
@@ -379,7 +380,6 @@ except hhr.errors.SceneError as error:
 """
 
 
-def test_several_ranks_are_refused(request):
-    tests = request.path.parent
-    said = launch(2, ["-c", PROGRAM.format(tests=str(tests), demos=str(tests.parent / "demos"))])
+def test_several_ranks_are_refused():
+    said = launch(2, ["-c", PROGRAM.format(folders=SCENE_FOLDERS)])
     assert said.count("depends on parameters: build its model on one rank") == 2

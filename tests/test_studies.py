@@ -9,7 +9,7 @@ import contact_patch_test as patch
 import hertz_half_discs as discs
 import numpy as np
 import pytest
-from parts.paths import PathCase, summarise_paths, try_path
+from paths import PathCase, summarise_paths, try_path
 from scenes import pressed_block
 from toy_rival import NearestAnswer, NearestHistory
 

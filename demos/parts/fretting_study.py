@@ -12,6 +12,7 @@ from mpi4py import MPI
 import hhr_dolfinx as hhr
 from hhr_dolfinx.study.report.friction import draw_friction, tangential_forces
 from hhr_dolfinx.timing import timed
+from parts.friction_report import differences, errors_of, sizes_and_times
 
 STEPS = 10
 """Increments of a quarter of a cycle."""
@@ -55,16 +56,16 @@ class Mindlin:
 
 
 def study(scene: hhr.Scene, options: Any) -> dict[str, Any]:
-    """The report, and the picture in its folder."""
+    """Entries of the report; the picture goes to its folder."""
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
     model, offline = timed(lambda: hhr.condense(full))
     steps = path()
     seconds, histories = {}, {}
-    for name, one in (("full order", full), ("condensed", model)):
+    for name, one in (("fom_best", full), ("online", model)):
         one.march(steps[:4])
         histories[name], taken = timed(partial(one.march, steps))
-        seconds[name] = taken / (len(steps) - 1)
-    exact, found = histories["full order"], histories["condensed"]
+        seconds[name] = [taken / (len(steps) - 1)]
+    exact, found = histories["fom_best"], histories["online"]
     x = full.problem.contact_points[model.friction.normal, 0]
     turn, back = STEPS, 2 * STEPS
     references, closed = [], {}
@@ -81,13 +82,12 @@ def study(scene: hhr.Scene, options: Any) -> dict[str, Any]:
         tractions={turn: "sheared", back: "back at the middle"}, closed_forms=closed,
         labels=("x [mm]", "traction [MPa]", "tangential force [N/mm]"),
     )  # fmt: skip
-    return {"friction": {
+    return sizes_and_times(full, seconds, offline) | {"friction": {
         "increments": len(found.answers),
         "iterations": {"mean": float(np.mean(found.iterations)), "max": max(found.iterations)},
         "fallbacks": sum(answer.cycled for answer in found.answers),
         "mu_kappa": model.coupling(steps[-1][1]),
-        "errors": errors(model.friction, found, exact),
-        "times": {"offline": offline, **{f"{name}, an increment": value for name, value in seconds.items()}},
+        "errors": errors_of([differences(full, found, exact)]),
         "cycles": cycles(found, shears.sum(axis=1)),
         "reference": references,
     }}  # fmt: skip
@@ -114,15 +114,6 @@ def row(case: str, quantity: str, reference: float, ours: float) -> dict[str, An
         "ours": float(ours),
         "error": float(error),
     }
-
-
-def errors(friction: Any, found: hhr.History, exact: hhr.History) -> dict[str, float]:
-    """Largest differences of two histories, by the largest value of each kind."""
-    rows = {"normal": friction.normal, "tangential": friction.tangential}
-    values = {name: [np.array([answer.forces()[own] for answer in history.answers]) for history in (found, exact)]
-              for name, own in rows.items()}  # fmt: skip
-    values["slip"] = [np.array([answer.slip.path for answer in history.answers]) for history in (found, exact)]
-    return {name: float(np.abs(one - two).max() / np.abs(two).max()) for name, (one, two) in values.items()}
 
 
 def cycles(history: hhr.History, shear: np.ndarray) -> dict[str, float]:

@@ -180,7 +180,8 @@ def tabor(full: hhr.FullOrderModel) -> tuple[list[dict[str, Any]], list[dict[str
 
 def told(scaling: dict[str, list], rows: list, imprints: list, calibration: dict[str, Any], options: Any) -> None:
     """Write ``report.json`` and print its tables."""
-    report.write_report({"scene": "indentation", **report.environment(), "calibration": calibration, "tabor": rows,
+    report.write_report({"scene": "indentation", "seed": options.seed, **report.environment(),
+                         "calibration": calibration, "tabor": rows,
                          "models": {name: {"scaling": table} for name, table in scaling.items()},
                          "imprints": imprints}, options.out)  # fmt: skip
     for name, table in scaling.items():

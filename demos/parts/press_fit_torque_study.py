@@ -14,6 +14,7 @@ from scipy.stats import qmc
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.timing import timed
+from parts.friction_report import differences, errors_of, sizes_and_times
 
 STEPS = 10
 """Increments of the turn."""
@@ -51,50 +52,51 @@ def lame(design: np.ndarray) -> float:
     return 2 * np.pi * radius**2 * demo.LENGTH * friction * pressure
 
 
-def beside(full: Any, model: Any, some: np.ndarray, progress: Any) -> dict[str, Any]:
-    """Errors of the torque at slip, and times, of some designs."""
-    errors, seconds, iterations, rows = [], [], [], []
+def compared(full: Any, model: Any, some: np.ndarray, progress: Any) -> tuple[dict[str, Any], dict[str, list[float]]]:
+    """Errors of some designs for the report, and seconds of an increment of each design."""
+    errors, off, iterations, rows = [], [], [], []
+    seconds: dict[str, list[float]] = {"fom_best": [], "online": []}
     fallbacks = 0
     for number, design in enumerate(progress(some)):
-        exact, slow = timed(partial(full.march, path(design)))
-        found, fast = timed(partial(model.march, path(design)))
+        steps = path(design)
+        exact, slow = timed(partial(full.march, steps))
+        found, fast = timed(partial(model.march, steps))
         wanted, ours = torques(exact), torques(found)
-        errors.append(np.abs(ours - wanted).max() / wanted.max())
-        seconds.append((slow, fast))
+        off.append(np.abs(ours - wanted).max() / wanted.max())
+        errors.append(differences(full, found, exact))
+        for name, taken in (("fom_best", slow), ("online", fast)):
+            seconds[name].append(taken / (len(steps) - 1))
         iterations += found.iterations
         fallbacks += sum(answer.cycled for answer in found.answers)
         rows.append({
             "case": f"design {number + 1}", "quantity": "torque at slip", "reference": float(wanted.max()),
             "ours": float(ours.max()), "error": float(abs(ours.max() / wanted.max() - 1)),
         })  # fmt: skip
-    slow, fast = np.median(seconds, axis=0)
     return {
         "increments": len(iterations),
         "iterations": {"mean": float(np.mean(iterations)), "max": max(iterations)},
         "fallbacks": fallbacks,
+        "errors": errors_of(errors),
         "reference": rows,
-        "torque": {"designs": len(some), "mean": float(np.mean(errors)), "max": float(np.max(errors))},
-        "times": {"full order, a design": float(slow), "condensed, a design": float(fast)},
-        "ratio": float(np.median(np.divide(*np.transpose(seconds)))),
-    }
+        "torque": {"designs": len(some), "mean": float(np.mean(off)), "max": float(np.max(off))},
+    }, seconds
 
 
 def study(scene: hhr.Scene, options: Any) -> dict[str, Any]:
-    """The report, and the picture in its folder."""
+    """Entries of the report; the picture goes to its folder."""
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
     model, offline = timed(lambda: hhr.condense(full))
     options.out.mkdir(parents=True, exist_ok=True)
     hhr.save_model(options.out / "model.npz", model)
-    found = beside(full, model, designs(options.designs, options.seed + 1), options.progress("designs"))
+    found, seconds = compared(full, model, designs(options.designs, options.seed + 1), options.progress("designs"))
     cases = designs(options.cases, options.seed)
     histories = (model.march(path(design)) for design in options.progress("cases")(cases))
     curves = np.array([torques(history) for history in histories])
     draw(full, model, cases, curves, options.out / "press_fit_torque.png")
     peaks, long = curves.max(axis=1), np.array([lame(design) for design in cases])
     pressed = long > 0
-    return {"friction": found | {
+    return sizes_and_times(full, seconds, offline) | {"friction": found | {
         "mu_kappa": model.coupling(path(cases[0])[-1][1]),
-        "times": found["times"] | {"offline": offline},
         "cases": len(cases),
         "torque over Lame's": {name: float(np.quantile(peaks[pressed] / long[pressed], share))
                                for name, share in (("5 %", 0.05), ("median", 0.5), ("95 %", 0.95))},

@@ -63,9 +63,8 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
     if not (kept or floats):
         fields: Any = _solved_fields(full, free)
     else:
-        fields = ExactFields(
-            problem.amplitudes, problem.lifts, full.per_force, free, size, floats, full.stress_of, functionals=outputs
-        )
+        rest = free, size, floats, full.stress_of, outputs, full
+        fields = ExactFields(problem.amplitudes, problem.lifts, full.per_force, *rest)
     if problem.rigid is not None:
         return _floating(problem, problem.rigid, responses, known, fields)
     eliminated = ConstantElimination(responses, problem.amplitudes)
@@ -81,7 +80,7 @@ def _solved_fields(full: FullOrderModel, free: np.ndarray) -> SolvedFields:
     read = rows if full.has_room(rows.shape[0]) else rows[:0]
     return SolvedFields(
         problem.amplitudes, problem.lifts, free, problem.block_size, np.ascontiguousarray(-full.pressed(read)),
-        full.pushed_everywhere, full.stress_of, outputs,
+        full.pushed_everywhere, full.stress_of, outputs, full,
     )  # fmt: skip
 
 

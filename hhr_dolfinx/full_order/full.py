@@ -529,6 +529,20 @@ class FullOrderModel(AnsweringModel, ModelFields):
             return answer.gauss.stress.copy()
         return self.stress_of(self.displacement(answer), answer.parameter)
 
+    @property
+    def full(self) -> FullOrderModel:
+        """Itself, of its own answers; see :class:`~hhr_dolfinx.models.answer.ModelFields`."""
+        return self
+
+    def areas(self, mu: Any) -> np.ndarray:
+        """Tributary areas of the contact conditions at a parameter, on which shapes may depend, (N_lambda,)."""
+        shaped = self.problem.reshaped
+        return (self.problem if shaped is None else shaped(self.parameters.point(mu))).contact_areas
+
+    def facts(self) -> dict[str, str]:
+        """See :class:`~hhr_dolfinx.models.shown.Shown`."""
+        return {"scene": f"scene '{self.scene.name}'", **super().facts()}
+
     def stress_of(self, displacement: np.ndarray, mu: Any = None) -> np.ndarray:
         """Elastic stress of a displacement (N,) in the middle of each cell, Kelvin's notation, (cells, components).
 

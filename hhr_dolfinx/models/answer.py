@@ -10,8 +10,10 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
+from hhr_dolfinx.compat import drawn
 from hhr_dolfinx.contact.active_set import Status, Statuses
-from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError
+from hhr_dolfinx.errors import ConvergenceError, HHRError, NotOfferedError, NotSolvableError
+from hhr_dolfinx.models.shown import Shown, counted, line, point_of, table
 from hhr_dolfinx.trained import USUAL, Signs
 
 if TYPE_CHECKING:
@@ -58,6 +60,7 @@ class ModelFields:
         frictional: completes forces and slip of hyper-reduced contact with friction.
         functionals: outputs of the scene.
         unbounded: why nothing is known of errors, where nothing is.
+        full: the full model, which has the mesh; None of a copy or from a file, since a mesh belongs to one process.
         exact: whether there is no reduction error at all.
     """
 
@@ -68,6 +71,7 @@ class ModelFields:
     frictional: Any = None
     functionals: Any = None
     unbounded: str = ""
+    full: Any = None
     exact: ClassVar[bool] = False
 
     @property
@@ -152,6 +156,22 @@ class Answer(NamedTuple):
     slip: SlipState | None = None
     undetermined: np.ndarray | None = None
 
+    def facts(self) -> dict[str, str]:
+        """See :class:`~hhr_dolfinx.models.shown.Shown`."""
+        found = {"parameter": f"at {point_of(self.parameter)}"}
+        if not math.isnan(self.time):
+            found["time"] = f"t = {self.time:.6g} s"
+        found["status"] = f"{self.status.name.lower().replace('_', ' ')} after {counted(self.iterations, 'iteration')}"
+        touching = int(np.count_nonzero(self.active))
+        found["contact"] = f"{touching} of {counted(len(self.active), 'contact condition')} active"
+        return found
+
+    def __repr__(self) -> str:
+        return line("Answer", self.facts())
+
+    def _repr_html_(self) -> str:
+        return table("Answer", self.facts())
+
     @property
     def parts(self) -> int:
         """In how many parts the step was solved."""
@@ -169,6 +189,42 @@ class Answer(NamedTuple):
     def forces(self) -> np.ndarray:
         """Nodal contact forces on the whole contact surface, (N_lambda,)."""
         return self.fields.forces(self)
+
+    def pressure(self, full: Any = None) -> np.ndarray:
+        """Contact pressure at each condition of the whole surface: nodal forces over tributary areas, (N_lambda,).
+
+        Tangential conditions of friction have tractions. Conditions without an area are NaN.
+
+        Args:
+            full: the full model, whose mesh has the areas; an answer of the process that made its model knows it.
+
+        Raises:
+            NotOfferedError: by a copy, or a model from a file, without ``full``.
+        """
+        areas = self._meshed(full, "pressures need the areas of the contact conditions").areas(self.parameter)
+        return np.divide(self.forces(), areas, out=np.full(len(areas), np.nan), where=areas > 0)
+
+    def plot(self, path: Any = None, full: Any = None) -> Any:
+        """Picture of the contact pressure and of the deformed bodies, as a figure of matplotlib.
+
+        Args:
+            path: where to save it besides; None for nowhere.
+            full: see :meth:`pressure`.
+
+        Raises:
+            NotOfferedError: by a copy, or a model from a file, without ``full``.
+            MissingPackageError: without matplotlib.
+        """
+        return drawn(self, path, self._meshed(full, "a picture needs the mesh"))
+
+    def _meshed(self, full: Any, why: str) -> Any:
+        found = getattr(self.fields, "full", None) if full is None else full
+        if found is None:
+            raise NotOfferedError(
+                f"a model that was copied or read from a file has no mesh, and {why}: give the full model, "
+                "full=hhr.FullOrderModel(scene)"
+            )
+        return found
 
     def stress(self) -> np.ndarray:
         """Stress on the whole mesh in Kelvin's notation: at Gauss points where bodies flow, else in cell middles."""
@@ -212,8 +268,8 @@ class Answer(NamedTuple):
         return outputs_of(self)
 
 
-@dataclass
-class History:
+@dataclass(repr=False)
+class History(Shown):
     """A solved history; what converged before a failure is kept in the error's ``history``.
 
     Attributes:
@@ -231,6 +287,15 @@ class History:
     signs: list[Signs] = field(default_factory=list)
     cuts: int = 0
     time_tolerance: float | None = None
+
+    def facts(self) -> dict[str, str]:
+        """See :class:`~hhr_dolfinx.models.shown.Shown`."""
+        end = self.answers[-1].time if self.answers else self.start
+        return {
+            "steps": counted(len(self.answers), "step"),
+            "time": f"t = {self.start:.6g} to {end:.6g} s",
+            "iterations": counted(sum(self.iterations), "iteration"),
+        }
 
     @property
     def time_error(self) -> np.ndarray:
@@ -274,7 +339,7 @@ class History:
         return [answer.iterations for answer in self.answers]
 
 
-class SeveralAnswers:
+class SeveralAnswers(Shown):
     """Answers to several parameters, in their order; ``answers[k]`` is one of them, like any :class:`Answer`.
 
     Attributes:
@@ -286,6 +351,14 @@ class SeveralAnswers:
     points: np.ndarray
     status: list[Status]
     iterations: np.ndarray
+
+    def facts(self) -> dict[str, str]:
+        """See :class:`~hhr_dolfinx.models.shown.Shown`."""
+        return {
+            "answers": counted(len(self), "answer"),
+            "converged": f"{int(self.converged.sum())} converged",
+            "parameters": counted(self.points.shape[1], "parameter") if len(self) else "no point",
+        }
 
     def __len__(self) -> int:
         return len(self.points)
@@ -326,7 +399,7 @@ class SeveralAnswers:
         return {name: np.array([outputs[name] for outputs in found]) for name in found[0].keys()}
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ListedAnswers(SeveralAnswers):
     """Answers found one by one, each with all that it has: a state where bodies flow, fields of a model of its own.
 

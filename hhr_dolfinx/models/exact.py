@@ -72,6 +72,7 @@ class ExactFields(_Exact):
         floats: whether contact alone holds bodies, whose rigid motions only the unknown of an answer tells.
         stress_of: stress of a displacement; None of a copy or from a file, since a mesh belongs to one process.
         functionals: outputs of the scene; None where it has none.
+        full: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
     """
 
     amplitudes: Amplitudes
@@ -82,6 +83,7 @@ class ExactFields(_Exact):
     floats: bool = False
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     functionals: Functionals | None = None
+    full: Any = field(default=None, metadata=OF_THE_MESH)
 
     @property
     def conditions(self) -> int:
@@ -121,7 +123,7 @@ class SolvedFields(_Exact):
         measured_per_force: rows of the outputs times -K^-1 B^T, (K, N_lambda); without rows where outputs have too
             many, as a largest stress has: they are read at displacements then, one more solution each.
         pushed: K^-1 B^T times forces; None of a copy or from a file, since factors belong to one process.
-        stress_of, functionals: see :class:`ExactFields`.
+        stress_of, functionals, full: see :class:`ExactFields`.
     """
 
     amplitudes: Amplitudes
@@ -132,6 +134,7 @@ class SolvedFields(_Exact):
     pushed: Callable[[np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     functionals: Functionals | None = None
+    full: Any = field(default=None, metadata=OF_THE_MESH)
 
     @property
     def conditions(self) -> int:

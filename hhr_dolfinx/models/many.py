@@ -23,7 +23,7 @@ APART = 16
 """Points from which on some are settled first, for the others to start from: one of so many."""
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class ManyAnswers(SeveralAnswers):
     """Answers of one model in which nothing flows to many parameters, as arrays.
 
@@ -73,7 +73,7 @@ class ManyAnswers(SeveralAnswers):
         return super().estimates() if found is None else found
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class PartedAnswers(SeveralAnswers):
     """Answers of several models to many parameters, each of the model that was asked.
 

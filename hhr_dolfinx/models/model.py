@@ -24,6 +24,7 @@ from hhr_dolfinx.errors import (
 from hhr_dolfinx.models.answer import Answer, History, Path, SeveralAnswers, one_by_one, outcome, unanswered
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import checked_path, one_step, refuse_gradient, solve_along
+from hhr_dolfinx.models.shown import MOST, Shown, counted
 from hhr_dolfinx.plain import rebuilt
 from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange, check_outside
 from hhr_dolfinx.warn import warn
@@ -62,7 +63,7 @@ def checked_start(start: Any, conditions: int) -> Any:
     return statuses
 
 
-class AnsweringModel:
+class AnsweringModel(Shown):
     """What all kinds of models have in common; each says how it answers, and has quicker ways where there are any.
 
     Attributes:
@@ -88,6 +89,25 @@ class AnsweringModel:
     usual_outside: ClassVar[str] = "warn"
     of_full_order: ClassVar[bool] = False
     instead: ClassVar[str] = "it needs the mesh and its factors. Keep a reduced or a condensed model, training.build()"
+
+    def facts(self) -> dict[str, str]:
+        """See :class:`~hhr_dolfinx.models.shown.Shown`."""
+        names = self.parameters.names
+        own = self.own_conditions
+        every = self.conditions
+        kept = counted(every, "contact condition") if own == every else f"{own} of {every} contact conditions"
+        unknowns = self.sizes[0]
+        return {
+            "parameters": f"{counted(len(names), 'parameter')} ({', '.join(names[:MOST])})",
+            **({"unknowns": counted(unknowns, "unknown")} if unknowns else {}),
+            "contact": kept,
+            "errors": self._errors_in_a_word(),
+        }
+
+    def _errors_in_a_word(self) -> str:
+        if self.of_full_order or getattr(self.fields, "exact", False):
+            return "exact"
+        return f"errors: {getattr(self.fields, 'estimated', '') or 'unknown'}"
 
     @property
     def dimension(self) -> int:

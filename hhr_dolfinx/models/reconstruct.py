@@ -164,6 +164,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         response: makes the coordinates of forces on the whole surface where S and the response to loads are known; None
             where they are gamma.
         frictional: what completes forces and slip of contacts with friction; None without friction.
+        full: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
     """
 
     amplitudes: Amplitudes
@@ -185,6 +186,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     unbounded: str = ""
     response: FieldResponse | None = None
     frictional: FrictionalFields | None = None
+    full: Any = field(default=None, metadata=OF_THE_MESH)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Wrong conditions of the RID, and columns that are not those of what makes their coordinates."""

@@ -20,6 +20,7 @@ from hhr_dolfinx.models.estimates import Estimate, columns, shown_of
 from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.models.local import LEAF, LocalModels
 from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.models.shown import counted, line, table
 from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import TrainedRange, check_outside
@@ -61,6 +62,21 @@ class Answers(NamedTuple):
     fell_back: np.ndarray | None = None
     model: np.ndarray | None = None
     total_force: np.ndarray | None = None
+
+    def facts(self) -> dict[str, str]:
+        """See :class:`~hhr_dolfinx.models.shown.Shown`."""
+        return {
+            "rows": counted(len(self.points), "row"),
+            "answers": f"{self.status.count(OK)} ok",
+            "parameters": counted(self.points.shape[1], "parameter"),
+            "outputs": f"outputs: {', '.join(self.outputs) or 'none'}",
+        }
+
+    def __repr__(self) -> str:
+        return line("Answers", self.facts())
+
+    def _repr_html_(self) -> str:
+        return table("Answers", self.facts())
 
     @classmethod
     def joined(cls, parts: list[Answers]) -> Answers:

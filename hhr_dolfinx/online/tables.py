@@ -258,7 +258,7 @@ def write_answers(
     Raises:
         FileError: if the file cannot be written.
     """
-    columns = _columns_of(answers)
+    columns = columns_of(answers)
     if Path(path).suffix == PARQUET:
         named = dict(zip(space.names, answers.points.T, strict=True))
         write_columns(Path(path), {**named, _STATUS: answers.status, **columns})
@@ -274,7 +274,7 @@ def write_answers(
     return sum(status != OK for status in answers.status)
 
 
-def _columns_of(answers: Answers) -> dict[str, np.ndarray]:
+def columns_of(answers: Answers) -> dict[str, np.ndarray]:
     """Numbers of all rows by the heads of their columns, in their order."""
     columns = {} if answers.largest_displacement is None else {"largest_displacement": answers.largest_displacement}
     columns["total_force"] = answers.forces.sum(axis=1) if answers.total_force is None else answers.total_force

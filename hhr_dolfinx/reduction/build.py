@@ -380,7 +380,7 @@ def _fields(
     with log.stage("reconstruction"):
         cone = (recipe.cone or bound is None) and problem.friction is None
         fields = shared.completion.reconstruction(problem, bounding.columns, sets, flow, cone=cone)
-        fields = replace(fields, bound=bound, unbounded=bounding.unbounded, stress_of=full.stress_of)
+        fields = replace(fields, bound=bound, unbounded=bounding.unbounded, stress_of=full.stress_of, full=full)
         fields = replace(fields, functionals=_functionals(full, basis), response=response)
         if recipe.indicator is not None:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))

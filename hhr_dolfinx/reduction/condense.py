@@ -239,7 +239,7 @@ def _no_fields(full: Any, settings: GridSettings) -> InterpolatedFields:
     if problem.reshaped is not None and functionals is not None:
         functionals = reshaped_functionals(functionals, problem, basis, settings)
     return InterpolatedFields(
-        problem.amplitudes, basis, problem.lifts, None, problem.block_size, None, functionals=functionals
+        problem.amplitudes, basis, problem.lifts, None, problem.block_size, None, functionals=functionals, full=full
     )
 
 
@@ -265,7 +265,7 @@ def _fields(full: Any, seen: list[np.ndarray], settings: GridSettings) -> Interp
     if problem.reshaped is not None and functionals is not None:
         functionals = reshaped_functionals(functionals, problem, basis, settings)
     rest = galerkin, problem.block_size, full.stress_of, functionals
-    return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest)
+    return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest, full=full)
 
 
 def _bounded(

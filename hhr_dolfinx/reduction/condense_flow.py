@@ -408,7 +408,7 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
         fields = CondensedFlowFields(
             problem.amplitudes, elastic.factors, elastic.parts, basis, elastic.per_force, elastic.forced,
             elastic.given, problem.block_size, shared.fields.on(flow.points, full.equilibrium), full.functionals,
-            problem.friction,
+            problem.friction, full,
         )  # fmt: skip
         model = CondensedFlowModel(flow, full.parameters, fields)
     with log.stage("compilation"):  # once for an installation, not for each model

@@ -23,6 +23,7 @@ from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ReductionErro
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, told_once
 from hhr_dolfinx.models.histories.far_sliding import first_alone
+from hhr_dolfinx.models.shown import Shown, counted
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.warn import warn
 
@@ -135,8 +136,8 @@ Progress = Callable[[Iterable], Iterable]
 """Wraps an iteration, for a progress bar."""
 
 
-@dataclass(frozen=True, eq=False)
-class SnapshotSet:
+@dataclass(frozen=True, eq=False, repr=False)
+class SnapshotSet(Shown):
     """Answers of the full model, one column each: at single parameters, or of steps of some histories.
 
     Attributes:
@@ -157,6 +158,16 @@ class SnapshotSet:
     states: tuple[GaussState, ...] = ()
     histories: tuple[History, ...] = ()
     columns: np.ndarray | None = None
+
+    def facts(self) -> dict[str, str]:
+        """See :class:`~hhr_dolfinx.models.shown.Shown`."""
+        steps = f"steps of {len(self.histories)} histories" if self.histories else "answers"
+        return {
+            "answers": f"{len(self.points)} {steps}",
+            "parameters": counted(self.points.shape[1], "parameter"),
+            "unknowns": counted(len(self.displacements), "unknown"),
+            "contact": counted(len(self.forces), "contact condition"),
+        }
 
     @classmethod
     def of_answers(cls, answers: Sequence[Answer], histories: Sequence[History] = ()) -> SnapshotSet:

@@ -453,6 +453,7 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
         functionals: outputs of the scene; None where it has none.
         bound: bounds the error of an answer; None where its hypotheses fail.
         unbounded: why there is none.
+        full: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
     """
 
     amplitudes: Amplitudes
@@ -464,6 +465,7 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
     functionals: Functionals | ReshapedFunctionals | None = None
     bound: FieldBound | None = None
     unbounded: str = ""
+    full: Any = field(default=None, metadata=OF_THE_MESH)
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """The bound; None without one, or without an answer."""

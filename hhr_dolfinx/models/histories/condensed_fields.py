@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -24,6 +24,7 @@ from hhr_dolfinx.models.answer import Answer, ModelFields
 from hhr_dolfinx.models.estimates import STRESS, Estimate
 from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
@@ -146,7 +147,7 @@ class PlasticFields:
 
 
 @dataclass(frozen=True)
-class CondensedFlowFields(ModelFields):
+class CondensedFlowFields(Rebuilt, ModelFields):
     """What completes answers of condensed flow, see :class:`hhr_dolfinx.models.answer.Fields`.
 
     Attributes:
@@ -161,6 +162,7 @@ class CondensedFlowFields(ModelFields):
         flow: what completes stress and plastic strain.
         functionals: outputs of the scene; None where it has none.
         friction: which of the conditions are tangential; None without friction.
+        full: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
     """
 
     amplitudes: Amplitudes
@@ -174,6 +176,7 @@ class CondensedFlowFields(ModelFields):
     flow: PlasticFields
     functionals: Functionals | None = None
     friction: Friction | None = None
+    full: Any = field(default=None, metadata=OF_THE_MESH)
 
     @property
     def conditions(self) -> int:

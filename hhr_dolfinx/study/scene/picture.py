@@ -32,7 +32,12 @@ HELD = "^sDvp*h"
 
 
 def draw_scene(found: Any, path: Path) -> None:
-    """Draw a scene in the plane or in space."""
+    """Draw a scene in the plane or in space into a file."""
+    figure_of_scene(found).savefig(path, dpi=150)
+
+
+def figure_of_scene(found: Any) -> Figure:
+    """Figure of a scene in the plane or in space."""
     assert found.discretisation is not None
     figure = Figure(figsize=(9, 6.5), layout="constrained")
     flat = found.discretisation.mesh.geometry.dim == 2
@@ -41,7 +46,7 @@ def draw_scene(found: Any, path: Path) -> None:
     unit = "" if found.scene.units is None else f" [{found.scene.units.length}]"
     axes.set(xlabel=f"x{unit}", ylabel=f"y{unit}", title=found.scene.name)
     figure.legend(loc="outside lower center", ncols=3, fontsize=8)
-    figure.savefig(path, dpi=150)
+    return figure
 
 
 def _plane(found: Any, axes: Any) -> None:

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from typing import Any
 
 from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.models.shown import Shown, counted
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import StageLog
 
 
-@dataclass(frozen=True)
-class TrainingAnswers:
+@dataclass(frozen=True, repr=False)
+class TrainingAnswers(Shown):
     """A full model with the answers to train and to check reduced models.
 
     Attributes:
@@ -29,3 +30,14 @@ class TrainingAnswers:
     log: StageLog
     choice: Any = None
     read: int = 0
+
+    def facts(self) -> dict[str, str]:
+        """See :class:`~hhr_dolfinx.models.shown.Shown`."""
+        held_out = 0 if self.held_out is None else len(self.held_out.points)
+        return {
+            "scene": f"scene '{self.full_order.scene.name}'",
+            "answers": counted(len(self.snapshots.points), "full answer"),
+            "held out": f"{held_out} held out",
+            "sizes": f"{self.full_order.problem.free.size} unknowns",
+            "contact": counted(self.full_order.conditions, "contact condition"),
+        }

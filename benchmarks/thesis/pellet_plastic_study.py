@@ -3,7 +3,9 @@
 import argparse
 
 import numpy as np
+from paths import summarise_paths, try_path
 from pellet_cladding_plastic import history, path, recipe
+from pellet_families import families
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import force_floor
@@ -11,8 +13,6 @@ from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 from hhr_dolfinx.study.report import report
 from hhr_dolfinx.study.report.console import Table
 from hhr_dolfinx.study.study import Study
-from parts.paths import summarise_paths, try_path
-from parts.pellet_families import families
 
 OF_FAMILIES = ("largest_displacement", "primal_l2", "resultant", "dual_full_floored", "largest_forces")
 """Errors that a study of a family of paths is summed up by."""
@@ -37,7 +37,7 @@ def settings_of_family(options: argparse.Namespace, steps: int) -> hhr.StudySett
 
 def try_paths(study: Study, options: argparse.Namespace) -> None:
     """What both models do on 20 random paths inside what was trained and 40 outside."""
-    from parts.pellet_cladding_paths import path_cases
+    from pellet_cladding_paths import path_cases
 
     full = study.training.full_order
     floor = force_floor(full.problem, study.training.snapshots)

@@ -10,8 +10,8 @@ pellet may lift off: it is a second contact pair. Trained on 25 x 20 parameters,
 What to see: where contact grazes, plain snapshots give force errors of 100 %; snapshots divided by their norm,
 a RID with two more layers of cells and FE functions on the contact nodes bring them to about 1 %.
 
-    python demos/pellet_cladding.py [--out DIR] [--quick] [--seed N] [--study thesis]
-    mpirun -n 2 python demos/pellet_cladding.py --batch points.csv    # header: P1,h1
+    python benchmarks/thesis/pellet_cladding.py [--out DIR] [--quick] [--seed N] [--study thesis]
+    mpirun -n 2 python benchmarks/thesis/pellet_cladding.py --batch points.csv    # header: P1,h1
 """
 
 from pathlib import Path
@@ -65,7 +65,7 @@ def main() -> None:
     if rows is not None:
         cli.answer_and_exit(training.build(), rows, options)
     elif options.first_rank:
-        from parts import pellet_cladding_study as comparison
+        import pellet_cladding_study as comparison
 
         settings = hhr.StudySettings(GRID, variants=comparison.VARIANTS, queries=100)
         settings = settings.adapted(seed=options.seed, quick=options.quick)
@@ -75,7 +75,7 @@ def main() -> None:
         study.write(folder, options.console, VIEW)
         comparison.draw_maps(study, folder, options.quick)
         if options.study == "thesis":
-            from parts.pellet_cladding_tables import thesis_tables
+            from pellet_cladding_tables import thesis_tables
 
             thesis_tables(training, folder, options.console)
 

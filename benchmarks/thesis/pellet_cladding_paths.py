@@ -4,9 +4,9 @@ from collections.abc import Callable, Iterator
 
 import numpy as np
 from numpy.random import Generator
+from paths import PathCase
 
 from hhr_dolfinx.models.answer import Path
-from parts.paths import PathCase
 
 Drawn = tuple[np.ndarray, np.ndarray, float, float]
 """Times, shares of the pressure, gap, height."""

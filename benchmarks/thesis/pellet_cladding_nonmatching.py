@@ -8,7 +8,8 @@ of the pellet, which is the slave surface. The reduced problem is a generalised 
 What to see: the thesis' recipe on a small RID is refused, cond(K~) is 1e9 although both inf-sup constants are perfect;
 with layers of cells it answers. The default recipe is as good as on matching meshes; mortar costs the same.
 
-    python demos/pellet_cladding_nonmatching.py [--out DIR] [--quick] [--seed N] [--pairing mortar] [--bottom held]
+    python benchmarks/thesis/pellet_cladding_nonmatching.py [--out DIR] [--quick] [--seed N]
+        [--pairing mortar] [--bottom held]
 """
 
 import dataclasses

@@ -10,7 +10,7 @@ hyper-reduced model, and condensation interpolated between few Poisson's ratios,
 What to see: interpolated condensation keeps all contact conditions and is the most accurate; it pays after some
 fifteen queries. The hyper-reduced model, trained on 512 Sobol points, comes close.
 
-    python demos/pellet_materials.py [--out DIR] [--quick] [--seed N]
+    python benchmarks/thesis/pellet_materials.py [--out DIR] [--quick] [--seed N]
 """
 
 import dataclasses

@@ -10,9 +10,9 @@ What to see: constitutive laws are evaluated on a fifth of the cells, and a hist
 a RID converges to a wrong path with the smallest residuals; eigenvalues of the projected tangents tell beforehand.
 Condensed flow, which keeps all contact conditions, evaluates them on few points; the report says which of both to use.
 
-    python demos/pellet_cladding_plastic.py [--out DIR] [--quick] [--seed N] [--exponent 5] [--paths]
+    python benchmarks/thesis/pellet_cladding_plastic.py [--out DIR] [--quick] [--seed N] [--exponent 5] [--paths]
         [--train 5 7.5 15 --pod 1e-11 --layers 6] [--cubature]
-    python demos/pellet_cladding_plastic.py --family [--out DIR] [--quick]
+    python benchmarks/thesis/pellet_cladding_plastic.py --family [--out DIR] [--quick]
 
 The last one (20 minutes) trains on 12 paths of a family, in which the cladding is loaded to any height at any pace,
 held, unloaded and loaded again, and compares on 20 others. Their steps are cut where they would be more than 2 % off in
@@ -23,8 +23,8 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
-from parts.pellet_families import PRESSURE, SPACE
 from pellet_cladding import QUICK_MESH, VIEW
+from pellet_families import PRESSURE, SPACE
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import ContactProblem
@@ -95,7 +95,7 @@ def main() -> None:
     parser.add_argument("--family", action="store_true", help="train and test on a family of paths, not on gaps")
     parser.add_argument("--cubature", action="store_true", help="few weighted Gauss points in the place of the RID's")
     options = cli.parse_on_first_rank(parser)
-    from parts.pellet_plastic_study import print_family, print_gaps, settings_of_family, settings_of_gaps, try_paths
+    from pellet_plastic_study import print_family, print_gaps, settings_of_family, settings_of_gaps, try_paths
 
     if options.family and options.paths:
         parser.error("--paths are told apart by what gaps alone train: leave out --family")

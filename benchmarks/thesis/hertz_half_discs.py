@@ -12,7 +12,7 @@ did in a tenth of the time of the best full-order solver. Where they look, force
 whole surface they are up to 22 % wrong where a single node of them touches. The default recipe takes two more layers of
 cells and more nodes, and answers to round-off in the same time.
 
-    python demos/hertz_half_discs.py [--out DIR] [--quick] [--seed N]
+    python benchmarks/thesis/hertz_half_discs.py [--out DIR] [--quick] [--seed N]
 """
 
 from typing import Any

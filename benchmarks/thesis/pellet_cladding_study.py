@@ -4,7 +4,10 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import numpy as np
+from coarser import CoarserMesh
 from mpi4py import MPI
+from peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
+from pellet_cladding_tables import POINTS, thesis
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
@@ -12,9 +15,6 @@ from hhr_dolfinx.study.measure import References
 from hhr_dolfinx.study.study import Study
 from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import time_queries
-from parts.coarser import CoarserMesh
-from parts.peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
-from parts.pellet_cladding_tables import POINTS, thesis
 
 THESIS_SIZE = thesis(3e-7, 1e-3, 3.0)
 """POD + FE enrichment on a small RID: 60 functions and 26 contacts."""

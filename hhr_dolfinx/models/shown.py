@@ -1,0 +1,50 @@
+"""One line for a console, and a small table for a notebook, of values that hold large arrays."""
+
+from __future__ import annotations
+
+from abc import abstractmethod
+from collections.abc import Mapping, Sequence
+from html import escape
+from typing import Any
+
+MOST = 8
+"""Numbers of a point that are shown."""
+
+
+def point_of(values: Any, names: Sequence[str] = ()) -> str:
+    """A point of the box, by name where names are known: ``push=3e+07, pull=1e+07``."""
+    numbers = [f"{float(value):.6g}" for value in list(values)[:MOST]]
+    left = ["..."] if len(values) > MOST else []
+    if len(names) == len(values):
+        return ", ".join([*(f"{name}={number}" for name, number in zip(names, numbers, strict=False)), *left])
+    return f"({', '.join([*numbers, *left])})"
+
+
+def counted(number: int, what: str) -> str:
+    """A number with its noun, in the plural if need be."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def line(title: str, facts: Mapping[str, str]) -> str:
+    """Text of ``repr``: the title and the facts in one line."""
+    return f"<{title}: {', '.join(facts.values())}>"
+
+
+def table(title: str, facts: Mapping[str, str]) -> str:
+    """Table that a notebook shows."""
+    rows = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in facts.items())
+    return f"<table><caption>{escape(title)}</caption>{rows}</table>"
+
+
+class Shown:
+    """A value that prints as one line, and as a table in a notebook; nothing is computed for either."""
+
+    @abstractmethod
+    def facts(self) -> dict[str, str]:
+        """Facts worth a glance, by their names in a table; each can be read by itself in a line."""
+
+    def __repr__(self) -> str:
+        return line(type(self).__name__, self.facts())
+
+    def _repr_html_(self) -> str:
+        return table(type(self).__name__, self.facts())
