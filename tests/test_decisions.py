@@ -18,6 +18,7 @@ from hhr_dolfinx.study.one_call import search
 from hhr_dolfinx.study.one_call.search import Tried
 from hhr_dolfinx.study.one_call.wish import Budget, Wish
 from hhr_dolfinx.study.report import advice, page
+from hhr_dolfinx.timing import unannounced
 
 ERROR = 0.01
 BOX = hhr.ParameterSpace(("a", "b"), (0.0, 0.0), (1.0, 1.0))
@@ -64,7 +65,7 @@ def first(points):
 @pytest.mark.parametrize(("seen", "met"), [(0.4, True), (0.6, False)])
 def test_an_error_that_was_seen_counts_twice(seen, met, family):
     """Of 200 points the worst is worse than that of 40, of 6 histories all the more."""
-    errors, _ = search._judged(FakeBench(family=family), fake_model(lambda point: seen * ERROR))
+    errors, *_ = search._judged(FakeBench(family=family), fake_model(lambda point: seen * ERROR))
     assert errors == pytest.approx([2 * seen * ERROR], rel=1e-14)
     assert (errors.max() <= ERROR) == met
 
@@ -85,7 +86,7 @@ def test_what_is_wrong_only_where_the_model_expects_it_is_found():
 
     model = fake_model(error, said=lambda points: 2 * ERROR * np.exp(first(points)))
     assert not (first(BOX.random(search.FRESH // 2, 99)) > 0.97).any()  # no random point of this check sees it
-    errors, _ = search._judged(FakeBench(), model)
+    errors, *_ = search._judged(FakeBench(), model)
     assert errors.max() == pytest.approx(10 * ERROR)
 
 
@@ -94,7 +95,7 @@ def test_earlier_checks_are_looked_at_again():
     earlier = np.array([2.0, 2.0])
     model = fake_model(lambda point: [5 * ERROR, 7 * ERROR] if point is earlier else [0.0, 0.0])
     bench = FakeBench(of=("forces", "displacement"), before=[earlier])
-    errors, known = search._judged(bench, model)
+    errors, known, _ = search._judged(bench, model)
     assert errors == pytest.approx([5 * ERROR, 0.0])
     assert "1 of before" in known
 
@@ -107,26 +108,26 @@ def test_a_bound_is_looked_at_in_hundreds_of_points():
         seen.append(np.array(points))
         return np.where(first(points) > top, 5 * ERROR, 0.5 * ERROR)
 
-    errors, known = search._judged(FakeBench(), fake_model(lambda point: 0.1 * ERROR, said=lambda p: said(p, 2.0)))
+    errors, known, _ = search._judged(FakeBench(), fake_model(lambda point: 0.1 * ERROR, said=lambda p: said(p, 2.0)))
     looked_at = np.concatenate(seen)
     assert len(np.unique(looked_at, axis=0)) == 500
     assert errors == pytest.approx([0.5 * ERROR]) and "500 points" in known
     top = np.sort(first(looked_at))[-3]  # two of 500 lie beyond it
     bench = FakeBench()
-    _, known = search._judged(bench, fake_model(lambda point: 0.1 * ERROR, said=lambda p: said(p, top)))
+    _, known, _ = search._judged(bench, fake_model(lambda point: 0.1 * ERROR, said=lambda p: said(p, top)))
     assert bench.asked[0][0] == search.FRESH // 2 and "500 points" not in known
 
 
 def test_a_bound_that_is_exceeded_by_what_was_seen_is_not_believed():
     model = fake_model(lambda point: 3 * ERROR, said=lambda points: np.full(len(points), 0.5 * ERROR))
     bench = FakeBench()
-    errors, _ = search._judged(bench, model)
+    errors, *_ = search._judged(bench, model)
     assert bench.asked == [(search.SURE, None)] and errors == pytest.approx([3 * ERROR])
 
 
 def test_an_interpolation_that_has_not_settled_counts_as_far_off(monkeypatch):
     monkeypatch.setattr(search, "_unresolved", lambda model: 4 * ERROR)
-    errors, known = search._judged(FakeBench(), fake_model(lambda point: 0.0))
+    errors, known, _ = search._judged(FakeBench(), fake_model(lambda point: 0.0))
     assert errors == pytest.approx([4 * ERROR]) and "S is off" in known
 
 
@@ -181,7 +182,7 @@ class Recorded:
 def real_bench(monkeypatch):
     monkeypatch.setattr(benches, "Errors", lambda wish, full: SimpleNamespace(know=lambda found: None))
     full = SimpleNamespace(parameters=BOX)
-    made = benches.Bench(full, Recorded(), Wish(ERROR, ("forces",)), Budget(), None, 3, lambda label: iter)
+    made = benches.Bench(full, Recorded(), Wish(ERROR, ("forces",)), Budget(), None, 3, unannounced)
     made.looked = True
     return made
 
@@ -205,8 +206,7 @@ def test_paths_of_a_check_are_none_of_the_training(real_bench):
     sampled = lambda sampling: seeds.append(sampling) or []  # noqa: E731
     real_bench.family = SimpleNamespace(paths=sampled)
     for _ in range(2):
-        with pytest.raises(hhr.errors.ConvergenceError):
-            real_bench.fresh(6)
+        real_bench.fresh(6)
     points = [sampling.points(BOX) for sampling in (*seeds, hhr.Sobol(32, real_bench.seed))]
     found = [{tuple(point) for point in some} for some in points]
     assert not (found[0] & found[1] or found[0] & found[2] or found[1] & found[2])
@@ -222,7 +222,9 @@ def exact_report(condensed, reduced, error=1e-3):
     }
 
 
-@pytest.mark.parametrize(("times_slower", "method"), [(0.1, "condensed"), (2.9, "condensed"), (3.1, "hhr"), (300, "hhr")])
+@pytest.mark.parametrize(
+    ("times_slower", "method"), [(0.1, "condensed"), (2.9, "condensed"), (3.1, "hhr"), (300, "hhr")]
+)
 def test_exact_condensation_is_advised_unless_it_is_much_slower(times_slower, method):
     found = advice.advice(exact_report(times_slower * 1e-3, 1e-3))
     assert found.method == method
@@ -261,7 +263,7 @@ def test_a_reduced_model_alone_is_advised_where_it_is_quicker(reduced, method):
 
 
 HUNDRED = np.arange(1.0, 101.0) / 100
-"""Median .505, 95 % below .9505, at most 1."""
+"""The next number above the middle is 0.51, that above 95 % of them 0.96."""
 
 
 def test_a_row_of_a_report_names_its_figures_rightly():
@@ -270,7 +272,7 @@ def test_a_row_of_a_report_names_its_figures_rightly():
     assert row["online_s"] == 2.0
     for name, factor in (("primal_l2", 1), ("dual_full_floored", 2)):
         figures = [row[name], row[f"{name}_p95"], row[f"{name}_max"]]
-        assert figures == pytest.approx([0.505 * factor, 0.9505 * factor, factor], rel=1e-12)
+        assert figures == pytest.approx([0.51 * factor, 0.96 * factor, factor], rel=1e-12)
 
 
 def cells_below(html, head):

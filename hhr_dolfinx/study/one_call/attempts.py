@@ -59,31 +59,36 @@ def attempts(bench: Bench) -> Iterator[Attempt]:
 
 def _condensed(bench: Bench) -> Iterator[Attempt]:
     """Condensation, exact where the stiffness is constant, else interpolated more and more finely."""
-    from hhr_dolfinx.study.condensing import condense
-
     full = bench.full
     if not full.problem.varies:
-        yield Attempt("condensed", "exact", lambda: condense(full, fields=bench.wish.needs_fields))
+        yield Attempt("condensed", "exact", partial(_exact, bench))
         return
     from hhr_dolfinx.reduction.components import solvers_of
     from hhr_dolfinx.reduction.condense import condense as interpolated
     from hhr_dolfinx.reduction.interpolate import GridSettings
 
-    solvers = solvers_of(full)
+    solvers = solvers_of(full, bench.store)
 
     tolerance = GRID_PART * bench.wish.error
     for budget in GRID_BUDGETS:
         settings = GridSettings(tolerance, budget)
 
         def make(settings: GridSettings = settings) -> Any:
-            # without fields nothing bounds an error
-            return interpolated(full, bench.checked, settings, along=True, finer=True, solvers=solvers)
+            # without fields nothing bounds an error; without a bound they serve displacements alone
+            how: dict[str, Any] = {"along": True, "finer": True, "spare": not _reads_displacement(bench)}
+            return interpolated(full, bench.checked, settings, solvers=solvers, announce=bench.announce, **how)
 
         found = len(bench.held_out)
         spanned = f", fields of {found} checks too" if found else ""
         yield Attempt("condensed", f"interpolated to {tolerance:.0e}{spanned}", make)
         if bench.forces_off:
             tolerance /= 100
+
+
+def _reads_displacement(bench: Bench) -> bool:
+    """Whether the wish, or an output of the scene, reads displacements."""
+    functionals = bench.full.functionals
+    return bench.wish.needs_fields or (functionals is not None and any(item.count for item in functionals.items))
 
 
 def _reduced(bench: Bench) -> Iterator[Attempt]:
@@ -113,12 +118,19 @@ def _flowing(bench: Bench) -> Iterator[Attempt]:
     yield from _by_histories(bench)
 
 
+def _exact(bench: Bench) -> Any:
+    from hhr_dolfinx.study.condensing import condense
+
+    bench.announce("exact condensation", 0.0)
+    return condense(bench.full, fields=bench.wish.needs_fields)
+
+
 def _built(bench: Bench, count: int) -> Any:
-    return bench.training(count).build()
+    return bench.training(count).build(announce=bench.announce)
 
 
 def _condensed_flow(bench: Bench, count: int, settings: CorrectionSettings) -> Any:
-    return bench.training(count).condense(settings)
+    return bench.training(count).condense(settings, bench.announce)
 
 
 def _doubled(first: int, last: int) -> Iterator[int]:
