@@ -34,6 +34,9 @@ class FakeBench:
         self.held_out = list(before)
         self.asked = []
 
+    def announce(self, stage, share):
+        """Nothing is shown."""
+
     def fresh(self, count, suspects=None):
         self.checks += 1
         self.asked.append((count, suspects))
@@ -129,6 +132,59 @@ def test_an_interpolation_that_has_not_settled_counts_as_far_off(monkeypatch):
     monkeypatch.setattr(search, "_unresolved", lambda model: 4 * ERROR)
     errors, known, _ = search._judged(FakeBench(), fake_model(lambda point: 0.0))
     assert errors == pytest.approx([4 * ERROR]) and "S is off" in known
+
+
+def test_what_was_seen_of_an_exact_model_counts_for_outputs_too():
+    """A body that contact leaves free to turn has several answers: an output that reads it may be off by anything."""
+    model = fake_model(lambda point: [0.0, 6.2], exact=True)
+    model.solve = lambda point, **how: SimpleNamespace(estimate=lambda: SimpleNamespace(outputs={"turns": 0.0}))
+    bench = FakeBench(of=("forces", "turns"))
+    errors, *_ = search._judged(bench, model)
+    assert errors == pytest.approx([0.0, 6.2]) and bench.asked == [(search.SURE, None)]
+
+
+def test_an_exact_model_is_checked_where_it_does_not_vouch_for_an_output():
+    """At 4 % of the box nothing bounds the output: four random answers would meet it in one search of seven."""
+
+    def solve(point, **how):
+        known = {} if point[0] > 0.96 else {"turns": 0.0}
+        return SimpleNamespace(estimate=lambda: SimpleNamespace(outputs=known))
+
+    model = fake_model(lambda point: 6.2 if point[0] > 0.96 else 0.0, exact=True)
+    model.solve = solve
+    bench = FakeBench(of=("turns",))
+    errors, *_ = search._judged(bench, model)
+    assert errors == pytest.approx([6.2])
+    ((count, suspects),) = bench.asked
+    assert count == search.SURE and first(suspects).min() > 0.96 and 10 < len(suspects) <= search.FRESH // 2
+
+
+def test_how_much_of_the_box_may_be_beyond_is_said_with_its_confidence():
+    """None of n random points is beyond: with 90 % confidence at most p of the box is, (1 - p)^n = 0.1."""
+    assert search.share_beyond(40) == pytest.approx(0.0559, abs=5e-5)
+    for count in (6, 20, 40, 400):
+        assert (1 - search.share_beyond(count)) ** count == pytest.approx(0.1, rel=1e-12)
+    # suspected points are no random ones: half as many of a check that has some
+    *_, beyond = search._judged(FakeBench(), fake_model(lambda point: 0.0))
+    assert beyond == search.share_beyond(40)
+    said = lambda points: 2 * ERROR * np.exp(first(points))  # noqa: E731
+    *_, beyond = search._judged(FakeBench(), fake_model(lambda point: 0.0, said=said))
+    assert beyond == search.share_beyond(20)
+    *_, beyond = search._judged(FakeBench(family="paths"), fake_model(lambda point: 0.0))
+    assert beyond == search.share_beyond(6)
+    # a bound says more of each answer
+    *_, beyond = search._judged(FakeBench(), fake_model(lambda point: 0.0, said=lambda points: 0 * first(points)))
+    assert math.isnan(beyond)
+
+
+def test_the_verdict_says_the_confidence():
+    row = Tried("hhr", "", 72, 1.0, 1e-3, {"forces": 1e-3}, "40 fresh answers, times 2", 0, search.MET, 0.0559)
+    found = search.Reduction("any", Wish(ERROR, ("forces",)), (row,), 0, 72, 2.0)
+    assert (
+        "is met, 40 fresh answers, times 2; at 90 % confidence at most 5.6 % of the box is beyond it" in found.verdict
+    )
+    bounded = search.Reduction("any", Wish(ERROR, ("forces",)), (tried(1e-3, 1e-3),), 0, 4, 2.0)
+    assert bounded.met and "confidence" not in bounded.verdict
 
 
 # ---------------------------------------------------------------- which of several models

@@ -182,12 +182,8 @@ class Reduction:
         if not self.met:
             return f"{wish} is not met: {self.reason}. The best model there is was handed out; {spent}"
         item = self.tried[self.chosen]
-        beyond = (
-            ""
-            if math.isnan(item.beyond)
-            else f"; at {CONFIDENCE:.0%} confidence at most {item.beyond:.2g} of the box is beyond it"
-        )
-        return f"{wish} is met, {item.known}{beyond}; {spent}"
+        sure = f"at {100 * CONFIDENCE:g} % confidence at most {100 * item.beyond:.2g} % of the box is beyond it"
+        return "; ".join([f"{wish} is met, {item.known}", *([] if math.isnan(item.beyond) else [sure]), spent])
 
     def _row(self, number: int, item: Tried) -> tuple[str, ...]:
         errors = [f"{item.errors[name]:.2g}" if name in item.errors else "-" for name in self.wish.of]
@@ -448,7 +444,7 @@ class _Found:
         try:
             model, row = _try(bench, attempt)
         except BudgetSpentError as error:
-            self._reason = str(error)
+            self._reason = "what is left to be tried is not affordable"
             self._ended.add(attempt.method)  # what comes next goes further, and takes longer
             row = Tried(
                 attempt.method, attempt.setting, bench.solved, clock.seconds, outcome=f"not affordable: {error}"
