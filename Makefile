@@ -5,7 +5,7 @@ export OPENBLAS_NUM_THREADS = 1
 # what is said comes as it is said, into a file or a pipe too
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes lint test quick slow docs setup
+.PHONY: demo pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes lint test quick slow mutants docs setup
 
 demo: setup
 	.venv/bin/python demos/hertz_half_discs.py
@@ -100,6 +100,10 @@ quick: setup
 # the tests that take minutes each, which `make test` leaves out
 slow: setup
 	.venv/bin/python -m pytest -m slow
+
+# rules of study and certify are changed one at a time, and changes that no test sees are printed: an hour
+mutants: setup
+	.venv/bin/python scripts/mutants.py
 
 setup:
 	@sh scripts/setup.sh

@@ -18,6 +18,7 @@ from hhr_dolfinx.study.one_call import search
 from hhr_dolfinx.study.one_call.search import Tried
 from hhr_dolfinx.study.one_call.wish import Budget, Wish
 from hhr_dolfinx.study.report import advice, page
+from hhr_dolfinx.study.report import report as figures
 from hhr_dolfinx.timing import unannounced
 
 ERROR = 0.01
@@ -315,6 +316,24 @@ def test_a_reduced_model_alone_is_advised_where_it_is_quicker(reduced, method):
     assert found.text.startswith("Use the hyper" if method == "hhr" else "Use the full order")
 
 
+def test_break_even_counts_what_an_answer_of_the_small_model_takes():
+    """10 s of training against 5 ms of the full order: 2500 queries of 1 ms each, not 2000; never if it is slower."""
+    times = {
+        "offline": {"snapshots": 8.0, "basis": 2.0},
+        "condensed_full": None,
+        "fom_best": {"median": 5e-3},
+        "online_forces": {"median": 1e-3},
+        "online_full": {"median": 6e-3},
+    }
+    assert figures.break_even(times) == {"forces": pytest.approx(2500), "fields": None}
+
+
+def test_answers_that_were_read_from_files_cost_what_they_would_cost_today():
+    """Of 20 answers 15 were read: 15 times what the best full order takes."""
+    training = SimpleNamespace(read=15, snapshots=SimpleNamespace(histories=[]))
+    assert figures._read_from_files(training, {"median": 0.2}) == {figures.FROM_FILES: pytest.approx(3.0)}
+
+
 # ---------------------------------------------------------------- what a report shows
 
 
@@ -327,8 +346,8 @@ def test_a_row_of_a_report_names_its_figures_rightly():
     row = measure.Row("HHR", "this model", np.array([1.0, 2.0, 9.0]), errors).as_report()
     assert row["online_s"] == 2.0
     for name, factor in (("primal_l2", 1), ("dual_full_floored", 2)):
-        figures = [row[name], row[f"{name}_p95"], row[f"{name}_max"]]
-        assert figures == pytest.approx([0.51 * factor, 0.96 * factor, factor], rel=1e-12)
+        found = [row[name], row[f"{name}_p95"], row[f"{name}_max"]]
+        assert found == pytest.approx([0.51 * factor, 0.96 * factor, factor], rel=1e-12)
 
 
 def cells_below(html, head):
@@ -339,11 +358,11 @@ def cells_below(html, head):
 
 
 def test_columns_of_the_page_hold_what_their_heads_say(tmp_path):
-    figures = {"median": 0.01, "p95": 0.02, "max": 0.03}
+    errors = {"median": 0.01, "p95": 0.02, "max": 0.03}
     report = {
         "scene": "made up",
-        "errors": {"dual_full_floored": figures},
-        "outputs": {"peak": figures | {"largest": 7.0, "unit": "MPa"}},
+        "errors": {"dual_full_floored": errors},
+        "outputs": {"peak": errors | {"largest": 7.0, "unit": "MPa"}},
         "times": {"online": {"median": 1e-3, "p95": 2e-3}, "fom_best": {"median": 5e-3, "p95": 6e-3}},
         "work_precision": [
             {"method": "HHR", "setting": "this model", "online_s": 1e-3,
