@@ -14,8 +14,9 @@ from mpi4py import MPI
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import timing
-from hhr_dolfinx.errors import NotSolvableError, ParameterError, StabilityWarning, StudyError
+from hhr_dolfinx.errors import BoundError, NotSolvableError, ParameterError, StabilityWarning, StudyError
 from hhr_dolfinx.geometries import two_blocks
+from hhr_dolfinx.reduction import condense, varying_bound
 from hhr_dolfinx.reduction.components import Solver
 from hhr_dolfinx.study.one_call import attempts, bench, search
 from hhr_dolfinx.study.one_call.attempts import Attempt
@@ -117,7 +118,11 @@ def test_time_for_a_check_is_kept_back(clocked, family):
     made.checking = True
     assert made.deadline == 100
     clock.now = 100.0
-    with pytest.raises(bench.BudgetSpentError, match="stage 'any' was stopped: 0 of the 100 s"):
+    with pytest.raises(bench.BudgetSpentError, match="the 100 s of the budget are over"):
+        made.announce("any", 0.0)
+    made.checking = False
+    clock.now = 60.0
+    with pytest.raises(bench.BudgetSpentError, match="stage 'any' was stopped: 0 of the 100 s .* beside 3e\\+02 s"):
         made.announce("any", 0.0)
 
 
@@ -159,6 +164,36 @@ def test_compliances_of_another_stiffness_are_not_taken(clocked, tmp_path):
     full = hhr.FullOrderModel(stiffer, MPI.COMM_SELF)
     point = stiffer.parameters.upper
     np.testing.assert_allclose(model.solve(point).forces(), full.solve(point).forces(), rtol=1e-4)
+
+
+@pytest.mark.parametrize(("of", "made"), [("forces", False), ("displacement", True)])
+def test_fields_that_no_wish_reads_are_made_for_a_bound_only(of, made, monkeypatch):
+    """Without a bound they serve displacements alone, and take longer than all else of a model in space."""
+
+    def refused(*_):
+        raise BoundError("S is not resolved")
+
+    monkeypatch.setattr(condense, "between", refused)
+    monkeypatch.setattr(condense, "varying_bound", refused)
+    model = hhr.reduce(VARIES, 0.05, of=of, progress=unannounced)
+    assert model.reduction.met and (model.fields.basis.shape[1] > 0) == made
+    assert model.reduction.tried[0].known.startswith("40 fresh answers")
+
+
+def test_why_there_is_no_bound_is_found_once(monkeypatch):
+    """The reason belongs to the full model: the next model of it does not solve for it again."""
+    full = hhr.FullOrderModel(VARIES, MPI.COMM_SELF)
+    asked = []
+
+    def refused(*_):
+        asked.append(1)
+        raise BoundError("S is not resolved")
+
+    monkeypatch.setattr(varying_bound, "_between", refused)
+    for _ in range(2):
+        with pytest.raises(BoundError, match="S is not resolved"):
+            varying_bound.between(full)
+    assert len(asked) == 1
 
 
 # ---------------------------------------------------------------- reasons

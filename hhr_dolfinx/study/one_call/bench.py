@@ -100,12 +100,16 @@ class Bench:
 
     def check_budget(self) -> None:
         """Raise BudgetSpentError if nothing more may be solved for."""
-        seconds = self.budget.seconds
-        if seconds is not None and self.clock.seconds >= seconds:
-            raise BudgetSpentError(f"the {seconds:g} s of the budget are over")
+        self._check_seconds()
         answers = self.budget.full_answers
         if answers is not None and self.solved >= answers:
             raise BudgetSpentError(f"the {answers} full answers of the budget are spent")
+
+    def _check_seconds(self) -> None:
+        """Raise BudgetSpentError if the seconds of the budget are over."""
+        seconds = self.budget.seconds
+        if seconds is not None and self.clock.seconds >= seconds:
+            raise BudgetSpentError(f"the {seconds:g} s of the budget are over")
 
     def announce(self, stage: str, share: float) -> None:
         """Report a stage, and stop it if the rest of it is not affordable.
@@ -114,6 +118,7 @@ class Bench:
             BudgetSpentError: if the time that is left is over, or not enough by what the share that is done took.
         """
         self.progress(stage, share)
+        self._check_seconds()
         now = self.clock.seconds
         if now >= self.deadline:
             raise BudgetSpentError(f"stage '{stage}' was stopped: {self._left()}")
@@ -136,7 +141,7 @@ class Bench:
         """Time one full answer, the first of the first check, if a budget of seconds is to be planned."""
         if self.budget.seconds is not None and self.family is None:
             points = self.full.parameters.random(1, self.seed + FRESH_SEED + 1)
-            list(self._answers(points, "a first full answer", Lost()))
+            list(self._answers(points, "full answer to plan by", Lost()))
 
     def _duration(self, count: int) -> float:
         """Seconds that so many full answers take, by those that were solved for; zero before the first."""

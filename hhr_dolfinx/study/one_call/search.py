@@ -565,7 +565,7 @@ def _silent(bench: Bench, model: Any, points: np.ndarray) -> np.ndarray | None:
         bench.announce("estimates", number / len(points))
         answer = model.solve(point, outside="ignore", raise_on_failure=False)
         estimate = answer.estimate()
-        if estimate is None or not wanted <= estimate.outputs.keys():
+        if estimate is None or not all(estimate.outputs.get(name, math.inf) < math.inf for name in wanted):
             found.append(point)
         if len(found) == FRESH // 2:
             break
