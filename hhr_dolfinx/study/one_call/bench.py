@@ -127,7 +127,7 @@ class Bench:
             return
         rest = (now - self._began.get(stage, now)) * (1 / share - 1)
         if now + rest / DOUBTED > self.deadline:
-            raise BudgetSpentError(f"stage '{stage}' would take about {rest:.2g} s more, and {self._left()}")
+            raise BudgetSpentError(f"stage '{stage}' would take about {_about(rest)} s more, and {self._left()}")
 
     @property
     def deadline(self) -> float:
@@ -150,9 +150,10 @@ class Bench:
     def _left(self) -> str:
         """How much of the seconds of the budget is left, in words."""
         seconds = self.budget.seconds
+        assert seconds is not None
         left = max(0.0, self.deadline - self.clock.seconds)
-        kept = "" if self.checking else f", beside {self._duration(FRESH):.2g} s that a check takes"
-        return f"{left:.2g} of the {seconds:g} s of the budget are left{kept}"
+        kept = "" if self.checking else f", beside {_about(seconds - self.deadline)} s that are kept back for a check"
+        return f"{_about(left)} of the {seconds:g} s of the budget are left{kept}"
 
     def check_affordable(self, questions: Any, what: str, besides: int = 0) -> None:
         """Raise BudgetSpentError before answers are solved for that cannot all be had, and as many ``besides``."""
@@ -164,7 +165,7 @@ class Bench:
                 f"the {answers} full answers of the budget are left"
             )
         if self.clock.seconds + self._duration(count) > self.deadline:
-            raise BudgetSpentError(f"{what} would take about {self._duration(count):.2g} s, and {self._left()}")
+            raise BudgetSpentError(f"{what} would take about {_about(self._duration(count))} s, and {self._left()}")
 
     def training(self, count: int) -> Training:
         """About so many training answers, those of smaller trainings among them, and what checks have left.
@@ -268,13 +269,13 @@ class Bench:
         """A stage of full answers with their number, and what they will take as far as that is known."""
         count = len({_key(question) for question in questions} - self._known.keys())
         seconds = self._duration(count)
-        return f"{count} {label}" + (f", about {seconds:.2g} s" if seconds > 1 else "")
+        return f"{count} {label}" + (f", about {_about(seconds)} s" if seconds > 1 else "")
 
     def _solve(self, questions: Any, lost: Lost) -> None:
         """Take in the first of some questions, and as many behind it as there are ranks."""
         self.check_budget()
         if self.clock.seconds + self._duration(1) > self.deadline:
-            raise BudgetSpentError(f"a full answer takes {self._duration(1):.2g} s, and {self._left()}")
+            raise BudgetSpentError(f"a full answer takes {_about(self._duration(1))} s, and {self._left()}")
         answers = self.budget.full_answers
         room = self.crew.size if answers is None else min(self.crew.size, answers - self.solved)
         some: dict[bytes, Any] = {}
@@ -293,6 +294,11 @@ class Bench:
                 if isinstance(found, HHRError):
                     raise found
                 self._known[key] = found
+
+
+def _about(seconds: float) -> str:
+    """Seconds with two digits, or all of those before the point."""
+    return f"{seconds:.0f}" if seconds >= 10 else f"{seconds:.2g}"
 
 
 def _set_of(found: Iterable[Answer | History]) -> SnapshotSet:
