@@ -43,7 +43,7 @@ class Budget:
     """What finding a model may cost; None for as much as it takes.
 
     Attributes:
-        seconds: after which nothing new is begun.
+        seconds: most that it may take; a stage that cannot end by then is not begun, or stopped.
         full_answers: of the full model, points or histories, those that check a model among them.
         bytes: size of the model in a file.
 
