@@ -180,6 +180,21 @@ def test_fields_that_no_wish_reads_are_made_for_a_bound_only(of, made, monkeypat
     assert model.reduction.tried[0].known.startswith("40 fresh answers")
 
 
+def test_a_bound_that_is_not_affordable_is_left_out(clocked):
+    """Time for compliances and for a check of forty answers, and none for what a bound interpolates more finely."""
+    clock = clocked(answer=0.1, compliance=1.0)
+    before = []
+    hhr.reduce(
+        VARIES, 0.01, of="forces", progress=lambda stage, share: before.append(clock.now) if stage == "starts" else None
+    )
+    alone, clock.now = before[0], 0.0
+    budget = hhr.Budget(seconds=alone + 0.1 * bench.FRESH + 1.5)
+    model = hhr.reduce(VARIES, 0.01, of="forces", budget=budget, progress=unannounced)
+    row = model.reduction.tried[model.reduction.chosen]
+    assert model.reduction.met and row.method == "condensed" and clock.now <= budget.seconds
+    assert model.fields.bound is None and row.known.startswith("40 fresh answers")
+
+
 def test_why_there_is_no_bound_is_found_once(monkeypatch):
     """The reason belongs to the full model: the next model of it does not solve for it again."""
     full = hhr.FullOrderModel(VARIES, MPI.COMM_SELF)

@@ -9,6 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx.models.estimates import ASKED
+from hhr_dolfinx.study.one_call.bench import BudgetSpentError
 
 if TYPE_CHECKING:
     from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
@@ -28,6 +29,9 @@ GRID_PART = 1e-3
 where a contact has just closed by more still."""
 GRID_BUDGETS = (200, 800, 800, 800, 800)
 """Solutions for each component in rounds of interpolation; displacements of checks are what makes later ones better."""
+
+OF_FIELDS = ("fields", "bound")
+"""Stages that a model does without if no wish reads displacements: it is then compared with more full answers."""
 
 
 @dataclass(frozen=True)
@@ -75,8 +79,15 @@ def _condensed(bench: Bench) -> Iterator[Attempt]:
 
         def make(settings: GridSettings = settings) -> Any:
             # without fields nothing bounds an error; without a bound they serve displacements alone
-            how: dict[str, Any] = {"along": True, "finer": True, "spare": not _reads_displacement(bench)}
-            return interpolated(full, bench.checked, settings, solvers=solvers, announce=bench.announce, **how)
+            spare = not _reads_displacement(bench)
+            how: dict[str, Any] = {"along": True, "finer": True, "spare": spare, "announce": bench.announce}
+            try:
+                return interpolated(full, bench.checked, settings, solvers=solvers, **how)
+            except BudgetSpentError as error:
+                if not spare or error.stage not in OF_FIELDS:
+                    raise
+            # all that takes long is known by now, and so nothing stops the rest
+            return interpolated(full, None, settings, fields=False, solvers=solvers, announce=bench.progress)
 
         found = len(bench.held_out)
         spanned = f", fields of {found} checks too" if found else ""

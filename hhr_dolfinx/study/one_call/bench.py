@@ -45,7 +45,15 @@ DOUBTED = 1.5
 
 
 class BudgetSpentError(HHRError):
-    """What comes next is not affordable."""
+    """What comes next is not affordable.
+
+    Attributes:
+        stage: that was stopped; empty if none had begun.
+    """
+
+    def __init__(self, text: str, stage: str = ""):
+        super().__init__(text)
+        self.stage = stage
 
 
 @dataclass
@@ -93,6 +101,7 @@ class Bench:
     short: str = ""
     batches: list[float] = field(default_factory=list)
     _began: dict[str, float] = field(default_factory=dict)
+    _last: dict[str, float] = field(default_factory=dict)
     _known: dict[bytes, Answer | History | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
@@ -121,13 +130,16 @@ class Bench:
         self._check_seconds()
         now = self.clock.seconds
         if now >= self.deadline:
-            raise BudgetSpentError(f"stage '{stage}' was stopped: {self._left()}")
+            raise BudgetSpentError(f"stage '{stage}' was stopped: {self._left()}", stage)
         if not share:
-            self._began[stage] = now
+            self._began[stage] = self._last[stage] = now
             return
-        rest = (now - self._began.get(stage, now)) * (1 / share - 1)
+        step = now - self._last.get(stage, now)
+        self._last[stage] = now
+        # what was known already took no time: the next step may take as long as this one
+        rest = max((now - self._began.get(stage, now)) * (1 / share - 1), step if share < 1 else 0.0)
         if now + rest / DOUBTED > self.deadline:
-            raise BudgetSpentError(f"stage '{stage}' would take about {_about(rest)} s more, and {self._left()}")
+            raise BudgetSpentError(f"stage '{stage}' would take about {_about(rest)} s more, and {self._left()}", stage)
 
     @property
     def deadline(self) -> float:
