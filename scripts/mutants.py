@@ -84,7 +84,7 @@ class Mutant:
 def changed(node: ast.AST) -> bool:
     """Change a node in place; whether there is a way to."""
     if isinstance(node, ast.Compare) and type(node.ops[0]) in COMPARED:
-        node.ops[0] = COMPARED[type(node.ops[0])]()
+        node.ops = [COMPARED[type(node.ops[0])](), *node.ops[1:]]
     elif isinstance(node, ast.BoolOp):
         node.op = ast.And() if isinstance(node.op, ast.Or) else ast.Or()
     elif isinstance(node, ast.BinOp) and type(node.op) in COUNTED and not _is_text(node):
@@ -109,21 +109,22 @@ def _is_text(node: ast.BinOp) -> bool:
     )
 
 
-def mutants_of(path: str) -> Iterator[Mutant]:
-    """All mutants of a file by one change each; types of arguments are none of its rules."""
+def places_of(path: str) -> list[int]:
+    """Numbers of the nodes of a file that can be changed."""
     tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
-    count = sum(1 for _ in ast.walk(tree))
+    return [number for number, node in enumerate(ast.walk(tree)) if changed(copy.copy(node))]
+
+
+def mutant_at(path: str, place: int) -> Mutant:
+    """A file with one node changed."""
+    tree = ast.parse((ROOT / path).read_text(encoding="utf-8"))
     lines = ast.unparse(tree).splitlines()
-    for place in range(count):
-        other = copy.deepcopy(tree)
-        node = next(item for number, item in enumerate(ast.walk(other)) if number == place)
-        if not changed(node):
-            continue
-        text = ast.unparse(ast.fix_missing_locations(other))
-        both = [pair for pair in zip(lines, text.splitlines(), strict=False) if pair[0] != pair[1]]
-        if both:
-            before, after = (" ".join(line.split()) for line in both[0])
-            yield Mutant(f"{path}:{getattr(node, 'lineno', 0)}: {before}  ->  {after}", path, text)
+    node = next(item for number, item in enumerate(ast.walk(tree)) if number == place)
+    changed(node)
+    text = ast.unparse(ast.fix_missing_locations(tree))
+    both = next(pair for pair in zip(lines, text.splitlines(), strict=False) if pair[0] != pair[1])
+    before, after = (" ".join(line.split()) for line in both)
+    return Mutant(f"{path}:{getattr(node, 'lineno', 0)}: {before}  ->  {after}", path, text)
 
 
 def decisions() -> Iterator[Mutant]:
@@ -167,11 +168,11 @@ def drawn(given: Sequence[str], count: int, seed: int) -> list[Mutant]:
     paths = given or [
         str(file.relative_to(ROOT)) for folder in FOLDERS for file in sorted((ROOT / folder).rglob("*.py"))
     ]
-    every = [mutant for path in paths if tests_of(path) for mutant in mutants_of(path)]
+    every = [(path, place) for path in paths if tests_of(path) for place in places_of(path)]
     for path in paths:
         if not tests_of(path) and not path.endswith("__init__.py"):
             print(f"no test names {path}", flush=True)
-    return random.Random(seed).sample(every, min(count, len(every)))
+    return [mutant_at(*one) for one in random.Random(seed).sample(every, min(count, len(every)))]
 
 
 def main() -> int:
