@@ -5,7 +5,7 @@ export OPENBLAS_NUM_THREADS = 1
 # what is said comes as it is said, into a file or a pipe too
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo hertz pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes figures lint test quick slow docs setup
+.PHONY: demo hertz pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes figures lint test quick slow docs setup mutants
 
 demo: setup
 	.venv/bin/python demos/bolted_joint.py
@@ -108,6 +108,10 @@ quick: setup
 # the tests that take minutes each, which `make test` leaves out
 slow: setup
 	.venv/bin/python -m pytest -m slow
+
+# rules of study and certify are changed one at a time, and changes that no test sees are printed: an hour
+mutants: setup
+	.venv/bin/python scripts/mutants.py
 
 setup:
 	@sh scripts/setup.sh

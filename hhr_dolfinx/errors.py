@@ -21,6 +21,10 @@ class ParameterError(HHRError, ValueError):
     """A parameter is not finite, has the wrong length, or lies outside the box of the scene."""
 
 
+class ShapeError(ParameterError):
+    """The shape of a scene changes more over its box than its mesh and its contact pairs allow."""
+
+
 class OutsideTrainingError(ParameterError):
     """A query lies outside what a reduced model was trained on, and ``outside`` is ``refuse``."""
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import logging
+import math
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
@@ -22,6 +23,14 @@ logger = logging.getLogger(__name__)
 def today() -> str:
     """Date and time of day in UTC, for reports: ``2026-01-31 09:05 UTC``."""
     return datetime.now(UTC).strftime("%Y-%m-%d %H:%M UTC")
+
+
+Announce = Callable[[str, float], None]
+"""Receives the name of a stage and the share of it that is done, 0 when it begins; it may raise to stop the run."""
+
+
+def unannounced(stage: str, share: float) -> None:
+    """Nobody listens."""
 
 
 WARM_UP = 5
@@ -43,9 +52,10 @@ class StageLog:
     refused: list[dict[str, Any]] = field(default_factory=list)
 
     @contextmanager
-    def stage(self, name: str) -> Iterator[None]:
-        """Time the block under a name."""
+    def stage(self, name: str, announce: Announce = unannounced) -> Iterator[None]:
+        """Time the block under a name, and announce that it begins."""
         logger.info("%s begins", name)
+        announce(name, 0.0)
         start = time.perf_counter()
         try:
             yield
@@ -80,6 +90,32 @@ class Stopwatch:
     def seconds(self) -> float:
         """How many have gone."""
         return time.perf_counter() - self._start
+
+
+class ShareLines:
+    """Writes a line for each stage of a long run, and then how much of the stage is done.
+
+    Args:
+        write: takes a line.
+        quiet: seconds in which nothing is written: a short run needs no progress.
+        every: seconds between two lines of one stage.
+    """
+
+    def __init__(self, write: Callable[[str], None], quiet: float = 2.0, every: float = 5.0):
+        self._write = write
+        self._quiet = quiet
+        self._every = every
+        self._clock = Stopwatch()
+        self._last: dict[str, float] = {}
+
+    def __call__(self, stage: str, share: float) -> None:
+        """Write what is due, see :data:`Announce`."""
+        now = self._clock.seconds
+        if now < self._quiet:
+            return
+        if not share or now - self._last.get(stage, -math.inf) >= self._every:
+            self._last[stage] = now
+            self._write(f"{now:.0f} s: {stage}" + (f", {share:.0%} done" if share else ""))
 
 
 def timed(call: Callable[[], Any], repetitions: int = 1) -> tuple[Any, float]:

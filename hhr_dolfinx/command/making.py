@@ -129,16 +129,26 @@ def reduce(scene: str, out: Path | None, error: float, of: tuple[str, ...], seed
     file of the scene holds PATHS, a hhr.PathFamily. Full answers are kept: a command that was interrupted goes on.
     """
     from hhr_dolfinx.command.loading import beside, scene_of
+    from hhr_dolfinx.errors import StudyError
+    from hhr_dolfinx.study.one_call.search import KEPT
     from hhr_dolfinx.study.one_call.search import reduce as reduced
     from hhr_dolfinx.study.one_call.wish import Budget
+    from hhr_dolfinx.study.report.console import shares_on
 
-    console, progress = spoken()
+    console, _ = spoken()
+    progress = shares_on(console)
     made = scene_of(scene)
     folder = out or Path("out") / made.name
     size = limits["megabytes"]
     budget = Budget(limits["seconds"], limits["answers"], None if size is None else 1e6 * size)
     wish: Any = {"error": error, "of": of or "pressure", "budget": budget, "paths": beside(scene, "PATHS")}
-    model = reduced(made, **wish, folder=folder, seed=seed, progress=progress)
+    try:
+        model = reduced(made, **wish, folder=folder, seed=seed, progress=progress)
+    except StudyError as error:
+        if tried := vars(error).get("reduction"):  # its reasons are those of the error
+            console.print(tried.table, highlight=False, markup=False)
+            console.print(f"what was tried: {folder / KEPT}", highlight=False)
+        raise
     console.print(str(model.reduction), highlight=False, markup=False)
     console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
     console.print(f"model: {folder / 'model.npz'}")

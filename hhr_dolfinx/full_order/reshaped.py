@@ -13,7 +13,7 @@ import numpy as np
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import PairingWarning, ParameterError, SceneError
+from hhr_dolfinx.errors import PairingWarning, ParameterError, SceneError, ShapeError
 from hhr_dolfinx.formulas import box_samples
 from hhr_dolfinx.full_order.checks import FOLDED, jacobians_of
 from hhr_dolfinx.models.functionals.cells import Middles
@@ -117,7 +117,7 @@ class Reshaped:
         """The problem at a point, (P,), its conditions in the order of the base problem.
 
         Raises:
-            ParameterError: if other nodes are in contact there, or the line of a partial pressure has moved.
+            ShapeError: if other nodes are in contact there, or the line of a partial pressure has moved.
         """
         return self._kept(point[list(self.axes)].tobytes())
 
@@ -136,7 +136,7 @@ class Reshaped:
         # between the points at which the box was tried a map may still fold
         complaint = self._complaint(self.coordinates(point), point)
         if complaint:
-            raise ParameterError(complaint)
+            raise ShapeError(complaint)
         with self.at(point), ignored(PairingWarning):  # said once, where the model was built
             problem = self._owner.contact_problem(*self._owner.stiffness_terms())
         assert self._base is not None
@@ -148,14 +148,14 @@ class Reshaped:
         pairs = zip(keys, (base, problem), strict=True)
         same = [np.column_stack([item.contact_slaves, item.contact_pairs])[key] for key, item in pairs]
         if not np.array_equal(same[0], same[1]):
-            raise ParameterError(
+            raise ShapeError(
                 f"at {base.parameters.described(point)} other nodes are in contact than in the middle of the box: the "
                 "shape changes which surfaces face each other. Narrow the box, or tag surfaces that face in all of it"
             )
         for before, after in zip(base.amplitudes.nonaffine, problem.amplitudes.nonaffine, strict=True):
             line, moved = (getattr(item, "positions", None) for item in (before, after))
             if line is not None and moved is not None and not np.allclose(line, moved, rtol=1e-12):
-                raise ParameterError(
+                raise ShapeError(
                     "the line of a partial pressure moves with the shape: press on a surface that does not, or on all"
                 )
         order = np.empty(len(problem.gaps), dtype=np.int64)

@@ -37,7 +37,7 @@ from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichme
 from hhr_dolfinx.reduction.projection import project, reduced_domain
 from hhr_dolfinx.reduction.recipe import Enrich, Recipe, basis_of, chosen_nodes
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
-from hhr_dolfinx.timing import StageLog
+from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
@@ -93,6 +93,7 @@ class _Offline:
         completion: of the answers.
         states: tangents at training states and the stiffness they make.
         log: told of every stage.
+        announce: of each stage that begins.
     """
 
     full: Any
@@ -106,6 +107,7 @@ class _Offline:
     completion: Completion
     states: list[tuple[np.ndarray, Any]]
     log: StageLog
+    announce: Announce
 
 
 def usual_recipe(full: Any) -> Recipe:
@@ -129,7 +131,13 @@ class Reductor(Protocol):
         """
 
 
-def build(full: Any, snapshots: SnapshotSet, recipe: Any = None, held_out: SnapshotSet | None = None) -> Any:
+def build(
+    full: Any,
+    snapshots: SnapshotSet,
+    recipe: Any = None,
+    held_out: SnapshotSet | None = None,
+    announce: Announce = unannounced,
+) -> Any:
     """Build an HHR model that passes the trust check, thesis sections 1.4.2-1.4.6 and 6.2.3.
 
     A :class:`Reductor` in the place of a recipe makes a model of another kind from the same answers, as
@@ -148,6 +156,7 @@ def build(full: Any, snapshots: SnapshotSet, recipe: Any = None, held_out: Snaps
             ``Recipe.flowing()``.
         held_out: answers kept out of training, for the trust check; without them training answers are compared, and a
             warning says so.
+        announce: called with each stage that begins; what it raises stops the build.
 
     Raises:
         ReductionError: for snapshots or recipes no model can be built from.
@@ -167,24 +176,32 @@ def build(full: Any, snapshots: SnapshotSet, recipe: Any = None, held_out: Snaps
     log = StageLog()
     if recipe is None and full.problem.friction is not None and full.equilibrium is None:
         try:
-            return _of_recipe(full, snapshots, usual_recipe(full), held_out, log)
+            return _of_recipe(full, snapshots, usual_recipe(full), held_out, log, announce)
         except NotSolvableError as error:
             log.say(f"the usual recipe is tried again with {FURTHER}: {error}")
             recipe = replace(usual_recipe(full), enrichment=FURTHER)
-    return _of_recipe(full, snapshots, usual_recipe(full) if recipe is None else recipe, held_out, log)
+    chosen = usual_recipe(full) if recipe is None else recipe
+    return _of_recipe(full, snapshots, chosen, held_out, log, announce)
 
 
-def _of_recipe(full: Any, snapshots: SnapshotSet, recipe: Recipe, held_out: SnapshotSet | None, log: StageLog) -> Any:
+def _of_recipe(
+    full: Any,
+    snapshots: SnapshotSet,
+    recipe: Recipe,
+    held_out: SnapshotSet | None,
+    log: StageLog,
+    announce: Announce,
+) -> Any:
     """See :func:`build`."""
     _check_given(full, snapshots, recipe, held_out)
     comm = full.problem.comm
     if comm is not None and not (why := not_by_rows(full.problem, snapshots, recipe)):
         with together(comm, f"reducing scene '{full.scene.name}'"):
-            return _built(full, snapshots, recipe, held_out, log)
+            return _built(full, snapshots, recipe, held_out, log, announce)
     if comm is not None:
         log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
         full, snapshots, held_out = everywhere(full, snapshots, held_out)
-    return _built(full, snapshots, recipe, held_out, log)
+    return _built(full, snapshots, recipe, held_out, log, announce)
 
 
 def not_by_rows(problem: ContactProblem, snapshots: SnapshotSet | None = None, recipe: Recipe | None = None) -> str:
@@ -211,7 +228,14 @@ def everywhere(full: Any, *sets: SnapshotSet | None) -> tuple[Any, ...]:
     return full.gathered(), *(None if item is None else item.gathered(problem) for item in sets)
 
 
-def _built(full: Any, snapshots: SnapshotSet, recipe: Recipe, held_out: SnapshotSet | None, log: StageLog) -> Any:
+def _built(
+    full: Any,
+    snapshots: SnapshotSet,
+    recipe: Recipe,
+    held_out: SnapshotSet | None,
+    log: StageLog,
+    announce: Announce,
+) -> Any:
     """See :func:`build`."""
     if recipe.trust is None:
         log.skip("validation", "no limits were given: the model is as it is")
@@ -219,23 +243,27 @@ def _built(full: Any, snapshots: SnapshotSet, recipe: Recipe, held_out: Snapshot
         warn_of_training(full, snapshots, held_out)
         if held_out is None:
             log.skip("held_out", "nothing was kept out of training: training answers were compared")
-    with log.stage("basis"):
+    with log.stage("basis", announce):
         basis = basis_of(recipe.basis, full.problem, snapshots)
-    with log.stage("rid"):
+    with log.stage("rid", announce):
         touching = full.problem.touching()
         nodes = chosen_nodes(full.problem, snapshots, recipe, basis)
-    with log.stage("full_constants"):
+    with log.stage("full_constants", announce):
         constants = FullConstants.of(full)
-    with log.stage("reconstruction"):
+    with log.stage("reconstruction", announce):
         completion = Completion.of(full.problem, snapshots)
-    states = _tangents(full, snapshots, recipe, log)
+    states = _tangents(full, snapshots, recipe, log, announce)
     if recipe.indicator is None and (full.problem.friction is None or full.equilibrium is not None):
         log.skip("indicator", "no estimate of the error of each answer was asked for")
-    shared = _Offline(full, snapshots, held_out, recipe, basis, nodes, touching, constants, completion, states, log)
+    shared = _Offline(
+        full, snapshots, held_out, recipe, basis, nodes, touching, constants, completion, states, log, announce
+    )
     return first_trusted(lambda layers: _attempt(shared, layers), recipe.domain.layers, recipe.domain.most_layers, log)
 
 
-def _tangents(full: Any, snapshots: SnapshotSet, recipe: Recipe, log: StageLog) -> list[tuple[np.ndarray, Any]]:
+def _tangents(
+    full: Any, snapshots: SnapshotSet, recipe: Recipe, log: StageLog, announce: Announce
+) -> list[tuple[np.ndarray, Any]]:
     """Tangents at training states and the stiffness they make; none where nothing flows, or they were not asked for."""
     if full.equilibrium is None or recipe.tangents is None:
         why = "nothing flows: the elastic operator is the tangent" if full.equilibrium is None else "not asked for"
@@ -243,7 +271,7 @@ def _tangents(full: Any, snapshots: SnapshotSet, recipe: Recipe, log: StageLog) 
         return []
     from hhr_dolfinx.reduction.flow import training_tangents
 
-    with log.stage("training_tangents"):
+    with log.stage("training_tangents", announce):
         return training_tangents(full.equilibrium, snapshots, recipe.tangents.states)
 
 
@@ -317,24 +345,24 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
     recipe = shared.recipe
     log = shared.log
     problem = shared.full.problem
-    with log.stage("rid"):
+    with log.stage("rid", shared.announce):
         sets = reduced_domain(shared.touching, shared.nodes, layers)
         check_loads_seen(problem, sets, shared.snapshots.points)
-    with log.stage("enrichment"):
+    with log.stage("enrichment", shared.announce):
         enrichment = _enriched(shared, sets)
     basis = enrichment.basis
-    with log.stage("projection"):
+    with log.stage("projection", shared.announce):
         reduced = project(problem, basis, sets)
         if problem.reshaped is not None:
             from hhr_dolfinx.reduction.shaped import rid_assembly
 
             reduced = replace(reduced, terms=None, reshaped=rid_assembly(full, basis, sets))
     flow = None if full.equilibrium is None else _flow_of(shared, basis, sets, layers)
-    with log.stage("stability"):
+    with log.stage("stability", shared.announce):
         stability = _assessed(shared, basis, sets, reduced)
     fields = _fields(shared, basis, sets, flow)
     known = shared.snapshots.known_statuses(sets.A_lambda) if flow is None else None
-    with log.stage("online_arrays"):
+    with log.stage("online_arrays", shared.announce):
         range_ = TrainedRange.of(shared.snapshots.points, problem.parameters) if flow is None else None
         model = ReducedModel(reduced, full.parameters, fields, range_, known=known, flow=flow)
         if problem.varies and flow is None:
@@ -342,11 +370,11 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
         elif model.eliminated is not None and not (reduced.motions or model.eliminated.tabulated or model.friction):
             model = model.changed(known=_starts_along(model))
     if problem.friction is not None and flow is None and recipe.trust is not None:
-        with log.stage("indicator"):
+        with log.stage("indicator", shared.announce):
             told_by = [item.histories for item in (shared.held_out, shared.snapshots) if item is not None]
             (model,) = calibrated(model, told_by, log)
     margin = _checked_margin(shared, model, layers)
-    with log.stage("validation"):
+    with log.stage("validation", shared.announce):
         comparison, trained = _compared(shared, model)
     shared.log.say(known_error(model.fields))
     record = OfflineRecord(recipe, layers, basis, sets, stability, enrichment, margin, comparison, log)
@@ -374,10 +402,10 @@ def _fields(
     recipe = shared.recipe
     log = shared.log
     problem = full.problem
-    bounding = bound_of(full, recipe, shared.snapshots, basis, log)
+    bounding = bound_of(full, recipe, shared.snapshots, basis, log, shared.announce)
     bound = bounding.bound
     response = bounding.response
-    with log.stage("reconstruction"):
+    with log.stage("reconstruction", shared.announce):
         cone = (recipe.cone or bound is None) and problem.friction is None
         fields = shared.completion.reconstruction(problem, bounding.columns, sets, flow, cone=cone)
         fields = replace(fields, bound=bound, unbounded=bounding.unbounded, stress_of=full.stress_of, full=full)
@@ -392,7 +420,7 @@ def _fields(
     if isinstance(bound, ErrorBound) and full.functionals is not None:
         from hhr_dolfinx.certify.output_bounds import output_bound
 
-        with log.stage("bound"):
+        with log.stage("bound", shared.announce):
             # C lies among the columns of K^-1 B^T, which are there anyway
             own = basis if response is None else basis[:, :0]
             fields = replace(fields, output_bound=output_bound(full, bound, own, shared.snapshots))
@@ -406,16 +434,16 @@ def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets, layers: int) 
     if step is None:
         from hhr_dolfinx.reduction.flow import project_flow
 
-        with shared.log.stage("projection"):
+        with shared.log.stage("projection", shared.announce):
             return project_flow(equilibrium, basis, sets)
     from hhr_dolfinx.reduction.cubature import cubature_flow
     from hhr_dolfinx.reduction.flow import check_domain
 
     if shared.recipe.tangents is not None:
-        with shared.log.stage("stability"):
+        with shared.log.stage("stability", shared.announce):
             check_domain(basis, sets, shared.states, shared.recipe.tangents.least, layers)
     tangents = [moduli for moduli, _ in shared.states]
-    with shared.log.stage("cubature"):
+    with shared.log.stage("cubature", shared.announce):
         how = tangents, step.tolerance, step.stiffness
         return cubature_flow(equilibrium, basis, sets, shared.snapshots, *how)[0]
 
@@ -495,7 +523,7 @@ def _checked_margin(shared: _Offline, model: ReducedModel, layers: int) -> float
         return None
     from hhr_dolfinx.reduction.flow import check_margin
 
-    with shared.log.stage("stability"):
+    with shared.log.stage("stability", shared.announce):
         return check_margin(model, shared.states, shared.recipe.tangents.least, layers)
 
 

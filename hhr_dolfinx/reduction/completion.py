@@ -21,7 +21,7 @@ from hhr_dolfinx.models.reconstruct import FlowFields, GappyField, Reconstructio
 from hhr_dolfinx.reduction.modes import pod, state_modes
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet
-from hhr_dolfinx.timing import StageLog
+from hhr_dolfinx.timing import Announce, StageLog, unannounced
 
 if TYPE_CHECKING:
     from hhr_dolfinx.certify.bounds import MadeOfForces
@@ -182,7 +182,14 @@ class Bounding(NamedTuple):
     unbounded: str = ""
 
 
-def bound_of(full: Any, recipe: Recipe, snapshots: SnapshotSet, basis: np.ndarray, log: StageLog) -> Bounding:
+def bound_of(
+    full: Any,
+    recipe: Recipe,
+    snapshots: SnapshotSet,
+    basis: np.ndarray,
+    log: StageLog,
+    announce: Announce = unannounced,
+) -> Bounding:
     """Bounds for a recipe, with a basis, (own, ell); none where not asked for or not proved, as the log says too."""
     if not recipe.bound or recipe.indicator is not None:
         return Bounding(None, basis, unbounded=NOT_ASKED)
@@ -190,11 +197,11 @@ def bound_of(full: Any, recipe: Recipe, snapshots: SnapshotSet, basis: np.ndarra
         return Bounding(None, basis, unbounded=OF_FRICTION)
     forces = snapshots.forces
     try:
-        with log.stage("bound"):
+        with log.stage("bound", announce):
             if full.problem.varies and full.equilibrium is None:
                 from hhr_dolfinx.reduction.varying_bound import varying_bound
 
-                return Bounding(varying_bound(full, basis, forces), basis)
+                return Bounding(varying_bound(full, basis, forces, announce=announce), basis)
             if recipe.cone:  # forces outside the RID are then those of training
                 return Bounding(error_bound(full, basis, forces), basis)
             made = _made_of_forces(full)(full, forces, basis.shape[1])

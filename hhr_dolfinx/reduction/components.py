@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
+from itertools import count
 from typing import Any, Protocol
 
 import numpy as np
@@ -14,8 +16,10 @@ from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.linear.shared import SharedCholesky
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of
 from hhr_dolfinx.models.eliminations.interpolated import Compliances
-from hhr_dolfinx.models.eliminations.interpolation import GrownGrid
+from hhr_dolfinx.models.eliminations.interpolation import FIRST_LEVELS, GrownGrid
 from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, grown
+from hhr_dolfinx.snapshots.arrays import ArrayStore
+from hhr_dolfinx.timing import Announce, unannounced
 
 LARGE = 1e5
 """Dofs from which on the factors of a component, made anew, take less of its time than of the memory."""
@@ -81,18 +85,33 @@ class Solves(Protocol):
 
 
 def interpolated_compliances(
-    problem: ContactProblem, solvers: Sequence[Solves], settings: GridSettings, own: Sequence[GridSettings] = ()
+    problem: ContactProblem,
+    solvers: Sequence[Solves],
+    settings: GridSettings,
+    own: Sequence[GridSettings] = (),
+    announce: Announce = unannounced,
+    stage: str = "compliances",
 ) -> tuple[Compliances, list[GrownGrid], list[dict[str, np.ndarray]]]:
     """Solve for and interpolate all that contact needs of a full model, on one rank, and the modes of what is besides.
 
-    ``settings`` hold for all, unless each part has its ``own``.
+    ``settings`` hold for all, unless each part has its ``own``. Each solution is announced under the name of a stage,
+    as a share of the fewest that the grids of all parts take.
     """
+    fewest = sum(1 + FIRST_LEVELS * solver.component.part.axes.size for solver in solvers)
+    done = count(1)
+
+    def counted(solver: Solves, point: np.ndarray) -> Mapping[str, np.ndarray]:
+        found = solver(point)
+        number = next(done)
+        announce(stage, number / max(fewest, number + 1))
+        return found
+
     parts = []
     grids = []
     others = []
     for solver, how in zip(solvers, own or [settings] * len(solvers), strict=True):
         part = solver.component.part
-        grid, modes = grown(solver, problem.parameters, part.axes, how, part)
+        grid, modes = grown(partial(counted, solver), problem.parameters, part.axes, how, part)
         solver.release()
         parts.append(compliance_of(part, grid, modes, None))
         grids.append(grid)
@@ -115,9 +134,10 @@ class Solver:
     Args:
         full: the full model, whose ranks have all rows.
         component: of its scene.
+        store: where solutions are kept for another run; None keeps them in memory alone.
     """
 
-    def __init__(self, full: Any, component: Component):
+    def __init__(self, full: Any, component: Component, store: ArrayStore | None = None):
         self.problem: ContactProblem = full.problem
         self.component = component
         self._full = full
@@ -125,6 +145,7 @@ class Solver:
         self._known: dict[bytes, dict[str, np.ndarray]] = {}
         self._work: dict[bytes, np.ndarray] = {}
         self._last: tuple[bytes, ContactProblem] | None = None
+        self._store = store
 
     def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
         """S_c, (m_c, m_c), and B K^-1 F above B K^-1 K lift, (T, m_c), for the factor 1.
@@ -136,11 +157,33 @@ class Solver:
         found = self._known.get(place)
         if found is None:
             scaled = self._full.scaled is not None
-            found = self._scaled() if scaled else self._solved(point)
+            found = self._read(place)
+            if found is None:
+                found = self._scaled() if scaled else self._solved(point)
+                self._keep(place, found)
             # of what an exact factor alone changes there is one, which models and bounds share
             if scaled or 8 * part.conditions.size**2 * (len(self._known) + 1) <= KNOWN_BYTES:
                 self._known[place] = found
         return found
+
+    def _key(self, place: bytes) -> str:
+        """Name of the solutions at a place in the store."""
+        return f"component {self.component.number} at {np.frombuffer(place).tolist()}"
+
+    def _read(self, place: bytes) -> dict[str, np.ndarray] | None:
+        """Solutions of another run; None if there are none."""
+        found = None if self._store is None else self._store.load(self._key(place))
+        if found is None:
+            return None
+        if (work := found.pop("work", None)) is not None:
+            self._work[place] = work
+        return found
+
+    def _keep(self, place: bytes, found: Mapping[str, np.ndarray]) -> None:
+        """Keep solutions for another run, with the work of loads if that is known."""
+        if self._store is not None:
+            work = {"work": self._work[place]} if place in self._work else {}
+            self._store.save(self._key(place), {**found, **work})
 
     def _solved(self, point: np.ndarray) -> dict[str, np.ndarray]:
         """By factors that eliminate contact last, or columns of K^-1 B^T: as K^-1 is symmetric loads take none."""
@@ -280,6 +323,6 @@ class Solver:
         return self._factors
 
 
-def solvers_of(full: Any) -> list[Solver]:
-    """Of all components of a full model."""
-    return [Solver(full, component) for component in components_of(full.problem)]
+def solvers_of(full: Any, store: ArrayStore | None = None) -> list[Solver]:
+    """Of all components of a full model, with the store that keeps their solutions."""
+    return [Solver(full, component, store) for component in components_of(full.problem)]

@@ -34,10 +34,10 @@ from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.recipe import Pod
 from hhr_dolfinx.reduction.shaped import reshaped_functionals
 from hhr_dolfinx.reduction.starts import starts_of
-from hhr_dolfinx.reduction.varying_bound import varying_bound
+from hhr_dolfinx.reduction.varying_bound import between, varying_bound
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
-from hhr_dolfinx.timing import StageLog
+from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.warn import warn
 
 STARTS = 256
@@ -119,6 +119,8 @@ def condense(
     along: bool = False,
     finer: bool | None = None,
     solvers: list[Solver] | None = None,
+    spare: bool = False,
+    announce: Announce = unannounced,
 ) -> CondensedModel:
     """Build a model that keeps all contact conditions and interpolates what is behind them.
 
@@ -133,6 +135,8 @@ def condense(
         along: whether fields are spanned by what forces and loads move beside the displacements of snapshots.
         finer: whether answers are by what the bound interpolates, where that is small; None without ``settings``.
         solvers: of all components, by :func:`solvers_of`, which keep what they have found for another model.
+        spare: whether fields are left out if no bound can be made of them.
+        announce: called with each stage and the share of it that is done; what it raises stops the build.
 
     Raises:
         ReductionError: for a scene whose stiffness is constant, or that flows.
@@ -146,23 +150,21 @@ def condense(
     _check_given(full, snapshots)
     log = StageLog()
     solvers = solvers_of(full) if solvers is None else solvers
-    with log.stage("compliances"):
-        compliances, grids = interpolated_compliances(problem, solvers, settings)[:2]
-    _warn_of_budget(full, grids, settings)
-    with log.stage("starts"):
-        known, forces = starts_of(compliances, _starts(problem), problem, full.comm)
-    with log.stage("fields"):
-        if not fields:
-            made = _no_fields(full, settings)
-        else:
-            made = _fields(full, _spanning(compliances, solvers, known, forces, snapshots, along=along), settings)
+    compliances, grids = _compliances(full, solvers, settings, log, announce)
+    with log.stage("starts", announce):
+        known, forces = starts_of(compliances, _starts(problem), problem, full.comm, announce)
+    fields = fields and not (spare and _unbounded(full, log, solvers, announce))
+    with log.stage("fields", announce):
+        seen = _spanning(compliances, solvers, known, forces, snapshots, announce, along=along) if fields else []
+        made = _fields(full, seen, settings) if fields else _no_fields(full, settings)
     if fields:
-        made = _bounded(full, made, forces.T if snapshots is None else snapshots.forces, log, solvers, wanted=bound)
+        forces = forces.T if snapshots is None else snapshots.forces
+        made = _bounded(full, made, forces, log, solvers, announce, wanted=bound)
     answering = _finer(compliances, made.bound) if finer else compliances
-    log.say(known_error(made))
     model = CondensedModel(
         full.parameters, answering, known, made, problem.contact_pairs, advice=ADVICE, friction=problem.friction
     )
+    log.say(known_error(made))
     comparison = _compared(full, model, snapshots, held_out, log) if fields else None
     model.offline = _record(settings, grids, comparison, log, finer=answering is not compliances)
     return model
@@ -204,7 +206,7 @@ def _warn_of_budget(full: Any, grids: list[GrownGrid], settings: GridSettings) -
             f"and an error of about {worst:.1e} is left where {settings.tolerance:g} was wished: raise the budget, "
             "narrow the box, smooth formulas of moduli that jump or have spikes, or take the hyper-reduced model",
             StabilityWarning,
-            stacklevel=4,
+            stacklevel=5,
         )
 
 
@@ -268,15 +270,45 @@ def _fields(full: Any, seen: list[np.ndarray], settings: GridSettings) -> Interp
     return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest, full=full)
 
 
+def _compliances(
+    full: Any, solvers: list[Solver], settings: GridSettings, log: StageLog, announce: Announce
+) -> tuple[Compliances, list[GrownGrid]]:
+    """Compliances of all components, with a warning if a grid spent its budget."""
+    with log.stage("compliances", announce):
+        found, grids = interpolated_compliances(full.problem, solvers, settings, announce=announce)[:2]
+    _warn_of_budget(full, grids, settings)
+    return found, grids
+
+
+def _unbounded(full: Any, log: StageLog, solvers: list[Solver], announce: Announce) -> bool:
+    """Whether nothing bounds the errors of a model, whatever its fields."""
+    if full.problem.friction is not None:
+        return True
+    try:
+        with log.stage("bound", announce):
+            between(full, solvers, announce)
+    except BoundError as error:
+        log.skip("bound", str(error))
+        return True
+    return False
+
+
 def _bounded(
-    full: Any, fields: InterpolatedFields, forces: np.ndarray, log: StageLog, solvers: list[Solver], *, wanted: bool
+    full: Any,
+    fields: InterpolatedFields,
+    forces: np.ndarray,
+    log: StageLog,
+    solvers: list[Solver],
+    announce: Announce,
+    *,
+    wanted: bool,
 ) -> InterpolatedFields:
     """Fields with a bound; as they are where there is none, with the reason in the log."""
     if not wanted or full.problem.friction is not None:
         return replace(fields, unbounded=NOT_ASKED if not wanted else OF_FRICTION)
     try:
-        with log.stage("bound"):
-            return replace(fields, bound=varying_bound(full, fields.basis, forces, solvers))
+        with log.stage("bound", announce):
+            return replace(fields, bound=varying_bound(full, fields.basis, forces, solvers, announce))
     except BoundError as error:
         log.skip("bound", str(error))
         found = replace(fields, unbounded=str(error))
@@ -310,6 +342,7 @@ def _spanning(
     known: KnownStatuses,
     forces: np.ndarray,
     snapshots: SnapshotSet | None,
+    announce: Announce,
     *,
     along: bool,
 ) -> list[np.ndarray]:
@@ -317,7 +350,7 @@ def _spanning(
     _warn_of_untouched(snapshots, solvers)
     seen = [] if solvers[0].problem.reshaped is None else _fields_seen(compliances, solvers, forces)
     if snapshots is None or along:
-        seen += _fields_along(compliances, solvers, known.points, forces)
+        seen += _fields_along(compliances, solvers, known.points, forces, announce)
     if snapshots is not None:
         seen.append(snapshots.displacements)
     return seen
@@ -337,7 +370,7 @@ def _fields_seen(compliances: Compliances, solvers: list[Solver], forces: np.nda
 
 
 def _fields_along(
-    compliances: Compliances, solvers: list[Solver], points: np.ndarray, forces: np.ndarray
+    compliances: Compliances, solvers: list[Solver], points: np.ndarray, forces: np.ndarray, announce: Announce
 ) -> list[np.ndarray]:
     """Displacements under loads and forces of solved points, (S, P) and (S, m): (N, k) each.
 
@@ -352,6 +385,7 @@ def _fields_along(
     # all of them in one array: stacked they would be there twice
     moved = np.zeros((solvers[0].problem.free.size, count + lifts), order="F")
     place = count
+    done = 0
     for part, solver, nodes in zip(compliances.parts, solvers, every, strict=True):
         for first, node in enumerate(nodes):
             point = solver.problem.middle
@@ -363,6 +397,8 @@ def _fields_along(
                 moved[:, some] += solver.fields_under(point, points[some], forces[some])
             moved[:, place : place + part.lifted.size] = solver.fields_of_lifts(point)
             place += part.lifted.size
+            done += 1
+            announce("fields", done / sum(map(len, every)))
         solver.release()
     return [moved]
 

@@ -32,7 +32,7 @@ from hhr_dolfinx.reduction.cubature import Cubature, compressed, fitted
 from hhr_dolfinx.reduction.elastic_response import ElasticResponse, elastic_response
 from hhr_dolfinx.reduction.modes import correction_modes, state_modes
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
-from hhr_dolfinx.timing import StageLog
+from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.warn import collected, repeat
 
 if TYPE_CHECKING:
@@ -291,6 +291,7 @@ def condense_flow(
     snapshots: SnapshotSet,
     settings: CorrectionSettings | None = None,
     held_out: SnapshotSet | None = None,
+    announce: Announce = unannounced,
 ) -> CondensedFlowModel:
     """Build a model of bodies that flow that keeps all contact conditions and reduces the plastic correction alone.
 
@@ -299,6 +300,7 @@ def condense_flow(
         snapshots: training histories.
         settings: how far to go.
         held_out: histories kept out of training, for the check.
+        announce: called with each stage that begins; what it raises stops the build.
 
     Raises:
         ReductionError: for a scene in which nothing flows, or whose moduli are no factors of connected components.
@@ -323,14 +325,14 @@ def condense_flow(
     if settings.trust is not None:
         warn_of_training(full, snapshots, held_out)
     log = StageLog()
-    with log.stage("elastic"):
+    with log.stage("elastic", announce):
         elastic = elastic_response(full)
-    with log.stage("corrections"):
+    with log.stage("corrections", announce):
         answers = [answer for history in snapshots.histories for answer in history.answers]
         corrections = np.stack([elastic.correction(problem, answer) for answer in answers], axis=1)
-    with log.stage("reconstruction"):
+    with log.stage("reconstruction", announce):
         fields = _FieldModes.of(full, snapshots)
-    shared = _Shared(full, snapshots, held_out, elastic, answers, corrections, fields, log)
+    shared = _Shared(full, snapshots, held_out, elastic, answers, corrections, fields, log, announce)
     return _grown(shared, settings)
 
 
@@ -346,6 +348,7 @@ class _Shared:
     corrections: np.ndarray
     fields: _FieldModes
     log: StageLog
+    announce: Announce
     known: list[Cubature] = field(default_factory=list)
     """That of the last attempt, if there was one: the next one begins with its points."""
 
@@ -386,9 +389,9 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
     full = shared.full
     log = shared.log
     elastic = shared.elastic
-    with log.stage("modes"):
+    with log.stage("modes", shared.announce):
         basis, sizes = correction_modes(full.problem, shared.corrections, elastic, settings.modes, settings.most_modes)
-    with log.stage("cubature"):
+    with log.stage("cubature", shared.announce):
         kept = np.flatnonzero(sizes > NOTHING * sizes.max(initial=0.0))
         domain = FlowingDomain.of(full, basis, [shared.answers[k] for k in kept], sizes[kept])
         answers = [shared.answers[k] for k in kept]
@@ -402,7 +405,7 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
             f"the cubature on {cubature.points.size} points gives a mode {energy:.2f} times its energy, and tangents "
             "may turn their sign: allow more points (most_points), or a smaller stability"
         )
-    with log.stage("online_arrays"):
+    with log.stage("online_arrays", shared.announce):
         flow = _online(full, elastic, basis, domain, cubature, answers)
         problem = full.problem
         fields = CondensedFlowFields(
@@ -411,9 +414,9 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
             problem.friction, full,
         )  # fmt: skip
         model = CondensedFlowModel(flow, full.parameters, fields)
-    with log.stage("compilation"):  # once for an installation, not for each model
+    with log.stage("compilation", shared.announce):  # once for an installation, not for each model
         model.march(shared.snapshots.histories[0].path[:2], MarchSettings(outside="ignore"))
-    with log.stage("validation"):
+    with log.stage("validation", shared.announce):
         remedy = "allow more modes and points, or train on more histories"
         checked = full, model, shared.snapshots, shared.held_out, settings.trust
         comparison, trained = checked_histories(*checked, remedy)

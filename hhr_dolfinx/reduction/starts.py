@@ -13,10 +13,12 @@ from hhr_dolfinx.errors import ConvergenceError, ReductionError
 from hhr_dolfinx.models.answer import ModelFields
 from hhr_dolfinx.models.eliminations.elimination import Elimination, answer_of
 from hhr_dolfinx.models.starts import KnownStatuses, LinearStarts
+from hhr_dolfinx.timing import Announce, unannounced
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
+STAGE = "starts"
 ALONG = 4
 """Points along each path that shows forces of friction."""
 NO_FIELDS: Any = ModelFields()
@@ -29,6 +31,7 @@ def linear_starts(
     pairs: np.ndarray | None,
     active: np.ndarray | None = None,
     comm: Comm | None = None,
+    announce: Announce = unannounced,
 ) -> LinearStarts:
     """Starts at those of some points, (S, P), that have an answer, with derivatives.
 
@@ -41,6 +44,7 @@ def linear_starts(
         pairs: number of the contact pair of each condition, (m,).
         active: statuses to start from there, (S, m) bool; None for those of the free slack.
         comm: ranks that share the points out, if there are several.
+        announce: called with the share of the points that are done.
 
     Raises:
         ReductionError: if no point has an answer.
@@ -48,6 +52,7 @@ def linear_starts(
 
     def start_at(number: int) -> tuple[np.ndarray, ...] | None:
         """Point, statuses, margins and their changes; None without an answer."""
+        announce(STAGE, number / len(points))
         point = points[number]
         contact = eliminated(point)
         start = None if active is None else active[number]
@@ -68,7 +73,11 @@ def linear_starts(
 
 
 def starts_of(
-    eliminated: Elimination, points: np.ndarray, problem: ContactProblem, comm: Comm | None = None
+    eliminated: Elimination,
+    points: np.ndarray,
+    problem: ContactProblem,
+    comm: Comm | None = None,
+    announce: Announce = unannounced,
 ) -> tuple[KnownStatuses, np.ndarray]:
     """What searches start from, and forces as they occur, (S, m), of a condensed model at some points, (S, P).
 
@@ -76,7 +85,7 @@ def starts_of(
     which load, unload and turn round; what stays along a path is that of its first point.
     """
     if problem.friction is None:
-        known = linear_starts(eliminated, points, problem.contact_pairs, comm=comm)
+        known = linear_starts(eliminated, points, problem.contact_pairs, comm=comm, announce=announce)
         return known, np.maximum(known.margins, 0.0)
     from hhr_dolfinx.models.condensed import CondensedModel
 
@@ -88,6 +97,7 @@ def starts_of(
     found = []
     seen = []
     for first in range(0, len(points), ALONG):
+        announce(STAGE, first / len(points))
         along = points[first : first + ALONG].copy()
         along[:, fixed] = along[0, fixed]
         rest = np.clip(0.0, problem.parameters.lower, problem.parameters.upper)

@@ -26,6 +26,7 @@ from hhr_dolfinx.reduction.components import Component, Solver, interpolated_com
 from hhr_dolfinx.reduction.interpolate import GridSettings, grown
 from hhr_dolfinx.reduction.interpolate_reduced import SHAPE_GRID, interpolated_problem
 from hhr_dolfinx.reduction.projection import project
+from hhr_dolfinx.timing import Announce, unannounced
 
 GRID = GridSettings(1e-9, 150)
 """How far S and its energies are interpolated: displacements are resolved up to the root of it."""
@@ -57,35 +58,54 @@ class Between(NamedTuple):
     areas: Interpolant | None
 
 
-_KNOWN: WeakKeyDictionary[Any, Between] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[Any, Between | BoundError] = WeakKeyDictionary()
+
+
+def between(full: Any, solvers: Sequence[Solver] | None = None, announce: Announce = unannounced) -> Between:
+    """What bounds of all models of a full model share, or why there are none: solved for once, and kept as long as it.
+
+    Raises:
+        BoundError: with the hypothesis that fails.
+    """
+    check_hypotheses(full)
+    if full not in _KNOWN:
+        # K^-1 of each component takes all rows; what is made of it is as large as the surface
+        whole = full if full.problem.comm is None else full.gathered()
+        try:
+            _KNOWN[full] = _between(whole, solvers or solvers_of(whole), announce)
+        except BoundError as error:
+            _KNOWN[full] = error
+    known = _KNOWN[full]
+    if isinstance(known, BoundError):
+        raise BoundError(str(known))
+    return known
 
 
 def varying_bound(
-    full: Any, basis: np.ndarray, forces: np.ndarray | None = None, solvers: Sequence[Solver] | None = None
+    full: Any,
+    basis: np.ndarray,
+    forces: np.ndarray | None = None,
+    solvers: Sequence[Solver] | None = None,
+    announce: Announce = unannounced,
 ) -> VaryingBound:
     """Bounds for answers with a basis, (own, ell), of a full model whose stiffness depends on parameters.
 
-    What does not depend on the basis is solved for once, and kept as long as the full model lives. Of forces of
+    What does not depend on the basis is that of :func:`between`. Of forces of
     training, (N_lambda, S), a thousandth is what relative errors are taken over at least. ``solvers`` of its components
     may be given that know some points already.
 
     Raises:
         BoundError: with the hypothesis that fails.
     """
-    check_hypotheses(full)
     problem: ContactProblem = full.problem
-    if full not in _KNOWN:
-        # K^-1 of each component takes all rows; what is made of it is as large as the surface
-        whole = full if problem.comm is None else full.gathered()
-        _KNOWN[full] = _between(whole, solvers or solvers_of(whole))
-    known = _KNOWN[full]
+    known = between(full, solvers, announce)
     sizes = (problem.contact_areas, least_sizes(problem, known.compliances(problem.middle).schur, forces))
     return VaryingBound(
         *known[:2], _whole(problem, basis), known.inexact, known.proved, problem.middle, *sizes, known.areas
     )
 
 
-def _between(full: Any, solvers: Sequence[Solver]) -> Between:
+def _between(full: Any, solvers: Sequence[Solver], announce: Announce) -> Between:
     """Solve for it."""
     problem: ContactProblem = full.problem
     components = [solver.component for solver in solvers]
@@ -97,7 +117,7 @@ def _between(full: Any, solvers: Sequence[Solver]) -> Between:
     proofs = [proof if proof is not None and proof[1] <= PROVED else None for proof in proofs]
     own = [GRID if proof is None else replace(GRID, compressed=False, least=proof[0]) for proof in proofs]
     energetic = [EnergySolver(solver) for solver in solvers]
-    compliances, grids, modes = interpolated_compliances(problem, energetic, GRID, own)
+    compliances, grids, modes = interpolated_compliances(problem, energetic, GRID, own, announce, "bound")
     energies = tuple(
         PartEnergy(*(np.ascontiguousarray(np.moveaxis(part[name], 2, 0)) for name in ("work", "lifted")))
         for part in modes

@@ -9,6 +9,7 @@ from functools import partial
 from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx.models.estimates import ASKED
+from hhr_dolfinx.study.one_call.bench import BudgetSpentError
 
 if TYPE_CHECKING:
     from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
@@ -28,6 +29,9 @@ GRID_PART = 1e-3
 where a contact has just closed by more still."""
 GRID_BUDGETS = (200, 800, 800, 800, 800)
 """Solutions for each component in rounds of interpolation; displacements of checks are what makes later ones better."""
+
+OF_FIELDS = ("fields", "bound")
+"""Stages that a model does without if no wish reads displacements: it is then compared with more full answers."""
 
 
 @dataclass(frozen=True)
@@ -59,31 +63,43 @@ def attempts(bench: Bench) -> Iterator[Attempt]:
 
 def _condensed(bench: Bench) -> Iterator[Attempt]:
     """Condensation, exact where the stiffness is constant, else interpolated more and more finely."""
-    from hhr_dolfinx.study.condensing import condense
-
     full = bench.full
     if not full.problem.varies:
-        yield Attempt("condensed", "exact", lambda: condense(full, fields=bench.wish.needs_fields))
+        yield Attempt("condensed", "exact", partial(_exact, bench))
         return
     from hhr_dolfinx.reduction.components import solvers_of
     from hhr_dolfinx.reduction.condense import condense as interpolated
     from hhr_dolfinx.reduction.interpolate import GridSettings
 
-    solvers = solvers_of(full)
+    solvers = solvers_of(full, bench.store)
 
     tolerance = GRID_PART * bench.wish.error
     for budget in GRID_BUDGETS:
         settings = GridSettings(tolerance, budget)
 
         def make(settings: GridSettings = settings) -> Any:
-            # without fields nothing bounds an error
-            return interpolated(full, bench.checked, settings, along=True, finer=True, solvers=solvers)
+            # without fields nothing bounds an error; without a bound they serve displacements alone
+            spare = not _reads_displacement(bench)
+            how: dict[str, Any] = {"along": True, "finer": True, "spare": spare, "announce": bench.announce}
+            try:
+                return interpolated(full, bench.checked, settings, solvers=solvers, **how)
+            except BudgetSpentError as error:
+                if not spare or error.stage not in OF_FIELDS:
+                    raise
+            # all that takes long is known by now, and so nothing stops the rest
+            return interpolated(full, None, settings, fields=False, solvers=solvers, announce=bench.progress)
 
         found = len(bench.held_out)
         spanned = f", fields of {found} checks too" if found else ""
         yield Attempt("condensed", f"interpolated to {tolerance:.0e}{spanned}", make)
         if bench.forces_off:
             tolerance /= 100
+
+
+def _reads_displacement(bench: Bench) -> bool:
+    """Whether the wish, or an output of the scene, reads displacements."""
+    functionals = bench.full.functionals
+    return bench.wish.needs_fields or (functionals is not None and any(item.count for item in functionals.items))
 
 
 def _reduced(bench: Bench) -> Iterator[Attempt]:
@@ -113,12 +129,19 @@ def _flowing(bench: Bench) -> Iterator[Attempt]:
     yield from _by_histories(bench)
 
 
+def _exact(bench: Bench) -> Any:
+    from hhr_dolfinx.study.condensing import condense
+
+    bench.announce("exact condensation", 0.0)
+    return condense(bench.full, fields=bench.wish.needs_fields)
+
+
 def _built(bench: Bench, count: int) -> Any:
-    return bench.training(count).build()
+    return bench.training(count).build(announce=bench.announce)
 
 
 def _condensed_flow(bench: Bench, count: int, settings: CorrectionSettings) -> Any:
-    return bench.training(count).condense(settings)
+    return bench.training(count).condense(settings, bench.announce)
 
 
 def _doubled(first: int, last: int) -> Iterator[int]:

@@ -12,6 +12,7 @@ from __future__ import annotations
 import json
 import logging
 import math
+import sys
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -31,6 +32,8 @@ from hhr_dolfinx.errors import (
     NoBoundWarning,
     NotOfferedError,
     ParameterError,
+    SceneError,
+    ShapeError,
     StabilityWarning,
     StudyError,
     UncheckedWarning,
@@ -39,35 +42,33 @@ from hhr_dolfinx.files import make_folder, replacing
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.answer import Path as AnswerPath
-from hhr_dolfinx.models.estimates import ASKED, check_asked, relative_errors
+from hhr_dolfinx.models.estimates import check_asked, relative_errors
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.pages.scenery import NAME
 from hhr_dolfinx.path_families import PathFamily
 from hhr_dolfinx.reduction.condense import CondensedRecord
 from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.snapshots.arrays import ArrayStore
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.study.one_call.attempts import MANY, Attempt, attempts
-from hhr_dolfinx.study.one_call.bench import Bench, BudgetSpentError
+from hhr_dolfinx.study.one_call.bench import FRESH, SURE, Bench, BudgetSpentError
 from hhr_dolfinx.study.one_call.crew import Crew
 from hhr_dolfinx.study.one_call.wish import DISPLACEMENT, Budget, Exact, Wish
 from hhr_dolfinx.study.scene.scenery import scenery_of
 from hhr_dolfinx.study.training.counts import check_counts
-from hhr_dolfinx.study.training.train import Progress, checked_folder, silent
-from hhr_dolfinx.timing import WARM_UP, Stopwatch, median_time, timed
+from hhr_dolfinx.study.training.train import checked_folder
+from hhr_dolfinx.timing import WARM_UP, Announce, ShareLines, Stopwatch, median_time, timed
 from hhr_dolfinx.warn import ignored, warn
 
 _log = logging.getLogger(__name__)
 
 LOOKED_AT = 500
-LOOKED_AT_FIRST = 100
-"""Random points at which a model says itself how far it may be off, and of how many the others are not needed where it
-is too far off already."""
-SURE = 4
-"""Full answers beside which a model is compared whose bound meets the wish already."""
-FRESH = 40
-"""Full answers beside which others are compared; half of them where the model expects its largest errors."""
+"""Random points at which a model estimates its own errors."""
 FRESH_PATHS = 6
+"""Full histories that a model is compared with."""
+CONFIDENCE = 0.9
+"""How sure it is that no more of the box is beyond the wish than fresh answers allow, see :func:`share_beyond`."""
 ROOM = 2.0
 """What an error that was seen must leave to the wish: of 200 points the worst is worse than that of 40."""
 UNRESOLVED = 3.0
@@ -83,6 +84,8 @@ NO_BUDGET = Budget()
 TINY = 1e-300
 KEPT = "reduction.json"
 MET = "met"
+LONG = 40
+"""Characters from which on the outcome of a model is printed below the table, once for all models that share it."""
 
 
 @dataclass(frozen=True)
@@ -99,6 +102,8 @@ class Tried:
         known: how errors are known.
         bytes: size in a file; 0 where no budget asks for it.
         outcome: ``met``, or why not.
+        beyond: largest share of the box that may be beyond the wish, with a confidence of 90 %, if none of the random
+            fresh answers is; NaN if each answer has a bound or is exact, and if the wish is not met.
     """
 
     method: str
@@ -110,6 +115,7 @@ class Tried:
     known: str = ""
     bytes: int = 0
     outcome: str = ""
+    beyond: float = math.nan
 
     @property
     def met(self) -> bool:
@@ -125,7 +131,7 @@ class Reduction:
         scene: its name.
         wish: how exact it was to be.
         tried: models in the order in which they were tried.
-        chosen: number of the one that was handed out.
+        chosen: number of the one that was handed out; None if there is no model.
         full_answers: all that were solved for.
         seconds: of all of it.
         reason: why the wish is not met, or nothing.
@@ -134,7 +140,7 @@ class Reduction:
     scene: str
     wish: Wish
     tried: tuple[Tried, ...]
-    chosen: int
+    chosen: int | None
     full_answers: int
     seconds: float
     reason: str = ""
@@ -142,34 +148,73 @@ class Reduction:
     @property
     def met(self) -> bool:
         """Whether the wish is met, as far as is known."""
-        return self.tried[self.chosen].met
+        return self.chosen is not None and self.tried[self.chosen].met
 
-    def __str__(self) -> str:
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Why models were refused or stopped, each reason once, in the order in which they came up."""
+        return tuple(dict.fromkeys(item.outcome for item in self.tried if len(item.outcome) > LONG))
+
+    @property
+    def numbered(self) -> tuple[str, ...]:
+        """These reasons with the numbers that the table has for them."""
+        return tuple(f"({number}) {reason}" for number, reason in enumerate(self.reasons, 1))
+
+    @property
+    def table(self) -> str:
+        """A row for each model that was tried, with the numbers of long reasons."""
         heads = ("", "method", "how far", "full answers", "made in", "answers in", *self.wish.of, "known by", "outcome")
         rows = [heads, *(self._row(number, item) for number, item in enumerate(self.tried))]
         widths = [max(len(row[k]) for row in rows) for k in range(len(heads))]
         lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
-        return "\n".join([*lines, self.verdict])
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return "\n".join([self.table, *self.numbered, self.verdict])
 
     @property
     def verdict(self) -> str:
-        """What became of the wish, in a sentence."""
+        """Whether the wish is met, in a sentence."""
         wish = f"{self.wish.error:.3g} of {' and '.join(self.wish.of)}"
-        spent = f"{self.full_answers} full answers and {self.seconds:.3g} s"
-        if self.met:
-            return f"{wish} is met, {self.tried[self.chosen].known}; it took {spent}"
-        return f"{wish} is not met: {self.reason}. The best model there is was handed out; it took {spent}"
+        spent = f"it took {self.full_answers} full answers and {self.seconds:.3g} s"
+        if self.chosen is None:
+            return f"there is no model: {self.reason}; {spent}"
+        if not self.met:
+            return f"{wish} is not met: {self.reason}. The best model there is was handed out; {spent}"
+        item = self.tried[self.chosen]
+        sure = f"at {100 * CONFIDENCE:g} % confidence at most {100 * item.beyond:.2g} % of the box is beyond it"
+        return "; ".join([f"{wish} is met, {item.known}", *([] if math.isnan(item.beyond) else [sure]), spent])
 
     def _row(self, number: int, item: Tried) -> tuple[str, ...]:
         errors = [f"{item.errors[name]:.2g}" if name in item.errors else "-" for name in self.wish.of]
         query = "-" if math.isnan(item.query) else f"{1e3 * item.query:.3g} ms"
         mark = "->" if number == self.chosen else ""
-        made = str(item.full_answers), f"{item.seconds:.3g} s", query
-        return mark, item.method, item.setting, *made, *errors, item.known or "-", item.outcome
+        made = "-" if math.isnan(item.seconds) else f"{item.seconds:.3g} s"
+        outcome = item.outcome
+        if outcome in self.reasons:
+            outcome = f"{outcome.split(':')[0]} ({self.reasons.index(outcome) + 1})"
+        return (
+            mark,
+            item.method,
+            item.setting,
+            str(item.full_answers),
+            made,
+            query,
+            *errors,
+            item.known or "-",
+            outcome,
+        )
 
     def described(self) -> dict[str, Any]:
         """All of it as plain values, for a report."""
         return asdict(self) | {"met": self.met, "verdict": self.verdict}
+
+
+def _no_model(reduction: Reduction) -> StudyError:
+    """That no model was found, with what was tried as ``reduction``; each reason once."""
+    error = StudyError("; ".join([reduction.verdict, *reduction.numbered]))
+    vars(error)["reduction"] = reduction
+    return error
 
 
 def reduce(
@@ -182,7 +227,7 @@ def reduce(
     fallback: bool = False,
     folder: str | Path | None = None,
     seed: int = 1,
-    progress: Progress = silent,
+    progress: Announce | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> Any:
     """A model of a scene that is as exact as wished; collective.
@@ -199,7 +244,8 @@ def reduce(
         folder: where full answers are kept as they are found, so that the same call goes on from there, with the model,
             ``model.npz``, and what was tried, ``reduction.json``; None keeps nothing.
         seed: of what is drawn at random.
-        progress: for progress bars.
+        progress: receives each stage and the share of it that is done; None prints a line on the error stream now and
+            then once the search takes longer than two seconds, :func:`hhr_dolfinx.timing.unannounced` nothing.
         comm: ranks, of which the first one searches; all solve for full answers, each by a full model of its own.
 
     Returns:
@@ -208,15 +254,13 @@ def reduce(
 
     Raises:
         ParameterError: for an invalid wish or budget.
-        StudyError: for invalid input, paths where answers do not depend on any, and where there is no model.
+        StudyError: for invalid input, and if there is no model: its ``reduction`` then holds what was tried.
         NotOfferedError: for bodies that flow without paths.
 
     Warns:
         StabilityWarning: if the wish is not met.
     """
-    check_counts(seed=(seed, 0))
-    if not isinstance(budget, Budget):
-        raise StudyError(f"budget = {budget!r}: give hhr.Budget(seconds=600), of full_answers or of bytes")
+    _check_limits(budget, seed)
     with ranks.each_for_itself(comm, "preparing a search"):
         full = _full_model(scene)
         _check_paths(full, paths)
@@ -225,7 +269,8 @@ def reduce(
             raise NotOfferedError(f"a model falls back by one error, and not by {', '.join(wish.of)}: give one as of=")
         kept = None if folder is None else _free_folder(folder, full.scene.name)
         store = None if kept is None else SnapshotStore(kept / "snapshots", full)
-    bench = Bench(full, Crew(comm, full, store), wish, budget, paths, seed, progress)
+    shown = ShareLines(partial(print, file=sys.stderr, flush=True)) if progress is None else progress
+    bench = Bench(full, Crew(comm, full, store), wish, budget, paths, seed, shown, _arrays_beside(store))
     model, reduction = _found(bench, kept)
     if not reduction.met and not comm.rank:
         warn(reduction.verdict, StabilityWarning, stacklevel=2)
@@ -243,7 +288,7 @@ def _found(bench: Bench, kept: Path | None) -> tuple[Any, Reduction]:
             bench.crew.serve()
         else:
             try:
-                found = model, reduction = _searched(bench)
+                found = model, reduction = _searched(bench, kept)
                 if kept is not None:
                     keep(kept, model, reduction, bench.full)
             finally:
@@ -266,8 +311,25 @@ def keep(folder: Path, model: Any, reduction: Reduction, full: FullOrderModel) -
     """Write a model, how it was found, and what a page draws of it: model.npz, reduction.json and scenery.npz."""
     save_model(make_folder(folder) / "model.npz", model)
     scenery_of(full).write(folder / NAME)
-    with replacing(folder / KEPT, text=True) as file:
+    keep_table(folder, reduction)
+
+
+def keep_table(folder: Path, reduction: Reduction) -> None:
+    """Write what was tried, reduction.json."""
+    with replacing(make_folder(folder) / KEPT, text=True) as file:
         json.dump(reduction.described(), file, indent=1)
+
+
+def _check_limits(budget: Any, seed: Any) -> None:
+    """A budget, and a seed."""
+    check_counts(seed=(seed, 0))
+    if not isinstance(budget, Budget):
+        raise StudyError(f"budget = {budget!r}: give hhr.Budget(seconds=600), of full_answers or of bytes")
+
+
+def _arrays_beside(store: SnapshotStore | None) -> ArrayStore | None:
+    """Where solutions of connected components are kept, beside full answers."""
+    return None if store is None else ArrayStore(store.folder.parent / "compliances", store.problem_digest)
 
 
 def _free_folder(folder: str | Path, scene: str) -> Path:
@@ -307,41 +369,106 @@ def _check_paths(full: FullOrderModel, paths: Any) -> None:
         raise StudyError(f"answers of scene '{name}' do not depend on paths: leave them out")
 
 
-def _searched(bench: Bench) -> tuple[Any, Reduction]:
-    """The model to hand out, and how it was found."""
-    tried: list[Tried] = []
-    models: list[Any] = []
-    reason = "nothing more is known to be tried"
-    failure: HHRError | None = None
-    never: set[str] = set()
-    for attempt in attempts(bench):
-        if any(item.met for item in tried) and not _worth_trying(bench, attempt, tried):
-            break
-        if attempt.method in never:
-            continue
+def _searched(bench: Bench, kept: Path | None) -> tuple[Any, Reduction]:
+    """The model to hand out, and how it was found; the table is kept whatever ends the search."""
+    found = _Found(bench)
+    try:
+        found.search()
+    except BaseException:
+        if kept is not None:
+            keep_table(kept, replace(found.reduction, reason="the search was interrupted"))
+        raise
+    reduction = found.reduction
+    if reduction.chosen is None:
+        if kept is not None:
+            keep_table(kept, reduction)
+        raise _no_model(reduction) from found.failure
+    return found.models[reduction.chosen], reduction
+
+
+class _Found:
+    """Models of a search as they are tried.
+
+    Attributes:
+        tried: a row for each.
+        models: themselves, None where there is none.
+        failure: the last error of one that could not be made.
+    """
+
+    def __init__(self, bench: Bench):
+        self._bench = bench
+        self._reason = "nothing more is known to be tried"
+        self._ended: set[str] = set()
+        self._over = False
+        self.tried: list[Tried] = []
+        self.models: list[Any] = []
+        self.failure: HHRError | None = None
+
+    @property
+    def reduction(self) -> Reduction:
+        """What was found up to now."""
+        bench = self._bench
+        there = any(model is not None for model in self.models)
+        chosen = _chosen(self.tried, self.models, bench.wish) if there else None
+        tried = tuple(self.tried)
+        return Reduction(
+            bench.full.scene.name, bench.wish, tried, chosen, bench.solved, bench.clock.seconds, self._reason
+        )
+
+    def search(self) -> None:
+        """Try one way after another, until the wish is met or nothing is left that may help."""
+        bench = self._bench
+        for number, attempt in enumerate(attempts(bench)):
+            if any(item.met for item in self.tried) and not _worth_trying(bench, attempt, self.tried):
+                break
+            if self._over:
+                break
+            if attempt.method in self._ended:
+                continue
+            try:
+                bench.check_budget()
+                if not number:
+                    bench.measure()
+            except BudgetSpentError as error:
+                self._reason = str(error)
+                break
+            self._try(attempt)
+            row = self.tried[-1]
+            _log.info("%s, %s: %s %s (%s)", row.method, row.setting, row.outcome, dict(row.errors), row.known)
+
+    def _try(self, attempt: Attempt) -> None:
+        """One way, and whether others like it are worth trying."""
+        bench = self._bench
+        clock = Stopwatch()
         model = None
         try:
-            bench.check_budget()
             model, row = _try(bench, attempt)
         except BudgetSpentError as error:
-            reason = str(error)
-            break
+            self._reason = "what is left to be tried is not affordable"
+            self._ended.add(attempt.method)  # what comes next goes further, and takes longer
+            row = Tried(
+                attempt.method, attempt.setting, bench.solved, clock.seconds, outcome=f"not affordable: {error}"
+            )
+        except ShapeError as error:
+            self.failure = error
+            self._reason = "the scene itself allows no model of all of its box"
+            self._over = True
+            row = Tried(attempt.method, attempt.setting, bench.solved, clock.seconds, outcome=f"refused: {error}")
         except HHRError as error:
-            failure = error
-            if isinstance(error, NotOfferedError):
-                never.add(attempt.method)
-            row = Tried(attempt.method, attempt.setting, bench.solved, math.nan, outcome=f"refused: {error}")
-        tried.append(row)
-        models.append(model)
-        _log.info("%s, %s: %s %s (%s)", row.method, row.setting, row.outcome, dict(row.errors), row.known)
-    if not any(model is not None for model in models):
-        told = "".join(f"; {item.method}, {item.setting}: {item.outcome}" for item in tried[-1:])
-        raise StudyError(f"there is no model: {reason}{told}") from failure
-    chosen = _chosen(tried, models, bench.wish)
-    found = Reduction(
-        bench.full.scene.name, bench.wish, tuple(tried), chosen, bench.solved, bench.clock.seconds, reason
-    )
-    return models[chosen], found
+            self.failure = error
+            row = Tried(attempt.method, attempt.setting, bench.solved, clock.seconds, outcome=f"refused: {error}")
+            before = {item.outcome for item in self.tried if item.method == attempt.method}
+            if isinstance(error, NotOfferedError | ParameterError | SceneError) or row.outcome in before:
+                self._ended.add(attempt.method)  # the same reason would come up again, however far others go
+        except BaseException:
+            self._keep(Tried(attempt.method, attempt.setting, bench.solved, clock.seconds, outcome="interrupted"), None)
+            raise
+        self._keep(row, model)
+
+    def _keep(self, row: Tried, model: Any) -> None:
+        """Take in a row, with its model if there is one."""
+        self.tried.append(row)
+        self.models.append(model)
 
 
 def _worth_trying(bench: Bench, attempt: Attempt, tried: Sequence[Tried]) -> bool:
@@ -355,54 +482,65 @@ def _try(bench: Bench, attempt: Attempt) -> tuple[Any, Tried]:
     clock = Stopwatch()
     # errors are looked at here, in other norms
     with ignored(StabilityWarning, UncheckedWarning, NoBoundWarning):
+        bench.checking = False
         model = attempt.make()
+    bench.checking = True
     seconds = clock.seconds
     limit = bench.budget.bytes
     size = 0 if limit is None else _size(model)
     made = Tried(attempt.method, attempt.setting, bench.solved, seconds, bytes=size)
     if limit is not None and size > limit:
         return None, replace(made, outcome=f"refused: {size / 1e6:.3g} MB in a file, and {limit / 1e6:.3g} are allowed")
+    bench.short = ""
     try:
-        errors, known = _judged(bench, model)
+        errors, known, beyond = _judged(bench, model)
     except BudgetSpentError as error:
         return model, replace(made, outcome=f"not checked: {error}", known="nothing", full_answers=bench.solved)
     bench.forces_off = bench.errors.forces_off(errors)
     worst = dict(zip(bench.wish.of, errors.tolist(), strict=True))
     met = bool((errors <= bench.wish.error).all())
     query = _query_time(bench, model)
-    outcome = MET if met else "not exact enough"
-    return model, replace(made, full_answers=bench.solved, query=query, errors=worst, known=known, outcome=outcome)
+    outcome = "not exact enough" if not met else f"not checked enough: {bench.short}" if bench.short else MET
+    made = replace(made, full_answers=bench.solved, query=query, errors=worst, known=known, outcome=outcome)
+    return model, replace(made, beyond=beyond) if made.met else made
 
 
-def _judged(bench: Bench, model: Any) -> tuple[np.ndarray, str]:
-    """The worst errors of a model that are known, by the norms of the wish, and how they are known."""
+def share_beyond(count: int) -> float:
+    """Largest share of the box that may be beyond a limit, if none of so many random points is, with confidence.
+
+    A larger share p would show none in ``count`` points with a probability (1 - p)^count below 1 - CONFIDENCE.
+    """
+    return 1.0 - (1.0 - CONFIDENCE) ** (1.0 / count)
+
+
+def _judged(bench: Bench, model: Any) -> tuple[np.ndarray, str, float]:
+    """The worst errors of a model that are known, by the norms of the wish, how, and the share that may be beyond."""
     if bench.family is not None:
         exact = bench.fresh(FRESH_PATHS)
-        return _compared(bench, model, exact, ROOM), f"{len(exact)} fresh histories, times {ROOM:g}"
+        known = f"{len(exact)} fresh histories, times {ROOM:g}"
+        return _compared(bench, model, exact, ROOM), known, share_beyond(len(exact))
+    points = bench.full.parameters.random(LOOKED_AT, bench.seed + bench.checks)
     if model.fields.exact:
-        exact = bench.fresh(SURE)
-        seen = _compared(bench, model, exact)
-        # an output that is zero but for round-off has no relative error
-        errors = np.where([name in ASKED for name in bench.wish.of], seen, 0.0)
-        return errors, f"{len(exact)} fresh answers; nothing but contact is left, exactly"
-    every = bench.full.parameters.random(LOOKED_AT, bench.seed + bench.checks)
-    worst = np.zeros(len(bench.wish.of))
-    for points in (every[:LOOKED_AT_FIRST], every[LOOKED_AT_FIRST:]):
-        said = _said(model, points, bench.wish)
-        here = np.array([said[name].max() if name in said else math.inf for name in bench.wish.of])
-        worst = np.maximum(worst, here)
-        if not (worst <= bench.wish.error).all():
-            break
-    else:
+        exact = bench.fresh(SURE, _silent(bench, model, points))
+        errors = _compared(bench, model, exact)
+        return errors, f"{len(exact)} fresh answers; nothing but contact is left, exactly", math.nan
+    said = _said(model, points, bench.wish)
+    worst = np.array([said[name].max() if name in said else math.inf for name in bench.wish.of])
+    if (worst <= bench.wish.error).all():
         exact = bench.fresh(SURE)
         seen = _compared(bench, model, exact)
         known = (
             f"{model.fields.estimated} at {LOOKED_AT} points (each answer tells its own), {len(exact)} fresh answers"
         )
-        return np.maximum(worst, seen), known
+        return np.maximum(worst, seen), known, math.nan
+    return _seen(bench, model, points[_worst_first(said)[: FRESH // 2]] if said else None)
+
+
+def _seen(bench: Bench, model: Any, suspects: np.ndarray | None) -> tuple[np.ndarray, str, float]:
+    """Errors at fresh answers, those at suspected points among them, and at answers of earlier checks."""
     before = list(bench.held_out)
-    suspects = points[_worst_first(said)[: FRESH // 2]] if said else None
-    exact = bench.fresh(FRESH if suspects is None else FRESH - len(suspects), suspects)
+    random = FRESH if suspects is None else FRESH - len(suspects)
+    exact = bench.fresh(random, suspects)
     told = "" if suspects is None else ", half where it may be worst"
     known = f"{len(exact)} fresh answers{told}, times {ROOM:g}"
     errors = _compared(bench, model, exact, ROOM)
@@ -411,7 +549,26 @@ def _judged(bench: Bench, model: Any) -> tuple[np.ndarray, str]:
         errors[others] = np.maximum(errors, bench.errors_of(model, before).max(axis=0))[others]
         known += f", {len(before)} of before"
     off = _unresolved(model)
-    return (np.maximum(errors, off), f"{known}; S is off by {off / UNRESOLVED:.1g}") if off else (errors, known)
+    if off:
+        errors = np.maximum(errors, off)
+        known += f"; S is off by {off / UNRESOLVED:.1g}"
+    # suspected points are none of a random sample
+    return errors, known, share_beyond(min(random, len(exact)))
+
+
+def _silent(bench: Bench, model: Any, points: np.ndarray) -> np.ndarray | None:
+    """Some of the points at which an exact model has no answer, or does not vouch for an output of the wish."""
+    wanted = set(bench.wish.outputs)
+    found = []
+    for number, point in enumerate(points if wanted else points[:0]):
+        bench.announce("estimates", number / len(points))
+        answer = model.solve(point, outside="ignore", raise_on_failure=False)
+        estimate = answer.estimate()
+        if estimate is None or not all(estimate.outputs.get(name, math.inf) < math.inf for name in wanted):
+            found.append(point)
+        if len(found) == FRESH // 2:
+            break
+    return np.array(found) if found else None
 
 
 def _unresolved(model: Any) -> float:

@@ -26,7 +26,7 @@ from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.study.training.answers import TrainingAnswers
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.study.training.sharing import no_room_side_by_side
-from hhr_dolfinx.timing import StageLog
+from hhr_dolfinx.timing import Announce, StageLog, unannounced
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed import CondensedModel
@@ -62,12 +62,12 @@ class Training(TrainingAnswers):
         full, snapshots, held_out = everywhere(self.full_order, self.snapshots, self.held_out)
         return replace(self, full_order=full, snapshots=snapshots, held_out=held_out)
 
-    def build(self, recipe: Any = None, *, checked: bool = True) -> Any:
+    def build(self, recipe: Any = None, *, checked: bool = True, announce: Announce = unannounced) -> Any:
         """A reduced model; unchecked it is built as it is, to be measured: no warning, no growth of its RID.
 
         Only what cannot be solved at all is refused even so: dependent contact rows, a singular K~. None takes the
         usual recipe of the scene, or the one for which a greedy training chose. What is no recipe is a way to reduce of
-        its own, see :class:`~hhr_dolfinx.reduction.build.Reductor`.
+        its own, see :class:`~hhr_dolfinx.reduction.build.Reductor`. Each stage that begins is announced.
         """
         if recipe is None and self.choice is not None:
             recipe = self.choice.recipe
@@ -75,7 +75,7 @@ class Training(TrainingAnswers):
             recipe = usual_recipe(self.full_order)
         if not checked and isinstance(recipe, Recipe):
             recipe = recipe.as_it_is()
-        return build(self.full_order, self.snapshots, recipe, self.held_out if checked else None)
+        return build(self.full_order, self.snapshots, recipe, self.held_out if checked else None, announce)
 
     def safe_model(
         self,
@@ -152,14 +152,14 @@ class Training(TrainingAnswers):
             raise StudyError(f"{given!r} is no recipe: give a Recipe")
         return how.models(self.everywhere, given if checked else given.as_it_is(), progress("local models"))
 
-    def condense(self, settings: Any = None) -> CondensedModel | CondensedFlowModel:
+    def condense(self, settings: Any = None, announce: Announce = unannounced) -> CondensedModel | CondensedFlowModel:
         """A model that keeps all contact conditions, with its check.
 
         Where nothing flows and the stiffness is constant it is exact. Where the stiffness or the shape depends on
         parameters it is interpolated, by :class:`~hhr_dolfinx.reduction.interpolate.GridSettings`, without them as
         finely as what bounds its errors where that is small. Where bodies flow
         their elastic response is eliminated and the plastic correction reduced, by
-        :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings`.
+        :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings`. Each stage that begins is announced.
 
         Raises:
             NotOfferedError: where contact alone holds bodies whose moduli or shapes are parameters.
@@ -167,7 +167,7 @@ class Training(TrainingAnswers):
         if self.full_order.equilibrium is not None:
             from hhr_dolfinx.reduction.condense_flow import condense_flow
 
-            return condense_flow(self.full_order, self.snapshots, settings, self.held_out)
+            return condense_flow(self.full_order, self.snapshots, settings, self.held_out, announce)
         if self.full_order.friction is not None:
             from hhr_dolfinx.study import condensing
 
@@ -180,7 +180,7 @@ class Training(TrainingAnswers):
         from hhr_dolfinx.reduction.condense import condense
 
         there = self.everywhere
-        return condense(there.full_order, there.snapshots, settings, there.held_out)
+        return condense(there.full_order, there.snapshots, settings, there.held_out, announce=announce)
 
     def force_correction(self) -> ForceCorrection:
         """What tells how far contact forces of histories are off, and corrects them once, for any model trained here.

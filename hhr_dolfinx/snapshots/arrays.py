@@ -1,0 +1,60 @@
+"""Arrays on disk that took long to solve for: a run that was stopped reads them instead of solving again."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from hhr_dolfinx.errors import FileContentError, SnapshotFileWarning
+from hhr_dolfinx.files import clear_leftovers, make_folder, read_arrays, write_arrays
+from hhr_dolfinx.warn import warn
+
+FORMAT = "hhr_dolfinx arrays"
+VERSION = 1
+
+
+class ArrayStore:
+    """Arrays by name, one file per key.
+
+    Args:
+        folder: where the files are.
+        problem: digest of the problem that they belong to, as of
+            :attr:`~hhr_dolfinx.snapshots.store.SnapshotStore.problem_digest`: files of another one are not read.
+
+    Raises:
+        FileError: if the folder cannot be made.
+    """
+
+    def __init__(self, folder: str | Path, problem: str):
+        self._folder = make_folder(folder)
+        clear_leftovers(self._folder)
+        self._problem = problem
+
+    def load(self, key: str) -> dict[str, np.ndarray] | None:
+        """The arrays under a key; None if there are none, or their file is damaged, which is warned of."""
+        path = self._path(key)
+        try:
+            header, arrays = read_arrays(path, FORMAT, VERSION)
+        except FileNotFoundError:
+            return None
+        except FileContentError as error:
+            warn(f"{error}: it is solved for again and replaced", SnapshotFileWarning, stacklevel=3)
+            return None
+        return arrays if header == self._header(key) else None
+
+    def save(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
+        """Keep arrays of finite numbers under a key.
+
+        Raises:
+            FileError: if the file cannot be written.
+        """
+        write_arrays(self._path(key), self._header(key), arrays, tidy=False)
+
+    def _header(self, key: str) -> dict[str, str | int]:
+        return {"format": FORMAT, "version": VERSION, "problem": self._problem, "key": key}
+
+    def _path(self, key: str) -> Path:
+        return self._folder / f"{hashlib.sha256(f'{self._problem} {key}'.encode()).hexdigest()[:40]}.npz"
