@@ -78,7 +78,8 @@ def told(output):
 def test_every_command_helps_with_examples():
     code, output = invoke("--help")
     assert code == 0 and set(command.commands) == {
-        "check", "dakota", "train", "reduce", "solve", "study", "answer", "page", "embed", "report", "export", "list"
+        "check", "dakota", "train", "reduce", "solve", "study", "answer", "page", "embed", "serve", "report",
+        "export", "list"
     }  # fmt: skip
     for name in command.commands:
         for word in ("--help", "-h"):

@@ -1,9 +1,9 @@
-"""Commands that hand models, problems and reports on to others: page, embed, dakota, export, report."""
+"""Commands that hand models, problems and reports on to others: page, embed, serve, dakota, export, report."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
@@ -82,6 +82,26 @@ def dakota(model: Path, parameters: Path, results: Path) -> None:
     from hhr_dolfinx.online.model_file import load_model
 
     answer_dakota(load_model(model), parameters, results)
+
+
+@click.command(epilog=examples("hhr serve model.npz", "hhr serve model.npz --host 127.0.0.1 --port 4242"))
+@click.argument("model", type=click.Path(path_type=Path))
+@click.option("--host", default="127.0.0.1", show_default=True, help="address to listen on; 0.0.0.0 is all of them")
+@click.option("--port", type=click.IntRange(0, 65535), default=4242, show_default=True, help="0 takes a free one")
+@click.option("--name", default="forward", show_default=True, help="name of the model, for clients")
+@guarded
+def serve(model: Path, host: str, port: int, name: str) -> None:
+    """Serve a model over HTTP, to clients of UM-Bridge, until Ctrl-C: values, gradients, products with the Jacobian.
+
+    Clients of this machine alone reach it, unless --host says otherwise: it asks nobody for a password.
+    """
+    from hhr_dolfinx.doors.um_bridge import Server
+    from hhr_dolfinx.online.model_file import load_model
+
+    with Server(load_model(model), host, port, name) as server:
+        click.echo(f"model '{name}' is served at {server.url}, until Ctrl-C")
+        with suppress(KeyboardInterrupt):
+            server.serve_forever()
 
 
 @contextmanager
