@@ -9,9 +9,10 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import re
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -20,8 +21,8 @@ import numpy as np
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.compat import extra
-from hhr_dolfinx.errors import ParameterError
-from hhr_dolfinx.files import make_folder, replacing
+from hhr_dolfinx.errors import FileError, ParameterError
+from hhr_dolfinx.files import clear_leftovers, make_folder, replacing
 from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.models.local import LEAF
 from hhr_dolfinx.models.model import AnsweringModel
@@ -38,6 +39,8 @@ Progress = Callable[[Iterable], Iterable]
 
 PARQUET = ".parquet"
 """Ending of tables that are no text."""
+MARK = "blocks of answers by hhr_dolfinx"
+"""What the file ``of.json`` in a folder of blocks holds: a folder without it is somebody else's, and is left alone."""
 SHOWN = 20
 """Bad rows whose reasons are printed; all of them stand in the table."""
 _STATUS = "status"
@@ -166,6 +169,11 @@ class _Blocks:
         """Of the blocks, beside the target."""
         return self.path.with_name(f"{self.path.name}.parts")
 
+    @property
+    def _mark(self) -> Path:
+        """The file that says whose blocks these are."""
+        return self.folder / "of.json"
+
     def _digest(self) -> str:
         """Changes where the answers would."""
         told = hashlib.sha256(
@@ -176,14 +184,56 @@ class _Blocks:
         return told.hexdigest()
 
     def prepare(self) -> None:
-        """Make the folder, and empty it if its blocks are those of another table or model."""
-        kept = self.folder / "of.json"
-        digest = self._digest()
-        if self.resume is None or not kept.exists() or kept.read_text() != json.dumps(digest):
-            shutil.rmtree(self.folder, ignore_errors=True)
+        """Make the folder, and empty it if its blocks are those of another table or model.
+
+        Raises:
+            FileError: if the folder is not one of blocks, or cannot be made.
+        """
+        mark = {MARK: self._digest()}
+        found = self._marked()
+        if self.resume is None or found != mark:
+            if found is None:
+                self._refuse_others()
+            else:
+                self._clear()
             make_folder(self.folder)
-            with replacing(kept, text=True) as file:
-                json.dump(digest, file)
+            with replacing(self._mark, text=True) as file:
+                json.dump(mark, file)
+
+    def _marked(self) -> dict[str, Any] | None:
+        """The mark of the folder; None of a folder that is not one of blocks, or is not there."""
+        try:
+            found = json.loads(self._mark.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError):
+            return None
+        return found if isinstance(found, dict) and found.keys() == {MARK} else None
+
+    def _refuse_others(self) -> None:
+        """Refuse a folder with files that are not ours; an empty one is as good as none.
+
+        Raises:
+            FileError: for such a folder.
+        """
+        if not self.folder.is_dir():
+            return
+        clear_leftovers(self.folder)
+        if others := sorted(path.name for path in self.folder.iterdir()):
+            raise FileError(
+                f"{self.folder} is where blocks of answers are kept on their way to {self.path}, and it holds files "
+                f"that are not: {', '.join(others[:3])}{', ...' if others[3:] else ''}. Move the folder, or give the "
+                "answers another name"
+            )
+
+    def _clear(self) -> None:
+        """Remove the blocks, and the folder if there is nothing else in it; the mark last, as a run may be killed."""
+        clear_leftovers(self.folder)
+        own = re.compile(rf"[0-9]{{6,}}(\.json|{re.escape(self.path.suffix)})")
+        for path in self.folder.iterdir():
+            if own.fullmatch(path.name):
+                path.unlink(missing_ok=True)
+        self._mark.unlink(missing_ok=True)
+        with suppress(OSError):
+            self.folder.rmdir()
 
     def _file(self, number: int, ending: str) -> Path:
         return self.folder / f"{number:06d}{ending}"
@@ -215,7 +265,7 @@ class _Blocks:
                 json.dump([bad, fallen, checksum(self._file(number, self.path.suffix))], file)
 
     def join(self) -> tuple[list[tuple[int, str]], int]:
-        """Make one file of all blocks and remove them.
+        """Make one file of all blocks and remove the blocks.
 
         Returns:
             Numbers of the bad rows with their reasons, and how many the full model answered.
@@ -231,7 +281,7 @@ class _Blocks:
                         target.write(head if number == 0 else "")
                         shutil.copyfileobj(source, target)
         told = [json.loads(self._file(number, ".json").read_text()) for number in range(len(self))]
-        shutil.rmtree(self.folder, ignore_errors=True)
+        self._clear()
         return [(row, why) for bad, *_ in told for row, why in bad], sum(fallen for _, fallen, _ in told)
 
 
