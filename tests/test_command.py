@@ -1,11 +1,14 @@
 """The command ``hhr``, as people use it: words, files, pipes, ranks, mistakes, and Ctrl-C."""
 
+import ast
 import csv
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import contract
@@ -351,6 +354,7 @@ FILES = {
     "scene = replace(your_scene.scene(), geometry=mine)\n",
     "prints.py": "print('it runs')\nimport your_scene\nscene = your_scene.scene()\n",
     "file": "", "broken.npz": "abc", "two.csv": "travel,travel\n1,2\n", "half.csv": "travel;lowered\n0,5;0,1\n",
+    "book.xlsx": "PK", "one.csv": "load\n1\n",
     "good.csv": "travel,lowered\n0.5,0.1\n", "latin.csv": b"travel,lowered\n\xe4,1\n", "bad.parquet": "abc",
 }  # fmt: skip
 MISTAKES = [
@@ -377,6 +381,11 @@ MISTAKES = [
     (3, "'travel=a' gives", ["solve", "MODEL", "--at", "travel=a"]),
     (
         3,
+        "'5' gives no parameter a number: write --at travel=0.5, with a decimal point",
+        ["solve", "MODEL", "--at", "travel=0,5"],
+    ),
+    (
+        3,
         "travel = nan is not finite: give a number inside travel in",
         ["solve", "MODEL", "--at", "travel=nan,lowered=0"],
     ),
@@ -397,7 +406,14 @@ MISTAKES = [
     (3, "there is no table", ["answer", "MODEL", "no.parquet"]),
     (3, "bad.parquet cannot be read as Parquet", ["answer", "MODEL", "bad.parquet"]),
     (3, "latin.csv cannot be read as a table of UTF-8", ["answer", "MODEL", "latin.csv"]),
-    (3, "half.csv has no column", ["answer", "MODEL", "half.csv"]),
+    (3, "half.csv is separated by semicolons or tabs", ["answer", "MODEL", "half.csv"]),
+    (3, "one.csv has no column", ["answer", "MODEL", "one.csv"]),
+    (3, "book.xlsx is a workbook of a spreadsheet: save its table as CSV", ["answer", "MODEL", "book.xlsx"]),
+    (3, "good.csv is a table and no model: the model comes first", ["answer", "good.csv", "MODEL"]),
+    (3, "folder is a folder, and a model is a file\n", ["solve", "folder", *AT]),
+    (3, "is a folder, and a model is a file: did you mean ", ["answer", "FOLDER", "good.csv"]),
+    (3, "there is no model file ", ["page", "FOLDER/condensed.npz"]),
+    (3, "model.npz?\n", ["page", "FOLDER/condensed.npz"]),
     (3, "two.csv has no column", ["answer", "MODEL", "two.csv"]),
     (3, "folder cannot be read", ["answer", "MODEL", "folder"]),
     (3, "must end in .csv or .parquet", ["answer", "MODEL", "good.csv", "--out", "a.xlsx"]),
@@ -423,11 +439,61 @@ def test_mistakes_end_in_a_sentence(code, said, words, trained, tmp_path, monkey
     for name in ("folder", "folder.vtu", "folder.csv"):
         Path(name).mkdir()
     before = sorted(Path().rglob("*"))
-    found, output = invoke(*(trained[0] / "model.npz" if word == "MODEL" else word for word in words))
+    places = {
+        "MODEL": trained[0] / "model.npz",
+        "FOLDER": trained[0],
+        "FOLDER/condensed.npz": trained[0] / "condensed.npz",
+    }
+    found, output = invoke(*(places.get(word, word) for word in words))
     assert found == code and said in output, output
     assert (
         code not in (2, 3) or [path for path in sorted(Path().rglob("*")) if "__pycache__" not in str(path)] == before
     )
+
+
+def options_of(command):
+    """Options of a command and of those below it."""
+    own = {word for item in command.params for word in (*item.opts, *item.secondary_opts)}
+    return own.union(*(options_of(one) for one in getattr(command, "commands", {}).values()))
+
+
+def test_messages_name_options_that_are_there():
+    """What an error or a warning advises must exist; options of other programs stand beside their names."""
+    others = {"--user"}
+    root = Path(hhr.__file__).parent
+    known = options_of(command) | others | {"--help"}
+    for path in (root / "command").parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", node.value))
+                assert named <= known | OF_DEMOS, (path.name, node.lineno, named)
+
+
+OF_DEMOS = {"--quick", "--batch", "--cells", "--order"}
+"""Options of ``study/cli.py``, by which demos run."""
+
+
+def test_without_click_the_command_says_so_in_one_line():
+    program = "import sys; sys.modules['click'] = None; from hhr_dolfinx.command.start import main; main()"
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=WAIT)
+    assert found.returncode == 3 and found.stdout == ""
+    assert found.stderr == (
+        "error: the command hhr needs the package click, which is not installed: `pip install hhr_dolfinx[study]`\n"
+    )
+    scripts = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]["scripts"]
+    assert scripts == {"hhr": "hhr_dolfinx.command.start:main"}
+
+
+def test_columns_of_forces_may_stay_out(trained, model, tmp_path):
+    """Eighty-six of them are no table to read; all other columns are the same."""
+    (tmp_path / "q.csv").write_text("travel,lowered\n0.5,0.1\n0.6,0.1\n")
+    for name, words in (("all.csv", []), ("few.csv", ["--no-forces"])):
+        code, _ = invoke("answer", trained[0] / "model.npz", tmp_path / "q.csv", "--out", tmp_path / name, *words)
+        assert code == 0
+    whole, few = (list(csv.reader(open(tmp_path / name, newline=""))) for name in ("all.csv", "few.csv"))
+    count = model.conditions
+    assert whole[0][-count:] == [f"force_{k}" for k in range(count)]
+    assert few == [row[:-count] for row in whole] and "total_force" in few[0]
 
 
 def test_a_scene_that_prints_runs_once(tmp_path, monkeypatch):

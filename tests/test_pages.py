@@ -365,8 +365,13 @@ def test_a_page_of_another_scene_or_too_large_is_refused(monkeypatch, tmp_path):
         hhr.write_model_page(tmp_path / "page.html", model, made(others)[2])
     with pytest.raises(NotOfferedError, match="another mesh"):
         hhr.write_model_page(tmp_path / "page.html", model, dataclasses.replace(scenery, nodes=scenery.nodes + 1000))
-    monkeypatch.setattr(page, "MOST_BYTES", 1000)
+    monkeypatch.setattr(page, "MOST_BYTES", 20_000)  # its scripts alone have more
     with pytest.raises(NotOfferedError, match="go by mail"):
+        hhr.write_model_page(tmp_path / "page.html", model, scenery)
+    # where the contact problem alone is too large nothing is made before that is said
+    monkeypatch.setattr(page, "MOST_BYTES", 100)
+    monkeypatch.setattr(page, "page_text", None)
+    with pytest.raises(NotOfferedError, match=r"MB or more exceeds .* 4 contact conditions are too many"):
         hhr.write_model_page(tmp_path / "page.html", model, scenery)
     assert not list(tmp_path.iterdir())
 

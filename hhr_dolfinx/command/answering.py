@@ -128,11 +128,10 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
 @click.option("--out", type=click.Path(path_type=Path), help="the answers, .csv or .parquet [answers.csv]")
 @click.option("--displacement", is_flag=True, help="a column of the largest displacement, which takes the whole field")
 @click.option("--estimates/--no-estimates", default=True, show_default=True, help="columns of what is known of errors")
+@click.option("--forces/--no-forces", default=True, show_default=True, help="a column for each contact condition")
 @PART
 @guarded
-def answer(
-    model: Path, table: Path, out: Path | None, displacement: bool, estimates: bool, part: tuple[int, int] | None
-) -> None:
+def answer(model: Path, table: Path, out: Path | None, part: tuple[int, int] | None, **columns: bool) -> None:
     """Answer a table of parameters, one row each, with outputs and bounds of errors. Rows may fail, others go on.
 
     Answers are kept block by block: a command that was interrupted goes on. Where bodies flow each row is one step from
@@ -155,6 +154,5 @@ def answer(
     if loaded.flows:
         console.print("bodies flow: each row is one step from rest, of one second; paths are for Python, model.march")
     console.print(f"errors of its answers: {loaded.known_error}", highlight=False, markup=False)
-    how: dict[str, Any] = {"displacement": displacement, "estimates": estimates, "resume": checksum(model)}
-    bad = answer_table(loaded, rows, target, console, progress("answers"), **how)
+    bad = answer_table(loaded, rows, target, console, progress("answers"), **columns, resume=checksum(model))
     sys.exit(NO_ANSWER if bad else 0)

@@ -32,15 +32,14 @@ def page(model: Path, scene: str | None, out: Path | None) -> None:
     """
     from hhr_dolfinx.command.loading import checked_target
     from hhr_dolfinx.online.model_file import load_model
-    from hhr_dolfinx.pages.arrays import check_model
-    from hhr_dolfinx.pages.page import write_model_page
+    from hhr_dolfinx.pages.page import check_for_page, write_model_page
 
     checked_target(out, PAGES)
     loaded = load_model(model)
     target = out or model.with_suffix(".html")
     checked_target(target, PAGES)
     with _naming_condensed(model):
-        check_model(loaded)  # before a scene is asked for
+        check_for_page(loaded)  # before a scene is asked for
         click.echo(write_model_page(target, loaded, _scenery_of(model, scene)))
 
 

@@ -67,7 +67,9 @@ def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) ->
         except ValueError:
             value = None
         if not equals or value is None:
-            raise ParameterError(f"'{word}' gives no parameter a number: write --at {space.names[0]}=0.5")
+            raise ParameterError(
+                f"'{word}' gives no parameter a number: write --at {space.names[0]}=0.5, with a decimal point"
+            )
         if name not in space.names or name in found:
             raise ParameterError(f"'{name}' is {'there twice' if name in found else 'no parameter'}: there are "
                                  f"{', '.join(space.names)}")  # fmt: skip
@@ -86,8 +88,8 @@ def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) ->
 
 
 def is_model(name: str) -> bool:
-    """Whether a name is that of a model in a file."""
-    return Path(name).suffix == ".npz"
+    """Whether a name is that of a model in a file, or of a folder, which reading one refuses in words."""
+    return Path(name).suffix == ".npz" or Path(name).is_dir()
 
 
 def checked_target(path: Path | None, endings: tuple[str, ...]) -> None:

@@ -14,7 +14,8 @@ import numpy as np
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.models.estimates import relative_errors
-from hhr_dolfinx.pages.arrays import check_model, drawn, flows, packed
+from hhr_dolfinx.pages.arrays import check_model, contact_tree, drawn, flows, packed
+from hhr_dolfinx.pages.packing import Packed
 from hhr_dolfinx.pages.scenery import Scenery, thinned
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
@@ -52,7 +53,7 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
         NotOfferedError: for another kind of model, one of another scene, or one that is too large for a page.
         FileError: if the file cannot be written.
     """
-    check_model(model)
+    check_for_page(model)
     if len(scenery.areas) != model.conditions:
         raise NotOfferedError(
             f"the scenery is of {len(scenery.areas)} contact conditions and the model of {model.conditions}: they are "
@@ -65,15 +66,32 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
     if not np.linalg.norm(own - scenery.compliance) <= ALIKE * np.linalg.norm(own):
         raise NotOfferedError("the scenery is not of the scene of this model: its contact is stiffer or softer")
     text = page_text(model, scenery)
-    if len(text.encode()) > MOST_BYTES:
-        raise NotOfferedError(
-            f"a page of {len(text) / 1e6:.1f} MB is more than the {MOST_BYTES / 1e6:g} that go by mail: "
-            f"{_size(model)} are too many. Take a coarser mesh for the page"
-            + (", or a model with fewer modes: a larger error, or fewer paths" if flows(model) else "")
-        )
+    _check_size(len(text.encode()), model)
     with replacing(path, text=True) as file:
         file.write(text)
     return Path(path)
+
+
+def check_for_page(model: Any) -> None:
+    """Refuse a model that a page cannot hold, before anything is made for it: a scenery, bounds, pictures.
+
+    Raises:
+        NotOfferedError: for another kind of model, or one whose contact problem alone is too large.
+    """
+    check_model(model)
+    arrays = Packed()
+    contact_tree(model, arrays)
+    _check_size(sum(len(item["data"]) for item in arrays.texts().values()), model)
+
+
+def _check_size(count: int, model: Any) -> None:
+    """Raise NotOfferedError for a page of too many bytes."""
+    if count > MOST_BYTES:
+        raise NotOfferedError(
+            f"a page of {count / 1e6:.1f} MB or more exceeds the {MOST_BYTES / 1e6:g} MB that go by mail: "
+            f"{_size(model)} are too many. Take a coarser mesh for the page"
+            + (", or a model with fewer modes: a larger error, or fewer paths" if flows(model) else "")
+        )
 
 
 def _compliance(model: Any) -> np.ndarray:
