@@ -23,6 +23,7 @@ pytest.importorskip("click")
 from click.testing import CliRunner
 
 from hhr_dolfinx.command.main import hhr as command
+from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 from hhr_dolfinx.study.report.page import write_page
 
 DEMO = str(Path(__file__).parents[1] / "demos" / "your_scene.py")
@@ -471,6 +472,50 @@ def test_messages_name_options_that_are_there():
 
 OF_DEMOS = {"--quick", "--batch", "--cells", "--order"}
 """Options of ``study/cli.py``, by which demos run."""
+
+
+def test_models_with_a_law_of_a_users_own(tmp_path, monkeypatch):
+    """Its class comes out of the file that is named, as scenes do; a page and C refuse it by name."""
+    from toy_law import Bingham
+
+    scene = contract.blocks(law=Bingham(0.03, 0.5))
+    training = hhr.train(scene, [contract.path(top) for top in (0.02, 0.05)], held_out=[contract.path(0.04)])
+    # one step from rest is faster than what was trained, and no subject here
+    model = training.condense(CorrectionSettings(primal=1.0, dual=1.0)).changed(trained=None)
+    monkeypatch.chdir(tmp_path)
+    hhr.save_model("model.npz", model)
+    law = f"{Path(__file__).parent / 'toy_law.py'}:Bingham"
+    Path("q.csv").write_text("push,load\n0.04,0.02\n")
+    point = model.parameters.point([0.04, 0.02])
+    Path("params.in").write_text(
+        "2 variables\n0.04 push\n0.02 load\n1 functions\n1 ASV_1:force\n0 derivative_variables\n"
+    )
+    known = model.solve(point, duration=1.0, outside="ignore").outputs()["force"]
+    ask = {
+        "solve": ["model.npz", "--at", "push=0.04,load=0.02"],
+        "answer": ["model.npz", "q.csv"],
+        "dakota": ["model.npz", "params.in", "results.out"],
+        "page": ["model.npz"],
+        "embed": ["model.npz", "--out", "a.h"],
+        "serve": ["model.npz", "--host", "192.0.2.1"],
+    }
+    for name, words in ask.items():
+        code, said = invoke(name, *words)
+        assert code == 3 and "--known FILE.py:Bingham" in said
+        code, said = invoke(name, *words, "--known", f"{law}s")
+        assert code == 3 and "has no 'Binghams'" in said
+        code, said = invoke(name, *words, "--known", law.replace(":Bingham", ":np"))
+        assert code == 3 and "is module and no class" in said
+    found = {name: invoke(name, *words, "--known", law) for name, words in ask.items()}
+    (value,) = re.findall(r"^force: (\S+)$", found["solve"][1], re.MULTILINE)  # beside warnings of the large step
+    assert found["solve"][0] == 0 and float(value) == pytest.approx(known, rel=1e-5)  # six digits are printed
+    for name in ("page", "embed"):
+        assert found[name][0] == 3 and "or of your own, as Bingham is" in found[name][1]
+    assert found["serve"][0] == 3 and "cannot be served" in found["serve"][1]
+    assert found["answer"][0] == found["dakota"][0] == 0
+    (row,) = csv.DictReader(Path("answers.csv").read_text().splitlines())
+    value, _ = Path("results.out").read_text().split()
+    assert float(row["force"]) == pytest.approx(known, rel=1e-10) and float(value) == pytest.approx(known, rel=1e-10)
 
 
 def test_without_click_the_command_says_so_in_one_line():

@@ -315,7 +315,7 @@ def test_nodes_of_the_body_that_is_named_are_told_apart_by_a_place():
     output = hhr.DisplacementAt("a", ((x[0] + x[1]) / 2, 1.0), 1, tag=stacked_blocks.UPPER)
     with pytest.raises(SceneError, match=r"2 nodes, of bodies \[2\], are equally near") as refused:
         hhr.FullOrderModel(pressed_stack(2, (output,)))
-    assert str(refused.value).endswith(f": move the place to one of them, such as (0.0, 1.0)")
+    assert str(refused.value).endswith(": move the place to one of them, such as (0.0, 1.0)")
     moved = dataclasses.replace(output, place=(float(x[0]), 1.0))
     assert hhr.FullOrderModel(pressed_stack(2, (moved,))).fields.functionals.items[0].name == "a"
 

@@ -92,6 +92,22 @@ def is_model(name: str) -> bool:
     return Path(name).suffix == ".npz" or Path(name).is_dir()
 
 
+def model_of(path: str | Path, known: Iterable[str] = ()) -> Any:
+    """The model of a file, with classes of a user's own, each of ``file.py:name`` or an entry point.
+
+    Raises:
+        SceneError: for a name that is nowhere, or is not that of a class.
+        ModelFileError: see :func:`hhr_dolfinx.online.model_file.load_model`.
+    """
+    from hhr_dolfinx.online.model_file import load_model
+
+    classes = [find("laws", name) for name in known]
+    for name, found in zip(known, classes, strict=True):
+        if not isinstance(found, type):
+            raise SceneError(f"--known {name} is {type(found).__name__} and no class: name one, --known law.py:MyLaw")
+    return load_model(path, known=classes)
+
+
 def checked_target(path: Path | None, endings: tuple[str, ...]) -> None:
     """Refuse, before anything is computed, a file that could not be written after it; None is none.
 

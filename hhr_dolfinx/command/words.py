@@ -23,6 +23,8 @@ SCENE = click.argument("scene")
 OUT = click.option("--out", type=click.Path(path_type=Path), help="folder of the results [out/<scene>]")
 AT = click.option("--at", "words", multiple=True, help="value of a parameter, name=value; once for each")
 
+KNOWN = click.option("--known", multiple=True, help="class of your own in the model, law.py:Voce; once for each [none]")
+
 
 class Part(click.ParamType):
     """``3/8``, the third of eight."""
