@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from html import escape
 from importlib import resources
@@ -131,12 +132,12 @@ def page_text(model: Any, scenery: Scenery) -> str:
     tree["error"] = error_of(model)
     tree["made"] = f"{today()}, hhr_dolfinx {__version__}"
     data = json.dumps({"tree": tree, "arrays": arrays}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    text = _file("page.html").replace("TITLE", escape(scenery.words["scene"].replace("_", " ")))
     needed = {"friction.js": model.friction is not None, "flow.js": flows(model)}
     needed |= {"floating.js": tree["floating"] is not None, "bound.js": tree["bound"] is not None}
-    for part in PARTS:
-        text = text.replace(f"/*{part}*/", _file(part) if needed.get(part, True) else "")
-    return text.replace("/*DATA*/", data)
+    marked = {f"/*{part}*/": _file(part) if needed.get(part, True) else "" for part in PARTS}
+    marked |= {"/*DATA*/": data, "TITLE": escape(scenery.words["scene"].replace("_", " "))}
+    # in one pass: a name of the user's may look like a marker
+    return re.sub("|".join(map(re.escape, marked)), lambda found: marked[found.group()], _file("page.html"))
 
 
 def error_of(model: Any) -> dict[str, Any]:

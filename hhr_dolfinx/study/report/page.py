@@ -60,6 +60,13 @@ TOLD = {
 """Parts of a report that have a place of their own on the page; the others follow as they are."""
 
 
+POLICY = (
+    '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; '
+    "style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'\">"
+)
+"""A report has pictures and styles of its own, and neither runs nor loads anything, whatever a report.json holds."""
+
+
 def write_page(folder: str | Path) -> Path:
     """Write ``report.html`` beside ``report.json``, with the pictures of the folder inside.
 
@@ -113,7 +120,7 @@ def page_of(report: Mapping[str, Any], folder: Path) -> str:
     ]
     body = "\n".join(part for part in parts if part)
     return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">{POLICY}'
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{name}</title>'
         f"<style>{_style()}</style></head>\n<body>\n{body}\n</body></html>\n"
     )
