@@ -64,7 +64,7 @@ def trained(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def model(trained):
-    return hhr.load_model(trained[0] / "model.npz")
+    return hhr.load_model(trained[0] / "hhr.npz")
 
 
 @pytest.fixture(scope="module")
@@ -97,7 +97,7 @@ def test_training_says_each_thing_once(trained):
     folder, found = trained
     lines = found.stdout.splitlines()
     assert lines[:2] == ["snapshots: 12 to do", "held out: 100 to do"]
-    assert "3128 dofs and 86 contacts -> " in lines[2] and lines[4:] == [f"model: {folder / 'model.npz'}"]
+    assert "3128 dofs and 86 contacts -> " in lines[2] and lines[4:] == [f"model: {folder / 'hhr.npz'}"]
     assert lines[3].startswith("errors of its answers: bound, proved: the displacement in energy; nodal contact forces")
     # twelve points are few, which is said
     warned = [line for line in found.stderr.splitlines() if line]
@@ -106,10 +106,10 @@ def test_training_says_each_thing_once(trained):
 
 def test_a_second_training_goes_on_from_the_first(trained):
     folder, found = trained
-    before = (folder / "model.npz").stat().st_mtime_ns
+    before = (folder / "hhr.npz").stat().st_mtime_ns
     again = run(*TRAIN, "--out", folder)
     assert again.returncode == 0 and f"112 of 112 answers were read from {folder / 'snapshots'}" in again.stdout
-    assert (folder / "model.npz").stat().st_mtime_ns > before and again.stderr == found.stderr
+    assert (folder / "hhr.npz").stat().st_mtime_ns > before and again.stderr == found.stderr
 
 
 def test_an_interrupted_training_keeps_its_answers(tmp_path):
@@ -125,7 +125,7 @@ def test_an_interrupted_training_keeps_its_answers(tmp_path):
     assert started.returncode == 130, stdout + stderr
     assert stderr == "interrupted: answers that were done are kept, and the same command goes on from there\n"
     kept = len(list(tmp_path.glob("snapshots/*.npz")))
-    assert 5 <= kept < 128 and not list(tmp_path.glob("snapshots/*.part")) and not (tmp_path / "model.npz").exists()
+    assert 5 <= kept < 128 and not list(tmp_path.glob("snapshots/*.part")) and not (tmp_path / "hhr.npz").exists()
     again = run(*words[3:])
     assert again.returncode == 0 and f"{kept} of 228 answers were read" in again.stdout, again.stdout + again.stderr
 
@@ -133,7 +133,7 @@ def test_an_interrupted_training_keeps_its_answers(tmp_path):
 def test_answers_do_not_replace_their_questions(trained, tmp_path):
     questions = tmp_path / "q.csv"
     questions.write_text("travel,lowered\n0.5,0.1\n")
-    code, output = invoke("answer", trained[0] / "model.npz", questions, "--out", questions)
+    code, output = invoke("answer", trained[0] / "hhr.npz", questions, "--out", questions)
     assert code == 2 and "holds the questions" in output and questions.read_text().startswith("travel")
 
 
@@ -152,7 +152,7 @@ def test_scene_and_model_answer_alike(trained, full, model):
         answer.outputs().values["force on the roller"], rel=1e-5
     )
     words = ["--at", "lowered = 0.1", "--at", "travel=5e-1,"]
-    code, output = invoke("solve", trained[0] / "model.npz", *words)
+    code, output = invoke("solve", trained[0] / "hhr.npz", *words)
     found = told(output)
     bounds = [f"bound of {name}" for name in ("displacement", "forces", "pressure", "forces in energy")]
     assert code == 0 and max(found.pop(name) for name in bounds) < 0.05
@@ -197,7 +197,7 @@ def test_tables_of_text_and_parquet_have_the_numbers_of_the_model(trained, model
     text = questions(tmp_path / "my questions.csv", ["lowered", "note", "travel"], [[b, "ä", a] for a, b in points])
     table = pyarrow.table({"note": ["x"] * 7, "lowered": points[:, 1], "travel": points[:, 0]})
     parquet.write_table(table, tmp_path / "q.parquet")
-    file = trained[0] / "model.npz"
+    file = trained[0] / "hhr.npz"
     for given, out in ((text, tmp_path / "a.csv"), (tmp_path / "q.parquet", tmp_path / "b" / "a.parquet")):
         code, output = invoke("answer", file, given, "--out", out)
         assert code == 0 and "7 answers and 0 bad rows" in output, output
@@ -218,7 +218,7 @@ def test_rows_that_have_no_answer_do_not_stop_the_others(trained, tmp_path):
     pyarrow = pytest.importorskip("pyarrow")
     from pyarrow import parquet
 
-    file = trained[0] / "model.npz"
+    file = trained[0] / "hhr.npz"
     rows = [[0.5, 0.1], ["x", 0.1], [9, 0.1], ["nan", 0.1], [0.5, ""], [0.6, 0.2], [0.5]]
     text = questions(tmp_path / "q.csv", ["travel", "lowered"], rows)
     code, output = invoke("answer", file, text, "--out", tmp_path / "a.csv")
@@ -239,7 +239,7 @@ def test_rows_that_have_no_answer_do_not_stop_the_others(trained, tmp_path):
 
 
 def test_tables_without_rows_have_a_header_of_answers(trained, tmp_path):
-    file = trained[0] / "model.npz"
+    file = trained[0] / "hhr.npz"
     for ending in (".csv", ".parquet"):
         given = questions(tmp_path / "none.csv", ["travel", "lowered"], [])
         code, output = invoke("answer", file, given, "--out", tmp_path / f"a{ending}")
@@ -258,8 +258,8 @@ def test_two_ranks_answer_as_one(trained, tmp_path):
     assert found.stderr.count("warning: ") == trained[1].stderr.count("warning: ")
     points = [[0.2, 0.0], [0.5, 0.1], [0.9, 0.1], [7, 0.1], [0.33, 0.29]]
     given = questions(tmp_path / "q.csv", ["travel", "lowered"], points)
-    code, _ = invoke("answer", folder / "model.npz", given, "--out", tmp_path / "one.csv")
-    words = ["answer", str(tmp_path / "of two" / "model.npz"), str(given), "--out", str(tmp_path / "two.csv")]
+    code, _ = invoke("answer", folder / "hhr.npz", given, "--out", tmp_path / "one.csv")
+    words = ["answer", str(tmp_path / "of two" / "hhr.npz"), str(given), "--out", str(tmp_path / "two.csv")]
     found = run_program(2, [*PROGRAM, *words])
     assert code == found.returncode == 1 and "4 answers and 1 bad rows on 2 ranks" in found.stdout, found.stderr
     one, two = (columns_of(tmp_path / name) for name in ("one.csv", "two.csv"))
@@ -311,7 +311,7 @@ def test_a_study_has_a_page(tmp_path):
     found = run("study", DEMO, "--sobol", "12", "--tests", "6", "--queries", "6", "--out", tmp_path)
     assert found.returncode == 0, found.stderr
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.count("<img ") == len(list(tmp_path.glob("*.png"))) == 4 and (tmp_path / "model.npz").exists()
+    assert page.count("<img ") == len(list(tmp_path.glob("*.png"))) == 4 and (tmp_path / "study.npz").exists()
     (tmp_path / "report.html").unlink()
     code, output = invoke("report", tmp_path)
     assert code == 0 and output == f"{tmp_path / 'report.html'}\n"
@@ -414,7 +414,7 @@ MISTAKES = [
     (3, "folder is a folder, and a model is a file\n", ["solve", "folder", *AT]),
     (3, "is a folder, and a model is a file: did you mean ", ["answer", "FOLDER", "good.csv"]),
     (3, "there is no model file ", ["page", "FOLDER/condensed.npz"]),
-    (3, "model.npz?\n", ["page", "FOLDER/condensed.npz"]),
+    (3, "hhr.npz?\n", ["page", "FOLDER/condensed.npz"]),
     (3, "two.csv has no column", ["answer", "MODEL", "two.csv"]),
     (3, "folder cannot be read", ["answer", "MODEL", "folder"]),
     (3, "must end in .csv or .parquet", ["answer", "MODEL", "good.csv", "--out", "a.xlsx"]),
@@ -441,7 +441,7 @@ def test_mistakes_end_in_a_sentence(code, said, words, trained, tmp_path, monkey
         Path(name).mkdir()
     before = sorted(Path().rglob("*"))
     places = {
-        "MODEL": trained[0] / "model.npz",
+        "MODEL": trained[0] / "hhr.npz",
         "FOLDER": trained[0],
         "FOLDER/condensed.npz": trained[0] / "condensed.npz",
     }
@@ -533,7 +533,7 @@ def test_columns_of_forces_may_stay_out(trained, model, tmp_path):
     """Eighty-six of them are no table to read; all other columns are the same."""
     (tmp_path / "q.csv").write_text("travel,lowered\n0.5,0.1\n0.6,0.1\n")
     for name, words in (("all.csv", []), ("few.csv", ["--no-forces"])):
-        code, _ = invoke("answer", trained[0] / "model.npz", tmp_path / "q.csv", "--out", tmp_path / name, *words)
+        code, _ = invoke("answer", trained[0] / "hhr.npz", tmp_path / "q.csv", "--out", tmp_path / name, *words)
         assert code == 0
     whole, few = (list(csv.reader(open(tmp_path / name, newline=""))) for name in ("all.csv", "few.csv"))
     count = model.conditions
@@ -571,7 +571,7 @@ def test_a_reader_that_has_seen_enough_is_no_crash(words, tmp_path):
 
 def test_tables_may_be_answered_with_nothing_but_the_model(trained, tmp_path):
     """A model in a file needs no MPI for one answer, and starts in the time of an import."""
-    found = run("solve", trained[0] / "model.npz", *AT, cwd=tmp_path)
+    found = run("solve", trained[0] / "hhr.npz", *AT, cwd=tmp_path)
     assert found.returncode == 0 and found.stderr == "" and list(tmp_path.iterdir()) == []
 
 
@@ -584,15 +584,15 @@ def test_parts_of_a_training_and_of_a_table(tmp_path):
         assert code == 0 and f"part {part[0]} of 3: 4 training queries and {count} held out" in output.replace(
             "\n", " "
         )
-    assert not (folder / "model.npz").exists()
+    assert not (folder / "hhr.npz").exists()
     found = run(*TRAIN, "--out", folder)  # 12 answers are too few for a good model, which it warns of
     assert found.returncode == 0 and "92 of 112 answers were read" in found.stdout.replace("\n", " ")
-    model = hhr.load_model(folder / "model.npz")
+    model = hhr.load_model(folder / "hhr.npz")
     points = model.parameters.random(5, seed=3)
     table = questions(tmp_path / "q.csv", ["travel", "lowered"], points)
     found = []
     for part in ("1/2", "2/2"):
-        code, output = invoke("answer", folder / "model.npz", table, "--out", tmp_path / "a.csv", "--part", part)
+        code, output = invoke("answer", folder / "hhr.npz", table, "--out", tmp_path / "a.csv", "--part", part)
         assert code == 0, output
         found += columns_of(tmp_path / f"a.{part[0]}of2.csv")["travel"]
     assert [float(value) for value in found] == points[:, 0].tolist()
@@ -608,7 +608,7 @@ def test_a_model_as_exact_as_wished_and_its_page(tmp_path):
     """One command finds a model, another one makes a page of it, and nothing but the folder is between them."""
     folder = tmp_path / "found"
     code, said = invoke("reduce", DEMO, "--error", "1%", "--of", "pressure", "--of", "displacement", "--out", folder)
-    assert code == 0 and "-> " in said and "is met" in said and f"model: {folder / 'model.npz'}" in said, said
+    assert code == 0 and "-> " in said and "is met" in said and f"model: {folder / 'hhr.npz'}" in said, said
     assert {path.name for path in folder.iterdir()} >= {"model.npz", "reduction.json", "scenery.npz"}
     code, said = invoke("page", folder / "model.npz")
     assert code == 0 and said.strip() == str(folder / "model.html")
@@ -635,5 +635,5 @@ def test_a_wish_that_is_not_met_is_an_exit_code(tmp_path):
 
 def test_a_hyper_reduced_model_has_no_page(trained):
     folder, _ = trained
-    code, said = invoke("page", folder / "model.npz")
+    code, said = invoke("page", folder / "hhr.npz")
     assert code == 3 and "condense the scene" in said and "Traceback" not in said

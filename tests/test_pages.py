@@ -339,8 +339,8 @@ def test_a_name_is_no_marker():
 
 
 SHOWN = """
-const { JSDOM } = require("jsdom"), page = require("fs").readFileSync(0, "utf8");
-const { window } = new JSDOM(page, { runScripts: "dangerously", virtualConsole: new (require("jsdom").VirtualConsole)() });
+const { JSDOM, VirtualConsole } = require("jsdom"), page = require("fs").readFileSync(0, "utf8");
+const { window } = new JSDOM(page, { runScripts: "dangerously", virtualConsole: new VirtualConsole() });
 console.log(JSON.stringify([...window.document.querySelectorAll("#sliders label")].map((label) => label.textContent)));
 """
 

@@ -30,7 +30,7 @@ from hhr_dolfinx.plain import add_kind, as_plain, by_name, restored
 
 FORMAT = "hhr_dolfinx model"
 VERSION = 5
-NAMES = ("model", "condensed", "local")
+NAMES = ("model", "hhr", "condensed", "local", "study")
 """Names under which commands leave models in a folder."""
 TABLES = (".csv", ".parquet")
 """Endings of tables, which people give in the place of a model."""

@@ -374,7 +374,7 @@ def _pictures(folder: Path) -> str:
 
 def _loading(folder: Path) -> str:
     """How the models beside a report are used."""
-    models = [path.name for path in sorted(folder.glob("*.npz")) if path.name in ("model.npz", "condensed.npz")]
+    models = [path.name for path in sorted(folder.glob("*.npz")) if path.name in ("study.npz", "condensed.npz")]
     if not models:
         return ""
     lines = ["import hhr_dolfinx as hhr", ""]
@@ -382,7 +382,8 @@ def _loading(folder: Path) -> str:
     lines += ["answer = model.solve(point)  # parameters by name, or in their order; path: model.march(path)"]
     lines += ["answer.forces(), answer.displacement(), answer.estimate()"]
     told = (
-        "It needs NumPy and SciPy, no DOLFINx. A table is answered by <code>hhr answer model.npz questions.csv</code>."
+        "It needs NumPy and SciPy, no DOLFINx. A table is answered by "
+        f"<code>hhr answer {models[-1]} questions.csv</code>."
     )
     return _section("How is the model used?", f"<pre>{escape(chr(10).join(lines))}</pre>", f"<p>{told}</p>")
 
