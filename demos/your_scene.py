@@ -5,7 +5,7 @@ Bodies and surfaces have the names that they have in the mesh. Copy this file, n
 
     hhr check demos/your_scene.py     # what is in the mesh, what faces what, with a picture; nothing is solved
     python demos/your_scene.py        # train, validate, save, report
-    hhr answer out/your_scene/model.npz questions.csv --out answers.csv
+    hhr answer out/your_scene/study.npz questions.csv --out answers.csv
 
     find u and λ >= 0:  K u + B^T λ = f(μ),    B u <= g(μ),    λ·(B u - g) = 0    with μ = (travel, lowered)
 
@@ -72,7 +72,6 @@ def main() -> None:
     points = built.parameters.random(20 if options.quick else 200, seed=options.seed + 7)
     study = hhr.study_scene(built, settings, options.out, points=points, progress=options.progress)
     if study is not None:  # ranks but the first have only trained
-        hhr.save_model(options.out / "model.npz", study.model)
         study.write(options.out, options.console, VIEW)
 
 

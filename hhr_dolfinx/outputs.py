@@ -357,13 +357,19 @@ class DisplacementAt(_Output):
         if self.component >= dim:
             raise SceneError(f"output '{self.name}': the mesh has {dim} components, none is {self.component}")
         nodes = np.arange(len(problem.points)) if self.tag is None else probe.nodes(self.tag)
-        found = nodes[probe.at_place(self, probe.base.points[nodes])]
+        points = probe.base.points[nodes]
+        found = nodes[probe.at_place(self, points)]
         if found.size > 1:
             # bodies in contact have nodes at one place, which move apart
             tags = [body.tag for body in probe.scene.bodies if np.isin(found, probe.nodes(body.tag)).any()]
+            node = probe.base.points[found[0]][:dim]
+            near = tuple(
+                float(f"{value:.6g}") for value in np.where(np.abs(node) > 1e-9 * np.abs(points).max(), node, 0)
+            )
+            remedy = f"move the place to one of them, such as {near}"
             raise SceneError(
-                f"output '{self.name}': {found.size} nodes, of bodies {tags}, are nearest to the place {self.place}: "
-                "name the body, tag=..., or move the place"
+                f"output '{self.name}': {found.size} nodes, of bodies {tags}, are equally near to the place "
+                f"{self.place}: " + (f"name the body, tag=..., or {remedy}" if len(tags) > 1 else remedy)
             )
         dof = dim * found[0] + self.component
         return Linear.of(self.name, self.unit, row=csr_matrix(([1.0], ([0], [dof])), shape=(1, problem.free.size)))

@@ -113,7 +113,13 @@ install() {
     exit 1
 }
 
+if [ -e "$venv" ] && [ ! -e "$venv/pip.log" ]; then
+    say "$PWD/$venv was not made by this set-up, which would have to remove it: move it elsewhere, or remove it"
+    exit 1
+fi
 rm -rf "$venv"
+mkdir "$venv"
+: >"$venv/pip.log" # its mark, from the start
 if [ -n "$system_python" ]; then
     say "Set-up 2 of 3: the DOLFINx of $system_python is used; installing the rest into $venv"
     say "    (up to 440 MB to download, 1.7 GB on disk, two minutes)"

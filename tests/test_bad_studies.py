@@ -121,7 +121,7 @@ def test_a_study_in_a_folder_given_as_text(tmp_path, monkeypatch):
     study = hhr.study_scene(scene, settings, "out/x", points=[0.2, 0.3])
     assert study.tests.shape == (2, 1) and len(list((tmp_path / "out/x/snapshots").iterdir())) == 8
     study.write("out/x")
-    assert (tmp_path / "out/x/report.json").exists() and (tmp_path / "out/x/model.npz").exists()
+    assert (tmp_path / "out/x/report.json").exists() and (tmp_path / "out/x/study.npz").exists()
 
 
 @pytest.mark.parametrize("kind", [np.complex64, np.complex128])

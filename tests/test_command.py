@@ -1,11 +1,14 @@
 """The command ``hhr``, as people use it: words, files, pipes, ranks, mistakes, and Ctrl-C."""
 
+import ast
 import csv
 import os
+import re
 import signal
 import subprocess
 import sys
 import time
+import tomllib
 from pathlib import Path
 
 import contract
@@ -20,6 +23,7 @@ pytest.importorskip("click")
 from click.testing import CliRunner
 
 from hhr_dolfinx.command.main import hhr as command
+from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 from hhr_dolfinx.study.report.page import write_page
 
 DEMO = str(Path(__file__).parents[1] / "demos" / "your_scene.py")
@@ -60,7 +64,7 @@ def trained(tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def model(trained):
-    return hhr.load_model(trained[0] / "model.npz")
+    return hhr.load_model(trained[0] / "hhr.npz")
 
 
 @pytest.fixture(scope="module")
@@ -78,7 +82,8 @@ def told(output):
 def test_every_command_helps_with_examples():
     code, output = invoke("--help")
     assert code == 0 and set(command.commands) == {
-        "check", "dakota", "train", "reduce", "solve", "study", "answer", "page", "embed", "report", "export", "list"
+        "check", "dakota", "train", "reduce", "solve", "study", "answer", "page", "embed", "serve", "report",
+        "export", "list"
     }  # fmt: skip
     for name in command.commands:
         for word in ("--help", "-h"):
@@ -92,7 +97,7 @@ def test_training_says_each_thing_once(trained):
     folder, found = trained
     lines = found.stdout.splitlines()
     assert lines[:2] == ["snapshots: 12 to do", "held out: 100 to do"]
-    assert "3128 dofs and 86 contacts -> " in lines[2] and lines[4:] == [f"model: {folder / 'model.npz'}"]
+    assert "3128 dofs and 86 contacts -> " in lines[2] and lines[4:] == [f"model: {folder / 'hhr.npz'}"]
     assert lines[3].startswith("errors of its answers: bound, proved: the displacement in energy; nodal contact forces")
     # twelve points are few, which is said
     warned = [line for line in found.stderr.splitlines() if line]
@@ -101,10 +106,10 @@ def test_training_says_each_thing_once(trained):
 
 def test_a_second_training_goes_on_from_the_first(trained):
     folder, found = trained
-    before = (folder / "model.npz").stat().st_mtime_ns
+    before = (folder / "hhr.npz").stat().st_mtime_ns
     again = run(*TRAIN, "--out", folder)
     assert again.returncode == 0 and f"112 of 112 answers were read from {folder / 'snapshots'}" in again.stdout
-    assert (folder / "model.npz").stat().st_mtime_ns > before and again.stderr == found.stderr
+    assert (folder / "hhr.npz").stat().st_mtime_ns > before and again.stderr == found.stderr
 
 
 def test_an_interrupted_training_keeps_its_answers(tmp_path):
@@ -120,7 +125,7 @@ def test_an_interrupted_training_keeps_its_answers(tmp_path):
     assert started.returncode == 130, stdout + stderr
     assert stderr == "interrupted: answers that were done are kept, and the same command goes on from there\n"
     kept = len(list(tmp_path.glob("snapshots/*.npz")))
-    assert 5 <= kept < 128 and not list(tmp_path.glob("snapshots/*.part")) and not (tmp_path / "model.npz").exists()
+    assert 5 <= kept < 128 and not list(tmp_path.glob("snapshots/*.part")) and not (tmp_path / "hhr.npz").exists()
     again = run(*words[3:])
     assert again.returncode == 0 and f"{kept} of 228 answers were read" in again.stdout, again.stdout + again.stderr
 
@@ -128,7 +133,7 @@ def test_an_interrupted_training_keeps_its_answers(tmp_path):
 def test_answers_do_not_replace_their_questions(trained, tmp_path):
     questions = tmp_path / "q.csv"
     questions.write_text("travel,lowered\n0.5,0.1\n")
-    code, output = invoke("answer", trained[0] / "model.npz", questions, "--out", questions)
+    code, output = invoke("answer", trained[0] / "hhr.npz", questions, "--out", questions)
     assert code == 2 and "holds the questions" in output and questions.read_text().startswith("travel")
 
 
@@ -147,7 +152,7 @@ def test_scene_and_model_answer_alike(trained, full, model):
         answer.outputs().values["force on the roller"], rel=1e-5
     )
     words = ["--at", "lowered = 0.1", "--at", "travel=5e-1,"]
-    code, output = invoke("solve", trained[0] / "model.npz", *words)
+    code, output = invoke("solve", trained[0] / "hhr.npz", *words)
     found = told(output)
     bounds = [f"bound of {name}" for name in ("displacement", "forces", "pressure", "forces in energy")]
     assert code == 0 and max(found.pop(name) for name in bounds) < 0.05
@@ -192,7 +197,7 @@ def test_tables_of_text_and_parquet_have_the_numbers_of_the_model(trained, model
     text = questions(tmp_path / "my questions.csv", ["lowered", "note", "travel"], [[b, "ä", a] for a, b in points])
     table = pyarrow.table({"note": ["x"] * 7, "lowered": points[:, 1], "travel": points[:, 0]})
     parquet.write_table(table, tmp_path / "q.parquet")
-    file = trained[0] / "model.npz"
+    file = trained[0] / "hhr.npz"
     for given, out in ((text, tmp_path / "a.csv"), (tmp_path / "q.parquet", tmp_path / "b" / "a.parquet")):
         code, output = invoke("answer", file, given, "--out", out)
         assert code == 0 and "7 answers and 0 bad rows" in output, output
@@ -213,7 +218,7 @@ def test_rows_that_have_no_answer_do_not_stop_the_others(trained, tmp_path):
     pyarrow = pytest.importorskip("pyarrow")
     from pyarrow import parquet
 
-    file = trained[0] / "model.npz"
+    file = trained[0] / "hhr.npz"
     rows = [[0.5, 0.1], ["x", 0.1], [9, 0.1], ["nan", 0.1], [0.5, ""], [0.6, 0.2], [0.5]]
     text = questions(tmp_path / "q.csv", ["travel", "lowered"], rows)
     code, output = invoke("answer", file, text, "--out", tmp_path / "a.csv")
@@ -234,7 +239,7 @@ def test_rows_that_have_no_answer_do_not_stop_the_others(trained, tmp_path):
 
 
 def test_tables_without_rows_have_a_header_of_answers(trained, tmp_path):
-    file = trained[0] / "model.npz"
+    file = trained[0] / "hhr.npz"
     for ending in (".csv", ".parquet"):
         given = questions(tmp_path / "none.csv", ["travel", "lowered"], [])
         code, output = invoke("answer", file, given, "--out", tmp_path / f"a{ending}")
@@ -253,8 +258,8 @@ def test_two_ranks_answer_as_one(trained, tmp_path):
     assert found.stderr.count("warning: ") == trained[1].stderr.count("warning: ")
     points = [[0.2, 0.0], [0.5, 0.1], [0.9, 0.1], [7, 0.1], [0.33, 0.29]]
     given = questions(tmp_path / "q.csv", ["travel", "lowered"], points)
-    code, _ = invoke("answer", folder / "model.npz", given, "--out", tmp_path / "one.csv")
-    words = ["answer", str(tmp_path / "of two" / "model.npz"), str(given), "--out", str(tmp_path / "two.csv")]
+    code, _ = invoke("answer", folder / "hhr.npz", given, "--out", tmp_path / "one.csv")
+    words = ["answer", str(tmp_path / "of two" / "hhr.npz"), str(given), "--out", str(tmp_path / "two.csv")]
     found = run_program(2, [*PROGRAM, *words])
     assert code == found.returncode == 1 and "4 answers and 1 bad rows on 2 ranks" in found.stdout, found.stderr
     one, two = (columns_of(tmp_path / name) for name in ("one.csv", "two.csv"))
@@ -306,7 +311,7 @@ def test_a_study_has_a_page(tmp_path):
     found = run("study", DEMO, "--sobol", "12", "--tests", "6", "--queries", "6", "--out", tmp_path)
     assert found.returncode == 0, found.stderr
     page = (tmp_path / "report.html").read_text(encoding="utf-8")
-    assert page.count("<img ") == len(list(tmp_path.glob("*.png"))) == 4 and (tmp_path / "model.npz").exists()
+    assert page.count("<img ") == len(list(tmp_path.glob("*.png"))) == 4 and (tmp_path / "study.npz").exists()
     (tmp_path / "report.html").unlink()
     code, output = invoke("report", tmp_path)
     assert code == 0 and output == f"{tmp_path / 'report.html'}\n"
@@ -350,6 +355,7 @@ FILES = {
     "scene = replace(your_scene.scene(), geometry=mine)\n",
     "prints.py": "print('it runs')\nimport your_scene\nscene = your_scene.scene()\n",
     "file": "", "broken.npz": "abc", "two.csv": "travel,travel\n1,2\n", "half.csv": "travel;lowered\n0,5;0,1\n",
+    "book.xlsx": "PK", "one.csv": "load\n1\n",
     "good.csv": "travel,lowered\n0.5,0.1\n", "latin.csv": b"travel,lowered\n\xe4,1\n", "bad.parquet": "abc",
 }  # fmt: skip
 MISTAKES = [
@@ -376,6 +382,11 @@ MISTAKES = [
     (3, "'travel=a' gives", ["solve", "MODEL", "--at", "travel=a"]),
     (
         3,
+        "'5' gives no parameter a number: write --at travel=0.5, with a decimal point",
+        ["solve", "MODEL", "--at", "travel=0,5"],
+    ),
+    (
+        3,
         "travel = nan is not finite: give a number inside travel in",
         ["solve", "MODEL", "--at", "travel=nan,lowered=0"],
     ),
@@ -396,7 +407,14 @@ MISTAKES = [
     (3, "there is no table", ["answer", "MODEL", "no.parquet"]),
     (3, "bad.parquet cannot be read as Parquet", ["answer", "MODEL", "bad.parquet"]),
     (3, "latin.csv cannot be read as a table of UTF-8", ["answer", "MODEL", "latin.csv"]),
-    (3, "half.csv has no column", ["answer", "MODEL", "half.csv"]),
+    (3, "half.csv is separated by semicolons or tabs", ["answer", "MODEL", "half.csv"]),
+    (3, "one.csv has no column", ["answer", "MODEL", "one.csv"]),
+    (3, "book.xlsx is a workbook of a spreadsheet: save its table as CSV", ["answer", "MODEL", "book.xlsx"]),
+    (3, "good.csv is a table and no model: the model comes first", ["answer", "good.csv", "MODEL"]),
+    (3, "folder is a folder, and a model is a file\n", ["solve", "folder", *AT]),
+    (3, "is a folder, and a model is a file: did you mean ", ["answer", "FOLDER", "good.csv"]),
+    (3, "there is no model file ", ["page", "FOLDER/condensed.npz"]),
+    (3, "hhr.npz?\n", ["page", "FOLDER/condensed.npz"]),
     (3, "two.csv has no column", ["answer", "MODEL", "two.csv"]),
     (3, "folder cannot be read", ["answer", "MODEL", "folder"]),
     (3, "must end in .csv or .parquet", ["answer", "MODEL", "good.csv", "--out", "a.xlsx"]),
@@ -422,11 +440,105 @@ def test_mistakes_end_in_a_sentence(code, said, words, trained, tmp_path, monkey
     for name in ("folder", "folder.vtu", "folder.csv"):
         Path(name).mkdir()
     before = sorted(Path().rglob("*"))
-    found, output = invoke(*(trained[0] / "model.npz" if word == "MODEL" else word for word in words))
+    places = {
+        "MODEL": trained[0] / "hhr.npz",
+        "FOLDER": trained[0],
+        "FOLDER/condensed.npz": trained[0] / "condensed.npz",
+    }
+    found, output = invoke(*(places.get(word, word) for word in words))
     assert found == code and said in output, output
     assert (
         code not in (2, 3) or [path for path in sorted(Path().rglob("*")) if "__pycache__" not in str(path)] == before
     )
+
+
+def options_of(command):
+    """Options of a command and of those below it."""
+    own = {word for item in command.params for word in (*item.opts, *item.secondary_opts)}
+    return own.union(*(options_of(one) for one in getattr(command, "commands", {}).values()))
+
+
+def test_messages_name_options_that_are_there():
+    """What an error or a warning advises must exist; options of other programs stand beside their names."""
+    others = {"--user"}
+    root = Path(hhr.__file__).parent
+    known = options_of(command) | others | {"--help"}
+    for path in (root / "command").parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", node.value))
+                assert named <= known | OF_DEMOS, (path.name, node.lineno, named)
+
+
+OF_DEMOS = {"--quick", "--batch", "--cells", "--order"}
+"""Options of ``study/cli.py``, by which demos run."""
+
+
+def test_models_with_a_law_of_a_users_own(tmp_path, monkeypatch):
+    """Its class comes out of the file that is named, as scenes do; a page and C refuse it by name."""
+    from toy_law import Bingham
+
+    scene = contract.blocks(law=Bingham(0.03, 0.5))
+    training = hhr.train(scene, [contract.path(top) for top in (0.02, 0.05)], held_out=[contract.path(0.04)])
+    # one step from rest is faster than what was trained, and no subject here
+    model = training.condense(CorrectionSettings(primal=1.0, dual=1.0)).changed(trained=None)
+    monkeypatch.chdir(tmp_path)
+    hhr.save_model("model.npz", model)
+    law = f"{Path(__file__).parent / 'toy_law.py'}:Bingham"
+    Path("q.csv").write_text("push,load\n0.04,0.02\n")
+    point = model.parameters.point([0.04, 0.02])
+    Path("params.in").write_text(
+        "2 variables\n0.04 push\n0.02 load\n1 functions\n1 ASV_1:force\n0 derivative_variables\n"
+    )
+    known = model.solve(point, duration=1.0, outside="ignore").outputs()["force"]
+    ask = {
+        "solve": ["model.npz", "--at", "push=0.04,load=0.02"],
+        "answer": ["model.npz", "q.csv"],
+        "dakota": ["model.npz", "params.in", "results.out"],
+        "page": ["model.npz"],
+        "embed": ["model.npz", "--out", "a.h"],
+        "serve": ["model.npz", "--host", "192.0.2.1"],
+    }
+    for name, words in ask.items():
+        code, said = invoke(name, *words)
+        assert code == 3 and "--known FILE.py:Bingham" in said
+        code, said = invoke(name, *words, "--known", f"{law}s")
+        assert code == 3 and "has no 'Binghams'" in said
+        code, said = invoke(name, *words, "--known", law.replace(":Bingham", ":np"))
+        assert code == 3 and "is module and no class" in said
+    found = {name: invoke(name, *words, "--known", law) for name, words in ask.items()}
+    (value,) = re.findall(r"^force: (\S+)$", found["solve"][1], re.MULTILINE)  # beside warnings of the large step
+    assert found["solve"][0] == 0 and float(value) == pytest.approx(known, rel=1e-5)  # six digits are printed
+    for name in ("page", "embed"):
+        assert found[name][0] == 3 and "or of your own, as Bingham is" in found[name][1]
+    assert found["serve"][0] == 3 and "cannot be served" in found["serve"][1]
+    assert found["answer"][0] == found["dakota"][0] == 0
+    (row,) = csv.DictReader(Path("answers.csv").read_text().splitlines())
+    value, _ = Path("results.out").read_text().split()
+    assert float(row["force"]) == pytest.approx(known, rel=1e-10) and float(value) == pytest.approx(known, rel=1e-10)
+
+
+def test_without_click_the_command_says_so_in_one_line():
+    program = "import sys; sys.modules['click'] = None; from hhr_dolfinx.command.start import main; main()"
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=WAIT)
+    assert found.returncode == 3 and found.stdout == ""
+    assert found.stderr == (
+        "error: the command hhr needs the package click, which is not installed: `pip install hhr_dolfinx[study]`\n"
+    )
+    scripts = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]["scripts"]
+    assert scripts == {"hhr": "hhr_dolfinx.command.start:main"}
+
+
+def test_columns_of_forces_may_stay_out(trained, model, tmp_path):
+    """Eighty-six of them are no table to read; all other columns are the same."""
+    (tmp_path / "q.csv").write_text("travel,lowered\n0.5,0.1\n0.6,0.1\n")
+    for name, words in (("all.csv", []), ("few.csv", ["--no-forces"])):
+        code, _ = invoke("answer", trained[0] / "hhr.npz", tmp_path / "q.csv", "--out", tmp_path / name, *words)
+        assert code == 0
+    whole, few = (list(csv.reader(open(tmp_path / name, newline=""))) for name in ("all.csv", "few.csv"))
+    count = model.conditions
+    assert whole[0][-count:] == [f"force_{k}" for k in range(count)]
+    assert few == [row[:-count] for row in whole] and "total_force" in few[0]
 
 
 def test_a_scene_that_prints_runs_once(tmp_path, monkeypatch):
@@ -459,7 +571,7 @@ def test_a_reader_that_has_seen_enough_is_no_crash(words, tmp_path):
 
 def test_tables_may_be_answered_with_nothing_but_the_model(trained, tmp_path):
     """A model in a file needs no MPI for one answer, and starts in the time of an import."""
-    found = run("solve", trained[0] / "model.npz", *AT, cwd=tmp_path)
+    found = run("solve", trained[0] / "hhr.npz", *AT, cwd=tmp_path)
     assert found.returncode == 0 and found.stderr == "" and list(tmp_path.iterdir()) == []
 
 
@@ -472,15 +584,15 @@ def test_parts_of_a_training_and_of_a_table(tmp_path):
         assert code == 0 and f"part {part[0]} of 3: 4 training queries and {count} held out" in output.replace(
             "\n", " "
         )
-    assert not (folder / "model.npz").exists()
+    assert not (folder / "hhr.npz").exists()
     found = run(*TRAIN, "--out", folder)  # 12 answers are too few for a good model, which it warns of
     assert found.returncode == 0 and "92 of 112 answers were read" in found.stdout.replace("\n", " ")
-    model = hhr.load_model(folder / "model.npz")
+    model = hhr.load_model(folder / "hhr.npz")
     points = model.parameters.random(5, seed=3)
     table = questions(tmp_path / "q.csv", ["travel", "lowered"], points)
     found = []
     for part in ("1/2", "2/2"):
-        code, output = invoke("answer", folder / "model.npz", table, "--out", tmp_path / "a.csv", "--part", part)
+        code, output = invoke("answer", folder / "hhr.npz", table, "--out", tmp_path / "a.csv", "--part", part)
         assert code == 0, output
         found += columns_of(tmp_path / f"a.{part[0]}of2.csv")["travel"]
     assert [float(value) for value in found] == points[:, 0].tolist()
@@ -496,7 +608,7 @@ def test_a_model_as_exact_as_wished_and_its_page(tmp_path):
     """One command finds a model, another one makes a page of it, and nothing but the folder is between them."""
     folder = tmp_path / "found"
     code, said = invoke("reduce", DEMO, "--error", "1%", "--of", "pressure", "--of", "displacement", "--out", folder)
-    assert code == 0 and "-> " in said and "is met" in said and f"model: {folder / 'model.npz'}" in said, said
+    assert code == 0 and "-> " in said and "is met" in said and f"model: {folder / 'hhr.npz'}" in said, said
     assert {path.name for path in folder.iterdir()} >= {"model.npz", "reduction.json", "scenery.npz"}
     code, said = invoke("page", folder / "model.npz")
     assert code == 0 and said.strip() == str(folder / "model.html")
@@ -523,5 +635,5 @@ def test_a_wish_that_is_not_met_is_an_exit_code(tmp_path):
 
 def test_a_hyper_reduced_model_has_no_page(trained):
     folder, _ = trained
-    code, said = invoke("page", folder / "model.npz")
+    code, said = invoke("page", folder / "hhr.npz")
     assert code == 3 and "condense the scene" in said and "Traceback" not in said

@@ -1,19 +1,25 @@
 """Doors to other programs, by their own packages: values, gradients, names, what is refused."""
 
 import dataclasses
+import http.client
+import json
+import re
 import socket
 import subprocess
 import sys
+import threading
 import time
-from contextlib import suppress
+from contextlib import contextmanager
 
 import contract
 import numpy as np
 import pytest
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.doors import um_bridge
 from hhr_dolfinx.doors.function import OutputFunction
-from hhr_dolfinx.errors import NotOfferedError
+from hhr_dolfinx.errors import FileError, NotOfferedError, OutsideTrainingError
+from hhr_dolfinx.trained import TrainedRange
 
 
 @pytest.fixture(scope="module")
@@ -44,42 +50,57 @@ def test_a_model_without_outputs_has_no_door():
         OutputFunction(bare)
 
 
-SERVER = """
-import sys
-import umbridge
-import hhr_dolfinx as hhr
-from hhr_dolfinx.doors.um_bridge import UMBridgeModel
-umbridge.serve_models([UMBridgeModel(hhr.load_model(sys.argv[1]), "contact")], int(sys.argv[2]))
-"""
+@pytest.fixture(scope="module")
+def narrow(model):
+    """The same model, trained in the lower half of its box."""
+    lower, upper = np.array(model.parameters.lower), np.array(model.parameters.upper)
+    return model.changed(trained=TrainedRange(tuple(model.parameters.names), lower, (lower + upper) / 2))
+
+
+@pytest.fixture(scope="module")
+def beyond(narrow):
+    """A point in the box and outside of what was trained, along the first parameter."""
+    point = np.array(narrow.trained.lower)
+    point[0] = narrow.parameters.upper[0]
+    return point
+
+
+UNTRAINED = r"outside what was trained: push = 0\.06 \(trained 0\.005 to 0\.0325\)"
+
+
+def test_a_door_refuses_what_was_not_trained(narrow, beyond):
+    """Another program sees no warnings of Python."""
+    function = OutputFunction(narrow)
+    for ask in (function, function.jacobian, function.check, lambda point: function([narrow.trained.lower, point])):
+        with pytest.raises(OutsideTrainingError, match=UNTRAINED):
+            ask(beyond)
+    with pytest.warns(hhr.errors.OutsideTrainingWarning, match=UNTRAINED):
+        warned = OutputFunction(narrow, outside="warn")(beyond)
+    np.testing.assert_allclose(warned[0], list(narrow.outputs(beyond, outside="ignore").values.values()), rtol=1e-12)
+
+
+@contextmanager
+def serving(path, *words):
+    """The address of a server in a process of its own, which knows nothing but the file of a model."""
+    command = "from hhr_dolfinx.command.main import main; main()"
+    words = [sys.executable, "-c", command, "serve", str(path), "--port", "0", *words]
+    server = subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
+    try:
+        line = server.stdout.readline()
+        assert " is served at http://127.0.0.1:" in line, server.stderr.read()
+        yield line.split()[5].rstrip(",")
+    finally:
+        server.kill()
+        server.communicate()
 
 
 @pytest.fixture
 def client(model, tmp_path):
-    """A client of a server in a process of its own, which knows nothing but the file of a model."""
+    """UM-Bridge's own client of a model."""
     umbridge = pytest.importorskip("umbridge")
     hhr.save_model(tmp_path / "model.npz", model)
-    with socket.socket() as free:
-        free.bind(("localhost", 0))
-        port = free.getsockname()[1]
-    words = [sys.executable, "-c", SERVER, str(tmp_path / "model.npz"), str(port)]
-    server = subprocess.Popen(words, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
-    try:
-        for _ in range(300):
-            with suppress(requests_errors()):
-                yield umbridge.HTTPModel(f"http://localhost:{port}", "contact")
-                return
-            time.sleep(0.1)
-        raise AssertionError("the server did not start")
-    finally:
-        server.kill()
-        server.wait()
-
-
-def requests_errors():
-    """What a client meets before a server is there."""
-    import requests
-
-    return requests.exceptions.ConnectionError
+    with serving(tmp_path / "model.npz", "--name", "contact") as url:
+        yield umbridge.HTTPModel(url, "contact")
 
 
 def test_a_server_of_um_bridge(client, exact):
@@ -92,11 +113,140 @@ def test_a_server_of_um_bridge(client, exact):
     np.testing.assert_allclose(client.gradient(0, 0, asked, [0.5, -2.0]), [0.5, -2.0] @ slopes, rtol=1e-10)
     way = [1.0, 2.0, -1.0]
     np.testing.assert_allclose(client.apply_jacobian(0, 0, asked, way), slopes @ way, rtol=1e-10)
-    with pytest.raises(Exception, match="length"):
+    with pytest.raises(Exception, match=r"InvalidInput: input\[0\] must be a list of length 3 and has 1"):
         client([[1.0]])
+    assert not client.supports_apply_hessian()
 
 
-def test_a_function_of_openturns(model, exact):
+def test_clients_of_um_bridge_see_why_there_is_no_answer(narrow, beyond, tmp_path):
+    umbridge = pytest.importorskip("umbridge")
+    hhr.save_model(tmp_path / "model.npz", narrow)
+    with serving(tmp_path / "model.npz") as url:
+        client = umbridge.HTTPModel(url, "forward")
+        asked = [beyond.tolist()]
+        for ask in (
+            lambda: client(asked),
+            lambda: client.gradient(0, 0, asked, [1.0, 0.0]),
+            lambda: client.apply_jacobian(0, 0, asked, [1.0, 0.0, 0.0]),
+        ):
+            with pytest.raises(Exception, match=f"InvalidInput: {UNTRAINED}"):
+                ask()
+        with pytest.raises(Exception, match="InvalidInput: push = 9 is outside"):
+            client([[9.0, *asked[0][1:]]])
+        inside = np.array(narrow.trained.lower)
+        np.testing.assert_allclose(client([inside.tolist()])[0], OutputFunction(narrow)(inside)[0], rtol=1e-12)
+
+
+@pytest.fixture(scope="module")
+def served(narrow):
+    """A server in a thread, for requests as no client of UM-Bridge makes them."""
+    with um_bridge.Server(narrow, port=0) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        yield server
+        server.shutdown()
+        thread.join()
+
+
+def requested(server, path, body=None, method="POST", **headers):
+    """Status and fields of an answer."""
+    connection = http.client.HTTPConnection(*server.server_address, timeout=60)
+    try:
+        connection.request(method, path, body, {name.replace("_", "-"): text for name, text in headers.items()})
+        answer = connection.getresponse()
+        assert answer.getheader("Content-Type") == "application/json"
+        return answer.status, json.loads(answer.read())
+    finally:
+        connection.close()
+
+
+GOOD = {"name": "forward", "input": [[0.01, 0.02, 2.0]], "config": {}}
+DERIVED = GOOD | {"inWrt": 0, "outWrt": 0, "sens": [1.0, 0.0], "vec": [1.0, 0.0, 0.0]}
+
+
+@pytest.mark.parametrize(("path", "asked", "status", "kind", "message"), [
+    ("/Evaluate", b"{", 400, "InvalidInput", "not JSON"),
+    ("/Evaluate", b"", 400, "InvalidInput", "not JSON"),
+    ("/Evaluate", b"[" * 100_000, 400, "InvalidInput", "not JSON (RecursionError"),
+    ("/Evaluate", [1], 400, "InvalidInput", "must be an object of JSON, and is [1]"),
+    ("/Evaluate", {}, 400, "ModelNotFound", "None is not here: the model of this server is 'forward'"),
+    ("/InputSizes", {"name": "other"}, 400, "ModelNotFound", "'other' is not here"),
+    ("/Evaluate", {"name": "forward"}, 400, "InvalidInput", "input = None must be a list of one list"),
+    ("/Evaluate", GOOD | {"input": [1, 2, 3]}, 400, "InvalidInput", "one list"),
+    ("/Evaluate", GOOD | {"input": [[1, 2, "3"]]}, 400, "InvalidInput", "numbers alone"),
+    ("/Evaluate", GOOD | {"input": [[1, 2, True]]}, 400, "InvalidInput", "numbers alone"),
+    ("/Evaluate", GOOD | {"input": [[0, 0, 10**400]]}, 400, "InvalidInput", "too large"),
+    ("/Evaluate", GOOD | {"input": [[float("nan"), 0.02, 2.0]]}, 400, "InvalidInput", "finite"),
+    ("/Gradient", DERIVED | {"outWrt": 1}, 400, "InvalidInput", "outWrt = 1 must be 0"),
+    ("/Gradient", DERIVED | {"sens": [1.0]}, 400, "InvalidInput", "sens must be a list of length 2 and has 1"),
+    ("/ApplyJacobian", DERIVED | {"vec": "abc"}, 400, "InvalidInput", "vec must be a list of length 3 and is 'abc'"),
+    ("/ApplyHessian", DERIVED, 400, "UnsupportedFeature", "this model has no ApplyHessian"),
+    ("/Elsewhere", GOOD, 404, "UnsupportedFeature", "there are /Info, /ModelInfo"),
+])  # fmt: skip
+def test_errors_are_those_of_the_protocol(served, path, asked, status, kind, message):
+    body = asked if isinstance(asked, bytes) else json.dumps(asked)
+    found, answer = requested(served, path, body)
+    assert found == status and answer["error"]["type"] == kind and message in answer["error"]["message"]
+    assert answer.keys() == {"error"} and len(answer["error"]["message"]) < 500
+    # and the server goes on
+    assert requested(served, "/Evaluate", json.dumps(GOOD))[0] == 200
+
+
+def test_requests_have_a_limit_of_size(served):
+    """One megabyte, whatever is in it; a size that is not given, or given in chunks, is not read."""
+    room = um_bridge.MOST_BYTES - len(json.dumps(GOOD | {"config": ""}))
+    for more, status in ((0, 200), (1, 413), (3_000_000, 413)):
+        found, answer = requested(served, "/Evaluate", json.dumps(GOOD | {"config": "x" * (room + more)}))
+        assert found == status and ("error" in answer) == (status != 200)
+    assert answer["error"]["message"] == (
+        "a request of 4000000 bytes is more than the limit of 1000000: send one point at a time"
+    )
+    for headers in ({"Transfer_Encoding": "chunked"}, {"Content_Length": "-1"}, {"Content_Length": "1e3"}):
+        found, answer = requested(served, "/Evaluate", **headers)
+        assert found == 411 and "Content-Length" in answer["error"]["message"]
+    assert requested(served, "/Info", method="GET") == (200, {"protocolVersion": 1.0, "models": ["forward"]})
+    assert requested(served, "/Info", method="PUT")[0] == 501
+
+
+def test_a_server_listens_where_it_is_told_to(model, served):
+    host, port = served.server_address
+    assert host == "127.0.0.1" and served.url == f"http://127.0.0.1:{port}"
+    # all of 127.0.0.0/8 is this machine: a server of all addresses would answer there
+    with socket.socket() as other, pytest.raises(ConnectionRefusedError):
+        other.connect(("127.0.0.2", port))
+    with pytest.raises(FileError, match=rf"127\.0\.0\.1 port {port} cannot be served .*take another --host or --port"):
+        um_bridge.Server(model, port=port)
+    with pytest.raises(FileError, match="cannot be served"):
+        um_bridge.Server(model, host="192.0.2.1", port=0)
+
+
+def test_a_fault_of_a_model_costs_no_client_its_sentence(served, monkeypatch):
+    def broken(asked):
+        raise ZeroDivisionError("by a fault")
+
+    monkeypatch.setitem(served.protocol.posted, "/Evaluate", broken)
+    status, answer = requested(served, "/Evaluate", json.dumps(GOOD))
+    assert (status, answer) == (500, {"error": {"type": "InvalidOutput", "message": "ZeroDivisionError: by a fault"}})
+
+
+def test_a_server_takes_turns_with_all_its_clients(served):
+    """Threads share the model, and each client gets its own answer."""
+    points = served.protocol.function.model.parameters.random(40, 3)
+    points = np.minimum(points, served.protocol.function.model.trained.upper)
+    found = [None] * len(points)
+
+    def ask(k):
+        found[k] = requested(served, "/Evaluate", json.dumps(GOOD | {"input": [points[k].tolist()]}))[1]["output"][0]
+
+    threads = [threading.Thread(target=ask, args=(k,)) for k in range(len(points))]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    np.testing.assert_allclose(found, served.protocol.function(points), rtol=1e-10)
+
+
+def test_a_function_of_openturns(model, narrow, beyond, exact):
     openturns = pytest.importorskip("openturns")
     from hhr_dolfinx.doors.open_turns import openturns_function
 
@@ -107,9 +257,13 @@ def test_a_function_of_openturns(model, exact):
     np.testing.assert_allclose(np.array(function.gradient(point)).T, slopes, rtol=1e-10)
     sample = openturns.Sample(model.parameters.random(20, 1).tolist())
     np.testing.assert_allclose(function(sample), OutputFunction(model)(np.array(sample)), rtol=1e-12)
+    function = openturns_function(narrow)
+    for ask in (function, function.gradient, lambda point: function([narrow.trained.lower, point])):
+        with pytest.raises(Exception, match=UNTRAINED):
+            ask(beyond)
 
 
-def test_a_model_of_pymor(model, exact):
+def test_a_model_of_pymor(model, narrow, beyond, exact):
     pytest.importorskip("pymor")
     from hhr_dolfinx.doors.py_mor import PyMORModel
 
@@ -127,6 +281,11 @@ def test_a_model_of_pymor(model, exact):
     assert known[0] == pytest.approx(answer.estimate().primal)
     _, of_outputs = made.output(mu, return_error_estimate=True)
     assert of_outputs.shape == (2, 1)
+    made = PyMORModel(narrow)
+    mu = made.parameters.parse(dict(zip(narrow.parameters.names, beyond, strict=True)))
+    for ask in (made.output, made.solve, made.output_d_mu):
+        with pytest.raises(OutsideTrainingError, match=UNTRAINED):
+            ask(mu)
 
 
 def test_a_tesseract(model, exact, tmp_path):
@@ -156,6 +315,37 @@ def test_a_tesseract(model, exact, tmp_path):
             np.testing.assert_allclose(found["parameters"], weights["outputs"] @ slopes, rtol=1e-10)
             shapes = made.abstract_eval({"parameters": {"shape": [3], "dtype": "float64"}})
             assert tuple(shapes["outputs"]["shape"]) == (2,)
+
+
+def test_a_tesseract_refuses_what_was_not_trained(narrow, beyond):
+    """Over HTTP too, in the words of its protocol: those of a schema are the only ones that a client gets."""
+    core = pytest.importorskip("tesseract_core")
+    pytest.importorskip("tesseract_core.runtime")
+    import uvicorn
+    from tesseract_core.runtime.serve import create_rest_api
+
+    from hhr_dolfinx.doors.tesseract import tesseract_api
+
+    api = tesseract_api(narrow)
+
+    def check(made):
+        for ask in (made.apply, lambda given: made.jacobian(given, ["parameters"], ["outputs"])):
+            with pytest.raises(Exception, match=UNTRAINED):
+                ask({"parameters": beyond})
+
+    with core.Tesseract.from_tesseract_api(api) as made:
+        check(made)
+    server = uvicorn.Server(uvicorn.Config(create_rest_api(api), host="127.0.0.1", port=0, log_level="error"))
+    thread = threading.Thread(target=server.run)
+    thread.start()
+    try:
+        while not server.started and thread.is_alive():
+            time.sleep(0.01)
+        host, port = server.servers[0].sockets[0].getsockname()[:2]
+        check(core.Tesseract.from_url(f"http://{host}:{port}"))
+    finally:
+        server.should_exit = True
+        thread.join()
 
 
 PARAMETERS = """                                          3 variables
@@ -220,15 +410,19 @@ def test_what_dakota_asks_for_in_vain(model, exact, tmp_path, old, new, message)
     assert (tmp_path / "results.out").exists() == (new == "nan")
 
 
-def test_a_point_without_an_answer_fails_as_dakota_captures_it(model, exact, tmp_path):
+def test_a_point_without_an_answer_fails_as_dakota_captures_it(model, narrow, beyond, exact, tmp_path):
     from hhr_dolfinx.doors.dakota import answer_dakota
-    from hhr_dolfinx.errors import FileError, HHRError, ParameterError
+    from hhr_dolfinx.errors import HHRError, ParameterError
 
     given = dict(zip(model.parameters.names, exact[0], strict=True)) | {"push": 99.0}
     (tmp_path / "params.in").write_text(PARAMETERS.format(**given))
     with pytest.raises(ParameterError, match="push = 99 is outside"):
         answer_dakota(model, tmp_path / "params.in", tmp_path / "results.out")
-    assert (tmp_path / "results.out").read_text() == "fail\n"
+    assert (tmp_path / "results.out").read_text().startswith("fail\n# push = 99 is outside")
+    (tmp_path / "untrained.in").write_text(PARAMETERS.format(**dict(zip(given, beyond, strict=True))))
+    with pytest.raises(OutsideTrainingError, match=UNTRAINED):
+        answer_dakota(narrow, tmp_path / "untrained.in", tmp_path / "untrained.out")
+    assert re.match(f"fail\n# {UNTRAINED}", (tmp_path / "untrained.out").read_text())
     (tmp_path / "empty.in").write_text("")
     with pytest.raises(HHRError, match="it ends early"):
         answer_dakota(model, tmp_path / "empty.in", tmp_path / "other.out")
@@ -272,23 +466,42 @@ responses
 """
 
 
-def test_a_study_of_dakota(model, exact, tmp_path):
-    """Dakota itself, as the package carolina holds it, asks by its fork interface, gradients too."""
-    pytest.importorskip("carolina")
-    point, values, slopes = exact
-    hhr.save_model(tmp_path / "model.npz", model)
-    driver = tmp_path / "driver.sh"
+def studied(folder, model, text):
+    """Dakota itself, as the package carolina holds it, runs a study of a model by its fork interface."""
+    hhr.save_model(folder / "model.npz", model)
+    driver = folder / "driver.sh"
     call = f"{sys.executable} -c 'from hhr_dolfinx.command.main import hhr; hhr()'"
     driver.write_text(f'#!/bin/sh\nexec {call} dakota model.npz "$1" "$2"\n')
     driver.chmod(0o755)
-    names = ("push", "E1", "load")
-    places = [model.parameters.names.index(name) for name in names]
-    first = " ".join(repr(float(point[place])) for place in places)
-    (tmp_path / "dakota.in").write_text(STUDY.format(point=first))
+    (folder / "dakota.in").write_text(text)
     study = [sys.executable, "-c", "import dakota; dakota.run_dakota('dakota.in')"]
-    done = subprocess.run(study, cwd=tmp_path, capture_output=True, text=True, timeout=120)
+    done = subprocess.run(study, cwd=folder, capture_output=True, text=True, timeout=120)
     assert done.returncode == 0, done.stdout[-2000:] + done.stderr[-2000:]
-    row = (tmp_path / "table.dat").read_text().splitlines()[1].split()
+    return (folder / "table.dat").read_text().splitlines()[1].split()
+
+
+def placed(model, point):
+    """A point in the order of the variables of the study, and the places of these."""
+    places = [model.parameters.names.index(name) for name in ("push", "E1", "load")]
+    return " ".join(repr(float(point[place])) for place in places), places
+
+
+def test_dakota_captures_a_point_that_was_not_trained(narrow, beyond, tmp_path):
+    """The word comes first in the file, and the reason after it is read by nobody but people."""
+    pytest.importorskip("carolina")
+    text = STUDY.format(point=placed(narrow, beyond)[0]).replace(
+        "'driver.sh'", "'driver.sh'\n  failure_capture\n    recover -7.0 -7.0"
+    )
+    row = studied(tmp_path, narrow, text)
+    assert [float(item) for item in row[-2:]] == [-7.0, -7.0]
+    assert re.match(f"fail\n# {UNTRAINED}", (tmp_path / "results.out.1").read_text())
+
+
+def test_a_study_of_dakota(model, exact, tmp_path):
+    pytest.importorskip("carolina")
+    point, values, slopes = exact
+    first, places = placed(model, point)
+    row = studied(tmp_path, model, STUDY.format(point=first))
     np.testing.assert_allclose([float(item) for item in row[-2:]], values, rtol=1e-9)
     gradients = [line.split()[1:-1] for line in (tmp_path / "results.out.1").read_text().splitlines()[2:]]
     np.testing.assert_allclose(np.array(gradients, dtype=float), slopes[:, places], rtol=1e-12)

@@ -23,6 +23,7 @@ from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.materials.update import Group
 from hhr_dolfinx.pages.arrays import contact_tree
 from hhr_dolfinx.pages.packing import Packed, steps_of
+from hhr_dolfinx.trained import TrainedRange
 
 CC = shutil.which("cc")
 compiled = pytest.mark.skipif(CC is None, reason="there is no C compiler")
@@ -109,6 +110,36 @@ def test_a_point_outside_of_the_box_is_refused(tmp_path):
     assert asked([upper])[0] == DONE
     assert asked([upper * 1.001])[0] == OUTSIDE
     assert asked([upper * np.nan])[0] == OUTSIDE
+
+
+def narrow():
+    """A model that was trained in the lower half of its box, and a point of the box beyond."""
+    model = hhr.condense(contract.blocks())
+    lower, upper = np.array(model.parameters.lower), np.array(model.parameters.upper)
+    trained = TrainedRange(tuple(model.parameters.names), lower, (lower + upper) / 2)
+    return model.changed(trained=trained), np.array([upper[0], lower[1]])
+
+
+@compiled
+def test_a_point_that_was_not_trained_is_refused(tmp_path):
+    model, beyond = narrow()
+    asked = library(tmp_path, model)
+    assert asked([model.trained.lower])[0] == asked([model.trained.upper])[0] == DONE
+    assert asked([beyond])[0] == OUTSIDE
+
+
+@compiled
+def test_a_unit_says_which_input_it_refuses(tmp_path):
+    model, beyond = narrow()
+    said = []
+    logger = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p)
+    log = logger(lambda _, status, category, message: said.append((status, message.decode())))
+    unit = Instance(tmp_path, model, log)
+    assert unit.put(model.trained.lower) == 0 and unit.made.fmi3ExitInitializationMode(unit.at) == 0 and not said
+    assert unit.put(beyond) == 0
+    discard = 2
+    assert unit.made.fmi3ExitInitializationMode(unit.at) == discard
+    assert said == [(discard, "push = 0.06 is outside of what the model was made for, 0.005 to 0.0325")]
 
 
 @compiled
@@ -610,7 +641,7 @@ def test_flow_that_c_does_not_know_is_refused_by_name():
 class Instance:
     """An instance of a unit, called by its functions."""
 
-    def __init__(self, folder, model):
+    def __init__(self, folder, model, log=None):
         path = fmu.write_fmu(folder / "unit.fmu", model)
         with zipfile.ZipFile(path) as archive:
             archive.extractall(folder)
@@ -618,7 +649,7 @@ class Instance:
         self.made = ctypes.CDLL(str(binary))
         self.made.fmi3InstantiateCoSimulation.restype = ctypes.c_void_p
         token = ElementTree.parse(folder / "modelDescription.xml").getroot().get("instantiationToken").encode()
-        rest = [None, False, False, False, False, None, ctypes.c_size_t(0), None, None, None]
+        rest = [None, False, False, False, False, None, ctypes.c_size_t(0), None, log, None]
         self.at = ctypes.c_void_p(self.made.fmi3InstantiateCoSimulation(b"one", token, *rest))
         self.inputs, self.outputs = len(model.parameters.names), len(contact_tree(model, Packed())["outputs"])
 

@@ -14,7 +14,7 @@ from scenes import pressed_block
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import BoundError, ParameterError, StabilityWarning
-from hhr_dolfinx.models.estimates import NUMBERS, Estimate, Estimates
+from hhr_dolfinx.models.estimates import NUMBERS, STRESS, Estimate, Estimates
 from hhr_dolfinx.reduction.interpolate import GridSettings
 
 POOR = hhr.Recipe().as_it_is()
@@ -115,6 +115,8 @@ def test_estimates_of_parts_are_put_in_order():
     assert both.kind == "bound" and np.isnan(both.pressure).tolist() == [False, True, False]
     assert both[2] == one[0] and both[0] == one[1]
     assert Estimates.joined([(np.array([0]), None)], 1) is None
+    # an indicator of the stress is silent on forces, and has no number for them
+    assert np.isinf(Estimate.indicated(0.5, STRESS).forces_euclid_relative)
     single = Estimates.of([None, Estimate.indicated(0.5)])
     assert single.kind == "indicator" and single[1] == Estimate.indicated(0.5) and np.isinf(single.pressure[1])
 

@@ -197,6 +197,25 @@ def test_set_up_that_fails_says_so(tmp_path):
     assert not (tmp_path / ".venv/.ready").exists()
 
 
+def test_set_up_removes_no_environment_but_its_own(tmp_path):
+    """People make a ``.venv`` of their own in a clone; one that a set-up has begun has its log from the start."""
+    (tmp_path / ".venv").mkdir()
+    (tmp_path / ".venv/pyvenv.cfg").write_text("mine")
+    run = fake_set_up(tmp_path, "exit 0")
+    assert run.returncode == 1 and ".venv was not made by this set-up" in run.stderr
+    assert (tmp_path / ".venv/pyvenv.cfg").read_text() == "mine"
+    (tmp_path / ".venv/pip.log").write_text("")
+    again = subprocess.run(
+        ["sh", str(tmp_path / "scripts/setup.sh")],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHON": str(tmp_path / "python"), "HOME": str(tmp_path)},
+        timeout=WAIT,
+    )
+    assert again.returncode == 0, again.stderr
+    assert not (tmp_path / ".venv/pyvenv.cfg").exists()
+
+
 def test_slow_tests_are_left_out_by_default():
     options = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]["ini_options"]
     assert "-m 'not slow'" in options["addopts"]

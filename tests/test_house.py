@@ -292,7 +292,7 @@ def modules_of_a_study(program, folder):
     )
     run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, cwd=folder, timeout=WAIT)
     assert run.returncode == 0, run.stderr[-3000:]
-    assert (folder / "report.json").exists() and (folder / "model.npz").exists()
+    assert (folder / "report.json").exists() and (folder / "study.npz").exists()
     found = set((folder / "modules").read_text().split())
     assert "hhr_dolfinx.reduction.build" in found
     return found

@@ -333,7 +333,10 @@ def with_law(model, law):
 def test_a_law_of_a_users_own_comes_back_if_its_class_is_given(kind, models, tmp_path):
     model, own = with_law(models[kind], Bingham(100.0, 1e5)), tmp_path / "own.npz"
     hhr.save_model(own, model)
-    with pytest.raises(ModelFileError, match=r"own\.npz.* holds a Bingham.*load_model\(path, known=\[Bingham\]\)$"):
+    with pytest.raises(
+        ModelFileError,
+        match=r"own\.npz.* holds a Bingham.*load_model\(path, known=\[Bingham\]\).* --known FILE\.py:Bingham$",
+    ):
         hhr.load_model(own)
     assert bits(hhr.load_model(own, known=[Bingham])) == bits(model)
     for law in (None, hhr.Norton("900 + P1", 4.0) if kind == "condensed pellet" else hhr.Norton(900.0, 4.0)):

@@ -304,8 +304,20 @@ def test_what_the_model_does_not_have_is_refused(output, message):
 
 def test_nodes_of_two_bodies_at_one_place_are_told_apart():
     output = hhr.DisplacementAt("a", (0.0, 1.0), 1)
-    with pytest.raises(SceneError, match=r"2 nodes, of bodies \[1, 2\], are nearest .* name the body"):
+    with pytest.raises(SceneError, match=r"2 nodes, of bodies \[1, 2\], are equally near .*: name the body, tag="):
         hhr.FullOrderModel(pressed_stack(2, (output,)))
+
+
+def test_nodes_of_the_body_that_is_named_are_told_apart_by_a_place():
+    """Halfway between two nodes of one body its name helps nobody, and the place of one of them does."""
+    points = hhr.FullOrderModel(pressed_stack(2, ())).problem.points
+    x = np.unique(points[points[:, 1] == points[:, 1].max(), 0])
+    output = hhr.DisplacementAt("a", ((x[0] + x[1]) / 2, 1.0), 1, tag=stacked_blocks.UPPER)
+    with pytest.raises(SceneError, match=r"2 nodes, of bodies \[2\], are equally near") as refused:
+        hhr.FullOrderModel(pressed_stack(2, (output,)))
+    assert str(refused.value).endswith(": move the place to one of them, such as (0.0, 1.0)")
+    moved = dataclasses.replace(output, place=(float(x[0]), 1.0))
+    assert hhr.FullOrderModel(pressed_stack(2, (moved,))).fields.functionals.items[0].name == "a"
 
 
 @pytest.mark.parametrize(

@@ -6,6 +6,7 @@ import json
 import math
 import re
 from html.parser import HTMLParser
+from pathlib import Path
 
 import pytest
 
@@ -155,6 +156,18 @@ def test_whatever_is_missing_the_page_is_whole(tmp_path):
                 inner = inner[key]
             del inner[path[-1]]
             seen({"scene": "x", **less}, tmp_path)
+
+
+def test_a_report_may_run_and_load_nothing():
+    """By its policy, before anything of it is read: pictures inside and its style are all that it has."""
+    page = page_of(ELASTIC, Path("nowhere"))
+    head = page.partition("<title>")[0]
+    (policy,) = re.findall(r'<meta http-equiv="Content-Security-Policy" content="([^"]*)">', head)
+    rules = dict(rule.strip().split(" ", 1) for rule in policy.split(";"))
+    assert rules == {
+        "default-src": "'none'", "img-src": "data:", "style-src": "'unsafe-inline'", "base-uri": "'none'",
+        "form-action": "'none'",
+    }  # fmt: skip
 
 
 def test_keys_and_names_are_text_and_no_html(tmp_path):

@@ -3,6 +3,7 @@
 import dataclasses
 import itertools
 import json
+import os
 import re
 import shutil
 import subprocess
@@ -326,6 +327,37 @@ def test_a_page_needs_nothing_else_and_says_what_it_knows(tmp_path):
     assert tree["names"] == list(full.parameters.names)
 
 
+def test_a_name_is_no_marker():
+    """Names of users stand as they are, whatever marks the places of scripts, data and title in ``page.html``."""
+    _, model, scenery = made(contract.blocks())
+    name = "/*DATA*/ TITLE /*view.js*/ /*page.css*/"
+    text = page.page_text(model, dataclasses.replace(scenery, words={**scenery.words, "scene": name}))
+    assert f"<title>{name}</title>" in text and f"<h1>{name}</h1>" in text
+    plain = page.page_text(model, scenery)
+    assert text.count('"amplitudes"') == plain.count('"amplitudes"')
+    assert text.count("fromAddress()") == plain.count("fromAddress()")
+
+
+SHOWN = """
+const { JSDOM, VirtualConsole } = require("jsdom"), page = require("fs").readFileSync(0, "utf8");
+const { window } = new JSDOM(page, { runScripts: "dangerously", virtualConsole: new VirtualConsole() });
+console.log(JSON.stringify([...window.document.querySelectorAll("#sliders label")].map((label) => label.textContent)));
+"""
+
+
+def test_parameters_have_no_units_of_javascript():
+    """Every object of JavaScript has a ``constructor``, and it is not the unit of a parameter of this name."""
+    words = [NODE, "-e", SHOWN]
+    environment = os.environ | {"NODE_PATH": "/usr/share/nodejs:/usr/lib/nodejs"}
+    if subprocess.run([NODE, "-e", "require('jsdom')"], env=environment, capture_output=True).returncode:
+        pytest.skip("there is no jsdom")
+    scene = contract.blocks(("constructor", 0.3), box={"constructor": (1.0, 6.0)})
+    _, model, scenery = made(scene)
+    text = page.page_text(model, scenery)
+    found = subprocess.run(words, input=text, env=environment, capture_output=True, text=True, timeout=WAIT)
+    assert json.loads(found.stdout) == ["push", "load", "constructor"]
+
+
 def test_a_name_ends_no_script(tmp_path):
     peak = hhr.LargestPressure("peak", 0, unit="</script><!--<script>")
     scene = dataclasses.replace(contract.blocks(), outputs=(peak,))
@@ -365,13 +397,13 @@ def test_a_page_of_another_scene_or_too_large_is_refused(monkeypatch, tmp_path):
         hhr.write_model_page(tmp_path / "page.html", model, made(others)[2])
     with pytest.raises(NotOfferedError, match="another mesh"):
         hhr.write_model_page(tmp_path / "page.html", model, dataclasses.replace(scenery, nodes=scenery.nodes + 1000))
-    # what is drawn makes it too large, and then what answers, which is refused before anything is made
-    monkeypatch.setattr(page, "MOST_BYTES", 20_000)
+    monkeypatch.setattr(page, "MOST_BYTES", 20_000)  # its scripts alone have more
     with pytest.raises(NotOfferedError, match="go by mail"):
         hhr.write_model_page(tmp_path / "page.html", model, scenery)
+    # where the contact problem alone is too large nothing is made before that is said
     monkeypatch.setattr(page, "MOST_BYTES", 100)
-    monkeypatch.setattr(page, "page_text", lambda *given: pytest.fail("a page was made"))
-    with pytest.raises(NotOfferedError, match=r"go by mail: \d+ contact conditions"):
+    monkeypatch.setattr(page, "page_text", None)
+    with pytest.raises(NotOfferedError, match=r"MB or more exceeds .* 4 contact conditions are too many"):
         hhr.write_model_page(tmp_path / "page.html", model, scenery)
     assert not list(tmp_path.iterdir())
 

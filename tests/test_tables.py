@@ -10,6 +10,7 @@ import pytest
 from rich.console import Console
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import FileError
 from hhr_dolfinx.models import model as base
 from hhr_dolfinx.online.tables import TableRow, answer_table
 
@@ -98,6 +99,41 @@ def test_blocks_of_another_model_or_table_are_not_taken(change, model, rows, tmp
     resume = {"model": "another", "row": "one", "none": None}[change]
     answer_table(model, other, tmp_path / "a.csv", quiet(), counting(seen), resume=resume)
     assert seen == [0, 1, 2, 3, 4]
+
+
+@pytest.mark.parametrize("resume", [None, "model"])
+@pytest.mark.parametrize("name", ["thesis.tex", "000000.csv", "of.json"])
+def test_a_folder_of_the_user_is_left_alone(name, resume, model, rows, tmp_path):
+    """Refused before anything is answered, whatever it is called and holds: it has no mark of ours."""
+    folder = tmp_path / "a.csv.parts"
+    (folder / "deeper").mkdir(parents=True)
+    (folder / name).write_text('"years of work"')
+    seen = []
+    with pytest.raises(FileError, match=r"a\.csv\.parts is where blocks of answers are kept .*: .*Move the folder"):
+        answer_table(model, rows, tmp_path / "a.csv", quiet(), counting(seen), resume=resume)
+    assert not seen and sorted(path.name for path in tmp_path.iterdir()) == ["a.csv.parts"]
+    assert (folder / name).read_text() == '"years of work"' and (folder / "deeper").is_dir()
+
+
+@pytest.mark.parametrize("resume", [None, "another"])
+def test_what_a_user_puts_beside_blocks_stays(resume, model, rows, tmp_path):
+    """Blocks of an earlier run are removed one by one, and the folder only where nothing else is in it."""
+    with pytest.raises(KeyboardInterrupt):
+        answer_table(model, rows, tmp_path / "a.csv", quiet(), killed_after(2), resume="model")
+    folder = tmp_path / "a.csv.parts"
+    (folder / "note.txt").write_text("why")
+    assert len(list(folder.iterdir())) == 6
+    answer_table(model, rows, tmp_path / "a.csv", quiet(), resume=resume)
+    assert [path.name for path in folder.iterdir()] == ["note.txt"] and (folder / "note.txt").read_text() == "why"
+    assert len((tmp_path / "a.csv").read_text().splitlines()) == ROWS + 1
+
+
+def test_an_empty_folder_is_as_good_as_none(model, rows, tmp_path):
+    """As a run leaves it that is killed at its very beginning, with or without a file that it had begun."""
+    (tmp_path / "a.csv.parts").mkdir()
+    (tmp_path / "a.csv.parts" / "of.json.0123456789abcdef.part").write_text("")
+    assert answer_table(model, rows, tmp_path / "a.csv", quiet(), resume="model") == 1
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv"]
 
 
 def test_estimates_are_left_out_where_nobody_asks(model, rows, tmp_path):

@@ -134,6 +134,10 @@ def check_loads_seen(problem: ContactProblem, sets: IndexSets, points: np.ndarra
             )
 
 
+MORE_LAYERS = "add RID layers (in Python, hhr.Recipe(domain=hhr.Rid(layers=4)))"
+"""What enlarges a RID, as it is written: no command has an option for it."""
+
+
 def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, log: StageLog) -> Any:
     """The first attempt that passes its checks, from ``layers`` to ``most_layers`` layers of cells around the RID.
 
@@ -231,7 +235,7 @@ def _parallel_rows(contact: csr_matrix) -> int:
 
 def check_stability(stability: Stability, limits: TrustLimits) -> None:
     """Raise UnstableModelError if a constant is beyond its limit, and warn if it is in the doubtful range."""
-    advice = "add RID layers, or keep fewer modes (a larger POD tolerance)"
+    advice = f"{MORE_LAYERS}, or keep fewer modes (a larger POD tolerance)"
     distorted = not stability.distortion <= limits.refuse_distortion
     if distorted and not stability.cond_K <= limits.refuse_cond_K:
         raise UnstableModelError(f"cond(K~) = {stability.cond_K:.1e} > {limits.refuse_cond_K:.0e}: {advice}")
@@ -257,7 +261,7 @@ def check_stability(stability: Stability, limits: TrustLimits) -> None:
         )
 
 
-OF_A_RID = "add RID layers, train on more points, or change the POD tolerance"
+OF_A_RID = f"{MORE_LAYERS}, train on more points, or change the POD tolerance"
 OF_CONDENSATION = {
     "displacement": "it is a combination of training answers, of which forces need none: train on more points",
     "contact force": "S is interpolated: take GridSettings with a smaller tolerance or a larger budget",

@@ -10,7 +10,7 @@ import numpy as np
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.command.speaking import first_rank, guarded, spoken
-from hhr_dolfinx.command.words import AT, NO_ANSWER, PART, examples
+from hhr_dolfinx.command.words import AT, KNOWN, NO_ANSWER, PART, examples
 from hhr_dolfinx.compat import extra
 
 if TYPE_CHECKING:
@@ -66,22 +66,21 @@ def _with_unit(name: str, unit: str) -> str:
 @AT
 @click.option("--duration", type=float, help="where bodies flow: seconds of the one step from rest [1]")
 @click.option("--out", type=click.Path(path_type=Path), help="write fields there, for ParaView (.vtkhdf or .vtu)")
+@KNOWN
 @guarded
-def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path | None) -> None:
+def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path | None, known: tuple[str, ...]) -> None:
     """Answer one parameter, by a SCENE in full or by a reduced model from a file (.npz).
 
     Where bodies flow, which depends on the path, the answer is that of one step from rest.
     """
-    from hhr_dolfinx.command.loading import checked_target, is_model, point_of, scene_of
+    from hhr_dolfinx.command.loading import checked_target, is_model, model_of, point_of, scene_of
 
     if out is not None and is_model(what):
         raise click.UsageError("--out needs a mesh, which a model in a file has not: solve the scene")
     checked_target(out, FIELDS)
     model: Any
     if is_model(what):
-        from hhr_dolfinx.online.model_file import load_model
-
-        model = load_model(what)
+        model = model_of(what, known)
     else:
         from hhr_dolfinx.full_order.full import FullOrderModel
 
@@ -128,10 +127,12 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
 @click.option("--out", type=click.Path(path_type=Path), help="the answers, .csv or .parquet [answers.csv]")
 @click.option("--displacement", is_flag=True, help="a column of the largest displacement, which takes the whole field")
 @click.option("--estimates/--no-estimates", default=True, show_default=True, help="columns of what is known of errors")
+@click.option("--forces/--no-forces", default=True, show_default=True, help="a column for each contact condition")
 @PART
+@KNOWN
 @guarded
 def answer(
-    model: Path, table: Path, out: Path | None, displacement: bool, estimates: bool, part: tuple[int, int] | None
+    model: Path, table: Path, out: Path | None, part: tuple[int, int] | None, known: tuple[str, ...], **columns: bool
 ) -> None:
     """Answer a table of parameters, one row each, with outputs and bounds of errors. Rows may fail, others go on.
 
@@ -139,8 +140,7 @@ def answer(
     rest; paths are for Python, model.march. With --part 3/8 the third of eight blocks of rows is answered, into
     answers.3of8.csv.
     """
-    from hhr_dolfinx.command.loading import checked_target
-    from hhr_dolfinx.online.model_file import load_model
+    from hhr_dolfinx.command.loading import checked_target, model_of
     from hhr_dolfinx.online.tables import answer_table, checksum, read_points
 
     checked_target(out, TABLES)
@@ -149,12 +149,11 @@ def answer(
     if target.exists() and table.exists() and target.samefile(table):
         raise click.UsageError(f"{target} holds the questions, which its answers would replace: give another --out")
     console, progress = spoken()
-    loaded: Any = load_model(model)
+    loaded = model_of(model, known)
     rows = read_points(table, loaded.parameters)
     rows = rows if part is None else [rows[k] for k in ranks.share(len(rows), part[0] - 1, part[1])]
     if loaded.flows:
         console.print("bodies flow: each row is one step from rest, of one second; paths are for Python, model.march")
     console.print(f"errors of its answers: {loaded.known_error}", highlight=False, markup=False)
-    how: dict[str, Any] = {"displacement": displacement, "estimates": estimates, "resume": checksum(model)}
-    bad = answer_table(loaded, rows, target, console, progress("answers"), **how)
+    bad = answer_table(loaded, rows, target, console, progress("answers"), **columns, resume=checksum(model))
     sys.exit(NO_ANSWER if bad else 0)

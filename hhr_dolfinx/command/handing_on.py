@@ -1,14 +1,14 @@
-"""Commands that hand models, problems and reports on to others: page, embed, dakota, export, report."""
+"""Commands that hand models, problems and reports on to others: page, embed, serve, dakota, export, report."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 from hhr_dolfinx.command.speaking import guarded
-from hhr_dolfinx.command.words import AT, SCENE, examples
+from hhr_dolfinx.command.words import AT, KNOWN, SCENE, examples
 from hhr_dolfinx.compat import extra
 
 with extra("study", "the command hhr"):
@@ -23,42 +23,42 @@ PAGES = (".html",)
 @click.argument("model", type=click.Path(path_type=Path))
 @click.option("--scene", help="what the model was made of, where no scenery.npz lies beside it")
 @click.option("--out", type=click.Path(path_type=Path), help="the page [<model>.html]")
+@KNOWN
 @guarded
-def page(model: Path, scene: str | None, out: Path | None) -> None:
+def page(model: Path, scene: str | None, out: Path | None, known: tuple[str, ...]) -> None:
     """Write one HTML page that answers as a condensed model does, in any browser, without Python and without a network.
 
     Contact pressures and their error, outputs and their derivatives, displacement of the mesh: sliders for all
     parameters. What it draws comes from scenery.npz, which train and reduce leave beside the model.
     """
-    from hhr_dolfinx.command.loading import checked_target
-    from hhr_dolfinx.online.model_file import load_model
-    from hhr_dolfinx.pages.page import check_fits, write_model_page
+    from hhr_dolfinx.command.loading import checked_target, model_of
+    from hhr_dolfinx.pages.page import check_for_page, write_model_page
 
     checked_target(out, PAGES)
-    loaded = load_model(model)
+    loaded = model_of(model, known)
     target = out or model.with_suffix(".html")
     checked_target(target, PAGES)
     with _naming_condensed(model):
-        check_fits(loaded)  # before a scene is asked for
+        check_for_page(loaded)  # before a scene is asked for
         click.echo(write_model_page(target, loaded, _scenery_of(model, scene)))
 
 
 @click.command(epilog=examples("hhr embed model.npz --out press.h", "hhr embed model.npz --out press.fmu"))
 @click.argument("model", type=click.Path(path_type=Path))
 @click.option("--out", type=click.Path(path_type=Path), required=True, help="the header, .h, or the unit, .fmu")
+@KNOWN
 @guarded
-def embed(model: Path, out: Path) -> None:
+def embed(model: Path, out: Path, known: tuple[str, ...]) -> None:
     """Write a condensed model as a header of C, or as a unit for co-simulation (FMI 3.0).
 
     The header holds the numbers of the model and solves the contact problem, without a library. Parameters are inputs
     of a unit, outputs of the scene its outputs; it is compiled here, for this machine, and holds its sources. With
     friction in the plane a step is an increment from where the unit is.
     """
-    from hhr_dolfinx.command.loading import checked_target
-    from hhr_dolfinx.online.model_file import load_model
+    from hhr_dolfinx.command.loading import checked_target, model_of
 
     checked_target(out, EMBEDDED)
-    loaded = load_model(model)
+    loaded = model_of(model, known)
     if out.suffix == ".h":
         from hhr_dolfinx.doors.c_header import write_c_header as write
     else:
@@ -71,16 +71,38 @@ def embed(model: Path, out: Path) -> None:
 @click.argument("model", type=click.Path(path_type=Path))
 @click.argument("parameters", type=click.Path(path_type=Path))
 @click.argument("results", type=click.Path(path_type=Path))
+@KNOWN
 @guarded
-def dakota(model: Path, parameters: Path, results: Path) -> None:
+def dakota(model: Path, parameters: Path, results: Path, known: tuple[str, ...]) -> None:
     """Answer one evaluation of Dakota: analysis_drivers = 'hhr dakota model.npz' of its fork interface.
 
     Its variables are parameters, its functions outputs of the scene, by their names; analytic gradients are exact.
     """
+    from hhr_dolfinx.command.loading import model_of
     from hhr_dolfinx.doors.dakota import answer_dakota
-    from hhr_dolfinx.online.model_file import load_model
 
-    answer_dakota(load_model(model), parameters, results)
+    answer_dakota(model_of(model, known), parameters, results)
+
+
+@click.command(epilog=examples("hhr serve model.npz", "hhr serve model.npz --host 127.0.0.1 --port 4242"))
+@click.argument("model", type=click.Path(path_type=Path))
+@click.option("--host", default="127.0.0.1", show_default=True, help="address to listen on; 0.0.0.0 is all of them")
+@click.option("--port", type=click.IntRange(0, 65535), default=4242, show_default=True, help="0 takes a free one")
+@click.option("--name", default="forward", show_default=True, help="name of the model, for clients")
+@KNOWN
+@guarded
+def serve(model: Path, host: str, port: int, name: str, known: tuple[str, ...]) -> None:
+    """Serve a model over HTTP, to clients of UM-Bridge, until Ctrl-C: values, gradients, products with the Jacobian.
+
+    Clients of this machine alone reach it, unless --host says otherwise: it asks nobody for a password.
+    """
+    from hhr_dolfinx.command.loading import model_of
+    from hhr_dolfinx.doors.um_bridge import Server
+
+    with Server(model_of(model, known), host, port, name) as server:
+        click.echo(f"model '{name}' is served at {server.url}, until Ctrl-C")
+        with suppress(KeyboardInterrupt):
+            server.serve_forever()
 
 
 @contextmanager

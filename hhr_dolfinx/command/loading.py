@@ -91,7 +91,9 @@ def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) ->
         except ValueError:
             value = None
         if not equals or value is None:
-            raise ParameterError(f"'{word}' gives no parameter a number: write --at {space.names[0]}=0.5")
+            raise ParameterError(
+                f"'{word}' gives no parameter a number: write --at {space.names[0]}=0.5, with a decimal point"
+            )
         if name not in space.names or name in found:
             raise ParameterError(f"'{name}' is {'there twice' if name in found else 'no parameter'}: there are "
                                  f"{', '.join(space.names)}")  # fmt: skip
@@ -110,8 +112,24 @@ def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) ->
 
 
 def is_model(name: str) -> bool:
-    """Whether a name is that of a model in a file."""
-    return Path(name).suffix == ".npz"
+    """Whether a name is that of a model in a file, or of a folder, which reading one refuses in words."""
+    return Path(name).suffix == ".npz" or Path(name).is_dir()
+
+
+def model_of(path: str | Path, known: Iterable[str] = ()) -> Any:
+    """The model of a file, with classes of a user's own, each of ``file.py:name`` or an entry point.
+
+    Raises:
+        SceneError: for a name that is nowhere, or is not that of a class.
+        ModelFileError: see :func:`hhr_dolfinx.online.model_file.load_model`.
+    """
+    from hhr_dolfinx.online.model_file import load_model
+
+    classes = [find("laws", name) for name in known]
+    for name, found in zip(known, classes, strict=True):
+        if not isinstance(found, type):
+            raise SceneError(f"--known {name} is {type(found).__name__} and no class: name one, --known law.py:MyLaw")
+    return load_model(path, known=classes)
 
 
 def is_mesh(name: str) -> bool:

@@ -100,7 +100,7 @@ def list_(kind: str | None) -> None:
 
 for _command in (
     making.train, making.reduce, making.study, answering.solve, answering.answer, handing_on.page, handing_on.embed,
-    handing_on.dakota, handing_on.export, handing_on.report,
+    handing_on.serve, handing_on.dakota, handing_on.export, handing_on.report,
 ):  # fmt: skip
     hhr.add_command(_command)
 

@@ -51,7 +51,7 @@ def train(
 ) -> None:
     """Solve the scene for training parameters, build a model, check it, and save it.
 
-    hhr is the hyper-reduced model, model.npz; condensed keeps all contact conditions, condensed.npz; local is a set of
+    hhr is the hyper-reduced model, hhr.npz; condensed keeps all contact conditions, condensed.npz; local is a set of
     hyper-reduced models, each for a part of the box, local.npz. Answers are kept in the folder as they are found: a
     command that was interrupted goes on. With --part 3/8 the third of eight parts is solved and kept, and nothing
     built: a job of an array; the same command without it then builds.
@@ -98,7 +98,7 @@ def train(
     scenery = scenery_of(full)
     if MPI.COMM_WORLD.rank:  # which has built with the others
         return
-    target = folder / f"{'model' if kind == 'hhr' else kind}.npz"
+    target = folder / f"{kind}.npz"
     target.parent.mkdir(parents=True, exist_ok=True)
     save_model(target, model)
     scenery.write(target.parent / NAME)

@@ -20,8 +20,12 @@ def examples(*lines: str) -> str:
 
 
 SCENE = click.argument("scene")
-OUT = click.option("--out", type=click.Path(path_type=Path), help="folder of the results [out/<scene>]")
+OUT = click.option(
+    "--out", type=click.Path(path_type=Path), help="folder of the results [out/NAME, that of Scene(name=...)]"
+)
 AT = click.option("--at", "words", multiple=True, help="value of a parameter, name=value; once for each")
+
+KNOWN = click.option("--known", multiple=True, help="class of your own in the model, law.py:Voce; once for each [none]")
 
 
 class Part(click.ParamType):

@@ -45,12 +45,12 @@ def answer_dakota(model: Any, parameters: str | Path, results: str | Path) -> No
     """Answer what Dakota asks for in one file in another one, which is whole or not there.
 
     Variables of Dakota have the names of parameters, and its functions those of outputs, in which ``_`` may stand for a
-    space: its descriptors have none. Where a point is outside of the box or has no answer the file says ``fail``, which
-    Dakota captures as it was told to.
+    space: its descriptors have none. If a point is outside of the box or of what was trained, or has no answer, it says
+    ``fail``, which Dakota captures as its study asks for, and the reason after it.
 
     Raises:
         FileContentError: for a file that is none of Dakota's.
-        ParameterError: where names differ, or a point is outside of the box.
+        ParameterError: if names differ, or a point is outside of the box or of what was trained.
         NotOfferedError: for Hessians.
         ConvergenceError: where there is no answer.
     """
@@ -70,9 +70,10 @@ def answer_dakota(model: Any, parameters: str | Path, results: str | Path) -> No
     point = np.array([asked.variables[name] for name in function.names])
     try:
         lines = _lines(function, asked, point)
-    except (ConvergenceError, NotSolvableError, ParameterError):
+    except (ConvergenceError, NotSolvableError, ParameterError) as error:
         with replacing(results, text=True) as file:
-            file.write("fail\n")
+            # Dakota reads nothing after the word; people who look at the file do
+            file.write(f"fail\n# {' '.join(str(error).split())}\n")
         raise
     with replacing(results, text=True) as file:
         file.write("\n".join(lines) + "\n")

@@ -4,6 +4,7 @@
    Value references: 0 the time, 1 ... the inputs, then the outputs. */
 #include <stddef.h>
 #include <stdint.h>
+#include <stdio.h>
 #include "model.h"
 
 enum { OK = 0, DISCARD = 2, ERROR = 3 };
@@ -48,11 +49,23 @@ static int solved(unit *u) {
 static int solved(unit *u) { return model_solve(u->work, u->point, NULL, u->outputs); }
 #endif
 
+/* Names the input that is not within what the model was made for. */
+static int outside(unit *u) {
+    char said[256] = "an input is outside of what the model was made for";
+    for (int k = 0; k < MODEL_PARAMETERS; k++)
+        if (!(u->point[k] >= model_lower[k] && u->point[k] <= model_upper[k])) {
+            snprintf(said, sizeof said, "%s = %g is outside of what the model was made for, %g to %g",
+                     model_parameter_names[k], u->point[k], model_lower[k], model_upper[k]);
+            break;
+        }
+    return complaint(u, DISCARD, said);
+}
+
 static int answered(unit *u) {
     if (u->known) return OK;
     const int status = solved(u);
     if (status == MODEL_CHANGED) return complaint(u, DISCARD, "a modulus, or a law, does not change on the way");
-    if (status == MODEL_OUTSIDE) return complaint(u, DISCARD, "an input is outside of what the model was made for");
+    if (status == MODEL_OUTSIDE) return outside(u);
     if (status == MODEL_NO_ANSWER) return complaint(u, DISCARD, "the contact problem has no answer for these inputs");
     u->known = 1;
     return OK;

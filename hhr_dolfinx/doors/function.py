@@ -14,7 +14,8 @@ class OutputFunction:
 
     Args:
         model: of any kind, elastic; with friction or bodies that flow a point is one step from rest.
-        outside: what happens outside of what was trained, see :meth:`hhr_dolfinx.models.answer.Model.solve`.
+        outside: what happens outside of what was trained, see :meth:`hhr_dolfinx.models.answer.Model.solve`. Another
+            program sees no warnings of Python, so that such a point is refused unless asked for otherwise.
 
     Attributes:
         names: of the parameters, in their order.
@@ -24,7 +25,7 @@ class OutputFunction:
         NotOfferedError: for a model of a scene without outputs.
     """
 
-    def __init__(self, model: Any, outside: str = "warn"):
+    def __init__(self, model: Any, outside: str = "refuse"):
         functionals = model.fields.functionals
         if functionals is None:
             raise NotOfferedError(
@@ -40,10 +41,21 @@ class OutputFunction:
         """Outputs at points, (n, P): (n, K).
 
         Raises:
-            HHRError: where a point is outside of the box, or has no answer.
+            HHRError: if a point is outside of the box or of what was trained, or has no answer.
         """
-        found = self.model.solve_many(np.atleast_2d(points), outside=self.outside).outputs()
+        points = np.atleast_2d(points)
+        if len(points) == 1:
+            self.check(points[0])  # so that an error names no row of a table
+        found = self.model.solve_many(points, outside=self.outside).outputs()
         return np.column_stack([found[name] for name in self.outputs])
+
+    def check(self, point: Any) -> None:
+        """Refuse a point, (P,), outside of the box or of what was trained, without an answer.
+
+        Raises:
+            ParameterError: with the value and its limits.
+        """
+        self.model.check_range(self.model.parameters.point(point), self.outside)
 
     def jacobian(self, point: Any) -> np.ndarray:
         """Derivatives of the outputs along the parameters at a point, (P,): (K, P)."""

@@ -13,7 +13,7 @@ with extra("doors", "a function of OpenTURNS"):
     import openturns
 
 
-def openturns_function(model: Any, outside: str = "warn") -> Any:
+def openturns_function(model: Any, outside: str = "refuse") -> Any:
     """The outputs of a scene as an ``openturns.Function`` of its parameters.
 
     Args:

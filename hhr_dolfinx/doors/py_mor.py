@@ -26,24 +26,27 @@ class PyMORModel(Model):
     Args:
         model: see :class:`~hhr_dolfinx.doors.function.OutputFunction`.
         name: of the model.
+        outside: see there.
 
     Raises:
         BoundError: where an error is asked for that nothing is known of.
     """
 
-    def __init__(self, model: Any, name: str = "contact"):
+    def __init__(self, model: Any, name: str = "contact", outside: str = "refuse"):
         super().__init__(name=name)
         self.model = model
-        self.function = OutputFunction(model)
+        self.outside = outside  # pyMOR wants all arguments as attributes
+        self.function = OutputFunction(model, outside)
         space = model.parameters
         self.parameters_own = dict.fromkeys(self.function.names, 1)
-        self.solution_space = NumpyVectorSpace(model.solve(space.middle).displacement().size)
+        self.solution_space = NumpyVectorSpace(model.solve(space.middle, outside="ignore").displacement().size)
         self.dim_output = len(self.function.outputs)
 
     def _compute(self, quantities: set[Any], data: dict[Any, Any], mu: Any) -> None:
         """What is asked for, by one answer."""
         point = np.array([mu[name][0] for name in self.function.names])
-        answer = self.function.model.solve(point, gradient="output_d_mu" in quantities)
+        how: dict[str, Any] = {"gradient": "output_d_mu" in quantities, "outside": self.outside}
+        answer = self.function.model.solve(point, **how)
         if "solution" in quantities:
             data["solution"] = self.solution_space.from_numpy(answer.displacement()[:, None])
         found = answer.outputs()

@@ -14,7 +14,7 @@ from hhr_dolfinx.compat import extra
 from hhr_dolfinx.doors.function import OutputFunction
 
 with extra("doors", "a Tesseract"):
-    from pydantic import Field, create_model
+    from pydantic import Field, create_model, field_validator
     from tesseract_core.runtime import Array, Differentiable, Float64, ShapeDType
 
 IN = "parameters"
@@ -30,9 +30,14 @@ class Endpoints:
         counts = len(self.function.names), len(self.function.outputs)
         told = ", ".join(self.function.names), ", ".join(self.function.outputs)
         schema: Any = create_model
+        checks: list[Any] = [{"checked": field_validator(IN)(self._checked)}, {}]
         self.inputs, self.outputs = (
-            schema(title, **{name: (Differentiable[Array[(count,), Float64]], Field(description=words))})
-            for title, name, count, words in zip(("InputSchema", "OutputSchema"), (IN, OUT), counts, told, strict=True)
+            schema(
+                title, __validators__=check, **{name: (Differentiable[Array[(n,), Float64]], Field(description=said))}
+            )
+            for title, name, n, said, check in zip(
+                ("InputSchema", "OutputSchema"), (IN, OUT), counts, told, checks, strict=True
+            )
         )
 
     def apply(self, inputs: Any) -> Any:
@@ -58,6 +63,12 @@ class Endpoints:
     def abstract_eval(self, abstract_inputs: Any) -> dict[str, Any]:
         """Shape of what comes out."""
         return {OUT: ShapeDType(shape=(len(self.function.outputs),), dtype="float64")}
+
+    def _checked(self, point: Any) -> Any:
+        """A point within what was trained; the errors of a schema are the only ones whose text a client gets."""
+        if not isinstance(point, ShapeDType):  # of which alone ``abstract_eval`` knows
+            self.function.check(np.asarray(point))
+        return point
 
     def _slopes(self, inputs: Any) -> np.ndarray:
         return self.function.jacobian(np.asarray(getattr(inputs, IN)))

@@ -84,7 +84,9 @@ class Estimate(NamedTuple):
         """What an indicator says, in units of its own, taken as relative; of pressures it says nothing."""
         if kind == FORCES:
             return cls(kind, math.inf, math.inf, math.inf, math.inf, forces_euclid_relative=value)
-        return cls(kind, math.inf, math.inf, value, value, forces_euclid_relative=value)
+        # that of the stress follows nothing else: no number may stand where it is silent
+        forces = math.inf if kind == STRESS else value
+        return cls(kind, math.inf, math.inf, value, value, forces_euclid_relative=forces)
 
     @classmethod
     def exact(cls, functionals: Any) -> Estimate:

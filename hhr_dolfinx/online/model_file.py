@@ -30,6 +30,10 @@ from hhr_dolfinx.warn import ignored, warn
 
 FORMAT = "hhr_dolfinx model"
 VERSION = 5
+NAMES = ("model", "hhr", "condensed", "local", "study")
+"""Names under which commands leave models in a folder."""
+TABLES = (".csv", ".parquet")
+"""Endings of tables, which people give in the place of a model."""
 
 MODULES = {
     "amplitudes": "Amplitudes Coverage Limits",
@@ -161,11 +165,15 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
     kinds = Kinds(known)
     if Path(path).suffix == ".py":
         raise ModelFileError(f"{path} is a program, as scenes are, and no model: make one, hhr reduce {path}")
+    if Path(path).is_dir():
+        raise ModelFileError(f"{path} is a folder, and a model is a file{_meant(Path(path))}")
     try:
         header, arrays = read_arrays(path, FORMAT, VERSION)
     except FileNotFoundError:
-        raise ModelFileError(f"there is no model file {path}") from None
+        raise ModelFileError(f"there is no model file {path}{_meant(Path(path).parent)}") from None
     except FileContentError as error:
+        if Path(path).suffix in TABLES:
+            raise ModelFileError(f"{path} is a table and no model: the model comes first, MODEL TABLE") from error
         raise ModelFileError(f"{error}: build the model again") from error
     try:
         if header.keys() != {"format", "version", "model"}:
@@ -181,6 +189,15 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
     except (HHRError, MemoryError) as error:
         raise ModelFileError(f"{path} is damaged or no model file ({error}): build the model again") from error
     return model
+
+
+def _meant(folder: Path) -> str:
+    """Models in a folder, or one below it, as a question; nothing where there are none."""
+    try:
+        near = sorted(path for pattern in ("*.npz", "*/*.npz") for path in folder.glob(pattern) if path.stem in NAMES)
+    except OSError:
+        return ""
+    return f": did you mean {' or '.join(map(str, near[:4]))}?" if near else ""
 
 
 def check_answers(model: KeptModel) -> None:

@@ -9,9 +9,10 @@ from __future__ import annotations
 import csv
 import hashlib
 import json
+import re
 import shutil
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -20,8 +21,8 @@ import numpy as np
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.compat import extra
-from hhr_dolfinx.errors import ParameterError
-from hhr_dolfinx.files import make_folder, replacing
+from hhr_dolfinx.errors import FileError, ParameterError
+from hhr_dolfinx.files import clear_leftovers, make_folder, replacing
 from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.models.local import LEAF
 from hhr_dolfinx.models.model import AnsweringModel
@@ -38,6 +39,10 @@ Progress = Callable[[Iterable], Iterable]
 
 PARQUET = ".parquet"
 """Ending of tables that are no text."""
+MARK = "blocks of answers by hhr_dolfinx"
+"""What the file ``of.json`` in a folder of blocks holds: a folder without it is somebody else's, and is left alone."""
+WORKBOOKS = (".xlsx", ".xls", ".xlsm", ".ods")
+"""Endings of tables that spreadsheets alone read."""
 SHOWN = 20
 """Bad rows whose reasons are printed; all of them stand in the table."""
 _STATUS = "status"
@@ -63,6 +68,8 @@ def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
     Raises:
         ParameterError: if the file is missing, cannot be read, or its header does not name each parameter once.
     """
+    if Path(path).suffix.lower() in WORKBOOKS:
+        raise ParameterError(f"{path} is a workbook of a spreadsheet: save its table as CSV, in UTF-8 and with commas")
     if Path(path).suffix == PARQUET:
         return [TableRow(k, row) for k, row in enumerate(read_columns(Path(path), space.names), start=2)]
     try:
@@ -77,6 +84,11 @@ def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
     header = rows[0][1] if rows else []
     wrong = sorted(name for name in space.names if header.count(name) != 1)
     if wrong:
+        if any(mark in cell for cell in header for mark in ";\t"):
+            raise ParameterError(
+                f"{path} is separated by semicolons or tabs, as spreadsheets of some languages save it: separate its "
+                "columns by commas, and write numbers with a decimal point"
+            )
         raise ParameterError(
             f"{path} has no column {wrong} or has it twice: its header must name {space.names}, separated by commas"
         )
@@ -93,6 +105,7 @@ def answer_table(
     *,
     displacement: bool = False,
     estimates: bool = True,
+    forces: bool = True,
     resume: str | None = None,
 ) -> int:
     """Answer a table on all ranks into a file, CSV or Parquet, and print the bad rows with their reasons.
@@ -105,6 +118,7 @@ def answer_table(
         progress: wraps the iteration over blocks, for a progress bar.
         displacement: whether there is a column of the largest displacement of any node.
         estimates: whether there are columns of what is known of errors.
+        forces: whether there is a column of the force of each contact condition.
         resume: a text that is another one for another model, such as a checksum of its file: blocks that an earlier
             run left are kept if it is the same. None begins anew.
 
@@ -117,7 +131,7 @@ def answer_table(
     """
     comm = ranks.world()
     rank, size = (0, 1) if comm is None else (comm.rank, comm.size)
-    blocks = _Blocks(Query(model, "refuse", displacement, estimates), rows, Path(path), resume)
+    blocks = _Blocks(Query(model, "refuse", displacement, estimates), rows, Path(path), resume, forces)
     with nullcontext() if comm is None else ranks.each_for_itself(comm, "preparing the answers"):
         if rank == 0:
             blocks.prepare()
@@ -145,13 +159,14 @@ class _Blocks:
         query: what answers.
         rows: of the table.
         path: the file of the answers.
-        resume: see :func:`answer_table`.
+        resume, forces: see :func:`answer_table`.
     """
 
     query: Query
     rows: Sequence[TableRow]
     path: Path
     resume: str | None
+    forces: bool = True
 
     def __len__(self) -> int:
         return max(1, -(-len(self.rows) // self.size))
@@ -166,24 +181,70 @@ class _Blocks:
         """Of the blocks, beside the target."""
         return self.path.with_name(f"{self.path.name}.parts")
 
+    @property
+    def _mark(self) -> Path:
+        """The file that says whose blocks these are."""
+        return self.folder / "of.json"
+
     def _digest(self) -> str:
         """Changes where the answers would."""
-        told = hashlib.sha256(
-            repr((self.resume, self.query.displacement, self.query.estimates, self.query.outside, self.size)).encode()
-        )
+        columns = self.query.displacement, self.query.estimates, self.forces
+        told = hashlib.sha256(repr((self.resume, *columns, self.query.outside, self.size)).encode())
         for row in self.rows:
             told.update(repr(row).encode())
         return told.hexdigest()
 
     def prepare(self) -> None:
-        """Make the folder, and empty it if its blocks are those of another table or model."""
-        kept = self.folder / "of.json"
-        digest = self._digest()
-        if self.resume is None or not kept.exists() or kept.read_text() != json.dumps(digest):
-            shutil.rmtree(self.folder, ignore_errors=True)
+        """Make the folder, and empty it if its blocks are those of another table or model.
+
+        Raises:
+            FileError: if the folder is not one of blocks, or cannot be made.
+        """
+        mark = {MARK: self._digest()}
+        found = self._marked()
+        if self.resume is None or found != mark:
+            if found is None:
+                self._refuse_others()
+            else:
+                self._clear()
             make_folder(self.folder)
-            with replacing(kept, text=True) as file:
-                json.dump(digest, file)
+            with replacing(self._mark, text=True) as file:
+                json.dump(mark, file)
+
+    def _marked(self) -> dict[str, Any] | None:
+        """The mark of the folder; None of a folder that is not one of blocks, or is not there."""
+        try:
+            found = json.loads(self._mark.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError):
+            return None
+        return found if isinstance(found, dict) and found.keys() == {MARK} else None
+
+    def _refuse_others(self) -> None:
+        """Refuse a folder with files that are not ours; an empty one is as good as none.
+
+        Raises:
+            FileError: for such a folder.
+        """
+        if not self.folder.is_dir():
+            return
+        clear_leftovers(self.folder)
+        if others := sorted(path.name for path in self.folder.iterdir()):
+            raise FileError(
+                f"{self.folder} is where blocks of answers are kept on their way to {self.path}, and it holds files "
+                f"that are not: {', '.join(others[:3])}{', ...' if others[3:] else ''}. Move the folder, or give the "
+                "answers another name"
+            )
+
+    def _clear(self) -> None:
+        """Remove the blocks, and the folder if there is nothing else in it; the mark last, as a run may be killed."""
+        clear_leftovers(self.folder)
+        own = re.compile(rf"[0-9]{{6,}}(\.json|{re.escape(self.path.suffix)})")
+        for path in self.folder.iterdir():
+            if own.fullmatch(path.name):
+                path.unlink(missing_ok=True)
+        self._mark.unlink(missing_ok=True)
+        with suppress(OSError):
+            self.folder.rmdir()
 
     def _file(self, number: int, ending: str) -> Path:
         return self.folder / f"{number:06d}{ending}"
@@ -208,14 +269,15 @@ class _Blocks:
             # a cell that is no number has a reason of its own
             status = [fault or found for (_, fault), found in zip(parsed, answers.status, strict=True)]
             answers = answers._replace(status=status)
-            write_answers(self._file(number, self.path.suffix), space, answers, [row.cells for row in rows])
+            given = [row.cells for row in rows]
+            write_answers(self._file(number, self.path.suffix), space, answers, given, forces=self.forces)
             bad = [(number * self.size + k, why) for k, why in enumerate(status) if why != OK]
             fallen = 0 if answers.fell_back is None else int(answers.fell_back.sum())
             with replacing(self._file(number, ".json"), text=True) as file:
                 json.dump([bad, fallen, checksum(self._file(number, self.path.suffix))], file)
 
     def join(self) -> tuple[list[tuple[int, str]], int]:
-        """Make one file of all blocks and remove them.
+        """Make one file of all blocks and remove the blocks.
 
         Returns:
             Numbers of the bad rows with their reasons, and how many the full model answered.
@@ -231,7 +293,7 @@ class _Blocks:
                         target.write(head if number == 0 else "")
                         shutil.copyfileobj(source, target)
         told = [json.loads(self._file(number, ".json").read_text()) for number in range(len(self))]
-        shutil.rmtree(self.folder, ignore_errors=True)
+        self._clear()
         return [(row, why) for bad, *_ in told for row, why in bad], sum(fallen for _, fallen, _ in told)
 
 
@@ -245,7 +307,12 @@ def _tell_bad(console: Console, rows: Sequence[TableRow], bad: list[tuple[int, s
 
 
 def write_answers(
-    path: str | Path, space: ParameterSpace, answers: Answers, cells: Sequence[Sequence[str]] | None = None
+    path: str | Path,
+    space: ParameterSpace,
+    answers: Answers,
+    cells: Sequence[Sequence[str]] | None = None,
+    *,
+    forces: bool = True,
 ) -> int:
     """Write answers as CSV with a header, or as Parquet; returns the number of rows that have none.
 
@@ -254,11 +321,12 @@ def write_answers(
         space: whose names head the columns of the parameters.
         answers: those of :func:`~hhr_dolfinx.online.batch.answer_points`.
         cells: the parameters as they were given, as text; None writes the numbers.
+        forces: whether there is a column of the force of each contact condition.
 
     Raises:
         FileError: if the file cannot be written.
     """
-    columns = columns_of(answers)
+    columns = columns_of(answers, forces)
     if Path(path).suffix == PARQUET:
         named = dict(zip(space.names, answers.points.T, strict=True))
         write_columns(Path(path), {**named, _STATUS: answers.status, **columns})
@@ -274,7 +342,7 @@ def write_answers(
     return sum(status != OK for status in answers.status)
 
 
-def columns_of(answers: Answers) -> dict[str, np.ndarray]:
+def columns_of(answers: Answers, forces: bool = True) -> dict[str, np.ndarray]:
     """Numbers of all rows by the heads of their columns, in their order."""
     columns = {} if answers.largest_displacement is None else {"largest_displacement": answers.largest_displacement}
     columns["total_force"] = answers.forces.sum(axis=1) if answers.total_force is None else answers.total_force
@@ -283,7 +351,7 @@ def columns_of(answers: Answers) -> dict[str, np.ndarray]:
         columns["fell_back"] = answers.fell_back.astype(float)
     if answers.model is not None:
         columns["model"] = np.where(answers.model == LEAF, np.nan, answers.model)
-    return columns | {f"force_{k}": force for k, force in enumerate(answers.forces.T)}
+    return columns | {f"force_{k}": force for k, force in enumerate(answers.forces.T) if forces}
 
 
 def _texts(line: str, values: np.ndarray) -> list[str]:
@@ -294,7 +362,8 @@ def _texts(line: str, values: np.ndarray) -> list[str]:
 
 def _row(line: int, cells: list[str], columns: list[int], width: int) -> TableRow:
     """A row in the order of the parameters; cells behind the last may be decimal commas, which must not pass."""
-    fault = f"{len(cells)} cells where the header has {width}" if any(cells[width:]) else ""
+    count = f"{len(cells)} cells where the header has {width}: numbers have a decimal point, as commas separate columns"
+    fault = count if any(cells[width:]) else ""
     padded = cells + [""] * width
     return TableRow(line, [padded[column] for column in columns], fault)
 
@@ -309,7 +378,8 @@ def _numbers(row: TableRow, space: ParameterSpace) -> tuple[list[float], str]:
         try:
             point.append(float(text))
         except ValueError:
-            return nothing, f"{name} is empty" if not text else f"{name} = '{text}' is no number"
+            why = ": write a decimal point, not a comma" if "," in text else ""
+            return nothing, f"{name} is empty" if not text else f"{name} = '{text}' is no number{why}"
     return point, ""
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from dataclasses import replace
 from html import escape
 from importlib import resources
@@ -53,7 +54,7 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
         NotOfferedError: for another kind of model, one of another scene, or one that is too large for a page.
         FileError: if the file cannot be written.
     """
-    check_fits(model)
+    check_for_page(model)
     if len(scenery.areas) != model.conditions:
         raise NotOfferedError(
             f"the scenery is of {len(scenery.areas)} contact conditions and the model of {model.conditions}: they are "
@@ -66,29 +67,29 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
     if not np.linalg.norm(own - scenery.compliance) <= ALIKE * np.linalg.norm(own):
         raise NotOfferedError("the scenery is not of the scene of this model: its contact is stiffer or softer")
     text = page_text(model, scenery)
-    _check_size(model, len(text.encode()))
+    _check_size(len(text.encode()), model)
     with replacing(path, text=True) as file:
         file.write(text)
     return Path(path)
 
 
-def check_fits(model: Any) -> None:
-    """Refuse a model that no page is built for or has room for, before anything is made of it.
+def check_for_page(model: Any) -> None:
+    """Refuse a model that a page cannot hold, before anything is made for it: a scenery, bounds, pictures.
 
     Raises:
-        NotOfferedError: by the kind of the model, or by its size.
+        NotOfferedError: for another kind of model, or one whose contact problem alone is too large.
     """
     check_model(model)
     arrays = Packed()
     contact_tree(model, arrays)
-    _check_size(model, arrays.size)
+    _check_size(sum(len(item["data"]) for item in arrays.texts().values()), model)
 
 
-def _check_size(model: Any, size: int) -> None:
-    """Refuse a page of ``size`` bytes, if that is too many."""
-    if size > MOST_BYTES:
+def _check_size(count: int, model: Any) -> None:
+    """Raise NotOfferedError for a page of too many bytes."""
+    if count > MOST_BYTES:
         raise NotOfferedError(
-            f"a page of {size / 1e6:.1f} MB is more than the {MOST_BYTES / 1e6:g} that go by mail: "
+            f"a page of {count / 1e6:.1f} MB or more exceeds the {MOST_BYTES / 1e6:g} MB that go by mail: "
             f"{_size(model)} are too many. Take a coarser mesh for the page"
             + (", or a model with fewer modes: a larger error, or fewer paths" if flows(model) else "")
         )
@@ -131,12 +132,12 @@ def page_text(model: Any, scenery: Scenery) -> str:
     tree["error"] = error_of(model)
     tree["made"] = f"{today()}, hhr_dolfinx {__version__}"
     data = json.dumps({"tree": tree, "arrays": arrays}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
-    text = _file("page.html").replace("TITLE", escape(scenery.words["scene"].replace("_", " ")))
     needed = {"friction.js": model.friction is not None, "flow.js": flows(model)}
     needed |= {"floating.js": tree["floating"] is not None, "bound.js": tree["bound"] is not None}
-    for part in PARTS:
-        text = text.replace(f"/*{part}*/", _file(part) if needed.get(part, True) else "")
-    return text.replace("/*DATA*/", data)
+    marked = {f"/*{part}*/": _file(part) if needed.get(part, True) else "" for part in PARTS}
+    marked |= {"/*DATA*/": data, "TITLE": escape(scenery.words["scene"].replace("_", " "))}
+    # in one pass: a name of the user's may look like a marker
+    return re.sub("|".join(map(re.escape, marked)), lambda found: marked[found.group()], _file("page.html"))
 
 
 def error_of(model: Any) -> dict[str, Any]:

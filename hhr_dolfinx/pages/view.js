@@ -8,7 +8,7 @@
   const scenery = tree.scenery, words = scenery.words, dim = scenery.dim;
   const points = arrays[scenery.points], places = arrays[scenery.contact_points], areas = arrays[scenery.areas];
   const pairs = arrays[scenery.pairs], at = (id) => document.getElementById(id);
-  const labels = tree.names.map((name) => name + unit((words.units ?? {})[name]));
+  const units = words.units ?? {}, labels = tree.names.map((name) => name + unit(Object.hasOwn(units, name) ? units[name] : ""));
   const middle = tree.lower.map((low, k) => (low + tree.upper[k]) / 2);
   const sliding = tree.friction ? new hhr.Sliding(model) : null, flowing = tree.flow ? new hhr.Flowing(model) : null;
   if (tree.floating) new hhr.Floating(model);

@@ -154,7 +154,7 @@ class Study:
         write_report(self.report, folder)
         print_report(self.report, console)
         model: Any = self.model
-        save_model(folder / "model.npz", model)
+        save_model(folder / "study.npz", model)
         advised: Any = self.measured.models.get(self.report["advised"])
         if advised is not None and advised is not model:
             save_model(folder / "condensed.npz", advised)

@@ -60,6 +60,13 @@ TOLD = {
 """Parts of a report that have a place of their own on the page; the others follow as they are."""
 
 
+POLICY = (
+    '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; '
+    "style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'\">"
+)
+"""A report has pictures and styles of its own, and neither runs nor loads anything, whatever a report.json holds."""
+
+
 def write_page(folder: str | Path) -> Path:
     """Write ``report.html`` beside ``report.json``, with the pictures of the folder inside.
 
@@ -113,7 +120,7 @@ def page_of(report: Mapping[str, Any], folder: Path) -> str:
     ]
     body = "\n".join(part for part in parts if part)
     return (
-        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">'
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">{POLICY}'
         f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{name}</title>'
         f"<style>{_style()}</style></head>\n<body>\n{body}\n</body></html>\n"
     )
@@ -367,7 +374,7 @@ def _pictures(folder: Path) -> str:
 
 def _loading(folder: Path) -> str:
     """How the models beside a report are used."""
-    models = [path.name for path in sorted(folder.glob("*.npz")) if path.name in ("model.npz", "condensed.npz")]
+    models = [path.name for path in sorted(folder.glob("*.npz")) if path.name in ("study.npz", "condensed.npz")]
     if not models:
         return ""
     lines = ["import hhr_dolfinx as hhr", ""]
@@ -375,7 +382,8 @@ def _loading(folder: Path) -> str:
     lines += ["answer = model.solve(point)  # parameters by name, or in their order; path: model.march(path)"]
     lines += ["answer.forces(), answer.displacement(), answer.estimate()"]
     told = (
-        "It needs NumPy and SciPy, no DOLFINx. A table is answered by <code>hhr answer model.npz questions.csv</code>."
+        "It needs NumPy and SciPy, no DOLFINx. A table is answered by "
+        f"<code>hhr answer {models[-1]} questions.csv</code>."
     )
     return _section("How is the model used?", f"<pre>{escape(chr(10).join(lines))}</pre>", f"<p>{told}</p>")
 

@@ -1,0 +1,20 @@
+"""What the installed command ``hhr`` runs: without the packages of its extra it says so in one sentence."""
+
+from __future__ import annotations
+
+import sys
+
+from hhr_dolfinx.errors import MissingPackageError
+
+REFUSED = 3
+"""Exit code, that of :mod:`hhr_dolfinx.command.main` for what is refused."""
+
+
+def main() -> None:
+    """Run the command."""
+    try:
+        from hhr_dolfinx.command.main import main as command
+    except MissingPackageError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(REFUSED)
+    command()
