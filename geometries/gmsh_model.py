@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["gmsh", "mesh_of"]
 
-_OPTIONS = {"General.Terminal": 0.0}
+_OPTIONS = {"General.Terminal": 0.0, "General.AbortOnError": 2.0}  # silent, and errors raise
 
 
 def mesh_of(make: Callable[[], None], comm: Comm, dim: int, options: Mapping[str, float] | None = None) -> TaggedMesh:
@@ -114,20 +115,37 @@ def _session(options: Mapping[str, float]) -> Iterator[None]:
         finally:
             gmsh.finalize()
         return
-    before = {name: gmsh.option.getNumber(name) for name in options}
     others = gmsh.model.list()
     current = gmsh.model.getCurrent()
-    gmsh.model.add("hhr_dolfinx")
-    try:
-        _set(options)
-        yield
-    finally:
-        # new models are added behind those that are there
-        for name in gmsh.model.list()[len(others) :]:
-            gmsh.model.setCurrent(name)
-            gmsh.model.remove()
-        gmsh.model.setCurrent(current)
-        _set(before)
+    with _default_options():
+        gmsh.model.add("hhr_dolfinx")
+        try:
+            _set(options)
+            yield
+        finally:
+            # new models are added behind those that are there
+            for name in gmsh.model.list()[len(others) :]:
+                gmsh.model.setCurrent(name)
+                gmsh.model.remove()
+            gmsh.model.setCurrent(current)
+
+
+@contextmanager
+def _default_options() -> Iterator[None]:
+    """All options as gmsh has them at its start: whatever a user has set makes other meshes. It comes back after."""
+    before = {name: gmsh.option.getNumber(name) for name in _OPTIONS}
+    with tempfile.TemporaryDirectory() as folder:
+        own = str(Path(folder) / "of_the_user.opt")
+        _set(_OPTIONS)
+        gmsh.write(own)  # what differs from the default, a few lines
+        gmsh.option.restoreDefaults()
+        try:
+            yield
+        finally:
+            gmsh.option.restoreDefaults()
+            _set(_OPTIONS)
+            gmsh.merge(own)
+            _set(before)
 
 
 def _initialised() -> None:
