@@ -44,6 +44,7 @@ def mesh_of(make: Callable[[], None], comm: Comm, dim: int, options: Mapping[str
     """
     with _session({**_OPTIONS, **(options or {})}):
         if comm.rank == 0:
+            _check_that_it_meshes()
             make()
         if comm.bcast(comm.rank == 0 and _facets_without_cells()):
             raise SceneError(
@@ -51,6 +52,32 @@ def mesh_of(make: Callable[[], None], comm: Comm, dim: int, options: Mapping[str
                 "the cells, as with automatic transfinite tetrahedra. Recombine to hexahedra, or leave that out"
             )
         return gmsh_to_mesh(gmsh.model, comm, dim, shares)
+
+
+def _check_that_it_meshes() -> None:
+    """Mesh a line in the current model, which stays empty.
+
+    Raises:
+        SceneError: where nothing is meshed: up to 4.13 gmsh stays locked behind a mesh that failed.
+    """
+    line = gmsh.model.geo.addLine(gmsh.model.geo.addPoint(0, 0, 0), gmsh.model.geo.addPoint(1, 0, 0))
+    gmsh.model.geo.synchronize()
+    gmsh.model.mesh.generate(1)
+    done = bool(gmsh.model.mesh.getElements(1, line)[0].size)
+    gmsh.model.mesh.clear()
+    gmsh.model.geo.remove([(1, line)], recursive=True)
+    gmsh.model.geo.synchronize()
+    if not done:
+        raise SceneError(
+            f"gmsh {gmsh.GMSH_API_VERSION} meshes nothing in this session any more, since a mesh in it has failed: "
+            "call gmsh.finalize(), gmsh.initialize(), and make your models anew"
+        )
+
+
+def knows_med() -> bool:
+    """Whether this gmsh reads and writes MED: that of Debian does not."""
+    with _session(_OPTIONS):
+        return "Med" in gmsh.option.getString("General.BuildOptions").split()
 
 
 def _facets_without_cells() -> bool:

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.geometries.gmsh_model import entities_of
 from hhr_dolfinx.geometries.hertz_half_discs import half_discs
 from hhr_dolfinx.geometries.pellet_cladding import pellet_cladding
@@ -52,7 +53,7 @@ def test_a_session_of_the_user_stays(name, session):
     gmsh.initialize()
 
 
-MESHING = {"Mesh.RecombineAll": 1.0, "Mesh.ElementOrder": 2.0, "Mesh.MeshSizeMax": 0.1, "Mesh.SubdivisionAlgorithm": 1.0}
+MESHING = {"Mesh.RecombineAll": 1, "Mesh.ElementOrder": 2, "Mesh.MeshSizeMax": 0.1, "Mesh.SubdivisionAlgorithm": 1}
 
 
 @pytest.mark.parametrize("option", MESHING)
@@ -73,6 +74,14 @@ def test_options_of_a_session_make_no_other_mesh(name, option, session, capfd):
 def test_errors_of_gmsh_raise_in_a_session_of_the_user(session):
     with pytest.raises(Exception, match="nowhere"):
         entities_of(Path("nowhere.msh"))
+
+
+@pytest.mark.parametrize("name", GEOMETRIES)
+def test_a_session_that_meshes_nothing_is_refused(name, session, monkeypatch):
+    """As gmsh 4.13 is behind a mesh that failed: `generate` returns, and there are no cells."""
+    monkeypatch.setattr(gmsh.model.mesh, "generate", lambda dim: None)
+    with pytest.raises(SceneError, match=r"gmsh\.finalize"):
+        GEOMETRIES[name]()
 
 
 def test_a_mesh_that_fails_leaves_the_session(session, monkeypatch):
