@@ -5,7 +5,7 @@ export OPENBLAS_NUM_THREADS = 1
 # what is said comes as it is said, into a file or a pipe too
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo hertz pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes figures lint test quick slow docs setup mutants
+.PHONY: demo hertz pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes figures lint test quick slow docs setup mutants doctor
 
 demo: setup
 	.venv/bin/python demos/bolted_joint.py
@@ -115,6 +115,10 @@ mutants: setup
 
 setup:
 	@sh scripts/setup.sh
+
+# which of DOLFINx, PETSc, MUMPS, gmsh and the programs of the tests are there, and what they lack
+doctor: setup
+	@.venv/bin/python -m hhr_dolfinx.doctor
 
 # the site in out/site: tutorial, demos, reference; its examples are run, and a warning is an error
 docs: setup

@@ -104,8 +104,8 @@ def rings(size: float, order: int, *, quadrilaterals: bool = False) -> hhr.Scene
                     length = np.pi / 2 * (1.5 if name == "inner" else 2.5)
                 count = max(2, round(length / spacing))
                 gmsh.model.mesh.setTransfiniteCurve(curve, 1 + count)
-            gmsh.model.mesh.setTransfiniteSurface(tag)
             if quadrilaterals:
+                gmsh.model.mesh.setTransfiniteSurface(tag)
                 gmsh.model.mesh.setRecombine(2, tag)
         gmsh.model.mesh.generate(2)
         gmsh.model.mesh.setOrder(order)

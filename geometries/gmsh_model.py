@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import signal
+import tempfile
 import threading
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 
 __all__ = ["gmsh", "mesh_of"]
 
-_OPTIONS = {"General.Terminal": 0.0}
+_OPTIONS = {"General.Terminal": 0.0, "General.AbortOnError": 2.0}  # silent, and errors raise
 
 
 def mesh_of(make: Callable[[], None], comm: Comm, dim: int, options: Mapping[str, float] | None = None) -> TaggedMesh:
@@ -43,6 +44,7 @@ def mesh_of(make: Callable[[], None], comm: Comm, dim: int, options: Mapping[str
     """
     with _session({**_OPTIONS, **(options or {})}):
         if comm.rank == 0:
+            _check_that_it_meshes()
             make()
         if comm.bcast(comm.rank == 0 and _facets_without_cells()):
             raise SceneError(
@@ -50,6 +52,32 @@ def mesh_of(make: Callable[[], None], comm: Comm, dim: int, options: Mapping[str
                 "the cells, as with automatic transfinite tetrahedra. Recombine to hexahedra, or leave that out"
             )
         return gmsh_to_mesh(gmsh.model, comm, dim, shares)
+
+
+def _check_that_it_meshes() -> None:
+    """Mesh a line in the current model, which stays empty.
+
+    Raises:
+        SceneError: where nothing is meshed: up to 4.13 gmsh stays locked behind a mesh that failed.
+    """
+    line = gmsh.model.geo.addLine(gmsh.model.geo.addPoint(0, 0, 0), gmsh.model.geo.addPoint(1, 0, 0))
+    gmsh.model.geo.synchronize()
+    gmsh.model.mesh.generate(1)
+    done = bool(gmsh.model.mesh.getElements(1, line)[0].size)
+    gmsh.model.mesh.clear()
+    gmsh.model.geo.remove([(1, line)], recursive=True)
+    gmsh.model.geo.synchronize()
+    if not done:
+        raise SceneError(
+            f"gmsh {gmsh.GMSH_API_VERSION} meshes nothing in this session any more, since a mesh in it has failed: "
+            "call gmsh.finalize(), gmsh.initialize(), and make your models anew"
+        )
+
+
+def knows_med() -> bool:
+    """Whether this gmsh reads and writes MED: that of Debian does not."""
+    with _session(_OPTIONS):
+        return "Med" in gmsh.option.getString("General.BuildOptions").split()
 
 
 def _facets_without_cells() -> bool:
@@ -118,20 +146,37 @@ def _session(options: Mapping[str, float]) -> Iterator[None]:
         finally:
             gmsh.finalize()
         return
-    before = {name: gmsh.option.getNumber(name) for name in options}
     others = gmsh.model.list()
     current = gmsh.model.getCurrent()
-    gmsh.model.add("hhr_dolfinx")
-    try:
-        _set(options)
-        yield
-    finally:
-        # new models are added behind those that are there
-        for name in gmsh.model.list()[len(others) :]:
-            gmsh.model.setCurrent(name)
-            gmsh.model.remove()
-        gmsh.model.setCurrent(current)
-        _set(before)
+    with _default_options():
+        gmsh.model.add("hhr_dolfinx")
+        try:
+            _set(options)
+            yield
+        finally:
+            # new models are added behind those that are there
+            for name in gmsh.model.list()[len(others) :]:
+                gmsh.model.setCurrent(name)
+                gmsh.model.remove()
+            gmsh.model.setCurrent(current)
+
+
+@contextmanager
+def _default_options() -> Iterator[None]:
+    """All options as gmsh has them at its start: whatever a user has set makes other meshes. It comes back after."""
+    before = {name: gmsh.option.getNumber(name) for name in _OPTIONS}
+    with tempfile.TemporaryDirectory() as folder:
+        own = str(Path(folder) / "of_the_user.opt")
+        _set(_OPTIONS)
+        gmsh.write(own)  # what differs from the default, a few lines
+        gmsh.option.restoreDefaults()
+        try:
+            yield
+        finally:
+            gmsh.option.restoreDefaults()
+            _set(_OPTIONS)
+            gmsh.merge(own)
+            _set(before)
 
 
 def _initialised() -> None:

@@ -175,10 +175,13 @@ def gmsh_to_mesh(model: Any, comm: Comm, gdim: int, shares: Shares | None = None
     except ModuleNotFoundError:
         module = importlib.import_module("dolfinx.io.gmshio")
     try:
+        kinds = _kinds_of_cells(model) if comm.rank == 0 else set()
+        if comm.bcast(len(kinds)) > 1:  # 0.9 says nothing where they are mixed, and 0.11 makes a mesh without tags
+            raise RuntimeError("they are of several kinds")
         points = None if comm.rank > 0 or comm.size == 1 else module.extract_geometry(model)[:, :gdim]
         partitioner = _partitioner(comm, points, shares)
         mesh, cell_tags, facet_tags = module.model_to_mesh(model, comm, 0, gdim=gdim, partitioner=partitioner)[:3]
-    except (KeyError, RuntimeError) as error:
+    except (AssertionError, KeyError, RuntimeError) as error:
         from hhr_dolfinx.errors import SceneError
 
         raise SceneError(
@@ -190,6 +193,14 @@ def gmsh_to_mesh(model: Any, comm: Comm, gdim: int, shares: Shares | None = None
         named = [(model.getPhysicalName(*group), group) for group in model.getPhysicalGroups()]
         groups = [(name, group) for name, group in named if name]
     return NamedMesh(mesh, cell_tags, facet_tags, comm.bcast(groups))
+
+
+def _kinds_of_cells(model: Any) -> set[int]:
+    """Kinds of the elements of the highest dimension in physical groups, by gmsh's numbers."""
+    groups = model.getPhysicalGroups()
+    dim = max((group[0] for group in groups), default=0)
+    entities = {entity for d, tag in groups if d == dim for entity in model.getEntitiesForPhysicalGroup(d, tag)}
+    return {int(kind) for entity in entities for kind in model.mesh.getElements(dim, entity)[0]}
 
 
 def interpolation_points(element: FiniteElement) -> np.ndarray:

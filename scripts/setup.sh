@@ -146,5 +146,6 @@ for name in hhr_dolfinx.__all__: getattr(hhr_dolfinx, name)' || {
     say "The installation does not work; the message above says why."
     exit 1
 }
+"$venv/bin/python" -m hhr_dolfinx.doctor | while IFS= read -r line; do say "    $line"; done
 printf '%s\n' "$extras" >"$stamp"
 say "Set up in $(($(date +%s) - begin)) s: $(du -sm "$venv" | cut -f1) MB in $venv"

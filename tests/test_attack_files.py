@@ -11,6 +11,7 @@ import pytest
 import ufl
 from bare import WAIT
 from dolfinx import fem
+from libraries import MED, needs_med
 from mpi4py import MPI
 from test_mpi import launch
 
@@ -55,7 +56,8 @@ def folder(tmp_path_factory):
             gmsh.write(str(path / f"{version}_{binary}.msh"))
     gmsh.option.setNumber("Mesh.Binary", 0)
     gmsh.write(str(path / "flat.inp"))
-    gmsh.write(str(path / "flat.med"))
+    if MED:
+        gmsh.write(str(path / "flat.med"))
     gmsh.finalize()
     return path
 
@@ -63,7 +65,7 @@ def folder(tmp_path_factory):
 FILES = [f"{version}_{binary}.msh" for version in (2.2, 4.1) for binary in (0, 1)]
 
 
-@pytest.mark.parametrize("name", [*FILES, "flat.med", "flat.inp"])
+@pytest.mark.parametrize("name", [*FILES, pytest.param("flat.med", marks=needs_med), "flat.inp"])
 def test_groups_of_gmsh_that_overlap_or_share_a_name(name, folder):
     found = hhr.MeshFile(folder / name)(MPI.COMM_SELF)
     assert found[0].topology.index_map(2).size_local == 44

@@ -147,6 +147,19 @@ def test_cells_of_third_order():
     )
 
 
+def test_triangles_beside_quadrilaterals():
+    def make():
+        bodies = [gmsh.model.occ.addRectangle(x, 0, 0, 1, 1) for x in (0, 2)]
+        gmsh.model.occ.synchronize()
+        gmsh.model.addPhysicalGroup(2, bodies, 1)
+        gmsh.model.mesh.setTransfiniteAutomatic(recombine=False)
+        gmsh.model.mesh.setRecombine(2, bodies[0])
+        gmsh.model.mesh.generate(2)
+
+    with pytest.raises(SceneError, match="mesh all bodies with one kind of cells"):
+        mesh_of(make, MPI.COMM_SELF, 2)
+
+
 def test_facets_that_no_cell_has():
     """As automatic transfinite tetrahedra of second order have; DOLFINx ends the process."""
 

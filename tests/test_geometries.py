@@ -1,9 +1,14 @@
 """gmsh is one for the whole process: what a user has in it stays, whoever asks for a mesh meanwhile."""
 
+from pathlib import Path
+
 import gmsh
+import numpy as np
 import pytest
 from mpi4py import MPI
 
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.geometries.gmsh_model import entities_of
 from hhr_dolfinx.geometries.hertz_half_discs import half_discs
 from hhr_dolfinx.geometries.pellet_cladding import pellet_cladding
 
@@ -46,6 +51,37 @@ def test_a_session_of_the_user_stays(name, session):
     gmsh.finalize()
     assert cells(GEOMETRIES[name]()) == count and not gmsh.isInitialized()
     gmsh.initialize()
+
+
+MESHING = {"Mesh.RecombineAll": 1, "Mesh.ElementOrder": 2, "Mesh.MeshSizeMax": 0.1, "Mesh.SubdivisionAlgorithm": 1}
+
+
+@pytest.mark.parametrize("option", MESHING)
+@pytest.mark.parametrize("name", GEOMETRIES)
+def test_options_of_a_session_make_no_other_mesh(name, option, session, capfd):
+    """What is meshed is the mesh of a process without a session, to the last bit; the options stay the user's."""
+    before = gmsh.option.getNumber("General.AbortOnError")
+    gmsh.option.setNumber(option, MESHING[option])
+    found = GEOMETRIES[name]()[0].geometry.x
+    assert gmsh.option.getNumber(option) == MESHING[option] and gmsh.option.getNumber("General.AbortOnError") == before
+    assert ".opt" not in capfd.readouterr().out
+    gmsh.finalize()
+    alone = GEOMETRIES[name]()[0].geometry.x
+    gmsh.initialize()
+    assert np.array_equal(found, alone)
+
+
+def test_errors_of_gmsh_raise_in_a_session_of_the_user(session):
+    with pytest.raises(Exception, match="nowhere"):
+        entities_of(Path("nowhere.msh"))
+
+
+@pytest.mark.parametrize("name", GEOMETRIES)
+def test_a_session_that_meshes_nothing_is_refused(name, session, monkeypatch):
+    """As gmsh 4.13 is behind a mesh that failed: `generate` returns, and there are no cells."""
+    monkeypatch.setattr(gmsh.model.mesh, "generate", lambda dim: None)
+    with pytest.raises(SceneError, match=r"gmsh\.finalize"):
+        GEOMETRIES[name]()
 
 
 def test_a_mesh_that_fails_leaves_the_session(session, monkeypatch):

@@ -21,6 +21,7 @@ ROOMS = (100, 400, 1600)
 NO_ROOM = (-8, -9, -14, -15)
 """Per cent by which the room that MUMPS reckons with is widened where that was too little, and how it says so: seen on
 three ranks with few dofs."""
+_WRONG_ARGUMENT = 62  # PETSC_ERR_ARG_WRONG
 
 
 class Pattern(NamedTuple):
@@ -116,7 +117,7 @@ class Factors:
             pc.getFactorMatrix().setMumpsIcntl(35, 2)
             pc.getFactorMatrix().setMumpsCntl(7, self.low_rank)
             if not self._inverted:  # others are made beside it: what MUMPS worked in is given back, as a smaller copy
-                pc.getFactorMatrix().setMumpsIcntl(49, 1)
+                gives_back(pc.getFactorMatrix())
         if self.last is not None and not schur.eliminate_last(pc.getFactorMatrix(), self.last):
             self.last = None
 
@@ -218,6 +219,20 @@ class Factors:
         matrix.assemble()
         yield matrix
         matrix.destroy()
+
+
+def gives_back(factor: PETSc.Mat) -> bool:
+    """Have MUMPS give back what it worked in, ICNTL(49); False where PETSc does not know that, before 3.23.
+
+    Solutions are the same without: factors take more memory.
+    """
+    try:
+        factor.setMumpsIcntl(49, 1)
+    except PETSc.Error as error:
+        if error.ierr != _WRONG_ARGUMENT:
+            raise
+        return False
+    return True
 
 
 def _matrix(pattern: Pattern, values: np.ndarray, half: bool, comm: Comm) -> PETSc.Mat:
