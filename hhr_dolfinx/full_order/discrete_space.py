@@ -104,8 +104,8 @@ class DiscreteSpace(ABC):
             degree=stiffness_degree(self.mesh.topology.cell_name(), self.scene.hypothesis, self.order),
         )
 
-    def constant(self, value: float) -> fem.Constant:
-        """A number in a form that is not compiled in: each new one would take seconds."""
+    def constant(self, value: float | str) -> fem.Constant:
+        """A number, in figures or as a text, in a form that is not compiled in: each new one would take seconds."""
         return fem.Constant(self.mesh, float(value))
 
     @property
