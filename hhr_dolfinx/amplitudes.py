@@ -172,27 +172,26 @@ def checked_count(amplitude: Any, space: ParameterSpace, owner: object) -> int:
     return count
 
 
-DIFFERENCE = 1e-6
-"""Part of a coordinate by which amplitudes are differenced that do not know their derivative."""
+DIFFERENCE = 1e-5
+"""Part of the box by which amplitudes are differenced that do not know their derivative: its square is off, 1e-10, and
+so is what round-off of their values leaves of it, 1e-11."""
 
 
-def _derivative(amplitude: NonAffine, point: np.ndarray) -> np.ndarray:
+def _derivative(amplitude: NonAffine, point: np.ndarray, space: ParameterSpace | None) -> np.ndarray:
     """Derivatives of the amplitudes that act at a point along the parameters, (k, P): its own, or by differences."""
     own = getattr(amplitude, "derivative", None)
     columns, values = amplitude(point)
     if own is not None:
         return np.reshape(own(point), (len(values), point.size))
-    found = np.zeros((len(values), point.size))
-    for place in range(point.size):
-        step = DIFFERENCE * max(abs(point[place]), DIFFERENCE)
-        ends = []
-        for shift in (-step, step):
-            moved = point.copy()
-            moved[place] += shift
-            acting = dict(zip(*amplitude(moved), strict=True))
-            ends.append(np.array([acting.get(column, 0.0) for column in columns]))
-        found[:, place] = (ends[1] - ends[0]) / (2 * step)
-    return found
+
+    def acting(moved: np.ndarray) -> np.ndarray:
+        there = dict(zip(*amplitude(moved), strict=True))
+        return np.array([there.get(column, 0.0) for column in columns])
+
+    if space is None:
+        sizes = np.where(point == 0, 1.0, np.abs(point))
+        space = ParameterSpace(tuple(map(str, range(point.size))), tuple(point - sizes), tuple(point + sizes))
+    return space.differences(acting, point, DIFFERENCE)
 
 
 def _shapes(degree: int, s: float) -> tuple[float, ...]:
@@ -357,12 +356,14 @@ class Amplitudes:
         slopes: (1 + T0, P).
         nonaffine: amplitudes of several terms each, one after another.
         limits: elastic constants that must be possible at each point at which theta is evaluated.
+        space: the box, in which amplitudes are differenced that do not know their derivative; None if all do.
     """
 
     constant: Annotated[Floats, "affine"]
     slopes: Annotated[Floats, "affine", "P"]
     nonaffine: tuple[NonAffine, ...] = ()
     limits: tuple[Limits, ...] = ()
+    space: ParameterSpace | None = None
 
     def faults_for(self, space: ParameterSpace, terms: int) -> Iterator[str]:
         """What is wrong with amplitudes that a file holds for these parameters and loads, (1 + T)."""
@@ -389,7 +390,8 @@ class Amplitudes:
         others = tuple(amplitude for amplitude in given if not isinstance(amplitude, Amplitude))
         constant = np.array([1.0] + [amplitude.constant for amplitude in affine])
         slopes = np.array([np.zeros(len(space.names)), *(amplitude.row(space) for amplitude in affine)])
-        return cls(constant, slopes, others, limits)
+        known = all(hasattr(amplitude, "derivative") for amplitude in others)
+        return cls(constant, slopes, others, limits, None if known else space)
 
     @cached_property
     def firsts(self) -> list[int]:
@@ -460,7 +462,7 @@ class Amplitudes:
         for first, amplitude in zip(self.firsts, self.nonaffine):  # noqa: B905 (the last is their end)
             columns, _ = amplitude(point)
             terms.extend([first + column for column in columns])
-            values.append(_derivative(amplitude, point))
+            values.append(_derivative(amplitude, point, self.space))
         return np.array(terms), np.vstack(values)
 
     def idle(self, space: ParameterSpace) -> tuple[str, ...]:

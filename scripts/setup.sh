@@ -139,7 +139,7 @@ fi
 install "$extras"
 say "Set-up 3 of 3: trying what was installed"
 # 'from dolfinx import mesh' may be the first line of a program, before hhr_dolfinx
-"$venv/bin/python" -m hhr_dolfinx.solver_first >/dev/null
+"$venv/bin/python" hhr_dolfinx/solver_first.py >/dev/null
 "$venv/bin/python" -c 'from dolfinx import mesh
 import hhr_dolfinx, hhr_dolfinx.geometries.hertz_half_discs, hhr_dolfinx.study.report.plots
 for name in hhr_dolfinx.__all__: getattr(hhr_dolfinx, name)' || {

@@ -1,5 +1,6 @@
 """What answers say of their errors holds in the norms that users read: nodal forces and pressures, beside energies."""
 
+import copy
 import dataclasses
 import logging
 import pickle
@@ -14,7 +15,7 @@ from scenes import pressed_block
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import BoundError, ParameterError, StabilityWarning
-from hhr_dolfinx.models.estimates import NUMBERS, STRESS, Estimate, Estimates
+from hhr_dolfinx.models.estimates import NUMBERS, STRESS, Estimate, Estimates, relative_error
 from hhr_dolfinx.reduction.interpolate import GridSettings
 
 POOR = hhr.Recipe().as_it_is()
@@ -107,6 +108,29 @@ def test_many_answers_say_what_single_ones_say(pellet, reduced, condensed):
                 # of displacements 1e-9 of their energies is left, known to the round-off of these: 2e-6 were measured
                 part = 1e-5 if name.startswith("primal") else 1e-6
                 assert other[name] == pytest.approx(own[name], rel=part, abs=least), name
+
+
+def test_many_estimates_have_the_bounds_of_outputs(reduced):
+    """As each answer by itself has them; behind a copy too."""
+    points = reduced.parameters.random(4, seed=2)
+    many = reduced.solve_many(points)
+    for known in (many.estimates(), copy.deepcopy(many.estimates())):
+        for k in range(4):
+            expected = dict(many[k].estimate().outputs)
+            assert expected and dict(known[k].outputs) == expected
+
+
+def test_an_exact_model_has_no_error_of_an_output(pellet):
+    """Without bounds that could say how large the output is at least."""
+    model = hhr.condense(pellet.full_order)
+    answer = model.solve(model.parameters.middle)
+    for item in model.fields.functionals.items:
+        assert relative_error(answer, answer.estimate(), item.name) == 0.0
+
+
+def test_elastic_histories_have_no_time_error(reduced):
+    middle = reduced.parameters.middle
+    assert reduced.march([(0.0, middle), (1.0, 1.01 * middle)]).time_error.tolist() == [0.0]
 
 
 def test_estimates_of_parts_are_put_in_order():

@@ -215,3 +215,21 @@ def test_a_displacement_by_a_formula_is_the_displacement_it_gives():
 def test_a_formula_of_a_displacement_is_checked_as_others_are():
     with pytest.raises(SceneError, match="lift"):
         dataclasses.replace(curved_pair(True), displacements=(hhr.Displacement(1, 0, "2 * lift"),))
+
+
+@dataclasses.dataclass(frozen=True)
+class Wave:
+    """An amplitude that knows no derivative of its own."""
+
+    count: int = 1
+
+    def __call__(self, point):
+        return [0], [1 + np.sin(point[0])]
+
+
+@pytest.mark.parametrize("at", [0.0, 0.3, -1.0, 1.0])
+def test_amplitudes_without_a_derivative_are_differenced_by_the_box(at):
+    """By steps of the box, inside of it, at zero and at its ends too: the square of 1e-5 of its width."""
+    amplitudes = Amplitudes.collect([Wave()], hhr.ParameterSpace(("a",), (-1.0,), (1.0,)))
+    _, slopes = amplitudes.slopes_at(np.array([at]))
+    assert slopes[-1, 0] == pytest.approx(np.cos(at), abs=1e-9)

@@ -10,7 +10,7 @@ from scenes import pressed_block
 from test_plastic import tube
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.certify.strains import _gradients, _rotations, _strains
+from hhr_dolfinx.certify.strains import _gradients, _rotations, _strains, check_corners
 from hhr_dolfinx.errors import ConvergenceError, ReductionError, SmallStrainWarning
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models.histories.equilibrium import Diverged
@@ -143,3 +143,40 @@ def test_a_strip_that_turns_far_at_small_strains(push, outcome):
     said = [str(item.message) for item in caught if item.category is SmallStrainWarning]
     assert len(said) == (outcome == "warned")
     assert all("push = 4: a rotation of 0.3 rad" in text and "w^2 / 2 = 0.04" in text for text in said)
+
+
+def squeezed(deepest):
+    """A soft block, squeezed on a rigid floor that is half a length below it."""
+    side = block.side
+    return hhr.Scene(
+        name="squeezed",
+        geometry=lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(10.0, 10.0), cells=(4, 4)),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(block.SOLID, young=3.0, poisson=0.3),),
+        contacts=(hhr.Obstacle(side(1, False), (0.0, -1.0), 0.5),),
+        parameters=hhr.ParameterSpace(("down",), (0.0,), (deepest,)),
+        displacements=(
+            hhr.Displacement(side(1, True), 0),
+            hhr.Displacement(side(1, True), 1, hhr.Amplitude(slopes={"down": -1.0})),
+        ),
+        outputs=(hhr.ContactForce("force", 0, (0.0, 1.0)),),
+    )
+
+
+@pytest.mark.filterwarnings("ignore:.*kept out of training")
+def test_corners_of_the_box_of_a_model_are_looked_at():
+    """A training may keep clear of them: a strain of (deepest - .5) / 10 is that of the whole block."""
+    full = hhr.FullOrderModel(squeezed(12.0))
+    with pytest.raises(ReductionError, match=r"at down = 12: a strain of 1\.[12]"):
+        check_corners(full, hhr.condense(full))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SmallStrainWarning)
+        small = hhr.FullOrderModel(squeezed(1.0))
+        check_corners(small, hhr.condense(small))
+        with pytest.raises(SmallStrainWarning, match=r"at down = 3: a strain of 0\.2"):
+            check_corners(full := hhr.FullOrderModel(squeezed(3.0)), hhr.condense(full))
+
+
+def test_one_call_warns_of_a_box_that_reaches_too_far():
+    with pytest.warns(SmallStrainWarning, match=r"at down = 12: a strain of .*narrow it"):
+        hhr.reduce(squeezed(12.0), error=0.01, of="forces")

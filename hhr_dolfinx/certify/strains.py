@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -13,6 +14,8 @@ from hhr_dolfinx.errors import ReductionError, SmallStrainWarning
 from hhr_dolfinx.models.histories.small_strains import LARGE, MOST, large_rotation, large_strain, spread_strain
 from hhr_dolfinx.warn import warn
 
+CORNERS = 16
+"""Corners of the box, at most, in which strains of a model are looked at."""
 TOGETHER = 50
 """Answers whose strains are made at once; one, of which ranks that share rows have all values for that long."""
 
@@ -29,8 +32,41 @@ def check_small_strains(full: Any, *sets: Solutions | None) -> None:
         SmallStrainWarning: where they are large in any, with the parameter.
     """
     given = [item for item in sets if item is not None]
-    if full.equilibrium is not None or not given:
+    if full.equilibrium is None and given:
+        _check(full, given)
+
+
+def check_corners(full: Any, model: Any) -> None:
+    """Look at strains and rotations of a model's answers in corners of the box, where loads are largest.
+
+    Raises, warns: see :func:`check_small_strains`.
+    """
+    if full.equilibrium is not None:
         return
+    problem = full.problem
+    ends = np.array([problem.parameters.lower, problem.parameters.upper], dtype=float)
+    count = 2 ** min(ends.shape[1], 10)
+    numbers = np.unique(np.linspace(0, count - 1, min(count, CORNERS)).astype(int))
+    axes = np.arange(ends.shape[1])
+    corners = np.array([ends[(number >> (axes % 10)) & 1, axes] for number in numbers])
+    many = model.solve_many(corners, raise_on_failure=False, outside="ignore")
+    found = [answer for answer in many if answer.converged]
+    if found:
+        points = np.array([answer.parameter for answer in found])
+        lifts = problem.amplitudes.sum_columns(problem.lifts, points)
+        whole = np.stack([answer.displacement() for answer in found], axis=1)
+        _check(full, [_Answers(points, problem.spread.of(whole - lifts))])
+
+
+class _Answers(NamedTuple):
+    """Answers of a model: parameters, (S, P), and own rows of displacements without lifts, (own, S)."""
+
+    points: np.ndarray
+    displacements: np.ndarray
+
+
+def _check(full: Any, given: Sequence[Any]) -> None:
+    """See :func:`check_small_strains`."""
     problem = full.problem
     points = np.concatenate([item.points for item in given])
     gradients = _gradients(problem)
@@ -46,7 +82,7 @@ def check_small_strains(full: Any, *sets: Solutions | None) -> None:
         warn(message, SmallStrainWarning, stacklevel=3)
 
 
-def _spread(problem: ContactProblem, operator: csr_matrix, solutions: Solutions) -> np.ndarray:
+def _spread(problem: ContactProblem, operator: csr_matrix, solutions: Solutions | _Answers) -> np.ndarray:
     """The strain or rotation of each answer that few cells exceed, (S,)."""
     spread = []
     each = TOGETHER if problem.comm is None else 1

@@ -18,7 +18,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -102,6 +102,10 @@ class Estimate(NamedTuple):
         return dict(zip(columns(self.kind, outputs), values, strict=True))
 
 
+def _no_outputs(_: int) -> Mapping[str, float]:
+    return NO_OUTPUTS
+
+
 @dataclass(frozen=True)
 class Estimates:
     """Estimates of many answers; ``estimates[k]`` is the :class:`Estimate` of one.
@@ -110,6 +114,7 @@ class Estimates:
         kind: see there.
         primal, dual, primal_relative, dual_relative, forces_euclid, pressure, forces_euclid_relative,
             pressure_relative: see there, (n,) each; NaN without an answer.
+        outputs_of: makes the bounds of the outputs of one answer, by its number; evaluated when they are read.
     """
 
     kind: str
@@ -121,6 +126,7 @@ class Estimates:
     pressure: np.ndarray
     forces_euclid_relative: np.ndarray
     pressure_relative: np.ndarray
+    outputs_of: Callable[[int], Mapping[str, float]] = field(default=_no_outputs, compare=False)
 
     @classmethod
     def by_blocks(
@@ -137,12 +143,17 @@ class Estimates:
     def __len__(self) -> int:
         return len(self.primal)
 
+    def __reduce__(self) -> tuple:
+        """Copy and pickle with the bounds of all outputs."""
+        bounds = [dict(self.outputs_of(k)) for k in range(len(self))]
+        return Estimates, (self.kind, *self.numbers, bounds.__getitem__)
+
     def __getitem__(self, k: int) -> Estimate:
         """That of one answer."""
         own = self.primal, self.dual, self.primal_relative, self.dual_relative
         further = self.forces_euclid, self.pressure, self.forces_euclid_relative, self.pressure_relative
         a, b, c, d, e, f, g, h = (float(values[k]) for values in (*own, *further))
-        return Estimate(self.kind, a, b, c, d, NO_OUTPUTS, e, f, g, h)
+        return Estimate(self.kind, a, b, c, d, self.outputs_of(k), e, f, g, h)
 
     @property
     def numbers(self) -> np.ndarray:
@@ -156,13 +167,22 @@ class Estimates:
         kinds = {one.kind for _, one in rows}
         if not kinds:
             return None
-        return cls._filled(kinds, len(found), rows)
+        bounds = [NO_OUTPUTS if one is None else one.outputs for one in found]
+        return replace(cls._filled(kinds, len(found), rows), outputs_of=bounds.__getitem__)
 
     @classmethod
     def joined(cls, parts: Sequence[tuple[np.ndarray, Estimates | None]], count: int) -> Estimates | None:
         """Of parts of ``count`` answers, each with the places of its own; None where none has any."""
         known = [(rows, part) for rows, part in parts if part is not None]
-        return cls._filled({part.kind for _, part in known}, count, known) if known else None
+        if not known:
+            return None
+        places = {row: (part, k) for rows, part in known for k, row in enumerate(np.arange(count)[rows].tolist())}
+
+        def outputs_of(row: int) -> Mapping[str, float]:
+            part, k = places.get(row, (None, 0))
+            return NO_OUTPUTS if part is None else part.outputs_of(k)
+
+        return replace(cls._filled({part.kind for _, part in known}, count, known), outputs_of=outputs_of)
 
     @classmethod
     def _filled(cls, kinds: set[str], count: int, parts: Sequence[tuple[np.ndarray, Any]]) -> Estimates:
@@ -299,9 +319,11 @@ def relative_error(answer: Any, estimate: Estimate, of: str | None) -> float:
     if of in SHOWN:
         return float(getattr(estimate, SHOWN[of]))
     error = estimate.outputs.get(of, math.inf)
-    size = max(abs(answer.outputs()[of]) - error, answer.fields.output_bound.least_of(answer.fields.functionals, of))
-    if error == 0:
+    if error == 0:  # of exact answers too, which have no bounds
         return 0.0
+    if answer.fields.output_bound is None:
+        return math.inf
+    size = max(abs(answer.outputs()[of]) - error, answer.fields.output_bound.least_of(answer.fields.functionals, of))
     return error / size if size > 0 else math.inf
 
 

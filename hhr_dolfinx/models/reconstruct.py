@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
@@ -436,7 +436,16 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
             unknown = many.unknown[rows]
             return there.of(unknown, forces, partial(self._slack, theta, unknown, many.points[rows[0]]))
 
-        return Estimates.by_blocks(bound.kind, many.converged, bound.together, bounded)
+        found = Estimates.by_blocks(bound.kind, many.converged, bound.together, bounded)
+        if self.output_bound is None:
+            return found
+        from hhr_dolfinx.models.bounds.output_bound import OutputErrors
+
+        def outputs_of(k: int) -> dict[str, float]:
+            one = many[k].estimate()
+            return {} if one is None else dict(one.outputs)
+
+        return replace(found, outputs_of=lambda k: OutputErrors(partial(outputs_of, k)))
 
     def _indicated(self, answer: Answer) -> Estimate | None:
         """What an indicator says: a user's own, that of contact with friction, or of bodies that flow."""

@@ -104,7 +104,8 @@ def solve_along(
             else:
                 # a rival may not know of gradients: it is asked for none unless they are wanted
                 wanted = {"gradient": True} if settings.gradient else {}
-                answer = model.solve(point, start=start, outside=settings.outside, **wanted)._replace(time=time)
+                answer = model.solve(point, start=start, outside=settings.outside, **wanted)
+                answer = answer._replace(time=time, time_error=0.0)
                 keep(answer)
             history.answers.append(answer)
             start = answer.active

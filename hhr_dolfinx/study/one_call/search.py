@@ -291,6 +291,7 @@ def _found(bench: Bench, kept: Path | None) -> tuple[Any, Reduction]:
                 found = model, reduction = _searched(bench, kept)
                 if kept is not None:
                     keep(kept, model, reduction, bench.full)
+                bench.look_at_corners(model)
             finally:
                 bench.crew.let_go()
     return found if comm.size == 1 else comm.bcast(found)
