@@ -576,6 +576,23 @@ def test_the_command_knows_friction(tmp_path):
     assert np.abs(grid["friction_traction"]).max() > 0
 
 
+@pytest.mark.parametrize(
+    ("coefficient", "said"), [(0.05, "one answer"), (30.0, "several answers possible")], ids=["little", "much"]
+)
+def test_models_say_whether_there_is_one_answer(coefficient, said):
+    """By the coupling, which grows with the coefficient; errors are said to be those of one answer of several."""
+    model = hhr.condense(rubbing(coefficient))
+    middle = model.parameters.middle
+    assert (model.coupling(middle) < 1) == (said == "one answer") and model.uniqueness(middle) == said
+    assert "of one answer, of several unless uniqueness(mu)" in model.known_error
+    assert hhr.condense(rubbing(None)).uniqueness(middle) == "one answer"
+
+
+def test_the_uniqueness_of_bodies_that_contact_holds_is_unknown():
+    full = hhr.FullOrderModel(inclined(0.2))
+    assert full.uniqueness(full.parameters.middle) == "unknown"
+
+
 def test_what_is_not_built_in_says_so():
     scene = rubbing()
     model = hhr.condense(scene)

@@ -144,7 +144,10 @@ class AnsweringModel(Shown):
         """Which errors the answers of this model know, or why they know none, in one line."""
         from hhr_dolfinx.models.estimates import known_error
 
-        return known_error(self.fields)
+        known = known_error(self.fields)
+        if self.friction is None or self.flows:
+            return known
+        return f"{known}; with friction of one answer, of several unless uniqueness(mu) says 'one answer'"
 
     def solve(
         self,
@@ -240,6 +243,18 @@ class AnsweringModel(Shown):
         contact = self.contacts()(point)
         coefficient, _ = self.friction.bounds(point)
         return np.nan if contact.floating is not None else coupling(contact.schur, self.friction, coefficient)
+
+    def uniqueness(self, mu: Any) -> str:
+        """Whether increments with friction have one answer at a parameter, by :meth:`coupling`.
+
+        Returns:
+            ``one answer``, which is proved; ``several answers possible``, of which one is found, and an estimate is of
+            that one; or ``unknown`` where the coupling is.
+        """
+        coupling = self.coupling(mu)
+        if np.isnan(coupling):
+            return "unknown"
+        return "one answer" if coupling < 1 else "several answers possible"
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
         """The answer to a checked point, (P,), converged or not, from a checked start."""
