@@ -120,22 +120,22 @@ class ParameterSpace:
         """
         columns = []
         for place in range(point.size) if axes is None else axes:
-            low, high, here = self.lower[place], self.upper[place], point[place]
-            step = part * (high - low)
-            # weights of the parabola through the points: (-1, 0, 1) / 2 in the middle, (-3, 4, -1) / 2 from an end
-            places: tuple[float, ...] = (here - step, here + step)
-            weights: tuple[float, ...] = (-0.5, 0.5)
-            if here - step < low:
-                places, weights = (here, here + step, here + 2 * step), (-1.5, 2.0, -0.5)
-            elif here + step > high:
-                places, weights = (here, here - step, here - 2 * step), (1.5, -2.0, 0.5)
+            step = part * (self.upper[place] - self.lower[place])
             total: Any = 0.0
-            for moved_to, weight in zip(places, weights, strict=True):
+            for steps, weight in self._weights(point[place], step, place):
                 moved = point.copy()
-                moved[place] = moved_to
+                moved[place] += steps * step
                 total = total + weight * value(moved)
             columns.append(total / step)
         return np.stack(columns, axis=1)
+
+    def _weights(self, here: float, step: float, place: int) -> tuple[tuple[float, float], ...]:
+        """Steps and weights of the parabola through points inside the box, whose slope at the first is sought."""
+        if here - step < self.lower[place]:
+            return ((0, -1.5), (1, 2.0), (2, -0.5))
+        if here + step > self.upper[place]:
+            return ((0, 1.5), (-1, -2.0), (-2, 0.5))
+        return ((-1, -0.5), (1, 0.5))
 
     @property
     def middle(self) -> np.ndarray:

@@ -38,7 +38,8 @@ def largest_values(
     """
     length = force = ""
     if scene is not None and scene.units is not None:
-        length, force = scene.units.length, scene.units.force_in(scene.hypothesis)
+        length = scene.units.length
+        force = scene.units.force_in(scene.hypothesis)
     displacement = answer.displacement().reshape(-1, dimension)
     slips = {}
     if answer.slip is not None:

@@ -30,6 +30,10 @@ Path = list[tuple[float, np.ndarray]]
 class Fields(Protocol):
     """What turns the unknown of a model into fields on the whole mesh."""
 
+    @property
+    def full(self) -> Any:
+        """The full model, which has the mesh; None if that is not at hand."""
+
     def displacement(self, answer: Answer) -> np.ndarray:
         """Displacement, lift included, (N,)."""
 
@@ -218,7 +222,7 @@ class Answer(NamedTuple):
         return drawn(self, path, self._meshed(full, "a picture needs the mesh"))
 
     def _meshed(self, full: Any, why: str) -> Any:
-        found = getattr(self.fields, "full", None) if full is None else full
+        found = self.fields.full if full is None else full
         if found is None:
             raise NotOfferedError(
                 f"a model that was copied or read from a file has no mesh, and {why}: give the full model, "

@@ -105,9 +105,9 @@ class AnsweringModel(Shown):
         }
 
     def _errors_in_a_word(self) -> str:
-        if self.of_full_order or getattr(self.fields, "exact", False):
+        if self.of_full_order or self.fields.exact:
             return "exact"
-        return f"errors: {getattr(self.fields, 'estimated', '') or 'unknown'}"
+        return f"errors: {self.fields.estimated or 'unknown'}"
 
     @property
     def dimension(self) -> int:
