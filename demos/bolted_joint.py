@@ -23,6 +23,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.doors.fmu import write_fmu
 from hhr_dolfinx.study import cli
 from hhr_dolfinx.study.report import report
+from hhr_dolfinx.study.report.console import shares_on
 from hhr_dolfinx.study.scene.scenery import scenery_of
 from hhr_dolfinx.timing import timed
 
@@ -98,12 +99,16 @@ def main() -> None:
     made.plot(out / "scene.png")
     full = hhr.FullOrderModel(made)
     model, seconds = timed(lambda: hhr.reduce(full, error=0.01, of=["forces", "clamp force"], seed=options.seed,
-                                              progress=options.progress))  # fmt: skip
+                                              progress=shares_on(console)))  # fmt: skip
     console.print(str(model.reduction))
     points = [{"turn": 0.02, "lift": lift, "warmer": 40.0, "E_flange": 70e3} for lift in (0.0, 0.01, 0.02)]
     answers = [model.solve(point) for point in points]
-    report.print_rows("joint", [point | answer.outputs().values for point, answer in zip(points, answers, strict=True)],
-                      console)  # fmt: skip
+    rows = []
+    for point, answer in zip(points, answers, strict=True):
+        outputs = answer.outputs()
+        values, units = point | outputs.values, UNITS | outputs.units
+        rows.append({f"{name} [{units[name] or '-'}]": f"{value:.5g}" for name, value in values.items()})
+    report.print_rows("joint", rows, console)
     answers[1].plot(out / "answer.png")
     hhr.save_model(out / "model.npz", model)
     hhr.write_model_page(out / "bolted_joint.html", model, scenery_of(full))

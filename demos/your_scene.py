@@ -4,8 +4,8 @@ The roller is moved down by `travel`, and bends the spring onto the stop, which 
 Bodies and surfaces have the names that they have in the mesh. Copy this file, name your own mesh, bodies and pairs:
 
     hhr check demos/your_scene.py     # what is in the mesh, what faces what, with a picture; nothing is solved
-    python demos/your_scene.py        # train, validate, save, report
-    hhr answer out/your_scene/study.npz questions.csv --out answers.csv
+    hhr study demos/your_scene.py     # train, validate, save, report, in out/leaf_spring
+    hhr answer out/leaf_spring/study.npz questions.csv --out answers.csv
 
     find u and λ >= 0:  K u + B^T λ = f(μ),    B u <= g(μ),    λ·(B u - g) = 0    with μ = (travel, lowered)
 

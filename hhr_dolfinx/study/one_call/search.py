@@ -55,6 +55,7 @@ from hhr_dolfinx.study.one_call.attempts import MANY, Attempt, attempts
 from hhr_dolfinx.study.one_call.bench import FRESH, SURE, Bench, BudgetSpentError
 from hhr_dolfinx.study.one_call.crew import Crew
 from hhr_dolfinx.study.one_call.wish import DISPLACEMENT, Budget, Exact, Wish
+from hhr_dolfinx.study.report.report import finite
 from hhr_dolfinx.study.scene.scenery import scenery_of
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.study.training.train import checked_folder
@@ -318,7 +319,7 @@ def keep(folder: Path, model: Any, reduction: Reduction, full: FullOrderModel) -
 def keep_table(folder: Path, reduction: Reduction) -> None:
     """Write what was tried, reduction.json."""
     with replacing(make_folder(folder) / KEPT, text=True) as file:
-        json.dump(reduction.described(), file, indent=1)
+        json.dump(finite(reduction.described()), file, indent=1, allow_nan=False)
 
 
 def _check_limits(budget: Any, seed: Any) -> None:

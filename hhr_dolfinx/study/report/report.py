@@ -211,7 +211,7 @@ def environment() -> dict[str, Any]:
 def write_report(report: dict[str, Any] | list[dict[str, Any]], folder: str | Path, name: str = "report") -> Path:
     """Write ``report.json``, or rows under another name; numbers that are not finite become null, as JSON wants it."""
     path = Path(folder) / f"{name}.json"
-    text = json.dumps(_finite(report), indent=2, allow_nan=False)
+    text = json.dumps(finite(report), indent=2, allow_nan=False)
     with replacing(path, text=True) as file:
         file.write(text + "\n")
     return path
@@ -378,11 +378,12 @@ def _cpu() -> str:
     return names[0] if names else platform.processor() or platform.machine()
 
 
-def _finite(value: Any) -> Any:
+def finite(value: Any) -> Any:
+    """The same plain value with None for numbers that are not finite, which JSON does not have."""
     if isinstance(value, dict):
-        return {key: _finite(item) for key, item in value.items()}
+        return {key: finite(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        return [_finite(item) for item in value]
+        return [finite(item) for item in value]
     if isinstance(value, float) and not math.isfinite(value):
         return None
     return value

@@ -105,6 +105,10 @@ def look_at_mesh(found: SceneCheck) -> None:
     _large_motions(found, look)
 
 
+COARSE = 0.1
+"""Part of the stress in energy, as estimated, from which on a mesh is noted as coarse."""
+
+
 def look_at_mesh_error(found: SceneCheck, point: Any = None) -> None:
     """Solve once in full, at a parameter or in the middle of the box, and say how far the mesh may be off."""
     from hhr_dolfinx.full_order.full import FullOrderModel
@@ -117,7 +121,10 @@ def look_at_mesh_error(found: SceneCheck, point: Any = None) -> None:
     with found.heard():
         full = FullOrderModel(found.scene, MPI.COMM_SELF)
         answer = full.solve(full.parameters.middle if point is None else point)
-        found.say(OK, mesh_error_in_words(*mesh_error(full, answer)))
+        off = mesh_error(full, answer)
+        remedy = f"; more than {COARSE:.0%} is much: refine the mesh, or take Scene(order=2)"
+        level, said = (NOTE, remedy) if off[0] > COARSE else (OK, "")
+        found.say(level, mesh_error_in_words(*off) + said)
 
 
 def look_at_joints(found: SceneCheck) -> None:
