@@ -28,6 +28,7 @@ from hhr_dolfinx.errors import (
     PairingWarning,
     ParameterError,
     SceneError,
+    UndeterminedWarning,
 )
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
@@ -775,3 +776,34 @@ def test_cells_of_either_side_say_what_is_far():
         warnings.simplefilter("ignore", PairingWarning)
         warnings.simplefilter("error", FarSlidingWarning)
         hhr.condense(both).march([(0.0, (0.0, 0.0)), (1.0, (0.01, 0.0)), (2.0, (0.01, 0.04))])
+
+
+def hovering(friction=0.3):
+    """A block above a floor, held by nothing else, that a force may push down and another one to the side."""
+    return hhr.Scene(
+        name="hovering",
+        geometry=lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(2.0, 1.0), cells=(4, 2)),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(block.SOLID, 1000.0, 0.2),),
+        contacts=(hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.1, friction=friction),),
+        parameters=hhr.ParameterSpace(("push", "aside"), (0.0, 0.0), (5.0, 1.0)),
+        loads=(
+            hhr.Pressure(block.side(1, True), hhr.Amplitude(slopes={"push": 1.0})),
+            hhr.Traction(block.side(0, False), (1.0, 0.0), hhr.Amplitude(slopes={"aside": 1.0})),
+        ),
+        outputs=(hhr.DisplacementAt("down", place=(1.0, 0.0), component=1), hhr.ContactForce("weight", 0, (0.0, 1.0))),
+    )
+
+
+@pytest.mark.parametrize("make", [hhr.FullOrderModel, hhr.condense], ids=["full", "condensed"])
+def test_a_motion_that_friction_leaves_open_has_no_bound(make):
+    """Without a load the block hangs in the air; pushed down and a little aside it sticks, and nothing is open."""
+    model = make(hovering())
+    with pytest.warns(UndeterminedWarning, match="neither loads nor contact determine"):
+        answer = model.solve((0.0, 0.0))
+    assert answer.undetermined.shape[1] == 3 and set(answer.estimate().outputs) == {"weight"}
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", UndeterminedWarning)
+        answer = model.solve((4.0, 0.5))
+    assert answer.undetermined is None and set(answer.estimate().outputs) == {"down", "weight"}
+    assert answer.outputs()["weight"] == pytest.approx(8.0, rel=1e-9)

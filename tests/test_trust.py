@@ -414,6 +414,10 @@ def test_a_signed_snapshot_that_solves_nothing_is_solved_anew(half_discs_coarse,
         (lambda: TrustLimits(warn_cond_K=1e8), "warn_cond_K = 1e[+]08 .* refuse_cond_K = 1e[+]07"),
         (lambda: TrustLimits.of_histories(warn_dual=2.0), "warn_dual = 2 .* refuse_dual = 0.6"),
         (lambda: CorrectionSettings(primal=-1, dual=-1), "primal = -1 must be a positive number"),
+        (lambda: CorrectionSettings(stress=-1), "stress = -1 must be a positive number"),
+        (lambda: CorrectionSettings(stress=math.nan), "stress = nan must be a positive number"),
+        (lambda: CorrectionSettings(plastic="much"), "plastic = 'much' must be a positive number"),
+        (lambda: TrustLimits(warn_stress=0.5, refuse_stress=0.3), "warn_stress = 0.5 of TrustLimits lies beyond"),
         (lambda: CorrectionSettings(dual=0), "dual = 0 must be a positive number"),
         (lambda: CorrectionSettings(trust=0.1), "trust = 0.1 must be TrustLimits"),
         (lambda: GridSettings(least="x"), "least = 'x' an integer"),
@@ -433,3 +437,4 @@ def test_settings_that_mean_nothing(made, said):
 def test_limits_that_are_never_reached_are_infinite():
     assert TrustLimits(warn_primal=math.inf, refuse_primal=0.1).warn_primal == math.inf
     assert TrustLimits(warn_definite=-math.inf).warn_definite == -math.inf
+    assert CorrectionSettings(stress=math.inf, plastic=math.inf).stress == math.inf

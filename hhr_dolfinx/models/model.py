@@ -190,7 +190,7 @@ class AnsweringModel(Shown):
         if answer.status is not Status.CONVERGED:
             return outcome(answer, raise_on_failure, self.advice)
         if answer.undetermined is not None:
-            self._warn_undetermined(answer)
+            self.warn_undetermined(answer)
         return answer
 
     def check_range(self, point: np.ndarray, outside: str) -> None:
@@ -260,7 +260,7 @@ class AnsweringModel(Shown):
         """The answer to a checked point, (P,), converged or not, from a checked start."""
         raise NotImplementedError
 
-    def _warn_undetermined(self, answer: Answer) -> None:
+    def warn_undetermined(self, answer: Answer) -> None:
         """Warn that contact leaves rigid motions of an answer open."""
         from hhr_dolfinx.models.undetermined import described
 

@@ -173,7 +173,9 @@ class Mortar:
 def _check_one_layer(slave: Surface, master: Surface, segments: Segments) -> None:
     """Raise SceneError for slave facets that are covered more than once."""
     covered = np.bincount(segments.slave, segments.measures, len(slave.facets))
-    times = covered / (slave.sizes * slave.weights[slave.facets].mean(axis=1))
+    whole = slave.sizes * slave.weights[slave.facets].mean(axis=1)
+    # a facet on the axis of symmetry has no area
+    times = np.divide(covered, whole, out=np.zeros(len(whole)), where=whole > 0)
     if times.max() > 1.05:
         place = slave.corners[times.argmax()].mean(axis=0).tolist()
         raise SceneError(

@@ -8,6 +8,7 @@ turns: steps stalled, or jumped. With both, none did.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import TYPE_CHECKING, Any
@@ -246,9 +247,10 @@ class CorrectionSettings:
             if not (is_number(getattr(self, name)) and 0 < getattr(self, name) < 1):
                 raise ReductionError(f"{name} = {getattr(self, name)!r} must be a fraction in (0, 1)")
         for name in ("primal", "dual", "stress", "plastic"):
-            if not (is_number(getattr(self, name)) and getattr(self, name) > 0):
+            value = getattr(self, name)
+            if not (value == math.inf or (is_number(value) and value > 0)):
                 raise ReductionError(
-                    f"{name} = {getattr(self, name)!r} must be a positive number: an error that is small"
+                    f"{name} = {value!r} must be a positive number: an error that is small; math.inf asks for none"
                 )
         if not isinstance(self.trust, TrustLimits | None):
             raise ReductionError(f"trust = {self.trust!r} must be TrustLimits(...), or None")

@@ -212,7 +212,21 @@ class Slider:
         return Answer(
             reached.point, unknown_of(contact, found), found.forces, found.active, found.iterations, found.status,
             found.sweeps > 0, self.model.fields, time=reached.time, gradient=gradient, slip=reached.slip,
+            undetermined=self._undetermined(contact, found),
         )  # fmt: skip
+
+    def _undetermined(self, contact: CondensedContact, found: Sliding) -> np.ndarray | None:
+        """Motions that neither pressing nor sticking contacts hold, see :class:`Answer`; None if there are none."""
+        floating = contact.floating
+        if floating is None or found.status is not Status.CONVERGED:
+            return None
+        rows = self.friction.tangential
+        pressures = found.forces.copy()
+        pressures[rows] = 0.0
+        holding = floating.equalities.bearing(pressures, contact.free_slack)
+        holding[rows] = holding[self.friction.normal[self.friction.owner]] & found.active[rows]
+        ways = floating.equalities.left_open(holding)
+        return floating.modes @ ways if ways.shape[1] else None
 
 
 def unknown_of(contact: CondensedContact, found: Sliding) -> np.ndarray:
@@ -312,6 +326,7 @@ def slide_along(
     weights = np.ones((len(path), path[0][1].size)) if weights is None else weights
     reached = slider.at_rest(*path[0], weights[0])
     error = 0.0
+    told = False
     far = FarSliding()
     try:
         for number, ((time, point), weight) in enumerate(zip(path[1:], weights[1:], strict=True)):
@@ -330,6 +345,9 @@ def slide_along(
             far.check(slider.surface.whole, reached.slip, model.parameters.described(point))
             error += np.nan if settings.time_tolerance is None else step.error
             answer = _told(slider, step, solved)._replace(time_error=error)
+            if answer.undetermined is not None and not told:  # once for a path
+                told = True
+                model.warn_undetermined(answer)
             if watch is not None:
                 watch(answer)
             history.cuts += answer.parts > 1
