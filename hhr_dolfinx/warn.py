@@ -61,7 +61,7 @@ def _repeat(item: Warned, module_globals: dict | None) -> None:
         return
     registry = None if module_globals is None else module_globals.setdefault("__warningregistry__", {})
     module = None if module_globals is None else module_globals.get("__name__")
-    warnings.warn_explicit(*item, module, registry, module_globals)
+    warnings.warn_explicit(*item, module, registry)
 
 
 @contextmanager
