@@ -59,9 +59,11 @@ def repeat(collected: Iterable[Warned]) -> None:
 def _repeat(item: Warned, module_globals: dict | None) -> None:
     if any(handler(item) for handler in reversed(_HANDLERS.get())):
         return
-    registry = None if module_globals is None else module_globals.setdefault("__warningregistry__", {})
-    module = None if module_globals is None else module_globals.get("__name__")
-    warnings.warn_explicit(*item, module, registry)
+    if module_globals is None:
+        warnings.warn_explicit(*item)
+    else:
+        registry = module_globals.setdefault("__warningregistry__", {})
+        warnings.warn_explicit(*item, str(module_globals.get("__name__", "<unknown>")), registry)
 
 
 @contextmanager

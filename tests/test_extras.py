@@ -24,7 +24,7 @@ def packages(requirements):
     return {MODULE.get(name, name) for name in names}
 
 
-OPTIONAL = {name: packages(EXTRAS[name]) for name in EXTRAS if name not in ("all", "solver", "test", "docs")}
+OPTIONAL = {name: packages(EXTRAS[name]) for name in EXTRAS if name not in ("all", "solver", "test", "docs", "ci")}
 
 BLOCKED = f"""
 import sys

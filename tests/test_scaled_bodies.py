@@ -11,6 +11,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.contact.problem import ScaledBodies
 from hhr_dolfinx.errors import SceneWarning
+from hhr_dolfinx.linear.factors import Factors
 from hhr_dolfinx.linear.sparse import FreeCholesky
 
 YOUNG = ("E1", 0.3), ("E2 * (1 + 0.2 * c**2)", 0.2)
@@ -30,7 +31,7 @@ def no_factors(monkeypatch):
     def refused(*_):
         raise AssertionError("the stiffness of whole bodies is a number times one that was factored")
 
-    monkeypatch.setattr(FreeCholesky, "refactor", refused)
+    monkeypatch.setattr(Factors, "factor", refused)
     monkeypatch.setattr(FreeCholesky, "solve_columns", refused)
 
 

@@ -36,7 +36,7 @@ def test_a_refusal_is_told(caplog):
     with caplog.at_level(logging.INFO, logger="hhr_dolfinx"):
         log.refuse("too wrong", layers=2)
     assert log.refused == [{"layers": 2, "why": "too wrong"}]
-    assert caplog.messages == ["the model with 2 layers is refused: too wrong"]
+    assert caplog.messages == ["the model of layers 2 is refused: too wrong"]
 
 
 def test_nothing_is_printed_by_default():

@@ -68,13 +68,13 @@ class DualBasisModel:
 class _ConeFields(ElasticFields):
     """Fields of a basis and of a cone, see :class:`hhr_dolfinx.models.answer.Fields`."""
 
-    full: FullOrderModel
+    order: FullOrderModel
     basis: np.ndarray
     cone: np.ndarray
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """V gamma + lift, (N,)."""
-        problem = self.full.problem
+        problem = self.order.problem
         return self.basis @ answer.unknown + problem.lifts @ problem.amplitudes(answer.parameter)
 
     def forces(self, answer: Answer) -> np.ndarray:
@@ -83,7 +83,7 @@ class _ConeFields(ElasticFields):
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress in the middle of each cell, Kelvin's notation."""
-        return self.full.stress_of(self.displacement(answer), answer.parameter)
+        return self.order.stress_of(self.displacement(answer), answer.parameter)
 
 
 def cone_projected_greedy(forces: np.ndarray, count: int) -> np.ndarray:
