@@ -514,7 +514,7 @@ def test_a_damaged_file_is_refused(damage, file):
 def test_a_missing_file_a_folder_and_wrong_classes(tmp_path, kept):
     with pytest.raises(ModelFileError, match="no model file"):
         hhr.load_model(tmp_path / "nothing.npz")
-    with pytest.raises(ModelFileError, match="no regular file"):
+    with pytest.raises(ModelFileError, match="is a folder, and a model is a file"):
         hhr.load_model(tmp_path)
     with pytest.raises(ModelFileError, match=r"two classes are called Plasticity.* rename one"):
         hhr.load_model(kept["flowing pellet"], known=[dataclasses.make_dataclass("Plasticity", [], frozen=True)])

@@ -236,7 +236,7 @@ MISTAKES: dict[str, tuple[Change, str]] = {
     "partners mixed up": (of(contacts=(Pair("roller_round", "spring_bottom"), Pair("stop_round", "spring_top"))),
                           r"stop_round and spring_top never face.*Check the tags"),
     "a normal the wrong way": (with_contact(lambda: Pair("roller_round", "spring_top", normal=(0.0, 1.0))),
-                               r"roller_round should look along .*Swap the surfaces or the sign"),
+                               r"roller_round .*should look along .*Swap the surfaces or the sign"),
     "bodies far apart": (moved("roller", (500.0, 0.0)), r"roller_round and spring_top never face.*Check the tags"),
     "bodies drawn into each other": (moved("roller", (0.0, -3.0)),
                                      r"'roller_round' and 'spring_top': bodies overlap by 3 mm .*Move them apart"),
