@@ -49,7 +49,8 @@ def stress(
     A ``dilatation`` that is given takes the place of tr(ε), a third of it on each axis.
     """
     if isinstance(young, Expr) or isinstance(poisson, Expr):
-        lam, mu = young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
+        lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
+        mu = young / (2 * (1 + poisson))
     else:
         lam, mu = lame_parameters(young, poisson)
     e = strain(u, hypothesis, poisson)

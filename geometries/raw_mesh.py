@@ -113,7 +113,8 @@ class RawMesh:
         sides = self.sides[:, [own.index(frozenset((places[a], places[b]))) for a, b in edges]]
         if self.kind not in TENSOR:
             return self.points, np.hstack([corners, sides])
-        points, cells = self.points, np.hstack([corners, sides])
+        points = self.points
+        cells = np.hstack([corners, sides])
         if self.kind == "hexahedron":
             points, middles = _middles_of_faces(points, corners, sides, edges, faces)
             cells = np.hstack([cells, middles])

@@ -4,6 +4,7 @@ import dataclasses
 import json
 import shutil
 import subprocess
+from pathlib import Path
 
 import gmsh
 import numpy as np
@@ -192,9 +193,7 @@ if MPI.COMM_WORLD.rank == 0:
 
 
 def test_ranks_have_the_same_surfaces(folder):
-    from test_mpi import TESTS
-
-    program = PROGRAM.format(tests=str(TESTS), path=str(folder / "2.2_1.msh"))
+    program = PROGRAM.format(tests=str(Path(__file__).parent), path=str(folder / "2.2_1.msh"))
     (names, one), (others, three) = (json.loads(launch(n, ["-c", program]).splitlines()[-1]) for n in (1, 3))
     assert names == others and three == pytest.approx(one, rel=1e-12)
 

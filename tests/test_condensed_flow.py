@@ -381,7 +381,9 @@ def test_errors_do_not_depend_on_units():
         found.append((model.offline.modes, model.offline.points, sum(history.iterations), *errors))
         assert max(errors) < 1e-2
     for other in found[1:]:
-        assert other[:3] == found[0][:3]
+        assert other[0] == found[0][0] and other[2] == found[0][2]
+        # of points that serve alike round-off of the units picks one or another
+        assert abs(other[1] - found[0][1]) <= 3
         assert other[3:] == pytest.approx(found[0][3:], rel=0.05)
 
 

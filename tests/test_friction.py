@@ -657,7 +657,10 @@ def test_friction_counts_where_both_sides_are_imposed(dimension, tmp_path):
         for answer, sign in ((there, -1.0), (back, 1.0)):
             assert (answer.slip.statuses[on_side] == 2).all()
             found = answer.outputs()
-            assert found["pull"] == pytest.approx(sign * 0.3 * found["press"], rel=1e-8 if model in exact else 1e-3)
+            # in space slip is turned by two hundredths, as the block widens: half of its square is not along the pull
+            least = (1e-8 if dimension == 2 else 2e-4) if model in exact else 1e-3
+            assert found["pull"] == pytest.approx(sign * 0.3 * found["press"], rel=least)
+            assert abs(found["pull"]) <= 0.3 * abs(found["press"]) * (1 + (1e-8 if model in exact else 1e-3))
         # the side is driven by .1 and back by .2, less what it gives before it slips
         assert back.slip.path[on_side] == pytest.approx(0.3, rel=2e-3)
 

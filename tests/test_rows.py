@@ -189,12 +189,14 @@ def test_models_of_ranks_are_those_of_one(found, ranks, name):
 def test_bounds_of_ranks_hold(found, ranks):
     """Where moduli vary that of the displacement is a difference of energies, which leaves half of the digits.
 
-    Bounds of forces on all conditions are the round-off of these.
+    Bounds of forces on all conditions are the round-off of these. Where contact alone holds a body these models are
+    exact to 1e-9, and what is left of their bounds is the round-off that they allow, 1e-10 of sums of forces.
     """
     for name in NAMES:
         one, several = (found[count][f"bounds {name}"] for count in (1, ranks))
         assert min(found[ranks][f"over {name}"]) >= 0.0, name
-        assert several == pytest.approx(one, rel=1e-3, abs=1e-11 * max(found[1][f"{name} usual"])), name
+        least = 1e-9 if name == "contact alone holds" else 1e-11
+        assert several == pytest.approx(one, rel=1e-3, abs=least * max(found[1][f"{name} usual"])), name
 
 
 @pytest.mark.parametrize("ranks", [1, 2, 3])

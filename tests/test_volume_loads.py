@@ -9,6 +9,7 @@ from pathlib import Path
 import hertz_half_discs as demo
 import numpy as np
 import pytest
+from bare import SCENE_FOLDERS
 from kept_values import put, rewrite_model
 from parted import by_lapack
 from test_mpi import launch
@@ -356,7 +357,7 @@ def test_idle_parameters():
 def test_on_two_ranks():
     """Means over cells and formulas on meshes that are spread."""
     program = (
-        f"import sys; sys.path[:0] = [{str(Path(__file__).parent)!r}, {str(Path(demo.__file__).parent)!r}]\n"
+        f"import sys; sys.path[:0] = {SCENE_FOLDERS!r}\n"
         "import test_volume_loads as t\n"
         "t.test_free_expansion('axisymmetric', 0.49); t.test_two_layers_that_grow_into_a_gap()\n"
         "print('all is well')\n"

@@ -57,7 +57,7 @@ class Obstacle:
         """One row u·n <= offset - x·n for each node of which a side looks at the plane."""
         (surface,) = surfaces
         normal = unit(self.normal, surface.points.shape[1])
-        check_facing(surface, normal, along=True)
+        check_facing(surface, normal, along=True, upright=True)
         facing, areas = along_normal(surface, normal)
         order = facing[tangential_order(surface.points[facing], normal)]
         nodes = surface.nodes[order]

@@ -355,10 +355,13 @@ def unit(normal: Sequence[float], dim: int) -> np.ndarray:
     return vector / length
 
 
-def check_facing(surface: Surface, normal: np.ndarray, along: bool) -> None:
-    """Raise SceneError for a surface of which no part looks along the contact normal, or against it."""
+def check_facing(surface: Surface, normal: np.ndarray, along: bool, *, upright: bool = False) -> None:
+    """Raise SceneError for a surface of which no part looks along the contact normal, or against it.
+
+    One that stands upright on the normal, as the side of a block on an obstacle, is taken only if that is meant.
+    """
     towards = surface.outward @ (normal if along else -normal)
-    if towards.max() <= GRAZING and towards.min() < -1e-9:
+    if towards.max() <= GRAZING and (towards.min() < -1e-9 or not upright):
         middle = surface.points.mean(axis=0).tolist()
         raise SceneError(
             f"surface {surface.tag} around {middle} should look {'along' if along else 'against'} the contact normal "
@@ -368,11 +371,14 @@ def check_facing(surface: Surface, normal: np.ndarray, along: bool) -> None:
 
 
 def warn_of_tilt(surface: Surface, normal: np.ndarray) -> None:
-    """Warn of a given unit normal that a flat surface does not look along, or against: forces would act along it."""
+    """Warn of a given unit normal that a flat surface does not look along, or against: forces would act along it.
+
+    A surface that stands upright on the normal faces nothing, which is refused where its partner is looked for.
+    """
     mean = surface.sizes @ surface.outward / surface.sizes.sum()
     length = np.linalg.norm(mean)
     cosine = abs(mean @ normal) / length if length > 0 else 1.0
-    if length > FLAT and cosine < np.cos(np.deg2rad(TILT)):
+    if length > FLAT and GRAZING < cosine < np.cos(np.deg2rad(TILT)):
         warn(
             f"the contact normal {normal.tolist()} is {np.rad2deg(np.arccos(cosine)):.0f} degrees off that of the flat "
             f"surface {surface.tag}, {np.round(mean / length, 3).tolist()}: gaps and forces are along the normal that "
