@@ -46,6 +46,7 @@ def test_scripts_of_the_table_are_there_and_make_runs_them():
         assert re.search(rf"^{source.target}: setup\n\t.venv/bin/python {source.script}", makefile, re.MULTILINE)
 
 
+@pytest.mark.slow
 def test_sizes_in_the_file_are_those_of_the_scenes():
     """Sizes are counted again where that takes seconds; times and errors are those of the day that the file names."""
     for name in {"hertz_half_discs", "fretting"} & set(KEPT):

@@ -82,7 +82,7 @@ def test_the_command_trains_on_ranks_together(tmp_path):
     assert "errors of its answers: bound, proved" in said
     folder = next((tmp_path / "out").iterdir())
     assert (folder / "scenery.npz").is_file()
-    model = hhr.load_model(folder / "model.npz")
+    model = hhr.load_model(folder / "hhr.npz")
     full_order = hhr.FullOrderModel(pressed_block("plane_strain"), MPI.COMM_SELF)
     answer = model.solve(model.parameters.middle)
     exact = full_order.solve(model.parameters.middle)
