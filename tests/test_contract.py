@@ -199,8 +199,10 @@ def bits(kind, number, folder):
     return found
 
 
-LONG = {"sliding past the mesh", "full, friction", "HHR, friction", "interpolated condensation, friction", "HHR, friction and floating", "HHR, friction and moduli",
-        "interpolated condensation, friction and shape"}  # fmt: skip
+LONG = {
+    "sliding past the mesh", "full, friction", "HHR, friction", "interpolated condensation, friction",
+    "HHR, friction and floating", "HHR, friction and moduli", "interpolated condensation, friction and shape",
+}  # fmt: skip
 SHARED = [
     pytest.param(kind, marks=pytest.mark.slow if "flow" in kind or "local" in kind or kind in LONG else ())
     for kind in contract.KINDS
