@@ -319,23 +319,29 @@ class Limits:
         if self.constant not in RANGES:
             raise SceneError(f"{self.constant!r} is no elastic constant: {', '.join(RANGES)} are")
 
+    @property
+    def ends(self) -> tuple[float, float]:
+        """The open interval in which the constant must lie."""
+        return RANGES[self.constant]
+
     @cached_property
-    def _scalar(self) -> Scalar:
+    def scalar(self) -> Scalar:
+        """The formula, to be evaluated."""
         from hhr_dolfinx.formulas import Scalar
 
         return Scalar(self.text, self.names)
 
     def check(self, point: np.ndarray) -> None:
         """Raise NotSolvableError for a constant that is impossible at a point, (P,)."""
-        low, high = RANGES[self.constant]
-        value = self._scalar.value(point)
+        low, high = self.ends
+        value = self.scalar.value(point)
         if not low < value < high:
             raise NotSolvableError(self._refused(value, point))
 
     def check_many(self, points: np.ndarray) -> None:
         """Raise NotSolvableError for a constant that is impossible at one of many points, (n, P)."""
-        low, high = RANGES[self.constant]
-        values = self._scalar.values(points)
+        low, high = self.ends
+        values = self.scalar.values(points)
         bad = np.flatnonzero(~((values > low) & (values < high)))
         if bad.size:
             raise NotSolvableError(self._refused(values[bad[0]], points[bad[0]]))

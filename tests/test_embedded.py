@@ -13,6 +13,7 @@ from xml.etree import ElementTree
 import contract
 import numpy as np
 import pytest
+import test_moduli
 from test_flow_pages import EXACT, cycle, pair, yielding
 from test_pages import MORE, RUBBING, SCENES, outputs_of_pellet, rubbed, tour_of
 
@@ -701,3 +702,17 @@ def test_a_path_in_c_does_not_begin_at_laws_outside_of_the_box(name, tmp_path):
     assert made.ask(3, *at(points, *room)) == OUTSIDE
     points[:, place] = 1e3
     assert made.ask(3, *at(points, *room)) == OUTSIDE
+
+
+@compiled
+@pytest.mark.parametrize("bodies", [(test_moduli.YOUNG, 0.3), ("E1", test_moduli.RATIO)], ids=["modulus", "ratio"])
+def test_a_header_has_no_answer_where_an_elastic_constant_is_impossible(bodies, tmp_path):
+    """As every model in Python; beside the point both answer."""
+    model = hhr.condense(test_moduli.scene(*bodies), fields=True)
+    point = np.array([list(test_moduli.POINT.values())])
+    beside = np.add(point, [0.0, 0.0, 1e-3])
+    asked = library(tmp_path, model)
+    status, forces, *_ = asked(beside)
+    assert status == DONE
+    np.testing.assert_allclose(forces[0], model.solve(beside[0]).forces(), rtol=0, atol=1e-10 * forces.max())
+    assert asked(point)[0] == NO_ANSWER and asked(np.vstack([beside, point]))[0] == NO_ANSWER

@@ -17,6 +17,7 @@ import pellet_cladding
 import press_fit
 import pytest
 import sphere_on_block
+import test_moduli
 from bare import WAIT
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
@@ -758,3 +759,15 @@ def test_a_mesh_that_is_finer_than_a_screen_is_thinned():
     assert np.abs(middles[0] - middles[1][kept]).max() < 0.1
     bodies = found.nodes[found.triangles] - 7 >= len(points)
     assert (bodies.all(axis=1) | ~bodies.any(axis=1)).all() and bodies.any() and not bodies.all()
+
+
+@in_node
+@pytest.mark.parametrize("bodies", [(test_moduli.YOUNG, 0.3), ("E1", test_moduli.RATIO)], ids=["modulus", "ratio"])
+def test_a_page_has_no_answer_where_an_elastic_constant_is_impossible(bodies):
+    """As every model in Python; beside the point both answer."""
+    _, model, scenery = made(test_moduli.scene(*bodies))
+    point = np.array(list(test_moduli.POINT.values()))
+    beside = np.add(point, [0.0, 0.0, 1e-3])
+    there, nowhere = answered(page.page_text(model, scenery), np.array([beside, point]))
+    assert there["converged"] and not nowhere["converged"]
+    np.testing.assert_allclose(there["forces"], model.solve(beside).forces(), rtol=0, atol=1e-10)

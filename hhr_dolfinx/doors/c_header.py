@@ -131,6 +131,7 @@ class _Data:
         """All of it, in an order in which C may read it."""
         tree = self.tree
         amplitudes = [self._amplitude(item) for item in tree["amplitudes"]["others"]]
+        limits = [self._limit(item) for item in tree["limits"]]
         components = [self._component(item) for item in tree["parts"]]
         outputs = [self._output(item) for item in tree["outputs"]]
         reshaped = self._interpolant(tree["reshaped"]) if tree.get("reshaped") else "{0}"
@@ -147,6 +148,7 @@ class _Data:
             self._array("schur", self.arrays[tree["schur"]] if constant else np.zeros(1)),
             self._array("gaps", self._gaps),
             self._records("amplitude", "others", amplitudes),
+            self._records("limit", "limits", limits),
             self._records("part", "parts", components),
             self._records("output", "outputs", outputs),
             f"static const model_interpolant model_reshaped = {reshaped};",
@@ -223,6 +225,7 @@ class _Data:
             "TERMS": self._gaps.shape[1],
             "AFFINE": len(self.arrays[tree["amplitudes"]["constant"]]),
             "OTHERS": len(tree["amplitudes"]["others"]),
+            "LIMITS": len(tree["limits"]),
             "PARTS": len(tree["parts"]),
             "GROUPS": int(places.max()) + 1,
             "CONSTANT": int(constant),
@@ -287,6 +290,10 @@ class _Data:
 
     def _records(self, kind: str, name: str, records: list[str]) -> str:
         return f"static const model_{kind} model_{name}[] = {{" + (",\n".join(records) or "{.count = 0}") + "};"
+
+    def _limit(self, item: dict[str, Any]) -> str:
+        high = "HUGE_VAL" if item["high"] is None else repr(item["high"])
+        return f"{{.value = {self._function(item['steps'])}, .low = {item['low']!r}, .high = {high}}}"
 
     def _amplitude(self, item: dict[str, Any]) -> str:
         if item["kind"] == "formula":

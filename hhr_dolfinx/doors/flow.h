@@ -312,6 +312,7 @@ static inline int model_small(model_path *p) {
 
 /* Where an increment from a state to a point leads; 0 where it does not settle. */
 static inline int model_increment(model_path *p, const model_state *before, const double *point, model_state *after) {
+    if (!model_possible(point)) return 0;
     model_set_theta(p->room, point);
     if (!model_set_elasticity(p, point) || !model_set_laws(p, point)) return 0;
     model_set_loads(p);

@@ -29,6 +29,11 @@ typedef struct {
     double constant;
     int count, degree, extent;
 } model_amplitude;
+typedef struct { /* an elastic constant, and the open interval in which it must lie */
+    double (*value)(const double *);
+    double low, high;
+    int count;
+} model_limit;
 typedef struct {
     const int *axes, *levels;
     const double *lower, *upper, *nodes, *weights, *modes;
@@ -209,10 +214,20 @@ static inline void model_add(model_work *w, const model_part *part, const double
     }
 }
 
+/* Whether the elastic constants are possible at a point: what interpolates between points never evaluates them. */
+static inline int model_possible(const double *point) {
+    for (int k = 0; k < MODEL_LIMITS; k++) {
+        const double value = model_limits[k].value(point);
+        if (!(value > model_limits[k].low && value < model_limits[k].high)) return 0;
+    }
+    return 1;
+}
+
 /* S and the free slack at a point; 0 where these are not finite. */
 static inline int model_set_contact(model_work *w, const double *point) {
     const int m = MODEL_CONDITIONS, terms = MODEL_TERMS;
     const double *gaps = model_gaps;
+    if (!model_possible(point)) return 0;
     model_set_theta(w, point);
     if (MODEL_CONSTANT && !w->started)
         for (int i = 0, k = 0; i < m; i++)

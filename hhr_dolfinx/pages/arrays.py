@@ -10,11 +10,12 @@ bodies flow it holds the arrays of a step instead, see :mod:`hhr_dolfinx.pages.f
 
 from __future__ import annotations
 
+import math
 from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.amplitudes import Amplitudes, Coverage
+from hhr_dolfinx.amplitudes import Amplitudes, Coverage, Limits
 from hhr_dolfinx.contact.friction import Friction
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.formulas import Scalar
@@ -96,6 +97,7 @@ def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
         "lower": list(map(float, space.lower)),
         "upper": list(map(float, space.upper)),
         "amplitudes": _amplitudes(amplitudes, arrays),
+        "limits": [_limit(limit) for limit in amplitudes.limits],
         "m": model.conditions,
         "groups": None if flowing else _groups(model, arrays),
         "friction": None if model.friction is None else _friction(model.friction, arrays),
@@ -107,6 +109,12 @@ def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
     trained = model.trained.parameters if flowing and model.trained is not None else model.trained
     tree["trained"] = None if trained is None else [trained.lower.tolist(), trained.upper.tolist()]
     return tree
+
+
+def _limit(limit: Limits) -> dict[str, Any]:
+    """An elastic constant and its ends; None for none, as JSON has no infinity."""
+    low, high = limit.ends
+    return {"steps": steps_of(limit.scalar), "low": low, "high": high if math.isfinite(high) else None}
 
 
 def _flowing(model: Any, arrays: Packed) -> dict[str, Any]:

@@ -101,7 +101,7 @@
 
     increment(before, point) {
       const theta = this.model.theta(point), elasticity = this.elasticity(point), laws = this.laws(point);
-      if (!laws) return null;
+      if (!laws || !this.model.possible(point)) return null;
       const load = { theta, ...elasticity, laws, before, slack: this.slack(theta, elasticity), strain: this.strain(theta, elasticity) };
       const elastic = this.model.touched({ schur: load.schur, slack: load.slack }, before.elastic);
       if (!elastic) return null;

@@ -50,6 +50,7 @@
 
     /* Where an increment from a state to a point leads; null where it does not settle. */
     increment(before, point) {
+      if (!this.model.possible(point)) return null;
       const contact = this.model.contact(point), slack = contact.slack, given = this.bounds(point);
       this.tangential.forEach((row, k) => { slack[row] -= before.position[k]; });
       const found = this.settled(this.softened(contact.schur), slack, given, before.forces);

@@ -155,8 +155,17 @@ const hhr = (() => {
     }
 
     /* S, (m, m), the free slack, and the gaps of bodies that nothing moves, (m,) each, at a point. */
+    /* Whether the elastic constants are possible at a point: what interpolates between points never evaluates them. */
+    possible(point) {
+      return this.tree.limits.every(({ steps, low, high }) => {
+        const value = formula(steps, point);
+        return value > low && value < (high ?? Infinity);
+      });
+    }
+
     contact(point) {
       const theta = this.theta(point), m = this.m, T = this.terms, slack = new Float64Array(m);
+      if (!this.possible(point)) theta.fill(NaN); // no statuses are found for a slack that is none
       if (this.constantSchur) {
         const free = this.arrays[this.tree.free_slack];
         for (let i = 0; i < m; i++) for (let t = 0; t < T; t++) slack[i] += free[i * T + t] * theta[t];
