@@ -4,6 +4,7 @@ import ast
 import csv
 import os
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -484,7 +485,9 @@ def test_models_with_a_law_of_a_users_own(tmp_path, monkeypatch):
     model = training.condense(CorrectionSettings(primal=1.0, dual=1.0)).changed(trained=None)
     monkeypatch.chdir(tmp_path)
     hhr.save_model("model.npz", model)
-    law = f"{Path(__file__).parent / 'toy_law.py'}:Bingham"
+    # a copy: the folder of these tests is no folder of a user's, whose lines errors name
+    shutil.copy(Path(__file__).parent / "toy_law.py", tmp_path)
+    law = f"{tmp_path / 'toy_law.py'}:Bingham"
     Path("q.csv").write_text("push,load\n0.04,0.02\n")
     point = model.parameters.point([0.04, 0.02])
     Path("params.in").write_text(
