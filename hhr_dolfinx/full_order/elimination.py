@@ -101,7 +101,8 @@ class FullStiffness:
     def at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """K U' = -R', where R is the residual K U + B^T lambda - F; and the slack that goes with it."""
         left, slack = self._explicit(forces, unknown)
-        found = np.stack([self.full.solve_with(self.stiffness, -column / self.scale) for column in left.T], axis=1)
+        with self.full.factors.lock:  # all columns by the same factors, which other threads would replace in between
+            found = np.stack([self.full.solve_with(self.stiffness, -column / self.scale) for column in left.T], axis=1)
         return slack - self.problem.moved(found), self.full.spread.whole(found)
 
     @cached_property

@@ -144,8 +144,8 @@ def _between(full: Any, solvers: Sequence[Solver], announce: Announce) -> Betwee
 def _round_off(solver: Solver) -> float:
     """Part of the energy of loads on a component that is round-off, most where a body is slender.
 
-    What is left of a solution, and what products with K lose: |K x| of a body that bends is far below |K| |x|. Errors
-    of the rows are independent of each other, so that their squares add up (N. J. Higham, Accuracy and Stability of
+    It is what products with K lose, however x was solved for: |K x| of a body that bends is far below |K| |x|. Errors
+    of rows are independent of each other, so that their squares add up (N. J. Higham, Accuracy and Stability of
     Numerical Algorithms, 2002, section 2.8).
     """
     middle = solver.problem.middle
@@ -155,10 +155,9 @@ def _round_off(solver: Solver) -> float:
     fields = solver.solved_columns(problem, middle, csc_matrix(loads[:, largest]))
     stiffness = problem.own_stiffness
     energies = np.asarray(loads[:, largest].multiply(fields).sum(axis=0)).ravel()
-    left = np.abs(energies - np.sum(fields * (stiffness @ fields), axis=0))
     lost = np.finfo(float).eps * np.linalg.norm(np.abs(fields) * (abs(stiffness) @ np.abs(fields)), axis=0)
     known = energies > 0
-    return float(((left + lost)[known] / energies[known]).max(initial=0.0))
+    return float((lost[known] / energies[known]).max(initial=0.0))
 
 
 def _areas(problem: ContactProblem) -> Interpolant | None:
