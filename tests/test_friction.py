@@ -580,13 +580,17 @@ def test_the_command_knows_friction(tmp_path):
 @pytest.mark.parametrize(
     ("coefficient", "said"), [(0.05, "one answer"), (30.0, "several answers possible")], ids=["little", "much"]
 )
-def test_models_say_whether_there_is_one_answer(coefficient, said):
+def test_models_say_whether_there_is_one_answer(coefficient, said, tmp_path):
     """By the coupling, which grows with the coefficient; errors are said to be those of one answer of several."""
     model = hhr.condense(rubbing(coefficient))
     middle = model.parameters.middle
     assert (model.coupling(middle) < 1) == (said == "one answer") and model.uniqueness(middle) == said
     assert "of one answer, of several unless uniqueness(mu)" in model.known_error
     assert hhr.condense(rubbing(None)).uniqueness(middle) == "one answer"
+    hhr.save_model(tmp_path / "model.npz", model)
+    at = [word for item in zip(model.parameters.names, middle, strict=True) for word in ("--at", "{}={}".format(*item))]
+    shown = CliRunner().invoke(hhr_command, ["solve", str(tmp_path / "model.npz"), *at])
+    assert shown.exit_code == 0 and f"answers with friction: {said}\n" in shown.output
 
 
 def test_the_uniqueness_of_bodies_that_contact_holds_is_unknown():

@@ -10,11 +10,14 @@ from scenes import pressed_block
 from test_plastic import tube
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.certify.strains import _gradients, _rotations, _strains, check_corners
+from hhr_dolfinx.certify.strains import check_corners
 from hhr_dolfinx.errors import ConvergenceError, ReductionError, SmallStrainWarning
+from hhr_dolfinx.full_order import strains as cell_strains
+from hhr_dolfinx.full_order.strains import StrainOperators
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models.histories.equilibrium import Diverged
 from hhr_dolfinx.models.histories.small_strains import SmallStrains
+from hhr_dolfinx.study.condensing import condensed
 
 
 def strains(largest, count=1000, rest=1e-3):
@@ -74,7 +77,8 @@ def test_strains_in_cells_are_those_of_a_linear_field():
     problem = full.problem
     r, z = problem.points.T
     field = np.stack([0.2 * r + 0.06 * z, 0.04 * r - 0.1 * z], axis=1).ravel()
-    found = (_strains(problem, _gradients(problem), True) @ field).reshape(len(problem.cell_nodes), 4)
+    strain = StrainOperators.of(problem, axisymmetric=True).kinds[0].matrix
+    found = (strain @ field).reshape(len(problem.cell_nodes), 4)
     middle = problem.points[problem.cell_nodes].mean(axis=1)
     expected = np.tile([0.2, 0.05, -0.1, 0.0], (len(middle), 1))
     expected[:, 3] = 0.2 + 0.06 * middle[:, 1] / middle[:, 0]
@@ -106,9 +110,10 @@ def test_rotations_in_cells_are_those_of_a_rigid_motion(hypothesis):
     turn[np.triu_indices(dim, 1)] = -np.arange(1, dim * (dim - 1) // 2 + 1) / 10.0
     turn -= turn.T
     field = (problem.points @ turn.T).ravel()
-    found = (_rotations(problem, _gradients(problem)) @ field).reshape(len(problem.cell_nodes), -1)
+    strain, rotation = StrainOperators.of(problem, axisymmetric=False).kinds
+    found = (rotation.matrix @ field).reshape(len(problem.cell_nodes), -1)
     assert found == pytest.approx(np.tile(-turn[np.triu_indices(dim, 1)], (len(found), 1)), abs=1e-13)
-    assert np.abs(_strains(problem, _gradients(problem), False) @ field).max() < 1e-13
+    assert np.abs(strain.matrix @ field).max() < 1e-13
 
 
 def strip(push):
@@ -168,13 +173,38 @@ def test_corners_of_the_box_of_a_model_are_looked_at():
     """A training may keep clear of them: a strain of (deepest - .5) / 10 is that of the whole block."""
     full = hhr.FullOrderModel(squeezed(12.0))
     with pytest.raises(ReductionError, match=r"at down = 12: a strain of 1\.[12]"):
-        check_corners(full, hhr.condense(full))
+        check_corners(full, condensed(full))
     with warnings.catch_warnings():
         warnings.simplefilter("error", SmallStrainWarning)
         small = hhr.FullOrderModel(squeezed(1.0))
         check_corners(small, hhr.condense(small))
         with pytest.raises(SmallStrainWarning, match=r"at down = 3: a strain of 0\.2"):
-            check_corners(full := hhr.FullOrderModel(squeezed(3.0)), hhr.condense(full))
+            check_corners(full := hhr.FullOrderModel(squeezed(3.0)), condensed(full))
+
+
+def test_each_verb_warns_of_strains_that_are_large():
+    """The full model at the first answer that has them, and once more beyond all sense; condensation of its box."""
+    full = hhr.FullOrderModel(squeezed(12.0))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for down in (0.7, 3.0, 3.5, 11.9, 12.0):
+            full.solve([down])
+    said = [str(item.message) for item in caught if item.category is SmallStrainWarning]
+    assert len(said) == 2
+    assert said[0].startswith("at down = 3: a strain of 0.2")
+    assert said[1].startswith("at down = 11.9: a strain of 1.2")
+    with pytest.warns(SmallStrainWarning, match=r"at down = 12: a strain of .*narrow it"):
+        hhr.condense(squeezed(12.0))
+
+
+def test_cells_that_are_looked_at_stand_for_all(monkeypatch):
+    """Every third cell of a field that is the same in all."""
+    monkeypatch.setattr(cell_strains, "CELLS", 6)
+    problem = hhr.FullOrderModel(squeezed(3.0)).problem
+    strain = StrainOperators.of(problem, axisymmetric=False).kinds[0]
+    assert 4 <= strain.cells <= 6
+    stretched = (problem.points * [0.25, 0.0]).ravel()[:, None]
+    assert strain.sizes(stretched) == pytest.approx(0.25)
 
 
 def test_one_call_warns_of_a_box_that_reaches_too_far():

@@ -1,17 +1,17 @@
-"""Strains and rotations of elastic bodies in the cells of their mesh: whether they are small."""
+"""Check that strains and rotations in answers of elastic bodies are small."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.certify.accuracy import Solutions
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import ReductionError, SmallStrainWarning
-from hhr_dolfinx.models.histories.small_strains import LARGE, MOST, large_rotation, large_strain, spread_strain
+from hhr_dolfinx.errors import NotOfferedError, ReductionError, SmallStrainWarning
+from hhr_dolfinx.full_order.strains import StrainOperators
+from hhr_dolfinx.models.histories.small_strains import LARGE, MOST, spread_strain
 from hhr_dolfinx.warn import warn
 
 CORNERS = 16
@@ -34,6 +34,19 @@ def check_small_strains(full: Any, *sets: Solutions | None) -> None:
     given = [item for item in sets if item is not None]
     if full.equilibrium is None and given:
         _check(full, given)
+
+
+def look_at_corners(full: Any, model: Any) -> None:
+    """Warn of strains and rotations of a model in corners of its box that are not small.
+
+    A model that was made for contact forces alone has no displacement, and is left alone.
+    """
+    try:
+        check_corners(full, model)
+    except ReductionError as error:
+        warn(f"{error}. The box reaches that far: narrow it", SmallStrainWarning, stacklevel=4)
+    except NotOfferedError:
+        return
 
 
 def check_corners(full: Any, model: Any) -> None:
@@ -69,67 +82,28 @@ def _check(full: Any, given: Sequence[Any]) -> None:
     """See :func:`check_small_strains`."""
     problem = full.problem
     points = np.concatenate([item.points for item in given])
-    gradients = _gradients(problem)
-    strains = _strains(problem, gradients, full.scene.hypothesis == "axisymmetric")
-    for operator, in_words in ((strains, large_strain), (_rotations(problem, gradients), large_rotation)):
-        spread = np.concatenate([_spread(problem, operator, item) for item in given])
+    operators = full.strains.operators
+    sizes = [found for item in given for found in _sizes(problem, operators, item)]
+    for kind in operators.kinds:
+        spread = np.array([spread_strain(found[kind.name]) for found in sizes])
         worst = int(spread.argmax())
         if spread[worst] <= LARGE:
             continue
-        message = f"at {problem.parameters.described(points[worst])}: {in_words(spread[worst])}"
+        message = f"at {problem.parameters.described(points[worst])}: {kind.in_words(spread[worst])}"
         if spread[worst] > MOST:
             raise ReductionError(message)
         warn(message, SmallStrainWarning, stacklevel=3)
 
 
-def _spread(problem: ContactProblem, operator: csr_matrix, solutions: Solutions | _Answers) -> np.ndarray:
-    """The strain or rotation of each answer that few cells exceed, (S,)."""
-    spread = []
+def _sizes(
+    problem: ContactProblem, operators: StrainOperators, solutions: Solutions | _Answers
+) -> Iterator[dict[str, np.ndarray]]:
+    """The largest components of strain and of rotation in each cell, answer by answer."""
     each = TOGETHER if problem.comm is None else 1
     for first in range(0, len(solutions.points), each):
         part = slice(first, first + each)
         lifts = problem.amplitudes.sum_columns(problem.lifts, solutions.points[part])
-        found = np.abs(operator @ (problem.spread.whole(solutions.displacements[:, part]) + lifts))
-        sizes = found.reshape(len(problem.cell_nodes), -1, found.shape[1]).max(axis=1)
-        spread += [spread_strain(column) for column in sizes.T]
-    return np.array(spread)
-
-
-def _strains(problem: ContactProblem, gradients: np.ndarray, axisymmetric: bool) -> csr_matrix:
-    """Maps displacements, (N,), to the strain in each cell, by the linear field nearest to it, (cells * k, N)."""
-    cells, dim, nodes = gradients.shape
-    pairs = [(i, j) for i in range(dim) for j in range(i, dim)]
-    values = np.zeros((cells, len(pairs) + axisymmetric, nodes, dim))
-    for row, (i, j) in enumerate(pairs):
-        values[:, row, :, i] += gradients[:, j] / 2
-        values[:, row, :, j] += gradients[:, i] / 2
-    if axisymmetric:
-        radius = problem.points[problem.cell_nodes, 0].sum(axis=1)
-        values[:, -1, :, 0] = (1 / np.where(radius > 0, radius, np.inf))[:, None]
-    return _matrix(problem, values)
-
-
-def _rotations(problem: ContactProblem, gradients: np.ndarray) -> csr_matrix:
-    """The same for the rotation in each cell, in radians, (cells * k, N): one in the plane, three in space."""
-    cells, dim, nodes = gradients.shape
-    pairs = [(i, j) for i in range(dim) for j in range(i + 1, dim)]
-    values = np.zeros((cells, len(pairs), nodes, dim))
-    for row, (i, j) in enumerate(pairs):
-        values[:, row, :, i] -= gradients[:, j] / 2
-        values[:, row, :, j] += gradients[:, i] / 2
-    return _matrix(problem, values)
-
-
-def _gradients(problem: ContactProblem) -> np.ndarray:
-    """Maps values at the nodes of each cell to the gradient of the linear field nearest to them, (cells, dim, n)."""
-    places = problem.points[problem.cell_nodes]
-    return np.linalg.pinv(places - places.mean(axis=1, keepdims=True))
-
-
-def _matrix(problem: ContactProblem, values: np.ndarray) -> csr_matrix:
-    """Rows of each cell on the displacements of its nodes, (cells, k, n, dim), as a sparse matrix, (cells * k, N)."""
-    dim = values.shape[3]
-    columns = dim * problem.cell_nodes[:, None, :, None] + np.arange(dim)
-    rows = np.arange(values.shape[0] * values.shape[1]).reshape(*values.shape[:2], 1, 1)
-    where = np.broadcast_to(rows, values.shape).ravel(), np.broadcast_to(columns, values.shape).ravel()
-    return csr_matrix((values.ravel(), where), shape=(rows.size, problem.free.size))
+        whole = problem.spread.whole(solutions.displacements[:, part]) + lifts
+        found = [kind.sizes(whole) for kind in operators.kinds]
+        for column in range(whole.shape[1]):
+            yield {kind.name: sizes[:, column] for kind, sizes in zip(operators.kinds, found, strict=True)}

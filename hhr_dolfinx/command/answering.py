@@ -92,11 +92,14 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         step = {"duration": 1.0 if duration is None else duration}
     elif duration is not None:
         raise click.UsageError("nothing flows: leave out --duration")
-    answer = model.solve(point, **step)
-    if not is_model(what):
+    if is_model(what):
+        answer = model.solve(point, **step)
+    else:
         from hhr_dolfinx.certify.strains import check_small_strains
         from hhr_dolfinx.snapshots.records import SnapshotSet
 
+        with model.strains.paused():
+            answer = model.solve(point, **step)
         check_small_strains(model, SnapshotSet.of_answers([answer]))
     rows = {"seconds of one step from rest": step["duration"]} if step else {}
     scene = None if is_model(what) else model.scene
@@ -109,9 +112,12 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     estimate = answer.estimate() if is_model(what) else None
     if estimate is not None:
         rows |= estimate.shown()
+    unique = model.uniqueness(point) if model.friction is not None and not model.flows else ""
     if first_rank():
         for name, value in rows.items():
             click.echo(f"{name}: {value:.6g}")
+        if unique:
+            click.echo(f"answers with friction: {unique}")
     if out is not None:
         from hhr_dolfinx.study.report.fields import write_fields
 

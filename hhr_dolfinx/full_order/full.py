@@ -19,6 +19,7 @@ from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.at_hand import AtHand
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.full_order.strains import StrainGuard
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path, found_as
 from hhr_dolfinx.models.estimates import Estimate
@@ -100,6 +101,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
                 discretisation = Discretisation(scene, comm)
                 self._factor(discretisation, *discretisation.stiffness_terms())
             self.functionals: Any = self._prepared_outputs()  # those of a shape where it depends on parameters
+        self.strains = StrainGuard(self.problem, axisymmetric=scene.hypothesis == "axisymmetric")
 
     def _build_flowing(self) -> None:
         from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel
@@ -441,6 +443,11 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
         """A full model knows no nearest statuses: ``nearest`` starts where the free slack is negative."""
+        answer = self._solved(point, start, gradient)
+        self.strains.look(answer)
+        return answer
+
+    def _solved(self, point: np.ndarray, start: Any, gradient: bool) -> Answer:
         cold = start is None or isinstance(start, str)
         if self.problem.varies or gradient or self.problem.rigid is not None:
             from hhr_dolfinx.full_order.elimination import solved_anew
@@ -481,12 +488,17 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """
         check_settings(settings)
         checked = checked_path(self.parameters, path)
-        if self.friction is not None and self.equilibrium is None:
+        if self.equilibrium is None:
+
+            def keep_small(answer: Answer) -> None:
+                self.strains.look(answer)
+                keep(answer)
+
+            if self.friction is None:
+                return solve_along(self, checked, settings, known=known, keep=keep_small)
             from hhr_dolfinx.models.histories.sliding import slide_along
 
-            return slide_along(self, checked, settings, known=known, keep=keep)
-        if self.equilibrium is None:
-            return solve_along(self, checked, settings, known=known, keep=keep)
+            return slide_along(self, checked, settings, known=known, keep=keep_small)
         from hhr_dolfinx.models.histories.march import march
 
         equilibrium = self.equilibrium if settings.gradient else self.equilibrium.on_ranks(self.comm)

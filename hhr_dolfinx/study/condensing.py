@@ -8,6 +8,7 @@ import numpy as np
 from mpi4py import MPI
 
 from hhr_dolfinx.baselines.condensation import exact_condensation
+from hhr_dolfinx.certify.strains import look_at_corners
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.condensed import CondensedModel
@@ -40,8 +41,16 @@ def condense(scene: Scene | FullOrderModel, settings: Any = None, *, fields: boo
 
     Warns:
         StabilityWarning: if a grid spent its budget before it had settled.
+        SmallStrainWarning: if strains or rotations are large in a corner of the box.
     """
     full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
+    model = condensed(full, settings, fields=fields)
+    look_at_corners(full, model)
+    return model
+
+
+def condensed(full: FullOrderModel, settings: Any = None, *, fields: bool | None = None) -> CondensedModel:
+    """See :func:`condense`; strains are not looked at."""
     if full.equilibrium is not None:
         raise ReductionError(
             f"bodies of scene '{full.scene.name}' flow: a condensation of these is made of histories, "

@@ -130,10 +130,10 @@ def _flowing(bench: Bench) -> Iterator[Attempt]:
 
 
 def _exact(bench: Bench) -> Any:
-    from hhr_dolfinx.study.condensing import condense
+    from hhr_dolfinx.study.condensing import condensed
 
     bench.announce("exact condensation", 0.0)
-    return condense(bench.full, fields=bench.wish.needs_fields)
+    return condensed(bench.full, fields=bench.wish.needs_fields)
 
 
 def _built(bench: Bench, count: int) -> Any:

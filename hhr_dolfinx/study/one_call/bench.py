@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.certify.compare import retraced
-from hhr_dolfinx.certify.strains import check_corners, check_small_strains
+from hhr_dolfinx.certify.strains import check_small_strains
 from hhr_dolfinx.errors import (
     ConvergenceError,
     HHRError,
-    NotOfferedError,
     OutsideTrainingWarning,
     ReductionError,
     SceneWarning,
@@ -235,15 +234,6 @@ class Bench:
         self._look(found)
         self.errors.know(found)
         return found
-
-    def look_at_corners(self, model: Any) -> None:
-        """Warn of strains of a model in corners of its box that are not small: no fresh answer need lie there."""
-        try:
-            check_corners(self.full, model)
-        except ReductionError as error:
-            warn(f"{error}. The box reaches that far: narrow it", SmallStrainWarning, stacklevel=4)
-        except NotOfferedError:  # made for forces alone
-            return
 
     def _look(self, found: Sequence[Exact]) -> None:
         """Tell of what no check of a model finds: strains that are not small, nothing that touches. Once."""

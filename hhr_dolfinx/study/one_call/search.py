@@ -25,6 +25,7 @@ import numpy as np
 from mpi4py import MPI
 
 from hhr_dolfinx import ranks
+from hhr_dolfinx.certify.strains import look_at_corners
 from hhr_dolfinx.errors import (
     BoundError,
     HHRError,
@@ -292,7 +293,7 @@ def _found(bench: Bench, kept: Path | None) -> tuple[Any, Reduction]:
                 found = model, reduction = _searched(bench, kept)
                 if kept is not None:
                     keep(kept, model, reduction, bench.full)
-                bench.look_at_corners(model)
+                look_at_corners(bench.full, model)
             finally:
                 bench.crew.let_go()
     return found if comm.size == 1 else comm.bcast(found)

@@ -171,7 +171,7 @@ class Training(TrainingAnswers):
         if self.full_order.friction is not None:
             from hhr_dolfinx.study import condensing
 
-            return condensing.condense(self.full_order, settings)
+            return condensing.condensed(self.full_order, settings)
         if not self.full_order.problem.varies:
             from hhr_dolfinx.baselines.condensation import exact_condensation
 
@@ -241,11 +241,11 @@ def train(
             full = _with_rows(full, queries, log)
     with ranks.each_for_itself(comm, "opening the folder of answers"):
         store = None if folder is None else SnapshotStore(folder, full)
-    with log.stage("snapshots"):
+    with log.stage("snapshots"), full.strains.paused():
         snapshots, choice = _solved(full, queries, comm, progress, store, march)
     kept = None
     if apart:
-        with log.stage("held_out"):
+        with log.stage("held_out"), full.strains.paused():
             kept = _held_out(full, comm.bcast(_apart(full, snapshots, apart, seed)), comm, progress, store, march)
     check_small_strains(full, snapshots, kept)
     # ranks that have one model together have found the same
