@@ -105,9 +105,9 @@ QUICK = active_set bad_input bad_meshes bad_pairings basis bounds clusters cubat
 quick: setup
 	.venv/bin/python -m pytest -n auto --maxprocesses 2 --dist loadfile $(QUICK:%=tests/test_%.py)
 
-# the tests that take minutes each, which `make test` leaves out
+# what `make test` leaves out: tests that take minutes, and the dear cases of tests/slow_cases.txt; half an hour
 slow: setup
-	.venv/bin/python -m pytest -m slow
+	.venv/bin/python -m pytest -m slow -n auto --maxprocesses 4 --dist loadfile
 
 # rules of study and certify are changed one at a time, and changes that no test sees are printed: an hour
 mutants: setup

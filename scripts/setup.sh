@@ -92,19 +92,20 @@ if [ -z "$system_python" ] && [ -z "$python" ]; then
 fi
 check_system
 
+# what is imported is compiled then, and most of what is installed never is: without --no-compile this takes a minute more
 # pip's lines with sizes as they come, the whole in a file; a bar would fill a log with carriage returns
 install() {
     log=$venv/pip.log status=$venv/pip.status
     {
         code=0
-        "$venv/bin/python" -m pip install --progress-bar off --disable-pip-version-check --editable ".[$1]" 2>&1 ||
+        "$venv/bin/python" -m pip install --no-compile --progress-bar off --disable-pip-version-check --editable ".[$1]" 2>&1 ||
             code=$?
         echo "$code" >"$status"
     } | tee "$log" | while IFS= read -r line; do
         line=${line#"${line%%[! ]*}"}
         case $line in
             Downloading*" MB)" | Downloading*" GB)" | "Using cached"*" MB)" | "Using cached"*" GB)") say "    $line" ;;
-            "Installing collected packages"*) say "    unpacking all of them, the longest part without a word" ;;
+            "Installing collected packages"*) say "    unpacking all of them, without a word" ;;
         esac
     done
     [ "$(cat "$status")" = 0 ] && return

@@ -2,6 +2,7 @@
 
 import os
 import sys
+from pathlib import Path
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")
 
@@ -11,6 +12,17 @@ from no_skips import pytest_make_collect_report, pytest_runtest_makereport  # no
 from scenes import THESIS
 
 import hhr_dolfinx as hhr
+
+
+@pytest.hookimpl(tryfirst=True)  # before those that are not asked for are left out
+def pytest_collection_modifyitems(items):
+    """Mark the cases of slow_cases.txt as slow."""
+    lines = (Path(__file__).parent / "slow_cases.txt").read_text().splitlines()
+    slow = {line for line in lines if line and not line.startswith("#")}
+    for item in items:
+        name = item.nodeid.removeprefix("tests/")
+        if name in slow or name.partition("[")[0] in slow:
+            item.add_marker(pytest.mark.slow)
 
 
 @pytest.fixture

@@ -83,14 +83,14 @@ def _beyond(master: Surface, closest: ClosestPoints) -> np.ndarray:
     outward = master.outward[closest.facets]
     height = np.einsum("md,md->m", closest.offsets, outward)
     sideways = np.linalg.norm(closest.offsets - outward * height[:, None], axis=1)
-    cosines = np.einsum("mkd,md->mk", master.corner_normals()[closest.facets], outward).min(axis=1)
+    cosines = np.einsum("mkd,md->mk", master.corner_normals[closest.facets], outward).min(axis=1)
     turned = np.tan(np.minimum(2 * np.arccos(np.clip(cosines, -1.0, 1.0)), 1.0)) * np.abs(height)
     return sideways > BEYOND * master.lengths()[closest.facets] + 1.001 * turned
 
 
 def _towards(master: Surface, closest: ClosestPoints) -> np.ndarray:
     """Unit normals against the smoothed outer normal of the master at its closest points, (m, dim)."""
-    return -normalised(np.einsum("mk,mkd->md", closest.weights, master.corner_normals()[closest.facets]))
+    return -normalised(np.einsum("mk,mkd->md", closest.weights, master.corner_normals[closest.facets]))
 
 
 def _of_opposed(slave: Surface, master: Surface, nodes: np.ndarray, closest: ClosestPoints) -> ClosestPoints:

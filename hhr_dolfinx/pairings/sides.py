@@ -22,7 +22,7 @@ def looking(surface: Surface, normals: np.ndarray, least: float) -> tuple[np.nda
     """
     k = surface.facets.shape[1]
     along = np.broadcast_to(normals, surface.points.shape)[surface.facets]
-    sides = np.einsum("fkd,fkd->fk", surface.corner_normals(), along) > least
+    sides = np.einsum("fkd,fkd->fk", surface.corner_normals, along) > least
     # integrals of the linear functions of a facet over it, where the weight of its measure is linear, too
     weights = surface.weights[surface.facets]
     shares = surface.sizes[:, None] * (weights + weights.sum(axis=1, keepdims=True)) / (k + 1)
@@ -50,7 +50,7 @@ def sides_of(surface: Surface, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarra
     place[nodes] = np.arange(nodes.size)
     of_corner = place[surface.facets].ravel()
     own = of_corner >= 0
-    normals = surface.corner_normals().reshape(-1, surface.points.shape[1])[own]
+    normals = surface.corner_normals.reshape(-1, surface.points.shape[1])[own]
     # facets of one side have one normal
     _, first = np.unique(np.column_stack([of_corner[own], np.round(normals, 9)]), axis=0, return_index=True)
     return normals[first], of_corner[own][first]

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 from itertools import combinations
 from typing import TYPE_CHECKING, Annotated
 
@@ -88,6 +89,7 @@ class Surface:
             np.add.at(normals, column, self.outward * self.sizes[:, None])
         return normalised(normals)
 
+    @cached_property
     def corner_normals(self) -> np.ndarray:
         """Unit outer normals at the corners of each facet, (f, k, dim), averaged up to edges of the surface.
 
@@ -121,7 +123,7 @@ class Surface:
             weights: values of its shape functions at the point, (m, k).
         """
         corners = self.corners
-        normals = self.corner_normals()
+        normals = self.corner_normals
         heights = normals @ (corners - corners[:, :1]).transpose(0, 2, 1)
         found = np.zeros(len(facets))
         # weights sum to one: what is linear in them is a quadratic form too, without squares

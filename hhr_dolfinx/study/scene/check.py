@@ -227,7 +227,7 @@ def sag_of(surface: Surface) -> float:
     """
     if not surface.facets.size:
         return 0.0
-    cosines = np.einsum("fd,fkd->fk", surface.outward, surface.corner_normals()).min(axis=1)
+    cosines = np.einsum("fd,fkd->fk", surface.outward, surface.corner_normals).min(axis=1)
     angles = np.arccos(np.clip(cosines, -1.0, 1.0))
     lengths = np.linalg.norm(np.ptp(surface.corners, axis=1), axis=1)
     return float((lengths * angles * surface.sag_shares()).max() / 4)
