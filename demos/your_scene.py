@@ -11,8 +11,8 @@ Bodies and surfaces have the names that they have in the mesh. Copy this file, n
 
 What to see: contact comes in two steps, first at the roller and then at the stop. The model answers in tens of
 microseconds, and each answer knows a bound of its error that no true error exceeds. That is the error of the model
-beside its mesh: linear triangles are too stiff in a thin spring, and the force on the roller is 8 % above that of a mesh
-and displacements of second order, with Mortar pairs. `hhr study` measures what the mesh does, and says what to do.
+beside its mesh: linear triangles are too stiff in a thin spring, and the force on the roller is 8 % above that of
+displacements of second order. `hhr study` measures what the mesh does, and says what to do.
 
     python demos/your_scene.py [--out DIR] [--quick] [--seed N]
 """
