@@ -31,7 +31,6 @@ from hhr_dolfinx.errors import NotOfferedError, OutsideTrainingError, ParameterE
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.estimates import FORCES, STRESS
 from hhr_dolfinx.models.local import LEAF, Choice
-from hhr_dolfinx.models.local_sliding import LocalSliding
 from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
 EXACT = 1e-9
@@ -167,13 +166,6 @@ def hyper_reduced(full: hhr.FullOrderModel) -> Any:
     return hhr.build(full, hhr.SnapshotSet.of_histories(histories), recipe)
 
 
-@cache
-def local_rubbing(full: hhr.FullOrderModel) -> Any:
-    """The same model twice."""
-    model = hyper_reduced(full)
-    return LocalSliding([model, model.changed(fields=dataclasses.replace(model.fields))])
-
-
 def sliding(condensed: bool) -> Any:
     """A model of surfaces that are paired anew."""
     scene = blocks(friction=0.1)
@@ -239,9 +231,6 @@ KINDS = {
     "fallback": _elastic("constant", lambda item: item.safe_model(0.01, recipe=AS_IT_IS), MIDDLE),
     "full, flowing": _flowing(lambda item: item.full_order),
     "HHR, flowing": _flowing(lambda item: item.build(FLOW)),
-    "HHR with cubature, flowing": _flowing(
-        lambda item: item.build(hhr.Recipe.flowing(domain=hhr.Rid(1, 3), cubature=hhr.CubatureStep()).as_it_is())
-    ),
     "condensed, flowing": _flowing(lambda item: item.condense(CorrectionSettings(primal=1.0, dual=1.0))),
     "full, friction": _rubbing("constant", lambda full: full, MIDDLE),
     "exact condensation, friction": _rubbing("constant", hhr.condense, MIDDLE),
@@ -252,12 +241,10 @@ KINDS = {
     ),
     "HHR, friction": _rubbing("constant", hyper_reduced, MIDDLE),
     "HHR, friction and moduli": _rubbing("moduli", hyper_reduced, VARIED),
-    "local models, friction": _rubbing("constant", local_rubbing, MIDDLE),
     "HHR, friction and floating": _rubbing("floating", hyper_reduced, PRESSED),
     "sliding past the mesh": Kind(lambda: sliding(True), lambda: sliding(False), {"push": 0.03, "load": 0.005}),
     "full, friction and flowing": _rubbing_flow(lambda item: item.full_order),
     "HHR, friction and flowing": _rubbing_flow(lambda item: item.build(FLOW)),
-    "local histories": _flowing(lambda item: item.local([np.repeat([0, 1], [4, 2])] * 2, recipe=FLOW, checked=False)),
 }
 
 

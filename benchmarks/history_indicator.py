@@ -2,7 +2,7 @@
 
 The flowing pellet is trained twice: loaded at two gaps, as in pellet_cladding_plastic.py; and loaded and unloaded
 there, so that its trained rates hold those of any slower path and of a hold, of which it knows nothing. Its small
-models, HHR, HHR on a cubature and condensed flow, then follow what they were trained on, other gaps, unloading and
+models, HHR and condensed flow, then follow what they were trained on, other gaps, unloading and
 loading again, holds, other paces and heights of the load.
 
 What to see: `answer.estimate()` ranks the steps as their errors do, whatever the model; and no path is silent whose
@@ -64,7 +64,6 @@ def models(training: Training, options: Namespace) -> Iterator[tuple[str, Any]]:
     correction = CorrectionSettings(modes=3e-4, cubature=1.5e-4, attempts=1 if options.quick else 4)
     makers: dict[str, Callable[[], Any]] = {
         "HHR": lambda: training.build(pellet.recipe()),
-        "HHR, cubature": lambda: training.build(pellet.recipe(cubature=True)),
         "condensed flow": lambda: training.condense(correction),
     }
     for name, make in makers.items():

@@ -22,7 +22,6 @@ from .models.answer import History as History
 from .models.fallback import FallbackModel as FallbackModel
 from .models.histories.equilibrium import MarchSettings as MarchSettings
 from .models.local import LocalModels as LocalModels
-from .models.local_histories import LocalHistories as LocalHistories
 from .models.reduced import ReducedModel as ReducedModel
 from .online.batch import answer_points as answer_points
 from .online.frames import to_pandas as to_pandas
@@ -62,7 +61,6 @@ from .path_families import Leg as Leg
 from .path_families import NamedPath as NamedPath
 from .path_families import PathFamily as PathFamily
 from .reduction.build import build as build
-from .reduction.recipe import CubatureStep as CubatureStep
 from .reduction.recipe import Deim as Deim
 from .reduction.recipe import Enrich as Enrich
 from .reduction.recipe import FlowDeim as FlowDeim

@@ -129,7 +129,7 @@ class Signs(NamedTuple):
         imbalance: norm of the forces left on the reduced domain before they are projected, in the unit of force.
         size: norm of what these forces are made of.
         depth: deepest violation of a gap anywhere on the contact surface, in the unit of length, 0 if none.
-        what: which imbalance that is, in words; on a cubature it is one of plastic strains, not of forces.
+        what: which imbalance that is, in words.
         misfit: what no mode of training explains of the stress where laws are evaluated, in the unit of stress.
         stress: norm of this stress.
     """

@@ -3,21 +3,14 @@
 from __future__ import annotations
 
 import time
-import warnings
 
 import numpy as np
-import pellet_cladding_plastic as demo
 import pytest
-from flowing import STEPS, TRAINING, flowing_full
 from scipy.optimize import nnls
 
-import hhr_dolfinx as hhr
-from hhr_dolfinx.certify.compare import largest_errors
-from hhr_dolfinx.errors import OutsideTrainingWarning, ReductionError
+from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.reduction import cubature
 from hhr_dolfinx.reduction.cubature import Cubature, _Search, compressed, fitted
-from hhr_dolfinx.reduction.flow import tangent_margin, training_tangents
-from hhr_dolfinx.reduction.recipe import MOST_LAYERS, CubatureStep, Rid
 
 
 def smooth(rows: int, points: int, seed: int = 0) -> np.ndarray:
@@ -241,109 +234,3 @@ def test_many_points_in_seconds():
     start = time.process_time()
     assert fitted(rows, 1e-3).points.size > 100
     assert time.process_time() - start < 10
-
-
-@pytest.fixture(scope="module")
-def known():
-    """The small flowing pellet, two histories to train on and one besides."""
-    full = flowing_full()
-    training = [full.march(demo.path(gap, STEPS)) for gap in TRAINING]
-    return full, hhr.SnapshotSet.of_histories(training), full.march(demo.path(8.0, STEPS))
-
-
-def reduced(known, **changes):
-    """A model on weighted Gauss points, as it is."""
-    full, snapshots, _ = known
-    recipe = hhr.Recipe.flowing(**({"cubature": CubatureStep()} | changes))
-    return hhr.build(full, snapshots, recipe.as_it_is())
-
-
-def errors(full, model, exact):
-    """Largest errors of displacement and forces in a history."""
-    found = model.march(exact.path, hhr.MarchSettings(outside="ignore"))
-    return largest_errors(full, found, exact, 0.0)
-
-
-@pytest.fixture(scope="module")
-def whole(known):
-    """On points of the whole mesh."""
-    return reduced(known, domain=Rid(MOST_LAYERS, MOST_LAYERS))
-
-
-@pytest.mark.parametrize("layers", [0, MOST_LAYERS])
-def test_history_on_few_points(known, layers):
-    full, _, exact = known
-    model = reduced(known, domain=Rid(layers, layers))
-    displacement, forces = errors(full, model, exact)
-    assert displacement < 5e-3
-    assert forces < 2e-2
-    assert model.equilibrium.points.size < full.equilibrium.points.size / 2
-    assert model.flow.material.gauss_points == model.equilibrium.points.size
-
-
-def test_tight_cubature_is_the_model_of_all_points(known):
-    *_, exact = known
-    plain = reduced(known, cubature=None).march(exact.path, hhr.MarchSettings(outside="ignore"))
-    tight = reduced(known, cubature=CubatureStep(1e-6)).march(exact.path, hhr.MarchSettings(outside="ignore"))
-    for here, there in zip(tight.answers, plain.answers, strict=True):
-        assert np.linalg.norm(here.unknown - there.unknown) < 2e-4 * np.linalg.norm(plain.answers[-1].unknown)
-
-
-def test_tangents_are_symmetric_and_definite(known, whole):
-    """Whole modes as test functions, weights above 0: so are the tangents, whatever the state."""
-    full, snapshots, _ = known
-    states = training_tangents(full.equilibrium, snapshots, 3)
-    for moduli, _ in states:
-        tangent = whole.equilibrium.tangent(moduli[whole.equilibrium.points])
-        assert np.abs(tangent - tangent.T).max() < 1e-12 * np.abs(tangent).max()
-        assert np.linalg.eigvalsh(tangent).min() > 0
-    assert min(tangent_margin(whole, *state) for state in states) > 0.3
-
-
-def test_trusted_and_watched(known):
-    """It goes through the checks of any build, and warns of flow that was not trained."""
-    full, snapshots, exact = known
-    model = hhr.build(
-        full, snapshots, hhr.Recipe.flowing(cubature=CubatureStep()), hhr.SnapshotSet.of_histories([exact])
-    )
-    assert model.offline.tangent_margin > 0.1
-    assert model.offline.comparison.primal.max() < 0.02
-    assert "cubature" in model.offline.log.times
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        model.march(exact.path)
-    assert max(sign.imbalance / sign.size for sign in model.march(exact.path).signs[1:]) < 0.1
-    fast = [(time / 50, point) for time, point in exact.path]
-    with pytest.warns(OutsideTrainingWarning):
-        model.march(fast)
-
-
-def test_file(known, whole, tmp_path):
-    *_, exact = known
-    hhr.save_model(tmp_path / "model.npz", whole)
-    read = hhr.load_model(tmp_path / "model.npz")
-    there, here = (model.march(exact.path, hhr.MarchSettings(outside="ignore")) for model in (whole, read))
-    for one, other in zip(there.answers, here.answers, strict=True):
-        assert np.array_equal(one.unknown, other.unknown)
-        assert np.array_equal(one.stress(), other.stress())
-
-
-def test_gradient_along_a_history(known, whole):
-    """Derivatives of a step, beside differences of histories."""
-    *_, exact = known
-    settings = hhr.MarchSettings(outside="ignore", gradient=True, relative_force=1e-10, relative_stress=1e-8)
-    path = exact.path[:3]
-    found = whole.march(path, settings)
-    step = np.array([0.0, 0.0, 1e-7])
-    ends = [
-        whole.march([(time, point + way * step) for time, point in path], settings).answers[-1].unknown
-        for way in (-1, 1)
-    ]
-    difference = (ends[1] - ends[0]) / 2e-7
-    assert found.answers[-1].gradient.unknown[:, 2] == pytest.approx(difference, rel=1e-3, abs=1e-4)
-
-
-@pytest.mark.parametrize("numbers", [{"tolerance": 0.0}, {"tolerance": 1.0}, {"stiffness": float("nan")}])
-def test_refused_steps(numbers):
-    with pytest.raises(ReductionError, match=next(iter(numbers))):
-        CubatureStep(**numbers)

@@ -105,10 +105,10 @@ def full():
     return hhr.FullOrderModel(hot_pellet())
 
 
-@pytest.fixture(scope="module", params=[None, hhr.CubatureStep()], ids=["all points", "cubature"])
-def reduction(full, request):
+@pytest.fixture(scope="module")
+def reduction(full):
     histories = [full.march(path(gap, young)) for gap in flowing.TRAINING for young in (160e3, 220e3)]
-    recipe = hhr.Recipe.flowing(cubature=request.param)
+    recipe = hhr.Recipe.flowing()
     return hhr.build(full, hhr.SnapshotSet.of_histories(histories), recipe.as_it_is())
 
 

@@ -201,9 +201,9 @@ def corners(full):
     return [full.march(path(gap, young)) for gap in flowing.TRAINING for young in (160e3, 220e3)]
 
 
-@pytest.fixture(scope="module", params=[None, hhr.CubatureStep()], ids=["all points", "cubature"])
-def reduction(full, corners, request):
-    recipe = hhr.Recipe.flowing(cubature=request.param)
+@pytest.fixture(scope="module")
+def reduction(full, corners):
+    recipe = hhr.Recipe.flowing()
     return hhr.build(full, hhr.SnapshotSet.of_histories(corners), recipe.as_it_is())
 
 

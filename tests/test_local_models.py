@@ -417,7 +417,7 @@ def test_models_that_do_not_go_together(models, training):
 def test_bodies_that_flow_are_for_histories(models):
     flowing = models[1].changed()
     flowing.flow = "something"
-    with pytest.raises(ReductionError, match="LocalHistories"):
+    with pytest.raises(ReductionError, match="take one model"):
         hhr.LocalModels([models[0], flowing], one_cut(1, CUT, REACH))
 
 

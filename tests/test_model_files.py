@@ -36,7 +36,6 @@ from hhr_dolfinx.errors import (
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.models.estimates import Estimate
-from hhr_dolfinx.models.local_sliding import LocalSliding
 from hhr_dolfinx.online.model_file import FORMAT, MODULES, VERSION, Kinds, check_answers
 from hhr_dolfinx.plain import as_plain, restored
 from hhr_dolfinx.reduction.condense_flow import CorrectionSettings, condense_flow
@@ -136,7 +135,7 @@ def bits(model):
 
 def same_library(model):
     """A model as a file holds it: factored by LAPACK, which differs from PETSc in last digits."""
-    if isinstance(model, hhr.ReducedModel | hhr.LocalModels | LocalSliding):
+    if isinstance(model, hhr.ReducedModel | hhr.LocalModels):
         return by_lapack(model)
     found = pickle.loads(pickle.dumps(model))
     if getattr(getattr(found, "eliminated", None), "factorise", None) is not None:
@@ -429,7 +428,7 @@ def test_nothing_that_flowed_in_training(models, tmp_path):
     assert stored.fields.flow.gauss_points == model.fields.flow.gauss_points
 
 
-@pytest.mark.parametrize("how", ["points of the RID", "cubature", "condensed"])
+@pytest.mark.parametrize("how", ["points of the RID", "condensed"])
 def test_models_in_space_come_back(how, tmp_path):
     """Of six components, not four."""
     law = hhr.Plasticity(0.02, 0.5)
@@ -441,8 +440,7 @@ def test_models_in_space_come_back(how, tmp_path):
     if how == "condensed":
         model = condense_flow(full, known, CorrectionSettings(attempts=1, trust=None))
     else:
-        step = hhr.CubatureStep() if how == "cubature" else None
-        model = hhr.build(full, known, hhr.Recipe.flowing(cubature=step).as_it_is())
+        model = hhr.build(full, known, hhr.Recipe.flowing().as_it_is())
     hhr.save_model(tmp_path / "model.npz", model)
     one, other = (item.march(path, QUIET) for item in (hhr.load_model(tmp_path / "model.npz"), model))
     assert flat(one).tobytes() == flat(other).tobytes() and flat(one).any()
@@ -696,13 +694,6 @@ REFUSED = {
         ("Plasticity refuses", put(f"{LAWS}.1.law", {"kind": "Plasticity",
                                                      "fields": {"yield_stress": -1.0, "hardening": 0.0}})),
         ("not those of the moduli", put(f"{LAWS}.0.young", "2e5")),
-    ],
-    "HHR with cubature, flowing": [
-        ("indices outside", entry("flow.points", 0, -1)),
-        ("must be different numbers", array("flow.points", np.zeros_like)),
-        ("0 of a cell", put("flow.per_cell", 0)),
-        ("of the material are not", put(f"{LAWS}", [])),
-        ("points", array("flow.trial", lambda a: a[:-1])),
     ],
     "HHR, moduli": [
         ("neither training forces|do not go together|nothing completes", put("fields.bound", None)),

@@ -13,7 +13,6 @@ from test_friction import FIRST, SECOND, round_block, rubbing
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError, ReductionError, StudyError
 from hhr_dolfinx.models.eliminations.block import BlockElimination
-from hhr_dolfinx.models.local_sliding import LocalSliding
 from hhr_dolfinx.models.model import AnsweringModel
 
 OUTPUTS = (
@@ -363,58 +362,9 @@ def test_what_is_no_safe_model(training, model):
             hhr.FallbackModel(model, other, of="forces")
 
 
-@pytest.fixture(scope="module")
-def local(training):
-    return training.local(hhr.Clusters(2))
-
-
-def test_local_models_take_turns(training, local, tmp_path):
-    """Each knows some increments; what has slipped is handed on. .3 % and .8 % of the largest force were measured."""
-    full = training.full_order
-    turns, errors = 0, []
-    for path in paths(6, 11, full.parameters):
-        exact, found = full.march(path), local.march(path)
-        largest = max(np.linalg.norm(answer.forces()) for answer in exact.answers)
-        pairs = list(zip(exact.answers, found.answers, strict=True))
-        errors += [np.linalg.norm(one.forces() - other.forces()) / largest for one, other in pairs]
-        turns += int(np.count_nonzero(np.diff([local.model_of(answer) for answer in found.answers])))
-        work, wanted = (answer.outputs()["work"] for answer in (found.answers[-1], exact.answers[-1]))
-        assert work == pytest.approx(wanted, rel=0.02)
-    assert turns > 0 and np.quantile(errors, 0.95) < 0.006 and max(errors) < 0.02
-    hhr.save_model(tmp_path / "local.npz", local)
-    again = hhr.load_model(tmp_path / "local.npz").march(path)
-    for one, other in zip(found.answers, again.answers, strict=True):
-        np.testing.assert_allclose(one.forces(), other.forces(), rtol=0, atol=1e-9 * largest)
-    tight = local.march(path, hhr.MarchSettings(time_tolerance=1e-2))
-    assert np.isfinite(tight.answers[-1].time_error) and tight.cuts > 0
-    off = np.linalg.norm(tight.answers[-1].forces() - exact.answers[-1].forces())
-    assert off < 0.02 * largest
-
-
-def test_one_local_model_is_the_single_one(training, model):
-    labels = [np.zeros(len(history.answers), dtype=int) for history in training.snapshots.histories]
-    alone = training.local(labels)
-    path = paths(1, 12, training.full_order.parameters)[0]
-    for one, other in zip(model.march(path).answers, alone.march(path).answers, strict=True):
-        np.testing.assert_array_equal(one.forces(), other.forces())
-        np.testing.assert_array_equal(one.slip.position, other.slip.position)
-
-
-def test_what_local_models_refuse(training, model, local):
-    path = paths(1, 12, training.full_order.parameters)[0]
-    with pytest.raises(NotOfferedError, match="no derivatives of it"):
-        local.march(path, hhr.MarchSettings(gradient=True))
-    with pytest.raises(StudyError, match="shares no histories out"):
-        training.local(hhr.Splitting())
-    with pytest.raises(ReductionError, match="must be one array for each training history"):
-        training.local([[0, 1]])
-    with pytest.raises(ReductionError, match="take fewer models"):
-        training.local(hhr.Clusters(10_000))
-    with pytest.raises(ReductionError, match="at least one"):
-        LocalSliding([])
-    with pytest.raises(ReductionError, match="of another scene"):
-        LocalSliding([model, model.changed(fields=dataclasses.replace(model.fields, gaps=2 * model.fields.gaps))])
-    assert np.isnan(local.coupling({"push": 0.02, "shear": 0.0, "f": 0.2}))  # S of a RID is not symmetric
+def test_local_models_of_histories_are_refused(training):
+    with pytest.raises(NotOfferedError, match="one model of these histories"):
+        training.local(hhr.Clusters(2))
 
 
 def test_what_a_safe_model_cannot_answer_is_of_the_full_one(training, model, monkeypatch):

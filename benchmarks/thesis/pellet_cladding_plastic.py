@@ -11,7 +11,7 @@ a RID converges to a wrong path with the smallest residuals; eigenvalues of the 
 Condensed flow, which keeps all contact conditions, evaluates them on few points; the report says which of both to use.
 
     python benchmarks/thesis/pellet_cladding_plastic.py [--out DIR] [--quick] [--seed N] [--exponent 5] [--paths]
-        [--train 5 7.5 15 --pod 1e-11 --layers 6] [--cubature]
+        [--train 5 7.5 15 --pod 1e-11 --layers 6]
     python benchmarks/thesis/pellet_cladding_plastic.py --family [--out DIR] [--quick]
 
 The last one (20 minutes) trains on 12 paths of a family, in which the cladding is loaded to any height at any pace,
@@ -75,12 +75,11 @@ def pressed_nodes(problem: ContactProblem) -> np.ndarray:
     return np.flatnonzero((r > r.max() * (1 - 1e-9)) & (z <= HEIGHT))
 
 
-def recipe(tolerance: float = 3e-10, layers: int = 3, cubature: bool = False) -> hhr.Recipe:
+def recipe(tolerance: float = 3e-10, layers: int = 3) -> hhr.Recipe:
     """The recipe of section 6.2.3, with the pressed nodes as zone of interest."""
     nodes = hhr.Recipe.flowing().nodes[:-1]
     return hhr.Recipe.flowing(
         basis=hhr.Pod(tolerance), nodes=(*nodes, hhr.Zone(pressed_nodes)), domain=hhr.Rid(layers, 8),
-        cubature=hhr.CubatureStep() if cubature else None,
     )  # fmt: skip
 
 
@@ -93,7 +92,6 @@ def main() -> None:
     parser.add_argument("--train", type=float, nargs="+", default=[5.0, 15.0], help="gaps to train on in um")
     parser.add_argument("--paths", action="store_true", help="try 20 paths inside and 40 outside what was trained")
     parser.add_argument("--family", action="store_true", help="train and test on a family of paths, not on gaps")
-    parser.add_argument("--cubature", action="store_true", help="few weighted Gauss points in the place of the RID's")
     options = cli.parse_on_first_rank(parser)
     from pellet_plastic_study import print_family, print_gaps, settings_of_family, settings_of_gaps, try_paths
 

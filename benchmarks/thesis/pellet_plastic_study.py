@@ -23,7 +23,7 @@ def settings_of_family(options: argparse.Namespace, steps: int) -> hhr.StudySett
     family, (trained, tested) = families(steps)["combined"], (4, 4) if options.quick else (12, 20)
     return hhr.StudySettings(
         family.paths(hhr.Sobol(trained)),
-        recipe(options.pod, options.layers, options.cubature),
+        recipe(options.pod, options.layers),
         tests=family.paths(hhr.Sobol(tested, seed=2)),
         held_out=family.paths(hhr.Sobol(2, seed=3)),
         seed=options.seed,
@@ -72,7 +72,7 @@ def settings_of_gaps(options: argparse.Namespace, steps: int) -> hhr.StudySettin
     tests = [10.0, 12.5, *np.sort(drawn).round(3)]
     return hhr.StudySettings(
         [path(gap, steps) for gap in options.train],
-        recipe(options.pod, options.layers, options.cubature),
+        recipe(options.pod, options.layers),
         tests={gap: path(gap, steps) for gap in tests},
         held_out=[path(8.0, steps)],
         seed=options.seed,

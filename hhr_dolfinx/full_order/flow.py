@@ -285,10 +285,6 @@ class FullEquilibrium:
         left = (residual - self.contact_load(answer.multipliers)) * self.problem.free
         return Signs(float(np.linalg.norm(left)), float(np.linalg.norm(sizes)), 0.0)
 
-    def answering(self, answer: Answer) -> FullEquilibrium:
-        """Itself: all of its answers are its own."""
-        return self
-
     def responding_at(self, point: np.ndarray) -> FullEquilibrium:
         """Itself: strain, gaps and F at a given displacement do not depend on moduli."""
         return self

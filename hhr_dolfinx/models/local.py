@@ -308,7 +308,9 @@ def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:
     if not models or not all(isinstance(model, ReducedModel) for model in models):
         raise ReductionError("local models are a list of reduced models, at least one")
     if any(model.flow is not None for model in models):
-        raise ReductionError("bodies flow in these local models: those of histories are LocalHistories")
+        raise ReductionError(
+            "local models are of elastic bodies: where bodies flow take one model, build() or condense()"
+        )
     first = models[0]
     point = first.parameters.random(1, seed=1)[0]
     for number, model in enumerate(models):

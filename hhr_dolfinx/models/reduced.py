@@ -29,7 +29,7 @@ from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
     from hhr_dolfinx.models.eliminations.interpolated import Compliances
-    from hhr_dolfinx.models.histories.reduced_flow import CubatureFlow, ProjectedEquilibrium, ReducedFlow
+    from hhr_dolfinx.models.histories.reduced_flow import ReducedEquilibrium, ReducedFlow
 
 ADVICE: Mapping[Status, str] = MappingProxyType(
     {
@@ -55,7 +55,7 @@ class ReducedModel(KeptModel):
         fields: what completes the answers.
         trained: what it was trained on: the range of points, or of paths where bodies flow.
         known: statuses of the training points on A_lambda; None where bodies flow.
-        flow: Gauss points and laws of the RID, all or those of a cubature; None where nothing flows.
+        flow: Gauss points and laws of the RID, None where nothing flows.
         offline: how it was made, an ``OfflineRecord`` of the build; None for a model from a file.
         factorise: what factors K~ and the active blocks.
         compliances: what eliminates gamma between few parameters where K~ depends on them; None factors K~ for each.
@@ -79,7 +79,7 @@ class ReducedModel(KeptModel):
         trained: TrainedRange | TrainedPaths | None = None,
         *,
         known: KnownStatuses | None = None,
-        flow: ReducedFlow | CubatureFlow | None = None,
+        flow: ReducedFlow | None = None,
         offline: Any = None,
         factorise: Factorise = dense_factors,
         compliances: Compliances | None = None,
@@ -95,7 +95,7 @@ class ReducedModel(KeptModel):
         self.factorise = factorise
         if fields.frictional is not None:
             self.friction = fields.frictional.inside
-        self.equilibrium: ProjectedEquilibrium | None = None
+        self.equilibrium: ReducedEquilibrium | None = None
         self.eliminated: CondensedModel | None = None
         try:
             if flow is None:

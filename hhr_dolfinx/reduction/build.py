@@ -41,7 +41,7 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.histories.reduced_flow import CubatureFlow, ReducedFlow
+    from hhr_dolfinx.models.histories.reduced_flow import ReducedFlow
     from hhr_dolfinx.models.starts import LinearStarts
 
 
@@ -357,7 +357,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
             from hhr_dolfinx.reduction.shaped import rid_assembly
 
             reduced = replace(reduced, terms=None, reshaped=rid_assembly(full, basis, sets))
-    flow = None if full.equilibrium is None else _flow_of(shared, basis, sets, layers)
+    flow = None if full.equilibrium is None else _flow_of(shared, basis, sets)
     with log.stage("stability", shared.announce):
         stability = _assessed(shared, basis, sets, reduced)
     fields = _fields(shared, basis, sets, flow)
@@ -394,9 +394,7 @@ def _assessed(shared: _Offline, basis: np.ndarray, sets: IndexSets, reduced: Red
     return stability
 
 
-def _fields(
-    shared: _Offline, basis: np.ndarray, sets: IndexSets, flow: ReducedFlow | CubatureFlow | None
-) -> Reconstruction:
+def _fields(shared: _Offline, basis: np.ndarray, sets: IndexSets, flow: ReducedFlow | None) -> Reconstruction:
     """What completes answers, with bounds where they are proved."""
     full = shared.full
     recipe = shared.recipe
@@ -427,25 +425,12 @@ def _fields(
     return fields
 
 
-def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets, layers: int) -> ReducedFlow | CubatureFlow:
-    """Gauss points of the RID: all of them, or few with weights."""
-    equilibrium = shared.full.equilibrium
-    step = shared.recipe.cubature
-    if step is None:
-        from hhr_dolfinx.reduction.flow import project_flow
+def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
+    """Gauss points of the RID."""
+    from hhr_dolfinx.reduction.flow import project_flow
 
-        with shared.log.stage("projection", shared.announce):
-            return project_flow(equilibrium, basis, sets)
-    from hhr_dolfinx.reduction.cubature import cubature_flow
-    from hhr_dolfinx.reduction.flow import check_domain
-
-    if shared.recipe.tangents is not None:
-        with shared.log.stage("stability", shared.announce):
-            check_domain(basis, sets, shared.states, shared.recipe.tangents.least, layers)
-    tangents = [moduli for moduli, _ in shared.states]
-    with shared.log.stage("cubature", shared.announce):
-        how = tangents, step.tolerance, step.stiffness
-        return cubature_flow(equilibrium, basis, sets, shared.snapshots, *how)[0]
+    with shared.log.stage("projection", shared.announce):
+        return project_flow(shared.full.equilibrium, basis, sets)
 
 
 def _functionals(full: Any, basis: np.ndarray) -> Any:

@@ -26,7 +26,7 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 if TYPE_CHECKING:
     from hhr_dolfinx.certify.bounds import MadeOfForces
     from hhr_dolfinx.models.bounds.error_bound import FieldResponse
-    from hhr_dolfinx.models.histories.reduced_flow import CubatureFlow, ReducedFlow
+    from hhr_dolfinx.models.histories.reduced_flow import ReducedFlow
 
 
 STRESS = 1e-9
@@ -81,7 +81,7 @@ class Completion:
         problem: ContactProblem,
         basis: np.ndarray,
         sets: IndexSets,
-        flow: ReducedFlow | CubatureFlow | None = None,
+        flow: ReducedFlow | None = None,
         *,
         cone: bool = True,
     ) -> Reconstruction:
@@ -102,7 +102,7 @@ class Completion:
             flow=None if flow is None else self._flow_fields(flow),
         )
 
-    def _flow_fields(self, flow: ReducedFlow | CubatureFlow) -> FlowFields:
+    def _flow_fields(self, flow: ReducedFlow) -> FlowFields:
         """How stress and cumulated plastic strain are completed from the Gauss points of the RID (section 6.2.3)."""
         if self.stress is None:
             raise ReductionError("these snapshots hold no stress: give histories of a scene whose bodies flow")

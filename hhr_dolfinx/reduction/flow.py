@@ -82,19 +82,6 @@ def check_margin(
     return margin
 
 
-def check_domain(
-    basis: np.ndarray, sets: IndexSets, states: Sequence[tuple[np.ndarray, csr_matrix]], least: float, layers: int
-) -> None:
-    """The same of all Gauss points of an RID, before a cubature of them is fitted, which takes the longest.
-
-    Raises:
-        UnstableModelError: if a margin is below ``least``.
-    """
-    inside = basis[sets.A]
-    moved = (stiffness @ basis for _, stiffness in states)
-    _require(min((_margin(basis.T @ item, inside.T @ item[sets.A]) for item in moved), default=1.0), least, layers)
-
-
 def _require(margin: float, least: float, layers: int) -> None:
     if not margin > least:
         raise UnstableModelError(

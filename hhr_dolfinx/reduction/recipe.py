@@ -347,29 +347,6 @@ class Tangents:
 
 
 @dataclass(frozen=True)
-class CubatureStep:
-    """Few weighted Gauss points of the RID in the place of all of them, where bodies flow.
-
-    With a :class:`Rid` of so many layers that it is the whole mesh test functions are whole modes, and tangents are
-    symmetric; forces of contact are then unknowns on the whole surface.
-
-    Attributes:
-        tolerance: relative misfit of the internal forces of training states.
-        stiffness: relative misfit of the stiffness of each mode under tangents of training. Above 0.1 modes that the
-            states hardly move may be left without any.
-    """
-
-    tolerance: float = 1e-3
-    stiffness: float = 0.05
-
-    def __post_init__(self) -> None:
-        for name in ("tolerance", "stiffness"):
-            value = getattr(self, name)
-            if not (isinstance(value, Real) and 0 < float(value) < 1):
-                raise ReductionError(f"{name} = {value} of CubatureStep must lie in (0, 1): it is a relative misfit")
-
-
-@dataclass(frozen=True)
 class Recipe:
     """How to reduce a scene; the defaults gave the best errors for their time on the elastic pellet-cladding scene.
 
@@ -384,7 +361,6 @@ class Recipe:
         bound: whether answers have a bound of their error, where its hypotheses hold.
         cone: whether forces outside the RID are combinations of training forces, (1.70), even where a bound knows S, by
             which they close their gaps: more exact, and fifty times as fast on the pellet.
-        cubature: how few weighted Gauss points stand for those of the RID where bodies flow; None takes all of them.
     """
 
     basis: Basis = Pod(1e-13, relative=True)
@@ -394,7 +370,6 @@ class Recipe:
     trust: TrustLimits | None = TrustLimits()
     tangents: Tangents | None = Tangents()
     indicator: Indicator | None = None
-    cubature: CubatureStep | None = None
     bound: bool = True
     cone: bool = False
 
@@ -415,7 +390,7 @@ class Recipe:
             "trust": TrustLimits | None,
             "tangents": Tangents | None,
         }
-        kinds |= {"cubature": CubatureStep | None, "bound": bool, "cone": bool}
+        kinds |= {"bound": bool, "cone": bool}
         for name, kind in kinds.items():
             if not isinstance(getattr(self, name), kind):
                 raise ReductionError(f"{name} = {getattr(self, name)!r} of a recipe must be {kind}")

@@ -187,10 +187,6 @@ class CondensedEquilibrium:
 
     responding_at = at
 
-    def answering(self, answer: Answer) -> CondensedEquilibrium:
-        """Itself: all of its answers are its own."""
-        return self
-
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """Strain that the laws see on Z, (n, c)."""
         return self._by_point(self.free_strain @ theta + self._strain_of(x))

@@ -98,8 +98,8 @@ class Stepper(Protocol):
         """What shows at a solved step whether the model still knows what it does."""
 
 
-class Stepping(Protocol):
-    """What the loop over the steps of a history needs of a model, or of several that take turns.
+class Marching(Protocol):
+    """Model along whose histories the loop over steps goes, and whose derivatives are asked; ``x`` is the unknown.
 
     Attributes:
         parameters: the box of the parameters.
@@ -140,22 +140,12 @@ class Stepping(Protocol):
     def stepper(self, settings: MarchSettings) -> Stepper:
         """What solves the steps of a history."""
 
-    def answering(self, answer: Answer) -> Marching:
-        """The equilibrium in which an answer was found: itself, or that of one of several models."""
-
-    def at(self, point: np.ndarray) -> Stepping:
+    def at(self, point: np.ndarray) -> Marching:
         """The model whose elasticity is that of a point, (P,): itself where elasticity is constant.
 
         The one of the last elasticity is kept. Where it varies, what is not asked through this has formulas in its
         material, and the elastic linearisation of the middle of the box.
         """
-
-
-class Marching(Stepping, Protocol):
-    """What derivatives of a history and the check of its training range need besides; ``x`` is the unknown."""
-
-    def at(self, point: np.ndarray) -> Marching:
-        """See :class:`Stepping`."""
 
     def responding_at(self, point: np.ndarray) -> Marching:
         """The model whose strain, gaps and residual at a given unknown are those of a point's elasticity, (P,)."""

@@ -22,7 +22,7 @@ from hhr_dolfinx.errors import ConvergenceError, ParameterError
 from hhr_dolfinx.materials.update import State, Update
 from hhr_dolfinx.models.answer import Answer, GaussState, History
 from hhr_dolfinx.models.gradient import GRAZING, Gradient
-from hhr_dolfinx.models.histories.equilibrium import Marching, Stepping
+from hhr_dolfinx.models.histories.equilibrium import Marching
 
 STEP = 1e-5
 """Length of a difference, as a part of the box of the parameters and of the strain so far: curvature costs its square,
@@ -47,7 +47,7 @@ class StepGradient(NamedTuple):
     multipliers: np.ndarray
 
 
-def history_gradient(model: Stepping, history: History, directions: np.ndarray | None = None) -> list[StepGradient]:
+def history_gradient(model: Marching, history: History, directions: np.ndarray | None = None) -> list[StepGradient]:
     """Derivatives of all answers of a history, solved in steps that were not cut.
 
     Args:
@@ -78,7 +78,7 @@ def history_gradient(model: Stepping, history: History, directions: np.ndarray |
     scale = 0.0
     with model.lock:
         for number, answer in enumerate(history.answers, start=1):
-            step = _Step(model.answering(answer), answer, state, answer.time - time, number)
+            step = _Step(model, answer, state, answer.time - time, number)
             scale = max(scale, step.strain_size)
             found = [step.along(along[number, :, k], change, scale) for k, change in enumerate(changes)]
             gradients.append(
@@ -92,7 +92,7 @@ def history_gradient(model: Stepping, history: History, directions: np.ndarray |
     return gradients
 
 
-def with_gradients(model: Stepping, history: History) -> None:
+def with_gradients(model: Marching, history: History) -> None:
     """Give each answer of a history its derivatives along the parameters; see :func:`history_gradient`."""
     for place, found in enumerate(history_gradient(model, history)):
         answer = history.answers[place]

@@ -26,7 +26,6 @@ from hhr_dolfinx.models.histories.equilibrium import (
     Marching,
     MarchSettings,
     Stepper,
-    Stepping,
     complain,
 )
 from hhr_dolfinx.models.histories.path import check_elasticity, check_settings
@@ -41,7 +40,7 @@ _log = logging.getLogger(__name__)
 # threads of BLAS slow small blocks down: a projected tangent of 70 modes took 7.8 ms on two of them, 3.1 ms on one
 @one_thread
 def march(
-    model: Stepping,
+    model: Marching,
     path: Path,
     settings: MarchSettings = DEFAULT_MARCH,
     *,
@@ -100,7 +99,7 @@ def march(
 
 
 def _march(
-    model: Stepping,
+    model: Marching,
     path: Path,
     settings: MarchSettings,
     history: History,
@@ -122,12 +121,12 @@ def _march(
         if number <= len(known):
             after = model.together.own(known[number - 1])
             stepper.learn(after)
-            error = error.going_on(after) if after.parts > 1 else error.after(model.answering(after), trail[-1], after)
+            error = error.going_on(after) if after.parts > 1 else error.after(model, trail[-1], after)
         else:
             step = _stepped(model, stepper, trail, Goal(time, target), settings, error)
             after = step.answer
             error = step.error
-            slopes_seen = slopes_seen or _check_slopes(model.answering(after), trail[-1], after)
+            slopes_seen = slopes_seen or _check_slopes(model, trail[-1], after)
         check_sliding(after)
         signs = stepper.signs(after)
         # a step that is refused is not kept
@@ -151,7 +150,7 @@ class _Stepped(NamedTuple):
 
 
 def _stepped(
-    model: Stepping,
+    model: Marching,
     stepper: Stepper,
     trail: tuple[Answer, ...],
     goal: Goal,
@@ -174,7 +173,7 @@ def _stepped(
     return _Stepped(parts[-1]._replace(iterations=spent, time_error=error.estimate, ends=ends), error)
 
 
-def _turns(model: Stepping, trail: tuple[Answer, ...], target: np.ndarray) -> bool:
+def _turns(model: Marching, trail: tuple[Answer, ...], target: np.ndarray) -> bool:
     """Whether the path goes back on its last step, as where a load is taken off."""
     if len(trail) < 2:
         return False
@@ -201,7 +200,7 @@ def _check_slopes(model: Marching, before: Answer, after: Answer) -> bool:
     return complaints is not None
 
 
-def _check_of_sliding(model: Stepping) -> Callable[[Answer], None]:
+def _check_of_sliding(model: Marching) -> Callable[[Answer], None]:
     """What looks at how far surfaces have slid at the end of a step; nothing without friction."""
     if model.friction is None:
         return lambda answer: None
@@ -218,7 +217,7 @@ def _check_of_sliding(model: Stepping) -> Callable[[Answer], None]:
     return check
 
 
-def _at_rest(model: Stepping, time: float, parameter: np.ndarray) -> Answer:
+def _at_rest(model: Marching, time: float, parameter: np.ndarray) -> Answer:
     active = np.zeros(model.conditions, dtype=bool)
     material = model.material
     gauss = GaussState(np.zeros((material.gauss_points, material.components)), material.at_rest())

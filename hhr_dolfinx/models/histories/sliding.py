@@ -41,13 +41,6 @@ CUTS = 12
 """How often a step may be halved for the sake of a tolerance."""
 
 
-class Turn(NamedTuple):
-    """Which of several models solved an increment, and the least that was said of errors since all were asked."""
-
-    number: int
-    least: float
-
-
 class Reached(NamedTuple):
     """Where a history has come to."""
 
@@ -65,8 +58,6 @@ class Reached(NamedTuple):
     moved: np.ndarray | None = None
     pushed: np.ndarray | None = None
     """Displacement of, and forces on, all dofs of surfaces, (n,), where rows are made anew."""
-    turn: Turn | None = None
-    """Of local models; None at rest."""
 
 
 class Target(NamedTuple):

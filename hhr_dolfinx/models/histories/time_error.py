@@ -32,7 +32,7 @@ from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.materials.laws import Plasticity
 from hhr_dolfinx.materials.update import Group, Material, flow_of, kernel_of
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, Stepping
+from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, Marching
 from hhr_dolfinx.models.histories.points import Points
 
 SAFETY = 0.8
@@ -86,12 +86,12 @@ class TimeError:
     left: float = 1.0
 
     @classmethod
-    def at_rest(cls, model: Stepping, rest: Answer) -> TimeError:
+    def at_rest(cls, model: Marching, rest: Answer) -> TimeError:
         """Of a model whose moduli are numbers, at the start of a history."""
         return cls._of(model, model.material.at(rest.parameter))
 
     @classmethod
-    def _of(cls, model: Stepping, material: Material) -> TimeError:
+    def _of(cls, model: Marching, material: Material) -> TimeError:
         bodies = tuple(
             _Rated(group.indices, place, lame_parameters(float(group.young), group.poisson)[1])
             for place, group in enumerate(material.groups)
@@ -117,7 +117,7 @@ class TimeError:
         largest = max(self.largest, self._norm([answer.state().stress]))
         return replace(self, error=nothing, rate=None, largest=largest, before=answer.time_error)
 
-    def after(self, model: Stepping, before: Answer, answer: Answer) -> TimeError:
+    def after(self, model: Marching, before: Answer, answer: Answer) -> TimeError:
         """At the end of a step that was solved in one part.
 
         Args:
@@ -150,11 +150,11 @@ class TimeError:
             left=left / raw if raw > 0 else 1.0,
         )
 
-    def through(self, model: Stepping, before: Answer, parts: Sequence[Answer]) -> TimeError:
+    def through(self, model: Marching, before: Answer, parts: Sequence[Answer]) -> TimeError:
         """At the end of a step that was solved in parts, from the answer before it and those at their ends."""
         error = self
         for one, other in pairwise([before, *parts]):
-            error = error.after(model.answering(other), one, other)
+            error = error.after(model, one, other)
         return error
 
     def _body(
@@ -233,7 +233,7 @@ class Parted(NamedTuple):
 
 def in_parts(
     advance: Advance,
-    model: Stepping,
+    model: Marching,
     trail: tuple[Answer, ...],
     goal: Goal,
     error: TimeError,

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
     from hhr_dolfinx.models.histories.force_correction import ForceCorrection
     from hhr_dolfinx.models.local import LocalModels
-    from hhr_dolfinx.models.local_histories import LocalHistories
-    from hhr_dolfinx.models.local_sliding import LocalSliding
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""
@@ -109,36 +107,24 @@ class Training(TrainingAnswers):
 
     def local(
         self, how: Any = None, *, recipe: Recipe | None = None, checked: bool = True, progress: Progress = silent
-    ) -> LocalModels | LocalHistories | LocalSliding:
+    ) -> LocalModels:
         """Several small models in the place of one, each for a part of the box, used like one; thesis chapter 4.
 
         Args:
             how: :class:`~hhr_dolfinx.study.training.splitting.Splitting`, which finds the number of models itself, or
-                :class:`~hhr_dolfinx.study.training.local_training.Clusters`, a wished one; None takes the first. Where
-                bodies flow the number of the model of each step, an array for each training history, see
-                :func:`~hhr_dolfinx.study.training.local_histories.local_histories`. With friction likewise, or
-                ``Clusters``, of which ``count`` and ``seed`` count: steps whose forces are alike.
+                :class:`~hhr_dolfinx.study.training.local_training.Clusters`, a wished one; None takes the first.
             recipe, checked: of each model, see :meth:`build`.
             progress: for progress bars.
 
         Raises:
             StudyError: for what is no way to share a training out.
-            ReductionError: for labels that are not those of the steps.
+            NotOfferedError: with friction, and where bodies flow.
         """
-        if self.full_order.friction is not None and self.full_order.equilibrium is None:
-            from hhr_dolfinx.study.training.local_histories import local_histories
-
-            labels = _labels_of_steps(self.snapshots, how)
-            return local_histories(self, labels, recipe, overlap=RUBBING_OVERLAP, checked=checked)
-        if self.full_order.equilibrium is not None:
-            from hhr_dolfinx.study.training.local_histories import local_histories
-
-            if how is None or hasattr(how, "models"):
-                raise StudyError(
-                    f"bodies flow, and {how!r} shares no histories out: give the number of the model of each step, an "
-                    "array for each training history"
-                )
-            return local_histories(self, how, recipe, checked=checked)
+        if self.full_order.friction is not None or self.full_order.equilibrium is not None:
+            raise NotOfferedError(
+                "local models are of elastic bodies without friction: take one model of these histories, build() or "
+                "condense(), which were found as exact and quicker"
+            )
         if how is None:
             from hhr_dolfinx.study.training.splitting import Splitting
 
@@ -279,26 +265,6 @@ def _with_rows(full: FullOrderModel, queries: Any, log: StageLog) -> FullOrderMo
         return full
     log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
     return full.gathered()
-
-
-def _labels_of_steps(snapshots: SnapshotSet, how: Any) -> Any:
-    """A label of each step of some histories with friction, as somebody wants them shared out.
-
-    Raises:
-        StudyError: for a way that shares points of the box out.
-    """
-    from hhr_dolfinx.study.training.local_histories import labels_by_forces
-    from hhr_dolfinx.study.training.local_training import Clusters
-
-    clusters = Clusters() if how is None else how
-    if isinstance(clusters, Clusters):
-        return labels_by_forces(snapshots.histories, clusters.count, clusters.seed)
-    if hasattr(how, "models"):
-        raise StudyError(
-            f"contact rubs, and {how!r} shares no histories out: give Clusters(4), or the number of the model of each "
-            "step, an array for each training history"
-        )
-    return how
 
 
 def _solved(
