@@ -225,7 +225,6 @@ KINDS = {
     ),
     "HHR, constant": _elastic("constant", lambda item: item.build(AS_IT_IS), MIDDLE),
     "HHR, moduli": _elastic("moduli", lambda item: item.build(AS_IT_IS), VARIED),
-    "HHR, shape": _elastic("shape", lambda item: item.build(AS_IT_IS), {**MIDDLE, "crown": 0.01}),
     "HHR, floating": _elastic("floating", lambda item: item.build(AS_IT_IS), PRESSED),
     "local models": _elastic("constant", lambda item: local_set(), MIDDLE),
     "fallback": _elastic("constant", lambda item: item.safe_model(0.01, recipe=AS_IT_IS), MIDDLE),

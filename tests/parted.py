@@ -6,8 +6,6 @@ import numpy as np
 import pellet_cladding as pellet
 from mpi4py import MPI
 from scenes import pressed_pair
-from test_shapes import BODIES as SHAPED_BODIES
-from test_shapes import CROWNED, SPACE
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.linear.dense import LapackLU
@@ -57,18 +55,6 @@ def varying_set():
     reach = np.zeros(len(training.full_order.parameters.names))
     reach[-1] = 0.5
     return training, hhr.LocalModels(parts_of(training, [(0.0, 4.3), (2.7, 9.0)]), one_cut(4, 3.5, reach))
-
-
-def shaped_set():
-    """A model, twice, of a pair of blocks whose lower one has a crown, a height and a modulus as parameters."""
-    scene = pressed_pair(
-        "plane_stress", SHAPED_BODIES, SPACE, shapes=(CROWNED,), cells=3, matching=False, outputs=OUTPUTS[:1]
-    )
-    training = hhr.train(scene, hhr.Sobol(8))
-    model = hhr.build(training.full_order, training.snapshots, AS_IT_IS)
-    # one model twice: each takes seconds
-    models = [model, model.changed(fields=dataclasses.replace(model.fields))]
-    return hhr.LocalModels(models, one_cut(1, 0.0, np.full(len(scene.parameters.names), 0.01)))
 
 
 def by_lapack(model):

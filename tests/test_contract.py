@@ -41,7 +41,7 @@ def cases(request):
 def test_every_case_answers_or_is_refused_by_name(cases):
     assert not [case for case in cases if case.outcome == "broken"]
     kinds = {case.kind for case in cases}
-    assert len(kinds) in (len(QUICK), 27) and len(cases) > 40 * len(kinds)
+    assert len(kinds) in (len(QUICK), 26) and len(cases) > 40 * len(kinds)
 
 
 def test_the_page_says_what_is_refused(cases):
@@ -51,7 +51,7 @@ def test_the_page_says_what_is_refused(cases):
     rows = [line for line in page if line.split(" | ")[0].removeprefix("| ") in kinds]
     made = contract.page(cases).splitlines()
     assert rows == made[made.index("|---|---|---|---|---|") + 1 :]
-    assert len(kinds) < 27 or page == made
+    assert len(kinds) < 26 or page == made
 
 
 def test_outputs_of_forces_alone_have_derivatives_along_a_shape():
@@ -132,7 +132,7 @@ class Failing(Elimination):
         raise self._error
 
 
-VARYING = ["HHR, moduli", "HHR, shape", "interpolated condensation, moduli"]
+VARYING = ["HHR, moduli", "interpolated condensation, moduli"]
 
 
 @pytest.mark.parametrize("kind", VARYING)

@@ -543,7 +543,7 @@ TOY = {"kind": "Toy", "fields": {}}
 KNOWN = Kinds([Toy])
 FREE = (
     "force_snapshots", "choice.", "steps", "nonaffine", "functionals", "interpolant", "primal", "known", "bound.loads",
-    "bound.lifts", "problem.reshaped", "reshaped_contact",
+    "bound.lifts",
 )  # fmt: skip
 """Parts whose sizes nothing else shares, so that fewer are as good."""
 
@@ -772,13 +772,6 @@ REFUSED = {
         ("indices outside", entry("models.1.fields.A_lambda", 0, 10**6)),
         ("another scene or mesh", both(array("models.1.fields.bound.schur", lambda a: 1.21 * a),
                                        array("models.1.fields.bound.lower", lambda a: 1.1 * a))),
-        ("do not go together", put("models.0.problem.reshaped", "")),
-    ],
-    "HHR, shape": [
-        ("nodes outside", entry("problem.reshaped.bodies.0.cells", (0, 0), -1)),
-        ("nodes outside", entry("problem.reshaped.bodies.0.cells", (0, 0), 10**6)),
-        ("nodes outside", entry("problem.reshaped.patches.0.slaves", 0, -1)),
-        ("indices outside", entry("problem.reshaped.patches.0.places", 0, -1)),
     ],
 }  # fmt: skip
 

@@ -1,7 +1,6 @@
 """Outputs of bodies whose shape depends on parameters: those of a mesh of that shape, from every model, with slopes."""
 
 import dataclasses
-import pickle
 
 import numpy as np
 import press_fit as demo
@@ -9,7 +8,7 @@ import pytest
 from toy_output import MeanPressure
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import press_fit as geometry
 from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
@@ -226,29 +225,9 @@ def test_a_model_file_keeps_them(trained, tmp_path):
     assert all(np.array_equal(found.gradient[name], expected.gradient[name]) for name in expected)
 
 
-@pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric"])
-def test_a_hyper_reduced_model_has_them_too_and_so_has_its_file(blocks, hypothesis, tmp_path):
-    """Its outputs once were those of the full model, which it could neither ask nor write nor copy."""
-    model = hhr.train(blocks[hypothesis], hhr.Sobol(24), held_out=2).build()
-    full = hhr.FullOrderModel(blocks[hypothesis])
-    hhr.save_model(tmp_path / "model.npz", model)
-    copies = hhr.load_model(tmp_path / "model.npz"), pickle.loads(pickle.dumps(model))
-    for point in full.parameters.random(3, seed=7):
-        found = model.outputs(point, gradient=True)
-        check_close(found.values, full.outputs(point).values, 2e-2, 1e-2)
-        for other in copies:
-            again = other.outputs(point, gradient=True)
-            assert again.values == found.values
-            assert all(np.array_equal(again.gradient[name], found.gradient[name]) for name in found)
-    low, high = np.array([full.parameters.lower, full.parameters.upper])
-    point = low + 0.45 * (high - low)
-    exact = model.outputs(point, gradient=True)
-    for axis, step in enumerate(1e-4 * (high - low)):
-        before, after = (model.outputs(point + sign * step * np.eye(low.size)[axis]) for sign in (-1, 1))
-        for name in exact:
-            change = (after[name] - before[name]) / (2 * step)
-            size = max(abs(exact.gradient[name]) @ (high - low), abs(exact[name]), 1e-3)
-            assert abs(exact.gradient[name][axis] - change) * (high - low)[axis] <= 1e-5 * size, (name, axis)
+def test_hyper_reduction_is_refused_where_shapes_are_parameters(blocks):
+    with pytest.raises(NotOfferedError, match=r"shapes are parameters: .*hhr\.condense"):
+        hhr.train(blocks["plane_strain"], hhr.Sobol(4), held_out=1).build()
 
 
 def test_outputs_stay_with_their_nodes(trained):

@@ -70,7 +70,7 @@ def shaped():
     """A crown and a height of the lower body, its modulus, and meshes that do not match."""
     scene = pressed_pair("plane_stress", SHAPED_BODIES, SPACE, shapes=(CROWNED,), cells=3, matching=False)
     training = hhr.train(scene, hhr.Sobol(8))
-    return training, hhr.build(training.full_order, training.snapshots, hhr.Recipe().as_it_is())
+    return training, training.condense()
 
 
 def schur_at(full, point):

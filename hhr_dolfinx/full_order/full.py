@@ -34,7 +34,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.full_order.outputs import FullShapeFunctionals
-    from hhr_dolfinx.full_order.rid_arrays import ShapedArrays
     from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.linear.shared import SharedCholesky
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
@@ -414,12 +413,6 @@ class FullOrderModel(AnsweringModel, ModelFields):
         factors.refactor(own)
         model._solver = SharedCholesky(factors, self._own, own, problem.own_stiffness, self.comm)
         return model
-
-    def rid_arrays(self) -> ShapedArrays:
-        """What a reduced model of a scene whose shape depends on parameters assembles itself."""
-        from hhr_dolfinx.full_order.rid_arrays import ShapedArrays
-
-        return ShapedArrays(self.discretisation, self.problem)
 
     def factors_of(
         self, stiffness: csr_matrix, plane: str, last: np.ndarray | None = None, *, anew: bool = False

@@ -26,7 +26,6 @@ from hhr_dolfinx.trained import share_of_stress
 if TYPE_CHECKING:
     from hhr_dolfinx.models.bounds.error_bound import FieldResponse
     from hhr_dolfinx.models.bounds.output_bound import OutputBound
-    from hhr_dolfinx.models.eliminations.interpolation import Interpolant
     from hhr_dolfinx.models.frictional_fields import FrictionalFields
     from hhr_dolfinx.models.functionals.functional import Functionals
     from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
@@ -157,7 +156,6 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         stress_of: stress of a displacement where nothing flows; None for a model from a file, which has no mesh.
         indicator: estimates the error of an answer; None for none.
         bound: bounds the error of an answer; None where its hypotheses fail.
-        reshaped_contact: gaps and B V beside each other where they change with the shape of the bodies; else None.
         functionals: outputs of the scene; None where it has none.
         output_bound: bounds the errors of outputs, beside ``bound``; None without either.
         unbounded: why there is no bound, where there is none.
@@ -181,7 +179,6 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     indicator: Callable[[Answer], float] | None = field(default=None, metadata=CODE)
     bound: Bound | None = None
     functionals: Functionals | ReshapedFunctionals | None = None
-    reshaped_contact: Interpolant | None = None
     output_bound: OutputBound | None = None
     unbounded: str = ""
     response: FieldResponse | None = None
@@ -210,18 +207,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         """Number of conditions on the whole contact surface, N_lambda."""
         return len(self.gaps)
 
-    def contact_at(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Gaps, (N_lambda, 1 + T), and B V, (N_lambda, ell), at a point."""
-        if self.reshaped_contact is None:
-            return self.gaps, self.contact_basis
-        values = self.reshaped_contact.value(point)
-        size = self.gaps.size
-        return values[:size].reshape(self.gaps.shape), values[size:].reshape(self.contact_basis.shape)
-
-    def _slack(self, theta: Any, unknown: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Slack of fields, (n, N_lambda), of modes, (n, ell), and θ of each; at one point where contact varies."""
-        gaps, contact = self.contact_at(point)
-        return driven(gaps, theta) - unknown @ contact.T
+    def _slack(self, theta: Any, unknown: np.ndarray) -> np.ndarray:
+        """Slack of fields, (n, N_lambda), of modes, (n, ell), and θ of each."""
+        return driven(self.gaps, theta) - unknown @ self.contact_basis.T
 
     def _coordinates(self, answer: Answer) -> np.ndarray:
         """What the columns of the displacement are multiplied by, (c,): gamma, or made of all forces."""
@@ -311,8 +299,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
         outside, fitted, penalised = self._parts
         theta = self.amplitudes(answer.parameter)
-        gaps, contact = self.contact_at(answer.parameter)
-        slack = gaps[outside] @ theta - contact[outside] @ answer.unknown
+        slack = self.gaps[outside] @ theta - self.contact_basis[outside] @ answer.unknown
         open_gap = np.maximum(slack, 0.0) / self.gap_scale[outside]
         matrix = np.vstack([fitted, open_gap[:, None] * penalised])
         target = np.concatenate([answer.multipliers, np.zeros(open_gap.size)])
@@ -339,16 +326,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         outside, _, penalised = self._parts
         fit = self._fitted(answer)
         used = np.flatnonzero(fit.weights)
-        gaps, contact = self.contact_at(answer.parameter)
-        slack = gaps[outside] @ changes - contact[outside] @ gradient.unknown
-        if self.reshaped_contact is not None:
-            theta = self.amplitudes(answer.parameter)
-            size = gaps.size
-            derivatives = self.reshaped_contact.derivative(answer.parameter).T
-            for axis, column in zip(self.reshaped_contact.axes, derivatives, strict=True):
-                opened = column[:size].reshape(gaps.shape)
-                pushed = column[size:].reshape(contact.shape)
-                slack[:, axis] += (opened @ theta - pushed @ answer.unknown)[outside]
+        slack = self.gaps[outside] @ changes - self.contact_basis[outside] @ gradient.unknown
         opening = slack * (fit.open_gap > 0)[:, None] / self.gap_scale[outside][:, None]
         combined = penalised @ fit.weights
         m = len(self.A_lambda)
@@ -411,7 +389,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         else:
             forces = np.maximum(self.forces(answer), 0.0)[None]
         unknown = answer.unknown[None]
-        found = there.of(unknown, forces, lambda: self._slack(theta, unknown, answer.parameter))[0]
+        found = there.of(unknown, forces, lambda: self._slack(theta, unknown))[0]
         if self.output_bound is None:
             return found
         return found._replace(outputs=self.output_bound.errors(self, answer, forces[0], found))
@@ -419,14 +397,13 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     def rubbed(self, answer: Answer) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Forces in the RID, slack of all conditions, and the scale of gaps: what an indicator of forces asks."""
         theta = self.amplitudes(answer.parameter)
-        slack = self._slack(theta, answer.unknown[None], answer.parameter)[0]
+        slack = self._slack(theta, answer.unknown[None])[0]
         return answer.multipliers, slack, self.gap_scale
 
     def estimates(self, many: ManyAnswers) -> Estimates | None:
         """The bounds of many answers at once; None where they are made one by one."""
         bound = self.bound
-        by_itself = bound is None or bound.together == 1 or self.reshaped_contact is not None
-        if bound is None or by_itself or self.force_snapshots is not None:
+        if bound is None or bound.together == 1 or self.force_snapshots is not None:
             return None
 
         def bounded(rows: np.ndarray) -> Estimates:
@@ -434,7 +411,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
             there = bound.at(many.points[rows], theta)
             forces = there.completed(many.multipliers[rows], self._outside)
             unknown = many.unknown[rows]
-            return there.of(unknown, forces, partial(self._slack, theta, unknown, many.points[rows[0]]))
+            return there.of(unknown, forces, partial(self._slack, theta, unknown))
 
         found = Estimates.by_blocks(bound.kind, many.converged, bound.together, bounded)
         if self.output_bound is None:

@@ -185,15 +185,11 @@ class ReducedModel(KeptModel):
 def _elimination(
     problem: ReducedProblem, amplitudes: Amplitudes, parameters: ParameterSpace, factorise: Factorise
 ) -> Elimination:
-    """What eliminates gamma: once, beside rigid motions, on the RID as its shape is, or of a sum of parts."""
+    """What eliminates gamma: once, beside rigid motions, or of a sum of parts."""
     if problem.motions:
         from hhr_dolfinx.models.eliminations.floating import ReducedFloatingElimination
 
         return ReducedFloatingElimination(problem, amplitudes)
-    if problem.reshaped is not None:
-        from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
-
-        return ReshapedElimination(problem.reshaped, amplitudes, parameters)
     if problem.terms is not None:
         from hhr_dolfinx.models.eliminations.block import BlockElimination
 

@@ -29,7 +29,7 @@ from hhr_dolfinx.plain import add_kind, as_plain, by_name, restored
 from hhr_dolfinx.warn import ignored, warn
 
 FORMAT = "hhr_dolfinx model"
-VERSION = 5
+VERSION = 6
 NAMES = ("model", "hhr", "condensed", "local", "study")
 """Names under which commands leave models in a folder."""
 TABLES = (".csv", ".parquet")
@@ -54,8 +54,7 @@ MODULES = {
     "models.eliminations.interpolated": "Compliance Compliances InterpolatedFields PrimalModes",
     "models.eliminations.interpolation": "Interpolant",
     "models.eliminations.projected": "ReducedProblem ReducedTerms",
-    "models.eliminations.shaped": "ContactPatch FixedCells InterpolatedProblem ReshapedElimination RidAssembly "
-    "RidBody RidShape SurfacePatch",
+    "models.eliminations.shaped": "InterpolatedProblem ReshapedElimination",
     "models.exact": "ExactFields SolvedFields",
     "models.frictional_fields": "FrictionalFields",
     "models.functionals.cells": "CellRule Middles MovingCells",

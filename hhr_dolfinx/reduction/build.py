@@ -209,8 +209,6 @@ def not_by_rows(problem: ContactProblem, snapshots: SnapshotSet | None = None, r
 
     What is decomposed, projected, enriched and bounded takes sums over the ranks alone.
     """
-    if problem.reshaped is not None:
-        return "its shape depends on parameters"
     if problem.friction is not None:
         return "contacts rub"
     if snapshots is not None and snapshots.histories:
@@ -315,10 +313,10 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
     if not isinstance(recipe, Recipe):
         raise ReductionError(f"{recipe!r} is no recipe: give a Recipe")
     problem = full.problem
-    if problem.friction is not None and problem.reshaped is not None:
+    if problem.reshaped is not None:
         raise NotOfferedError(
-            "hyper-reduction of contacts with friction is not built in where shapes are parameters: condense the "
-            "scene, hhr.condense(scene)"
+            "hyper-reduction is not offered where shapes are parameters: condensation is quicker there, and a million "
+            "times as exact. Condense the scene, hhr.condense(scene), or hhr.train(scene, ...).condense()"
         )
     for name, solutions in (("snapshots", snapshots), ("held_out", held_out)):
         if solutions is None and name == "held_out":
@@ -353,10 +351,6 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
     basis = enrichment.basis
     with log.stage("projection", shared.announce):
         reduced = project(problem, basis, sets)
-        if problem.reshaped is not None:
-            from hhr_dolfinx.reduction.shaped import rid_assembly
-
-            reduced = replace(reduced, terms=None, reshaped=rid_assembly(full, basis, sets))
     flow = None if full.equilibrium is None else _flow_of(shared, basis, sets)
     with log.stage("stability", shared.announce):
         stability = _assessed(shared, basis, sets, reduced)
@@ -366,7 +360,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
         range_ = TrainedRange.of(shared.snapshots.points, problem.parameters) if flow is None else None
         model = ReducedModel(reduced, full.parameters, fields, range_, known=known, flow=flow)
         if problem.varies and flow is None:
-            model = _eliminated_between(model, full, log)
+            model = _eliminated_between(model, log)
         elif model.eliminated is not None and not (reduced.motions or model.eliminated.tabulated or model.friction):
             model = model.changed(known=_starts_along(model))
     if problem.friction is not None and flow is None and recipe.trust is not None:
@@ -407,7 +401,7 @@ def _fields(shared: _Offline, basis: np.ndarray, sets: IndexSets, flow: ReducedF
         cone = (recipe.cone or bound is None) and problem.friction is None
         fields = shared.completion.reconstruction(problem, bounding.columns, sets, flow, cone=cone)
         fields = replace(fields, bound=bound, unbounded=bounding.unbounded, stress_of=full.stress_of, full=full)
-        fields = replace(fields, functionals=_functionals(full, basis), response=response)
+        fields = replace(fields, functionals=full.functionals, response=response)
         if recipe.indicator is not None:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
         if problem.friction is not None:
@@ -433,16 +427,6 @@ def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets) -> ReducedFlo
         return project_flow(shared.full.equilibrium, basis, sets)
 
 
-def _functionals(full: Any, basis: np.ndarray) -> Any:
-    """Outputs of the scene; where its shape depends on parameters, between few shapes."""
-    if full.functionals is None or full.problem.reshaped is None:
-        return full.functionals
-    from hhr_dolfinx.reduction.interpolate_reduced import SHAPE_GRID
-    from hhr_dolfinx.reduction.shaped import reshaped_functionals
-
-    return reshaped_functionals(full.functionals, full.problem, basis, SHAPE_GRID)
-
-
 def _starts_along(model: ReducedModel) -> LinearStarts:
     """Starts of a model whose answers are not tabulated; the module is loaded where there is one."""
     from hhr_dolfinx.reduction.starts import linear_starts
@@ -451,9 +435,9 @@ def _starts_along(model: ReducedModel) -> LinearStarts:
     return linear_starts(inner.eliminated, inner.known.points, inner.pairs, inner.known.active)
 
 
-def _eliminated_between(model: ReducedModel, full: Any, log: StageLog) -> ReducedModel:
+def _eliminated_between(model: ReducedModel, log: StageLog) -> ReducedModel:
     """A model whose K~ depends on parameters, eliminated between few of them; statuses start along derivatives."""
-    from hhr_dolfinx.reduction.interpolate_reduced import interpolated_reduction, interpolated_shapes, reshaped_contact
+    from hhr_dolfinx.reduction.interpolate_reduced import interpolated_reduction
     from hhr_dolfinx.reduction.starts import linear_starts
 
     if model.problem.motions:
@@ -462,12 +446,7 @@ def _eliminated_between(model: ReducedModel, full: Any, log: StageLog) -> Reduce
     if model.friction is not None:
         log.skip("interpolation", "contacts rub: K~ is factored once for all increments of a path")
         return model
-    if full.problem.reshaped is None:
-        compliances, _ = interpolated_reduction(model.problem, model.fields.amplitudes, model.parameters)
-    else:
-        compliances, _ = interpolated_shapes(model.problem, full.problem)
-        contact = reshaped_contact(full.problem, model.fields.basis)
-        model = model.changed(fields=replace(model.fields, reshaped_contact=contact))
+    compliances, _ = interpolated_reduction(model.problem, model.fields.amplitudes, model.parameters)
     if compliances is None:
         log.skip("interpolation", "K~^-1 is no smooth function of the parameters: it is factored for each query")
         return model

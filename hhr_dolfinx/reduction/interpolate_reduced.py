@@ -6,7 +6,6 @@ parameters as K~: a sparse grid of a dozen factorisations of K~ replaces the one
 
 from __future__ import annotations
 
-from dataclasses import replace
 from functools import partial
 
 import numpy as np
@@ -18,7 +17,7 @@ from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.eliminations.block import Block, blocks_of
 from hhr_dolfinx.models.eliminations.interpolated import Compliances
-from hhr_dolfinx.models.eliminations.interpolation import GrownGrid, Interpolant
+from hhr_dolfinx.models.eliminations.interpolation import GrownGrid
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem, ReducedTerms
 from hhr_dolfinx.models.eliminations.shaped import InterpolatedProblem
 from hhr_dolfinx.parameters import ParameterSpace
@@ -81,10 +80,7 @@ def _solved(terms: ReducedTerms, block: Block, part: Part, point: np.ndarray) ->
 def interpolated_problem(
     problem: ContactProblem, basis: np.ndarray, sets: IndexSets, settings: GridSettings
 ) -> InterpolatedProblem:
-    """Interpolate a projected problem over the parameters of a shape, for the fields of other models.
-
-    A projection that hyper-reduces assembles its own cells instead, see :mod:`hhr_dolfinx.reduction.shaped`.
-    """
+    """Interpolate a projected problem over the parameters of a shape, for the fields of other models."""
 
     def terms_of(there: ContactProblem) -> tuple[ReducedProblem, ReducedTerms]:
         reduced = project(there, basis, sets)
@@ -112,47 +108,3 @@ def interpolated_problem(
     grid, modes = grown(solved, problem.parameters, axes, settings)
     shapes = tuple(part.shape[:-1] for part in modes.values())
     return InterpolatedProblem(base.pairs, terms.moduli, sizes, grid.interpolant, shapes)
-
-
-def interpolated_shapes(
-    problem: ReducedProblem, full: ContactProblem, settings: GridSettings = SHAPE_GRID
-) -> tuple[Compliances | None, list[GrownGrid]]:
-    """The same where the shape varies: the RID is assembled at few shapes; None where that is not smooth."""
-    assembly = problem.reshaped
-    space = full.parameters
-    assert assembly is not None
-    named = {name for modulus in full.moduli for scalar in (modulus.factor_scalar, modulus.rest_scalar)
-             for name in scalar.formula.variables}  # fmt: skip
-    axes = np.array(sorted({space.names.index(name) for name in named} | set(full.reshaped.axes)), dtype=np.int64)
-    forced = np.flatnonzero(np.any(assembly(full.middle).loads, axis=0))
-    part = Part(np.arange(len(problem.gaps)), forced, np.zeros(0, dtype=np.int64), None, axes, full.moduli)
-
-    def solved(point: np.ndarray) -> dict[str, np.ndarray]:
-        there = assembly(point)
-        lu, pivots, info = dgetrf(there.stiffness)
-        if info:
-            raise SingularError(f"K~ of {len(lu)} modes is singular at {point.tolist()}")
-        pushed, free = (dgetrs(lu, pivots, right)[0] for right in (there.contact_test.T, there.loads[:, forced]))
-        trial = there.contact_trial
-        reduced = {"schur": trial @ pushed, "columns": (trial @ free).T, "pushed": pushed, "free": free.T}
-        return reduced | {"gaps": there.gaps}
-
-    grid, modes = grown(solved, space, axes, settings, part)
-    if grid.surplus > settings.tolerance:
-        return None, [grid]
-    size = len(problem.stiffness)
-    compliance = compliance_of(part, grid, modes, np.arange(size))
-    gaps = replace(grid.interpolant, modes=np.asfortranarray(modes["gaps"].reshape(-1, modes["gaps"].shape[-1])))
-    amplitudes = full.amplitudes
-    return Compliances((compliance,), amplitudes, problem.gaps, gaps, size, symmetric=False), [grid]
-
-
-def reshaped_contact(full: ContactProblem, basis: np.ndarray, settings: GridSettings = SHAPE_GRID) -> Interpolant:
-    """Gaps and B V of all conditions beside each other, interpolated over the parameters of the shape."""
-
-    def solved(point: np.ndarray) -> dict[str, np.ndarray]:
-        there = full.reshaped(point)
-        return {"gaps": there.gaps, "contact": there.contact @ basis}
-
-    axes = np.array(full.reshaped.axes, dtype=np.int64)
-    return grown(solved, full.parameters, axes, settings)[0].interpolant

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated
 
@@ -66,8 +66,6 @@ class ReducedProblem:
         pairs: number of the contact pair of each condition, (N_lambda_C,).
         terms: parts of the stiffness where it depends on parameters; ``stiffness`` and ``loads`` are then those in the
             middle of the box. None where it does not.
-        reshaped: makes the problem of any point where the shape depends on parameters; the rest is then that of the
-            middle of the box. None where it does not.
         motions: how many modes, the first ones, are rigid motions of bodies that nothing but contact holds.
     """
 
@@ -78,7 +76,6 @@ class ReducedProblem:
     gaps: Annotated[Floats, "conditions", "terms"]
     pairs: Annotated[Integers, "conditions"]
     terms: ReducedTerms | None = None
-    reshaped: Callable[[np.ndarray], ReducedProblem] | None = None
     motions: int = 0
 
     def __post_init__(self) -> None:

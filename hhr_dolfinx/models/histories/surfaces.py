@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -70,7 +71,6 @@ class PartSurface:
     def __init__(self, fields: Any):
         self._fields = fields
         self._frictional: FrictionalFields = fields.frictional
-        self._rows: tuple[np.ndarray, np.ndarray] | None = None
         self.whole = self._frictional.friction
 
     def position(self, slip: SlipState) -> np.ndarray:
@@ -87,17 +87,15 @@ class PartSurface:
         slack[friction.tangential[parts.own]] = found.slack[parts.inside.tangential]
         outside = parts.rows_outside
         if outside.size:
-            gaps, on_modes = self._rows_outside(point)
+            gaps, on_modes = self._rows_outside
             position = gaps @ self._fields.amplitudes(point) - on_modes @ unknown()
             slack[friction.tangential[outside]] = position - before.position[outside]
         forces = parts.forces(found.forces, point)
         bound = bounds(*friction.bounds(point), forces[friction.normal])
         return before.after(friction, forces, slack, parts.active(found.active, forces, bound), bound)
 
-    def _rows_outside(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    @cached_property
+    def _rows_outside(self) -> tuple[np.ndarray, np.ndarray]:
         """Gaps of the tangential rows outside the RID, (t, 1 + T), and B V, (t, ell)."""
-        if self._rows is None:
-            rows = self.whole.tangential[self._frictional.rows_outside]
-            gaps, on_modes = self._fields.contact_at(point)
-            self._rows = np.asfortranarray(gaps[rows]), on_modes[rows]
-        return self._rows
+        rows = self.whole.tangential[self._frictional.rows_outside]
+        return np.asfortranarray(self._fields.gaps[rows]), self._fields.contact_basis[rows]

@@ -55,6 +55,8 @@ def attempts(bench: Bench) -> Iterator[Attempt]:
         yield from _flowing(bench)
         return
     yield from _condensed(bench)
+    if bench.full.problem.reshaped is not None:  # condensation is what shapes have
+        return
     if bench.full.friction is None:
         yield from _reduced(bench)
     elif bench.family is not None:
