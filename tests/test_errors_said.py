@@ -231,7 +231,7 @@ def test_words_that_are_no_error(pellet, reduced, materials):
 
 
 def test_safe_models_ask_for_what_is_asked(pellet):
-    safe = pellet.safe_model(0.05, of="forces", grow=None, checked=False)
+    safe = pellet.safe_model(0.05, of="forces", checked=False)
     assert safe.of == "forces" and "full model answers" in safe.known_error
 
 

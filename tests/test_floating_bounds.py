@@ -81,7 +81,7 @@ def test_files_answer_alike(model, tmp_path):
 
 
 def test_a_safe_model_keeps_its_word(training):
-    safe = training.safe_model(0.01, grow=None, checked=False)
+    safe = training.safe_model(0.01, checked=False)
     full = training.full_order
     for point in full.parameters.random(60, 9):
         left = safe.solve(point).forces() - full.solve(point).forces()

@@ -309,7 +309,7 @@ def test_a_path_of_which_too_little_is_known_is_answered_in_full(training, model
     Two of eight paths fell back, and no error was above the tolerance: .038 was the largest.
     """
     full = training.full_order
-    safe = training.safe_model(0.05, of="forces", grow=None)
+    safe = training.safe_model(0.05, of="forces")
     fell, off = [], []
     for path in paths(8, 11, full.parameters):
         history, exact = safe.march(path), full.march(path)

@@ -1,10 +1,10 @@
-"""A reduced model that asks the full one where its own bound is not good enough, and may grow by what it learns."""
+"""A reduced model that asks the full one where its own bound is not good enough."""
 
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any, NamedTuple
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -12,7 +12,6 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import (
     BoundError,
     HHRError,
-    NotOfferedError,
     OutsideTrainingError,
     ParameterError,
     ReductionError,
@@ -22,7 +21,7 @@ from hhr_dolfinx.models.estimates import FORCES, check_asked, known_error, relat
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings
 from hhr_dolfinx.models.model import AnsweringModel
-from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
+from hhr_dolfinx.parameters import ParameterSpace, is_number
 from hhr_dolfinx.trained import USUAL
 from hhr_dolfinx.warn import collected, repeat
 
@@ -33,25 +32,6 @@ _log = logging.getLogger(__name__)
 
 ALIKE = 1e-5
 """Relative difference of gaps and S up to which two models are of one scene: S may be interpolated."""
-
-Rebuild = Callable[[Sequence[Answer]], Any]
-"""Builds a reduced model from all that was learned, answers of the full model, besides what it was trained on."""
-
-
-class Growth(NamedTuple):
-    """One attempt to build a better reduced model.
-
-    Attributes:
-        asked: queries before it.
-        fallen: how many of them the full model answered.
-        learned: answers of the full model at hand for it.
-        refused: why the reduced model stayed as it was; nothing if the new one took its place.
-    """
-
-    asked: int
-    fallen: int
-    learned: int
-    refused: str = ""
 
 
 class _NotGoodEnough(Exception):
@@ -65,34 +45,25 @@ class FallbackModel(AnsweringModel):
     ``forces``, nodal contact forces in the Euclidean norm; ``pressure``, the largest error of a nodal pressure over the
     peak pressure; ``displacement``, its energy; or an output, by its name. None takes displacement and forces, both in
     energy, where forces are in the S norm: nodal forces and pressures are then off by ten times as much and more. See
-    :mod:`hhr_dolfinx.models.estimates`; where answers have no bound but an ``estimate``, by that. With ``rebuild`` it
-    grows:
-    after every so many answers of the full model that it had not seen a reduced model is built from all of them, within
-    the query that is one too many, and takes the place of the old one. If it cannot be built the old one stays, and the
-    next attempt has more to build from. Not for several threads at once.
+    :mod:`hhr_dolfinx.models.estimates`; where answers have no bound but an ``estimate``, by that.
+    Not for several threads at once, which count its queries.
 
     Args:
         reduced: a model whose answers have a bound, or with friction an indicator of forces.
         full: the full model of the same scene.
         tolerance: largest relative error.
         of: which error that is.
-        rebuild: builds a reduced model from :attr:`learned`, as ``Training.safe_model`` has one; None keeps the reduced
-            model as it is.
-        every: new answers of the full model after which it is built again.
 
     Attributes:
-        reduced: the reduced model as it is now.
+        reduced: the reduced model.
         full: the full model.
         asked: number of queries.
         fallen: how many of them the full model answered.
-        learned: answers of the full model, each point once, from which a better reduced model may be built.
-        growth: attempts to build one.
 
     Raises:
         BoundError: for a reduced model whose answers have no bound.
-        NotOfferedError: for a model with friction that is to grow.
-        ParameterError: for a tolerance that is no positive number, ``every`` that is no number of answers, or an error
-            that is not known, or of an output without a bound.
+        ParameterError: for a tolerance that is no positive number, or an error that is not known, or of an output
+            without a bound.
         ReductionError: for what is no full model, or that of another scene.
     """
 
@@ -107,18 +78,11 @@ class FallbackModel(AnsweringModel):
         tolerance: float = 0.01,
         *,
         of: str | None = None,
-        rebuild: Rebuild | None = None,
-        every: int = 20,
     ):
-        check_allowance(tolerance, every, "every")
+        check_allowance(tolerance)
         _check_alike(reduced, full)
         check_asked(reduced.fields, of)
         self.of = of
-        if rebuild is not None and full.friction is not None:
-            raise NotOfferedError(
-                "a model with friction learns from whole histories, and does not grow as it answers: leave rebuild "
-                "out, safe_model(..., grow=None)"
-            )
         self.advice = full.advice
         self.friction = full.friction
         self.reduced = reduced
@@ -127,11 +91,6 @@ class FallbackModel(AnsweringModel):
         self.parameters: ParameterSpace = reduced.parameters
         self.asked = 0
         self.fallen = 0
-        self.learned = list[Answer]()
-        self.growth: list[Growth] = []
-        self._rebuild = rebuild
-        self._every = every
-        self._known = set[bytes]()
 
     @property
     def fields(self) -> Any:
@@ -165,7 +124,8 @@ class FallbackModel(AnsweringModel):
         self.asked += 1
         if answer is not None and self._is_good(answer):
             return answer
-        return self._learned_from(self.full._answered(point, None, outside, gradient))
+        self.fallen += 1
+        return self.full._answered(point, None, outside, gradient)
 
     def slide(self, path: Path, settings: MarchSettings, **how: Any) -> History:
         """See :class:`AnsweringModel`; all of a history by one model."""
@@ -220,10 +180,7 @@ class FallbackModel(AnsweringModel):
         return self.full.sizes
 
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
-        """Answer many parameters, (n, P): the reduced model all at once, the full one those that it must.
-
-        A model that grows answers one by one, since the new model answers what comes after it.
-        """
+        """Answer many parameters, (n, P): the reduced model all at once, the full one those that it must."""
         from hhr_dolfinx.models.many import PartedAnswers
 
         if self.friction is not None:
@@ -235,7 +192,7 @@ class FallbackModel(AnsweringModel):
             errors = relative_errors(many, self.of)
         except HHRError:  # one of them alone may be refused, or have no estimate
             errors = None
-        if errors is None or self._rebuild is not None:
+        if errors is None:
             how: dict[str, Any] = {"raise_on_failure": raise_on_failure, "outside": outside}
             return ListedAnswers(tuple(self.solve(point, **how) for point in checked))
         good = errors <= self.tolerance
@@ -275,47 +232,14 @@ class FallbackModel(AnsweringModel):
 
     def _exact(self, point: np.ndarray, raise_on_failure: bool) -> Answer:
         """The answer of the full model."""
-        return self._learned_from(self.full.solve(point, raise_on_failure=raise_on_failure))
-
-    def _learned_from(self, exact: Answer) -> Answer:
-        """An answer of the full model, which is learned from."""
         self.fallen += 1
-        if exact.converged:
-            self._learn(exact)
-        return exact
-
-    def _learn(self, exact: Answer) -> None:
-        """Keep an answer, unless its point is known, and grow if it is time to."""
-        key = np.asarray(exact.parameter, dtype=float).tobytes()
-        if key in self._known:
-            return
-        self._known.add(key)
-        self.learned.append(exact)
-        if self._rebuild is not None and len(self.learned) % self._every == 0:
-            self._grow()
-
-    def _grow(self) -> None:
-        """Put a reduced model of all that was learned in the place of the old one, if there is one."""
-        assert self._rebuild is not None
-        why = ""
-        try:
-            reduced = self._rebuild(tuple(self.learned))
-            _check_alike(reduced, self.full)
-            check_asked(reduced.fields, self.of)
-            self.reduced = reduced
-        except HHRError as error:
-            why = str(error)
-        self.growth.append(Growth(self.asked, self.fallen, len(self.learned), why))
-        told = f"the reduced model stays as it is: {why}" if why else "the reduced model was built again"
-        _log.info("%d of %d queries fell back, %d learned: %s", self.fallen, self.asked, len(self.learned), told)
+        return self.full.solve(point, raise_on_failure=raise_on_failure)
 
 
-def check_allowance(tolerance: Any, every: Any, name: str) -> None:
-    """Raise ParameterError for an invalid tolerance, or an invalid number of answers, called ``name``."""
+def check_allowance(tolerance: Any) -> None:
+    """Raise ParameterError for an invalid tolerance."""
     if not (is_number(tolerance) and tolerance > 0):
         raise ParameterError(f"tolerance = {tolerance!r} must be a positive number, such as 0.01")
-    if not is_whole(every, 1):
-        raise ParameterError(f"{name} = {every!r} must be a number of answers, such as 20")
 
 
 def _remedy(full: Any) -> str:

@@ -80,11 +80,10 @@ class Training(TrainingAnswers):
         tolerance: float = 0.01,
         *,
         of: str | None = None,
-        grow: int | None = 20,
         recipe: Recipe | None = None,
         checked: bool = True,
     ) -> FallbackModel:
-        """A reduced model that asks the full one where it may be off by more than a tolerance, and learns from it.
+        """A reduced model that asks the full one where it may be off by more than a tolerance.
 
         Args:
             tolerance: largest relative error of any answer.
@@ -92,18 +91,15 @@ class Training(TrainingAnswers):
                 error of a nodal pressure over the peak pressure; ``displacement``, its energy; or an output, by its
                 name. None takes displacement and forces, both in energy: nodal forces and pressures are then off by
                 ten times as much and more.
-            grow: number of new answers of the full model after which the reduced one is built again, from the training
-                and all of them; None keeps it as it is, and so does friction.
             recipe, checked: see :meth:`build`.
 
         Raises:
             BoundError: where answers of the reduced model have no bound.
-            ParameterError: for an invalid tolerance or ``grow``, an error that is not known, or one of an output
-                without a bound.
+            ParameterError: for an invalid tolerance, an error that is not known, or one of an output without a bound.
         """
-        from hhr_dolfinx.study.training.growing import safe_model
+        from hhr_dolfinx.study.training.falling_back import safe_model
 
-        return safe_model(self.everywhere, tolerance, grow, recipe, of=of, checked=checked)
+        return safe_model(self.everywhere, tolerance, recipe, of=of, checked=checked)
 
     def local(
         self, how: Any = None, *, recipe: Recipe | None = None, checked: bool = True, progress: Progress = silent

@@ -1,9 +1,7 @@
-"""A model that falls back on the full one, and grows by what it learns there; what that costs a study."""
+"""A model that falls back on the full one, and what that costs a study."""
 
 from __future__ import annotations
 
-from dataclasses import replace
-from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,7 +9,6 @@ import numpy as np
 from hhr_dolfinx.models.estimates import ASKED, SHOWN, Estimates, check_of_friction, check_word
 from hhr_dolfinx.models.fallback import FallbackModel, check_allowance
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
@@ -24,7 +21,6 @@ ALLOWED = 0.01
 def safe_model(
     training: Any,
     tolerance: float,
-    grow: int | None,
     recipe: Recipe | None,
     *,
     of: str | None = None,
@@ -32,20 +28,13 @@ def safe_model(
 ) -> FallbackModel:
     """See :meth:`hhr_dolfinx.study.training.train.Training.safe_model`."""
     # before a model is built, which takes long
-    check_allowance(tolerance, 1 if grow is None else grow, "grow")
+    check_allowance(tolerance)
     functionals = training.full_order.functionals
     check_word([] if functionals is None else [item.name for item in functionals.items], of)
     if training.full_order.friction is not None:
         check_of_friction(of)
-        grow = None  # it would learn from single answers
-
-    def built(snapshots: SnapshotSet) -> ReducedModel:
-        return replace(training, snapshots=snapshots).build(recipe, checked=checked)
-
-    model = partial(FallbackModel, built(training.snapshots), training.full_order, tolerance, of=of)
-    if grow is None:
-        return model()
-    return model(rebuild=lambda learned: built(training.snapshots.joined(SnapshotSet.of_answers(learned))), every=grow)
+    model = training.build(recipe, checked=checked)
+    return FallbackModel(model, training.full_order, tolerance, of=of)
 
 
 def fallback_report(model: ReducedModel, full: Any, points: np.ndarray, alone: float) -> dict[str, Any]:

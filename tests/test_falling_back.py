@@ -1,8 +1,7 @@
-"""A model that falls back on the full one and grows: nothing it hands out is off by more than allowed."""
+"""A model that falls back on the full one: nothing it hands out is off by more than allowed."""
 
 import csv
 import dataclasses
-import logging
 
 import numpy as np
 import pellet_cladding as demo
@@ -10,8 +9,7 @@ import pytest
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import BoundError, ParameterError, ReductionError
-from hhr_dolfinx.models.fallback import Growth
+from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.study.report.console import make_console
 
 POOR = hhr.Recipe().as_it_is()
@@ -40,63 +38,12 @@ def worst_error(full, model, points):
     return np.sqrt(worst), np.array(fallen)
 
 
-def test_no_answer_is_off_by_more_than_allowed_and_fewer_fall_back(pellet):
-    """From nine snapshots of the pellet, 200 random points. Measured: 60, 2, 0 and 0 % of each 50 fall back."""
-    full, model = pellet.full_order, pellet.safe_model(0.01, grow=10, recipe=POOR, checked=False)
-    before = len(model.reduced.problem.stiffness)
-    worst, fallen = worst_error(full, model, full.parameters.random(200, 0))
-    shares = [part.mean() for part in np.array_split(fallen, 4)]
-    assert worst <= 0.01 and model.asked == 200 and model.fallen == fallen.sum()
-    assert shares[0] > 0.5 and shares[-1] < 0.5 * shares[0]
-    assert [step.learned for step in model.growth] == list(range(10, len(model.learned) + 1, 10))
-    assert not any(step.refused for step in model.growth)
-    assert len(model.reduced.problem.stiffness) > before
-    again = pellet.safe_model(0.01, grow=None, recipe=POOR, checked=False)
-    worst_error(full, again, full.parameters.random(50, 0))
-    assert not again.growth and again.share > 0.5
-
-
-def test_what_was_learned_stays_where_a_model_cannot_be_built(pellet, caplog):
-    attempts = []
-
-    def rebuild(learned):
-        attempts.append(len(learned))
-        if len(attempts) == 1:
-            raise ReductionError("no better model today")
-        if len(attempts) == 2:
-            return bare
-        return hhr.build(full, pellet.snapshots.joined(hhr.SnapshotSet.of_answers(learned)), POOR)
-
-    full, first = pellet.full_order, pellet.build(checked=False)
-    bare = first.changed(fields=dataclasses.replace(first.fields, bound=None))
-    model, points = hhr.FallbackModel(first, full, 1e-9, rebuild=rebuild, every=3), full.parameters.random(9, 1)
-    with caplog.at_level(logging.INFO, logger="hhr_dolfinx"):
-        model.solve_many(points[:6])
-        assert model.reduced is first and len(model.learned) == 6
-        model.solve_many(points[6:])
-    assert attempts == [3, 6, 9] and model.reduced is not first
-    assert np.array_equal([answer.parameter for answer in model.learned], points)
-    assert model.growth[0] == Growth(3, 3, 3, "no better model today")
-    assert "have no bound" in model.growth[1].refused and model.growth[2].refused == ""
-    assert "no better model today" in caplog.text and "was built again" in caplog.text
-
-
-def test_faults_of_a_program_are_not_hidden(pellet):
-    def rebuild(learned):
-        raise ZeroDivisionError
-
-    model = hhr.FallbackModel(pellet.build(checked=False), pellet.full_order, 1e-9, rebuild=rebuild, every=1)
-    with pytest.raises(ZeroDivisionError):
-        model.solve((100.0, 3.0))
-    assert len(model.learned) == 1
-
-
-def test_a_point_is_learned_once(pellet):
-    model = pellet.safe_model(1e-9, grow=3, recipe=POOR, checked=False)
-    for _ in range(5):
-        answer = model.solve((100.0, 3.0), gradient=True)
-        assert model.fell_back(answer) and answer.gradient is not None
-    assert model.share == 1 and model.fallen == 5 and len(model.learned) == 1 and not model.growth
+def test_no_answer_is_off_by_more_than_allowed(pellet):
+    """From nine snapshots of the pellet, 50 random points, of which 60 % fall back."""
+    full, model = pellet.full_order, pellet.safe_model(0.01, recipe=POOR, checked=False)
+    worst, fallen = worst_error(full, model, full.parameters.random(50, 0))
+    assert worst <= 0.01 and model.asked == 50 and model.fallen == fallen.sum()
+    assert 0.2 < model.share < 0.9
 
 
 def test_snapshots_and_what_was_learned_are_joined(pellet):
@@ -105,12 +52,6 @@ def test_snapshots_and_what_was_learned_are_joined(pellet):
     assert len(found.points) == len(pellet.snapshots.points) + 2 and not found.histories
     assert np.array_equal(found.displacements[:, -1], answers[1].unknown)
     assert np.array_equal(found.forces[:, -2], answers[0].multipliers)
-
-
-@pytest.mark.parametrize("every", [0, -1, 2.5, "ten", None])
-def test_numbers_that_are_none(every, pellet):
-    with pytest.raises(ParameterError, match="every"):
-        hhr.FallbackModel(pellet.build(checked=False), pellet.full_order, every=every)
 
 
 def test_a_model_without_bounds_cannot_be_safe(pellet):
@@ -123,7 +64,7 @@ def test_a_model_without_bounds_cannot_be_safe(pellet):
 
 def test_batches_report_how_many_fell_back(pellet, tmp_path, capsys):
     model, points = (
-        pellet.safe_model(0.05, grow=None, recipe=POOR, checked=False),
+        pellet.safe_model(0.05, recipe=POOR, checked=False),
         pellet.full_order.parameters.random(8, 3),
     )
     table = np.vstack([points, [1e9, 1.0]])
