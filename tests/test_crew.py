@@ -1,7 +1,9 @@
 """Searches on several ranks: the first one decides, the others solve; the same model as by one."""
 
 import json
+from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 
 import contract
 import numpy as np
@@ -79,6 +81,7 @@ def test_a_command_searches_on_two_ranks(tmp_path):
 def test_what_has_no_answer_is_told_and_not_raised():
     class Full:
         friction = None
+        strains = SimpleNamespace(paused=nullcontext)
 
         def solve(self, point):
             if point[0] > 1:

@@ -19,13 +19,13 @@ from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.at_hand import AtHand
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.strains import StrainGuard
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path, found_as
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings, checked_path, solve_along
 from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.models.strains import StrainGuard
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
