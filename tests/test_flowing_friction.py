@@ -222,5 +222,5 @@ def test_what_is_not_built_in_is_refused_by_name(training, model, condensed):
             one.march(path, hhr.MarchSettings(gradient=True))
     with pytest.raises(NotOfferedError, match="a correction of forces is not built in"):
         training.force_correction()
-    with pytest.raises(NotOfferedError, match="local models of bodies that flow with friction"):
+    with pytest.raises(NotOfferedError, match="one model of these histories"):
         training.local([np.zeros(24, dtype=int)] * 8)

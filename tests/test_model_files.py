@@ -791,7 +791,7 @@ def test_a_signed_file_that_was_not_changed_is_read(kind, file):
     """Else the tests above would pass with a wrong signature."""
     path = file(kind)
     rewrite_signed(path, lambda header, arrays: None)
-    assert (FORMAT, VERSION) == ("hhr_dolfinx model", 5) and hhr.load_model(path)
+    assert (FORMAT, VERSION) == ("hhr_dolfinx model", 6) and hhr.load_model(path)
     rewrite_signed(path, lambda header, arrays: header.update(more=1))
     with pytest.raises(ModelFileError, match="its header has the keys"):
         hhr.load_model(path)

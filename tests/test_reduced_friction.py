@@ -348,8 +348,6 @@ def test_what_is_no_safe_model(training, model):
         hhr.FallbackModel(model, full)
     with pytest.raises(ParameterError, match="ask for of='forces'"):
         training.safe_model(of="pressure")
-    with pytest.raises(NotOfferedError, match="does not grow"):
-        hhr.FallbackModel(model, full, of="forces", rebuild=lambda learned: model)
     box = {"push": (0.0, 0.05), "shear": (-0.1, 0.1), "f": (0.1, 0.6)}
     second = hhr.Body(SECOND, 5.0, 0.2)
     others = (

@@ -148,13 +148,22 @@ class OwnNodes:
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory):
-    """Numbers by the number of ranks."""
+    """Numbers by the number of ranks, each when they are first asked for."""
     folder = str(tmp_path_factory.mktemp("rows"))
     program = PROGRAM.format(folders=SCENE_FOLDERS, folder=folder)
-    return {ranks: json.loads(launch(ranks, ["-c", program]).splitlines()[-1]) for ranks in (1, 2, 3)}
+
+    class Found(dict):
+        def __missing__(self, ranks):
+            self[ranks] = json.loads(launch(ranks, ["-c", program]).splitlines()[-1])
+            return self[ranks]
+
+    return Found()
 
 
-@pytest.mark.parametrize("ranks", [1, 2, 3])
+THREE = pytest.param(3, marks=pytest.mark.slow)
+
+
+@pytest.mark.parametrize("ranks", [1, 2, THREE])
 def test_tables_of_ranks_are_those_of_numpy(found, ranks):
     """Sums of some dozen products of numbers of size 1."""
     for name, values in found[ranks]["tables"].items():
@@ -165,7 +174,7 @@ NAMES = ("moduli that vary", "contact alone holds", "outputs")
 KINDS = ("usual", "cone", "energy", "L2", "by body")
 
 
-@pytest.mark.parametrize("ranks", [1, 2, 3])
+@pytest.mark.parametrize("ranks", [1, 2, THREE])
 def test_no_rank_has_the_answers_or_the_basis_of_another(found, ranks):
     for name in NAMES:
         shares, size = found[ranks]["rows " + name]
@@ -177,7 +186,7 @@ def test_no_rank_has_the_answers_or_the_basis_of_another(found, ranks):
 
 
 @pytest.mark.parametrize("name", NAMES)
-@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("ranks", [2, THREE])
 def test_models_of_ranks_are_those_of_one(found, ranks, name):
     """Fields, forces and outputs; of scenes without mirror images, of which DEIM might pick either."""
     for kind in KINDS:
@@ -185,7 +194,7 @@ def test_models_of_ranks_are_those_of_one(found, ranks, name):
         assert several == pytest.approx(one, rel=1e-8), kind
 
 
-@pytest.mark.parametrize("ranks", [1, 2, 3])
+@pytest.mark.parametrize("ranks", [1, 2, THREE])
 def test_bounds_of_ranks_hold(found, ranks):
     """Where moduli vary that of the displacement is a difference of energies, which leaves half of the digits.
 
@@ -199,12 +208,12 @@ def test_bounds_of_ranks_hold(found, ranks):
         assert several == pytest.approx(one, rel=2e-3, abs=least * max(found[1][f"{name} usual"])), name
 
 
-@pytest.mark.parametrize("ranks", [1, 2, 3])
+@pytest.mark.parametrize("ranks", [1, 2, THREE])
 def test_answers_that_are_kept_are_found_by_rows(found, ranks):
     assert found[ranks]["read"] == 16 and found[ranks]["same"] < 1e-14
 
 
-@pytest.mark.parametrize("ranks", [1, 2, 3])
+@pytest.mark.parametrize("ranks", [1, 2, THREE])
 def test_what_knows_nothing_of_rows_gets_all_of_them(found, ranks):
     """A basis of one's own, a model that falls back on the full one, a training that chooses.
 
@@ -218,7 +227,7 @@ def test_what_knows_nothing_of_rows_gets_all_of_them(found, ranks):
     assert mine["greedy"] == [10, found[1]["rows outputs"][1]]
 
 
-@pytest.mark.parametrize("ranks", [1, 2, 3])
+@pytest.mark.parametrize("ranks", [1, 2, THREE])
 def test_what_is_wrong_on_one_rank_is_refused_on_all(found, ranks):
     words = {"Nowhere": "modes of <test_rows.Nowhere"}
     if ranks > 1:
