@@ -173,9 +173,11 @@ class PartialPressure:
         # force of a unit pressure per unit length: the same at every node of a straight line along an axis
         force = whole.sum(axis=0) / nodal.sum()
         if np.abs(whole - nodal[:, None] * force).max() > 1e-9 * np.abs(whole).max():
+            ends = positions[[0, -1]]
+            start, end = np.where(np.abs(ends) > 1e-12 * np.abs(ends).max(), ends, 0.0)  # no round-off of a mesher
             raise SceneError(
-                f"the line tagged {self.tag} under a partial pressure is not in one piece from {positions[0]} to "
-                f"{positions[-1]} along axis {self.axis}: give each piece a tag and a pressure of its own"
+                f"the line tagged {self.tag} under a partial pressure is not in one piece from {start:g} to "
+                f"{end:g} along axis {self.axis}: give each piece a tag and a pressure of its own"
             )
         rows = (2 * nodes[:, None] + [0, 1]).ravel()
         entries = np.tile(force, nodes.size), (rows, np.repeat(np.arange(nodes.size), 2))

@@ -183,8 +183,9 @@ def _nearest(rows: np.ndarray, limits: np.ndarray, target: np.ndarray) -> np.nda
     system = np.vstack([-rows.T, beyond])
     unit = np.zeros(len(system))
     unit[-1] = 1.0
-    left = system @ nnls(system, unit)[0] - unit
-    return target - left[:-1] / left[-1]
+    acting = nnls(system, unit)[0] > 0
+    # the residual of the least squares would lose half of the digits of the point, on the rows that act it has all
+    return target - np.linalg.lstsq(rows[acting], beyond[acting], rcond=None)[0]
 
 
 def floating_set(
