@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import sys
 import warnings
 from collections.abc import Callable
@@ -32,6 +33,9 @@ def guarded(command: Command) -> Command:
     @wraps(command)
     def run(*args: Any, **kwargs: Any) -> Any:
         with warnings.catch_warnings():
+            logging.captureWarnings(
+                True
+            )  # FFCx 0.9 does so when it is loaded, and would take the place of the next line
             warnings.showwarning = _once()
             try:
                 return command(*args, **kwargs)
