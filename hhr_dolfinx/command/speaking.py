@@ -33,9 +33,8 @@ def guarded(command: Command) -> Command:
     @wraps(command)
     def run(*args: Any, **kwargs: Any) -> Any:
         with warnings.catch_warnings():
-            logging.captureWarnings(
-                True
-            )  # FFCx 0.9 does so when it is loaded, and would take the place of the next line
+            # FFCx 0.9 does so when it is loaded, and would take the place of what is set here
+            logging.captureWarnings(True)
             warnings.showwarning = _once()
             try:
                 return command(*args, **kwargs)
