@@ -161,16 +161,6 @@ def snapshot_labels(columns: np.ndarray, count: int, *, seed: int = 1, gram: Any
     return medoids(snapshot_distances(columns, gram), count, seed)
 
 
-def direction_labels(rows: np.ndarray, count: int, seed: int = 1) -> np.ndarray:
-    """The same of thousands of vectors, (S, n), of which no matrix of distances is made: k-means of their directions.
-
-    Returns:
-        A label of each, (S,), from 0.
-    """
-    units = rows / np.linalg.norm(rows, axis=1, keepdims=True)
-    return KMeans(count, n_init=STARTS, random_state=seed).fit_predict(units).astype(np.int64)
-
-
 def medoids(dissimilarity: np.ndarray, count: int, seed: int = 1) -> np.ndarray:
     """Clusters by k-medoids: each item goes to the nearest of ``count`` items, chosen for the least sum of these.
 
@@ -237,7 +227,6 @@ def _axis(column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 with compat.extra("local", "a classifier of parameters"):
-    from sklearn.cluster import KMeans
     from sklearn.ensemble import RandomForestClassifier
     from sklearn.tree import DecisionTreeClassifier
 

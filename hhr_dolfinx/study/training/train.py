@@ -39,11 +39,6 @@ Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""
 
 
-RUBBING_OVERLAP = 4
-"""Steps of other models that local ones with friction are trained on too, before and behind their own: on the pellet
-tangential forces were 7 % off with four (95th percentile), and 26 % with one, measured once."""
-
-
 def silent(label: str) -> Callable[[Iterable], Iterable]:
     """No progress bars."""
     return iter
