@@ -23,7 +23,7 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import null_space
-from scipy.optimize import nnls
+from scipy.optimize import lsq_linear
 
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, Statuses, active_set
 from hhr_dolfinx.errors import SingularError
@@ -37,6 +37,8 @@ BALANCED = 1e-12
 """Part of the forces by which they may be out of balance."""
 ROUND_OFF = 1e-13
 """Part of the forces on all bodies that is round-off in the balance of one."""
+ACTING = 1e-12
+"""Part of the largest share of a row in the least motion, below which the row does not act."""
 NOTHING = 1e-14
 """Part of the force that would close the largest gap, below which a force is round-off of that gap."""
 BEARING = 1e-9
@@ -183,7 +185,9 @@ def _nearest(rows: np.ndarray, limits: np.ndarray, target: np.ndarray) -> np.nda
     system = np.vstack([-rows.T, beyond])
     unit = np.zeros(len(system))
     unit[-1] = 1.0
-    acting = nnls(system, unit)[0] > 0
+    # nnls of scipy 1.15 ends early: 269 of 10,001 random problems of six rows were wrong, none by this one
+    shares = lsq_linear(system, unit, bounds=(0.0, np.inf), method="bvls", tol=1e-15).x
+    acting = shares > ACTING * shares.max()
     # the residual of the least squares would lose half of the digits of the point, on the rows that act it has all
     return target - np.linalg.lstsq(rows[acting], beyond[acting], rcond=None)[0]
 
