@@ -92,7 +92,7 @@ if [ -z "$system_python" ] && [ -z "$python" ]; then
 fi
 check_system
 
-# what is imported is compiled then, and most of what is installed never is: without --no-compile this takes a minute more
+# what is imported is compiled then, and most of what is installed never is: compiling all of it takes longer than the tests that need it
 # pip's lines with sizes as they come, the whole in a file; a bar would fill a log with carriage returns
 install() {
     log=$venv/pip.log status=$venv/pip.status

@@ -8,7 +8,7 @@ import gmsh
 import numpy as np
 import pytest
 from bare import SCENE_FOLDERS
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
 from scipy.optimize import minimize, nnls
@@ -362,6 +362,8 @@ def test_a_motion_that_contact_holds_is_no_open_one(walled, kind):
 
 
 @given(st.integers(0, 10_000))
+@example(142)  # which nnls of scipy 1.15 leaves undone
+@example(5440)
 @settings(max_examples=60, deadline=None)
 def test_the_least_motion_is_that_of_a_quadratic_program(seed):
     """Beside SLSQP, which knows neither normal equations nor non-negative least squares."""

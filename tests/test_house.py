@@ -373,3 +373,12 @@ def test_pages_name_what_is_there():
             if not known or (rest and not re.search(rf"\b{rest[0]}\b", texts[known[-1]])):
                 missing.append((page.name, said))
     assert not missing
+
+
+def test_slow_cases_are_those_of_tests_that_are_there():
+    """A name that is not would leave a dear case in the tests of every day, or out of all."""
+    tests = Path(__file__).parent
+    lines = [line for line in (tests / "slow_cases.txt").read_text().splitlines() if not line.startswith("#")]
+    for line in filter(None, lines):
+        file, _, name = line.partition("::")
+        assert f"def {name.partition('[')[0]}(" in (tests / file).read_text(), line

@@ -204,8 +204,8 @@ def test_bounds_of_ranks_hold(found, ranks):
     for name in NAMES:
         one, several = (found[count][f"bounds {name}"] for count in (1, ranks))
         assert min(found[ranks][f"over {name}"]) >= 0.0, name
-        least = 3e-9 if name == "contact alone holds" else 1e-11
-        assert several == pytest.approx(one, rel=2e-3, abs=least * max(found[1][f"{name} usual"])), name
+        least = 1e-9 if name == "contact alone holds" else 1e-11
+        assert several == pytest.approx(one, rel=1e-3, abs=least * max(found[1][f"{name} usual"])), name
 
 
 @pytest.mark.parametrize("ranks", [1, 2, THREE])

@@ -84,9 +84,8 @@ def _check(full: Any, given: Sequence[Any]) -> None:
     problem = full.problem
     points = np.concatenate([item.points for item in given])
     operators = full.strains.operators
-    sizes = [found for item in given for found in _sizes(problem, operators, item)]
-    for kind in operators.kinds:
-        spread = np.array([spread_strain(found[kind.name]) for found in sizes])
+    spreads = np.array([spread for item in given for spread in _spreads(problem, operators, item)])
+    for kind, spread in zip(operators.kinds, spreads.T, strict=True):
         worst = int(spread.argmax())
         if spread[worst] <= LARGE:
             continue
@@ -96,10 +95,10 @@ def _check(full: Any, given: Sequence[Any]) -> None:
         warn(message, SmallStrainWarning, stacklevel=3)
 
 
-def _sizes(
+def _spreads(
     problem: ContactProblem, operators: StrainOperators, solutions: Solutions | _Answers
-) -> Iterator[dict[str, np.ndarray]]:
-    """The largest components of strain and of rotation in each cell, answer by answer."""
+) -> Iterator[list[float]]:
+    """The strain and the rotation that few cells exceed, answer by answer."""
     each = TOGETHER if problem.comm is None else 1
     for first in range(0, len(solutions.points), each):
         part = slice(first, first + each)
@@ -107,4 +106,4 @@ def _sizes(
         whole = problem.spread.whole(solutions.displacements[:, part]) + lifts
         found = [kind.sizes(whole) for kind in operators.kinds]
         for column in range(whole.shape[1]):
-            yield {kind.name: sizes[:, column] for kind, sizes in zip(operators.kinds, found, strict=True)}
+            yield [spread_strain(sizes[:, column]) for sizes in found]

@@ -10,7 +10,6 @@ factored anew.
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -309,21 +308,6 @@ class ContactProblem:
                 if change and term.nnz:
                     found = found + change * (term @ theta)
         return found
-
-    def touching(self) -> ContactProblem:
-        """The same with B that has entries wherever it has any on some shape: what may touch has to be in a RID.
-
-        Shapes in the corners of the box and in its middle are looked at.
-        """
-        if self.reshaped is None:
-            return self
-        ends = np.array([self.parameters.lower, self.parameters.upper], dtype=float)
-        total = abs(self.contact)
-        for place in itertools.product((0, 1), repeat=len(self.reshaped.axes)):
-            point = self.middle
-            point[list(self.reshaped.axes)] = ends[list(place), list(self.reshaped.axes)]
-            total = total + abs(self.reshaped(point).contact)
-        return replace(self, contact=csr_matrix(total))
 
     @property
     def middle(self) -> np.ndarray:

@@ -24,7 +24,6 @@ GROWN = 1.5
 class StrainKind(NamedTuple):
     """Strains or rotations of cells: (cells * k, N) maps displacements to their components; what a size means."""
 
-    name: str
     matrix: csr_matrix
     cells: int
     in_words: Callable[[float], str]
@@ -47,8 +46,8 @@ class StrainOperators(NamedTuple):
         gradients = _gradients(problem, cells)
         strains = _strains(problem, cells, gradients, axisymmetric)
         rotations = _rotations(problem, cells, gradients)
-        strain = StrainKind("strain", strains, len(cells), large_strain)
-        return cls((strain, StrainKind("rotation", rotations, len(cells), large_rotation)))
+        strain = StrainKind(strains, len(cells), large_strain)
+        return cls((strain, StrainKind(rotations, len(cells), large_rotation)))
 
 
 class StrainGuard:

@@ -88,7 +88,6 @@ class _Offline:
         recipe: how to reduce.
         basis: before enrichment, (own, ell).
         nodes: that make the RID.
-        touching: the problem with all that touches on any shape.
         constants: of the full model.
         completion: of the answers.
         states: tangents at training states and the stiffness they make.
@@ -102,7 +101,6 @@ class _Offline:
     recipe: Recipe
     basis: np.ndarray
     nodes: np.ndarray
-    touching: ContactProblem
     constants: FullConstants
     completion: Completion
     states: list[tuple[np.ndarray, Any]]
@@ -244,7 +242,6 @@ def _built(
     with log.stage("basis", announce):
         basis = basis_of(recipe.basis, full.problem, snapshots)
     with log.stage("rid", announce):
-        touching = full.problem.touching()
         nodes = chosen_nodes(full.problem, snapshots, recipe, basis)
     with log.stage("full_constants", announce):
         constants = FullConstants.of(full)
@@ -253,9 +250,7 @@ def _built(
     states = _tangents(full, snapshots, recipe, log, announce)
     if recipe.indicator is None and (full.problem.friction is None or full.equilibrium is not None):
         log.skip("indicator", "no estimate of the error of each answer was asked for")
-    shared = _Offline(
-        full, snapshots, held_out, recipe, basis, nodes, touching, constants, completion, states, log, announce
-    )
+    shared = _Offline(full, snapshots, held_out, recipe, basis, nodes, constants, completion, states, log, announce)
     return first_trusted(lambda layers: _attempt(shared, layers), recipe.domain.layers, recipe.domain.most_layers, log)
 
 
@@ -283,7 +278,7 @@ def sizes(full: Any, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
     _check_given(full, snapshots, recipe, None)
     basis = basis_of(recipe.basis, problem, snapshots)
     nodes = chosen_nodes(problem, snapshots, recipe, basis)
-    sets = reduced_domain(problem.touching(), nodes, recipe.domain.layers)
+    sets = reduced_domain(problem, nodes, recipe.domain.layers)
     kappa_max = np.inf if recipe.enrichment is None else recipe.enrichment.kappa_max
     return enrich(problem, basis, sets, kappa_max).basis.shape[1], sets.A_lambda.size
 
@@ -344,7 +339,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
     log = shared.log
     problem = shared.full.problem
     with log.stage("rid", shared.announce):
-        sets = reduced_domain(shared.touching, shared.nodes, layers)
+        sets = reduced_domain(problem, shared.nodes, layers)
         check_loads_seen(problem, sets, shared.snapshots.points)
     with log.stage("enrichment", shared.announce):
         enrichment = _enriched(shared, sets)
