@@ -117,6 +117,10 @@ class UndeterminedWarning(UserWarning):
     """Contact does not determine a rigid motion of a body: of all answers that of least motion is given."""
 
 
+class PluginWarning(UserWarning):
+    """A plug-in is installed and is left out: it cannot be loaded, or needs another one."""
+
+
 class SceneWarning(UserWarning):
     """Something in a scene has no effect, or its imposed displacements contradict its contacts."""
 

@@ -8,11 +8,11 @@ import pytest
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import NotSolvableError, SceneWarning
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import side, two_blocks
+from hhr_dolfinx.reduction.exact import exact_condensation
 
 FLOOR = hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.0)
 CEILING = hhr.Obstacle(block.side(1, True), (0.0, 1.0), 1.0)

@@ -8,12 +8,12 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.errors import (
     FileContentError,
     HHRError,
@@ -81,37 +81,45 @@ MODULES = {
     "shapes": "Shape",
     "trained": "TrainedPaths TrainedRange",
 }
-"""Classes of this package that may come out of a file, by the modules that hold them; each is loaded when it does."""
+"""Classes of the core that may come out of a file, by their modules; each is loaded when it does."""
+PLACES = {name: f"hhr_dolfinx.{module}:{name}" for module, names in MODULES.items() for name in names.split()}
+"""Their places by name."""
 
 
 class Kinds(Mapping[str, type]):
-    """Classes that may come out of a file: those of :data:`MODULES`, and a user's own.
+    """Classes that may come out of a file: those of the core and of plug-ins by their places, and a user's own.
 
     Raises:
         ModelFileError: for classes of one name, which no file could tell apart.
     """
 
     def __init__(self, known: Iterable[type] = ()):
-        self._places = {name: module for module, names in MODULES.items() for name in names.split()}
         self._loaded: dict[str, type] = {}
         for kind in by_name(known).values():
-            if kind.__name__ in self._places:
-                add_kind(self._loaded, self[kind.__name__])
+            if (place := self._place(kind.__name__)) is not None:
+                add_kind(self._loaded, registry.load(place))
             add_kind(self._loaded, kind)
+
+    @staticmethod
+    def _place(name: str) -> str | None:
+        """Place of a class; plug-ins are looked through for what the core does not have."""
+        return PLACES.get(name) or registry.named("classes").get(name)
 
     def __getitem__(self, name: str) -> type:
         if name not in self._loaded:
-            self._loaded[name] = getattr(import_module(f"hhr_dolfinx.{self._places[name]}"), name)
+            if (place := self._place(name)) is None:
+                raise KeyError(name)
+            self._loaded[name] = registry.load(place)
         return self._loaded[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._places or name in self._loaded
+        return name in self._loaded or (isinstance(name, str) and self._place(name) is not None)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._places.keys() | self._loaded.keys())
+        return iter({*PLACES, *registry.named("classes"), *self._loaded})
 
     def __len__(self) -> int:
-        return len(self._places.keys() | self._loaded.keys())
+        return len(list(iter(self)))
 
 
 def save_model(path: str | Path, model: KeptModel) -> None:

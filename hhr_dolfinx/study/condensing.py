@@ -7,12 +7,12 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.certify.strains import look_at_corners
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.scene import Scene
 

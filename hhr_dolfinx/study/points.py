@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.baselines.condensation import exact_condensation
-from hhr_dolfinx.baselines.naive import NaiveFullOrder
+from hhr_dolfinx import registry
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import HHRError
@@ -20,6 +19,7 @@ from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.measure import Errors, Measurement, References, Row
 from hhr_dolfinx.study.training.falling_back import fallback_report
@@ -67,9 +67,10 @@ def measure_points(
         errors["condensed"] = references.errors(condensed)
         if forces_only.offline is not None:
             offline = {"offline_condensed": dict(forces_only.offline.log.times)}
-    naive = settings.naive and full.problem.pins is None
-    if naive:
-        models["fom_naive"] = NaiveFullOrder(full)
+    baselines = {}
+    if settings.naive and full.problem.pins is None:
+        baselines = {name: registry.load(place)(full) for name, (place, _) in registry.parts("baselines").items()}
+    models |= baselines
     # those that are timed are neither trained nor tested on
     fresh, others = (space.random(settings.queries + 5, settings.seed + k) for k in (1000, 4000))
     warm = time_queries(_warm(models, known) | whole, fresh)
@@ -79,10 +80,9 @@ def measure_points(
         errors = references.errors(other)
         return Row(method, setting, time_queries({"online": other.solve}, fresh)["online"], errors)
 
-    if naive:
-        # the same statuses by another solver: what differs is round-off, which tests of the full order measure
-        errors["fom_naive"] = errors["fom_best"]
-    else:
+    # the same statuses by another solver: what differs is round-off, which tests of the full order measure
+    errors |= dict.fromkeys(baselines, errors["fom_best"])
+    if not baselines:
         skipped.append({"stage": "fom_naive", "why": _without_naive(full)})
     report = {
         "times": {**_summaries(warm, TIMED), "cold_start": _summaries(cold, COLD), **offline},
@@ -129,6 +129,8 @@ def _without_naive(full: FullOrderModel) -> str:
     """Why the naive full order is not measured."""
     if full.problem.pins is not None:
         return "nothing but contact holds a body: without it K is singular, and the first program fails"
+    if not registry.parts("baselines"):
+        return "no plug-in of baselines is installed"
     return "not asked for: one query takes too long to measure a hundred"
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.contact.friction import Coulomb, FrictionLaw
 from hhr_dolfinx.errors import SceneError, SceneWarning
 from hhr_dolfinx.full_order.checks import warn_of_idle_parameters
@@ -21,6 +20,7 @@ from hhr_dolfinx.outputs import ContactForce, DisplacementAt, LinearForm, VonMis
 from hhr_dolfinx.pairings.mortar import Mortar
 from hhr_dolfinx.pairings.node_to_surface import NodeToSurface
 from hhr_dolfinx.pairings.surface_dofs import SurfaceDofs, nodes_of, renumbered
+from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.warn import ignored
 

@@ -129,7 +129,7 @@ class ForceError:
 
     def _condensed(self, full: Any, known: SnapshotSet) -> Any:
         if not full.problem.varies:
-            from hhr_dolfinx.baselines.condensation import exact_condensation
+            from hhr_dolfinx.reduction.exact import exact_condensation
 
             return exact_condensation(full, known.known_statuses(), field=False)
         from hhr_dolfinx.reduction.condense import condense

@@ -150,7 +150,7 @@ class Training(TrainingAnswers):
 
             return condensing.condensed(self.full_order, settings)
         if not self.full_order.problem.varies:
-            from hhr_dolfinx.baselines.condensation import exact_condensation
+            from hhr_dolfinx.reduction.exact import exact_condensation
 
             full = self.full_order if self.full_order.problem.rigid is None else self.everywhere.full_order
             return exact_condensation(full, self.snapshots.known_statuses(), field=False)
