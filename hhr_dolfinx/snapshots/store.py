@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 
 
 DEEPEST = 50
-"""Largest depth of nested values; deeper ones are taken for values that contain themselves."""
+"""Largest depth of nested values; deeper ones count as values that contain themselves."""
 
 
 def add_to(digest: Any, parts: list[Any]) -> None:
