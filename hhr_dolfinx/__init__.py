@@ -1,7 +1,7 @@
 """Hybrid hyper-reduction of parametric contact problems with Lagrange multipliers.
 
-The public names stand in ``__init__.pyi``, for type checkers too. They are loaded when they are first used, so that a
-reduced model read from a file (``load_model``) needs neither DOLFINx nor gmsh.
+The public names are in ``__init__.pyi``, for type checkers too. They are imported at first use, so that a reduced model
+from a file (``load_model``) needs neither DOLFINx nor gmsh.
 """
 
 import logging
@@ -17,7 +17,7 @@ _loaded, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
 
 def __getattr__(name: str) -> object:
-    """A public name, whose module is loaded now; where DOLFINx is missing the error says how to get it."""
+    """Import the module of a public name; if DOLFINx is missing, the error explains how to install it."""
     try:
         return _loaded(name)
     except ModuleNotFoundError as error:
