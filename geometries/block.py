@@ -65,7 +65,7 @@ def side_tags(
     boxes: Mapping[int, Sequence[Sequence[float]]],
     name: Callable[[int, int, bool], int],
 ) -> dmesh.MeshTags:
-    """Tag the sides of bodies that are boxes; the cell behind a facet tells its body.
+    """Tag the sides of bodies that are boxes; the body of a facet is that of the cell behind it.
 
     Args:
         mesh: mesh of the bodies.

@@ -39,8 +39,8 @@ EXPLAINED = 0.01
 UNACCEPTABLE = 0.05
 """Estimate from which on a step is reported, unless the training had nearly as much: an unacceptable error."""
 POOR = 1.2
-"""Factor over the estimates of the training that is allowed if these exceed UNACCEPTABLE, for poor models, of which the
-build warns."""
+"""Factor over the estimates of the training that is always allowed, even above UNACCEPTABLE: such a model is poor,
+and the build warns of it."""
 NOTHING = 1e-4
 """Fraction of the largest training stress below which the stress of a step counts as zero: steps are solved to 1e-5 of
 forces, and a body that moves freely before it touches has a stress of 3e-5 by the round-off of its modes."""

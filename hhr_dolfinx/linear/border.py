@@ -43,7 +43,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Border:
-    """Rows that no rank eliminates by itself, the same object on all ranks.
+    """Rows that no rank eliminates by itself; all but ``part_of`` is the same on all ranks.
 
     Attributes:
         numbers: row numbers in the matrix, in the order of the border, (b,).

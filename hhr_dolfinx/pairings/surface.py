@@ -30,7 +30,7 @@ TILT = 30.0
 FACING = 0.1
 """Cosine between two directions found from the meshes below which surfaces do not face each other."""
 GRAZING = 1e-3
-"""Cosine as FACING for a normal given by the user, who may tag a half-disc up to the normal's tangent points."""
+"""Cosine as FACING, for a normal given by the user: a half-disc may be tagged up to where the normal is tangential."""
 LEAST_SAG = 1e-9
 LEAST_SAG_OF_CURVES = 1e-4
 """Fractions of the size of a surface below which a sag counts as zero, of chords and of parabolas: bodies drawn in

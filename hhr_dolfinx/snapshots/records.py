@@ -160,7 +160,7 @@ class SnapshotSet(Shown):
     columns: np.ndarray | None = None
 
     def facts(self) -> dict[str, str]:
-        """See :class:`~hhr_dolfinx.models.shown.Shown`."""
+        """Facts to show, see :class:`~hhr_dolfinx.models.shown.Shown`."""
         steps = f"steps of {len(self.histories)} histories" if self.histories else "answers"
         return {
             "answers": f"{len(self.points)} {steps}",
