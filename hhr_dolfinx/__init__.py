@@ -81,7 +81,7 @@ def __dir__() -> list[str]:
 
 
 def __getattr__(name: str) -> object:
-    """Public name, whose module is loaded now; where DOLFINx is missing the error says how to get it."""
+    """Public name, imported at first use; if DOLFINx is missing, the error explains how to install it."""
     try:
         if name == "__all__":
             return __dir__()

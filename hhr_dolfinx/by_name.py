@@ -1,9 +1,9 @@
-"""What a scene is made of, found by name: in this package, in a user's file, or in another installed package.
+"""Parts of a scene by name: from this package, from a file, or from another installed package.
 
-A name is one of this package (``half_discs``), a path and what the file calls it (``my_scene.py:scene``), a module and
-what it calls it (``my.package:scene``), or an entry point that another package has registered in the group
-``hhr_dolfinx.<kind>``, such as ``hhr_dolfinx.pairings``. Files and entry points are code, and are run as such: a file
-once, however much of it is asked for, and again when it has changed.
+A name is one of this package (``half_discs``), a path with a name in the file (``my_scene.py:scene``), a module with a
+name in it (``my.package:scene``), or an entry point that another package has registered in the group
+``hhr_dolfinx.<kind>``, such as ``hhr_dolfinx.pairings``. Files and entry points are code and are executed: a file once
+for all of its names, and again after a change.
 """
 
 from __future__ import annotations
@@ -68,20 +68,20 @@ OWN: Mapping[str, Mapping[str, str]] = MappingProxyType(
 """Places of the parts of the core, by kind and name; those of plug-ins stand in their manifests."""
 
 _LOADED: dict[Path, tuple[int, ModuleType]] = {}
-"""Files that were run, with the time of their last change."""
+"""Files that were executed, with the time of their last change."""
 _FOLDERS: set[Path] = set()
-"""Where they lie, and those that could not be run."""
+"""Folders of files that were executed, successfully or not."""
 
 
 def find(kind: str, name: str) -> Any:
-    """What a name stands for.
+    """Find a part by name.
 
     Args:
         kind: ``geometries``, ``pairings``, ``laws``, ``forms``, ``loads``, ``outputs``, ``samplings`` or ``scenes``.
-        name: see the head of this file.
+        name: name of one of the forms of this module.
 
     Raises:
-        SceneError: for a name that is nowhere, a file without it, or one that cannot be loaded.
+        SceneError: for an unknown name, a file without it, or a file that cannot be loaded.
     """
     if kind not in OWN:
         raise SceneError(f"there are no {kind!r}: kinds are {', '.join(OWN)}")
@@ -109,7 +109,7 @@ def find(kind: str, name: str) -> Any:
 
 
 def names(kind: str) -> dict[str, str]:
-    """Names of a kind, and where each comes from."""
+    """Names of a kind, each with its package or plug-in."""
     found = {name: "hhr_dolfinx" for name in OWN[kind]} | {name: at[1] for name, at in registry.parts(kind).items()}
     for point in importlib.metadata.entry_points(group=f"hhr_dolfinx.{kind}"):
         found.setdefault(point.name, _owner(point))
@@ -117,20 +117,20 @@ def names(kind: str) -> dict[str, str]:
 
 
 def place_of(error: BaseException) -> str:
-    """Where an error came out of a file that was loaded here, or of one beside it: file and line; else nothing."""
+    """File and line of an error in a file that was loaded here, or in a file next to it; else empty."""
     place = ""
     for frame in traceback.extract_tb(error.__traceback__):
-        # code made from text, such as that of dataclasses, has a name such as <string>, and is nobody's file
+        # generated code, such as that of dataclasses, has a name such as <string> and no file
         if not frame.filename.startswith("<") and Path(frame.filename).resolve().parent in _FOLDERS:
             place = f"{Path(frame.filename).name}, line {frame.lineno}"
     return place
 
 
 def _entry(points: list[importlib.metadata.EntryPoint]) -> Any:
-    """What an entry point names; several of one name must mean the same."""
+    """Load an entry point; several of the same name must refer to the same object."""
     if len({point.value for point in points}) > 1:
-        told = " and ".join(f"'{point.value}' of {_owner(point)}" for point in points)
-        raise SceneError(f"'{points[0].name}' stands for {told}: write which one is meant")
+        candidates = " and ".join(f"'{point.value}' of {_owner(point)}" for point in points)
+        raise SceneError(f"'{points[0].name}' stands for {candidates}: write which one is meant")
     try:
         return points[0].load()
     except (Exception, SystemExit) as error:
@@ -140,7 +140,7 @@ def _entry(points: list[importlib.metadata.EntryPoint]) -> Any:
 
 
 def _owner(point: importlib.metadata.EntryPoint) -> str:
-    """Name of the package that has an entry point."""
+    """Name of the package of an entry point."""
     return point.dist.name if point.dist is not None else point.value
 
 
@@ -163,7 +163,7 @@ def _module(name: str) -> ModuleType:
 
 
 def _file(path: Path) -> ModuleType:
-    """The module of a file, which may import what lies beside it."""
+    """The module of a file, which may import other files of its folder."""
     if not path.is_file():
         beside = sorted(item.name for item in path.absolute().parent.glob("*.py") if item.is_file())[:8]
         hint = f", which has {', '.join(beside)}" if beside else ""
@@ -176,16 +176,16 @@ def _file(path: Path) -> ModuleType:
 
 
 def _run(path: Path, whole: Path) -> ModuleType:
-    """Run a file as a module of its own."""
+    """Execute a file as a new module."""
     name = _name_of(whole)
     spec = importlib.util.spec_from_file_location(name, whole)
-    assert spec is not None and spec.loader is not None  # of a file whose name ends in .py
+    assert spec is not None and spec.loader is not None  # the name of the file ends in .py
     module = importlib.util.module_from_spec(spec)
     folder = str(whole.parent)
     _forget_others(whole.parent)
     _FOLDERS.add(whole.parent)
     sys.path.insert(0, folder)
-    # dataclasses of the file look for their module by its name
+    # dataclasses of the file look up their module by name
     sys.modules[name] = module
     try:
         spec.loader.exec_module(module)
@@ -196,14 +196,14 @@ def _run(path: Path, whole: Path) -> ModuleType:
         raise SceneError(f"{path}{_line_in(error, whole)}: {type(error).__name__}: {error}{_hint(error)}") from error
     finally:
         sys.path.remove(folder)
-    # its functions may import later what lies beside it, behind everything else
+    # its functions may import other files of its folder later, with the lowest priority
     if folder not in sys.path:
         sys.path.append(folder)
     return module
 
 
 def _name_of(whole: Path) -> str:
-    """Name of the module of a file: that of the file, unless another one, of this name too, is loaded."""
+    """Name for the module of a file: the name of the file, unless a loaded module has it."""
     there = sys.modules.get(whole.stem)
     if there is None or getattr(there, "__file__", None) == str(whole):
         return whole.stem
@@ -211,7 +211,7 @@ def _name_of(whole: Path) -> str:
 
 
 def _forget_others(folder: Path) -> None:
-    """Let a file import what lies beside it, where a file of another folder has imported something of that name."""
+    """Unload modules of other folders with the names of files in this folder, so that a file can import the latter."""
     others = _FOLDERS - {folder}
     for path in folder.glob("*.py"):
         there = getattr(sys.modules.get(path.stem), "__file__", None)
@@ -220,7 +220,7 @@ def _forget_others(folder: Path) -> None:
 
 
 def _line_in(error: BaseException, path: Path) -> str:
-    """The line of a file at which an error was raised, for messages."""
+    """Line of a file at which an error was raised, for messages."""
     if isinstance(error, SyntaxError) and error.filename and Path(error.filename) == path:
         return "" if error.lineno is None else f", line {error.lineno}"
     lines = [frame.lineno for frame in traceback.extract_tb(error.__traceback__) if Path(frame.filename) == path]
@@ -228,7 +228,7 @@ def _line_in(error: BaseException, path: Path) -> str:
 
 
 def _hint(error: BaseException) -> str:
-    """What to do about errors that are peculiar to files by path."""
+    """Advice for errors that occur only with files by path."""
     if isinstance(error, ImportError) and "relative import" in str(error):
         return ". A file is no package: write 'import name' for what lies beside it"
     return ""

@@ -261,7 +261,7 @@ def _runs(
     lost = Lost()
     solved = {}
     for label, path in progress("tests")(list(tests.items())):
-        with lost.taken_in(str(label)):
+        with lost.recorded(str(label)):
             exact.append(run_in_full(full, path, ways))
             solved[label] = path
         if label not in solved:

@@ -30,7 +30,7 @@ from hhr_dolfinx.models.histories.sliding import Reached, Slider, Solved, Target
 from hhr_dolfinx.pairings.mortar import Mortar
 from hhr_dolfinx.pairings.node_to_surface import NodeToSurface
 from hhr_dolfinx.pairings.surface import Surface
-from hhr_dolfinx.pairings.surface_dofs import moved
+from hhr_dolfinx.pairings.surface_dofs import deformed
 from hhr_dolfinx.warn import ignored
 
 PAIRINGS = 8
@@ -79,10 +79,10 @@ class SlidingPair:
         dim = displacement.shape[1]
         ways = np.linalg.norm(displacement - before, axis=1)
         overlap = float(ways[self.slave.nodes].max() + ways[self.master.nodes].max())
-        surfaces = moved(self.slave, displacement), moved(self.master, displacement)
+        surfaces = deformed(self.slave, displacement), deformed(self.master, displacement)
         with ignored(PairingWarning):  # of what faces nothing any more
             try:
-                rows = self.pairing.rows_anew(surfaces, self.nodes * dim, overlap)
+                rows = self.pairing.rows_of_deformed(surfaces, self.nodes * dim, overlap)
             except NeverFacingError:  # one has left the other
                 return None, np.zeros(0, dtype=np.int64)
         return rows, np.searchsorted(self.slave.nodes, rows.slaves)

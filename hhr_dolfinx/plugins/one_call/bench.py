@@ -301,7 +301,7 @@ class Bench:
         solved = self.crew.solved(list(some.values()))
         self.batches.append(clock.seconds)
         for (key, question), found in zip(some.items(), solved, strict=True):
-            with lost.taken_in(_label(self.full, question)):
+            with lost.recorded(_label(self.full, question)):
                 if isinstance(found, HHRError):
                     raise found
                 self._known[key] = found
