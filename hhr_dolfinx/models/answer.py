@@ -256,10 +256,10 @@ class Answer(NamedTuple):
         found = self.fields.estimate(self)
         if found is None or self.undetermined is None:
             return found
-        from hhr_dolfinx.models.undetermined import moved_outputs
+        from hhr_dolfinx.models.undetermined import undetermined_outputs
 
-        moved = moved_outputs(self)
-        return found._replace(outputs={name: error for name, error in found.outputs.items() if name not in moved})
+        open_ = undetermined_outputs(self)
+        return found._replace(outputs={name: error for name, error in found.outputs.items() if name not in open_})
 
     def outputs(self) -> Outputs:
         """Outputs of the scene by name, with derivatives if the answer has a gradient.

@@ -44,7 +44,7 @@ def gradient_of(
     forces: np.ndarray,
     slack: np.ndarray,
     at_fixed_forces: tuple[np.ndarray, np.ndarray],
-    pushed: Callable[[np.ndarray], np.ndarray],
+    compliance_times: Callable[[np.ndarray], np.ndarray],
 ) -> Gradient:
     """Differentiate slack(mu, lambda) = 0 on the active set: one more right-hand side for each parameter.
 
@@ -53,11 +53,11 @@ def gradient_of(
         active: statuses, (m,) bool.
         forces, slack: of the answer, (m,) each.
         at_fixed_forces: derivatives at fixed forces of the slack, (m, P), and of the unknown, (n, P).
-        pushed: response of the unknown to contact forces, K^-1 B^T forces: (m, P) to (n, P).
+        compliance_times: response of the unknown to contact forces, K^-1 B^T forces: (m, P) to (n, P).
     """
     of_slack, of_unknown = at_fixed_forces
     changes, opened = equalities.several(active, of_slack)
-    return Gradient(of_unknown - pushed(changes), changes, grazing(active, forces, slack), opened)
+    return Gradient(of_unknown - compliance_times(changes), changes, grazing(active, forces, slack), opened)
 
 
 def grazing(active: np.ndarray, forces: np.ndarray, slack: np.ndarray) -> np.ndarray:

@@ -65,10 +65,10 @@ class Choice:
         inner = np.flatnonzero(self.axis != LEAF)
         if sizes != {count} or count == 0 or not (np.isfinite(self.cut).all() and np.isfinite(self.reach).all()):
             raise ReductionError("a choice between models needs as many finite cuts as nodes, at least one")
-        behind = np.concatenate([self.low[inner], self.high[inner]])
+        children = np.concatenate([self.low[inner], self.high[inner]])
         if (self.axis < LEAF).any() or (self.axis >= len(self.reach)).any() or (self.reach < 0).any():
             raise ReductionError(f"a choice between models cuts axes {np.unique(self.axis)} of {len(self.reach)}")
-        if not np.array_equal(np.sort(behind), np.arange(1, count)) or (behind <= np.tile(inner, 2)).any():
+        if not np.array_equal(np.sort(children), np.arange(1, count)) or (children <= np.tile(inner, 2)).any():
             raise ReductionError("the cuts of a choice between models are no tree")
         if (self.label[self.axis == LEAF] < 0).any():
             raise ReductionError("a region of a choice between models has no model")
@@ -108,8 +108,8 @@ class Choice:
             node = low if off <= 0 else high
             axis, cut, low, high = nodes[node]
         label = labels[node]
-        for _, behind in sorted(near):
-            other = self._followed(behind, point)
+        for _, node in sorted(near):
+            other = self._followed(node, point)
             # both sides of a cut may belong to one model
             if other != label:
                 return label, other
@@ -251,31 +251,31 @@ class LocalModels(SeveralModels):
         given = np.shape(start)[0] if np.ndim(start) == 1 else 0
         return checked_start(start, given if given in sizes else sizes[0])
 
-    def _doubts(self, numbers: np.ndarray, points: np.ndarray) -> np.ndarray:
+    def _criteria(self, numbers: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Criteria against answers of models, of numbers (n,), to points, (n, P), the most important first: (3, n).
 
         Infinite without a solution. 1 outside the training range of the model. The larger of the relative estimates of
         displacement and forces, and, if these are infinite, in units; 0 without an estimate.
         """
-        doubts = np.zeros((3, len(points)))
+        criteria = np.zeros((3, len(points)))
         for number in np.unique(numbers):
             rows = np.flatnonzero(numbers == number)
             model = self.models[number]
             many = model.solve_many(points[rows], raise_on_failure=False, outside="ignore")
             if isinstance(model.trained, TrainedRange):
                 inside = (model.trained.lower <= points[rows]) & (points[rows] <= model.trained.upper)
-                doubts[0, rows] = ~inside.all(axis=1)
+                criteria[0, rows] = ~inside.all(axis=1)
             if (found := many.estimates()) is not None:
-                doubts[1, rows] = np.maximum(found.primal_relative, found.dual_relative)
-                doubts[2, rows] = np.maximum(found.primal, found.dual)
-            doubts[:, rows[[status is not Status.CONVERGED for status in many.status]]] = np.inf
-        return doubts
+                criteria[1, rows] = np.maximum(found.primal_relative, found.dual_relative)
+                criteria[2, rows] = np.maximum(found.primal, found.dual)
+            criteria[:, rows[[status is not Status.CONVERGED for status in many.status]]] = np.inf
+        return criteria
 
     def _nearer(self, one: np.ndarray, two: np.ndarray, points: np.ndarray) -> np.ndarray:
         """The better of two models at each point, (n,), of numbers (n,) each; the first if they are equal."""
         less = np.zeros(len(points), dtype=bool)
         # from the least important criterion to the first, each of which decides if those before it are equal
-        for first, second in zip(self._doubts(one, points)[::-1], self._doubts(two, points)[::-1], strict=True):
+        for first, second in zip(self._criteria(one, points)[::-1], self._criteria(two, points)[::-1], strict=True):
             less = (second < first) | ((second == first) & less)
         return np.where(less, two, one)
 
@@ -296,10 +296,10 @@ class LocalModels(SeveralModels):
         near = np.flatnonzero(other != LEAF)
         number[near] = self._nearer(number[near], other[near], checked[near])
         found = []
-        for asked in np.unique(number):
-            rows = np.flatnonzero(number == asked)
+        for chosen in np.unique(number):
+            rows = np.flatnonzero(number == chosen)
             how = {"raise_on_failure": raise_on_failure, "outside": outside}
-            found.append((rows, self.models[asked].solve_many(checked[rows], **how)))
+            found.append((rows, self.models[chosen].solve_many(checked[rows], **how)))
         return PartedAnswers.of(found, number)
 
 

@@ -109,6 +109,6 @@ class LinearStarts(KnownStatuses):
         for first in range(0, len(points), BLOCK):
             part = points[first : first + BLOCK]
             near = (offsets - part @ directions.T).argmin(axis=1)
-            moved = np.einsum("nmp,np->nm", self.slopes[near], part - self.points[near])
-            active[first : first + BLOCK] = self.margins[near] + moved > 0
+            change = np.einsum("nmp,np->nm", self.slopes[near], part - self.points[near])
+            active[first : first + BLOCK] = self.margins[near] + change > 0
         return active

@@ -10,7 +10,7 @@ SAME = 1e-9
 """Part of the largest value below which a change counts as round-off."""
 
 
-def moved_outputs(answer: Any) -> set[str]:
+def undetermined_outputs(answer: Any) -> set[str]:
     """Names of the outputs that an undetermined motion of an answer changes."""
     fields: Any = answer.fields
     if fields.functionals is None:

@@ -96,9 +96,9 @@ class BlockElimination(Rebuilt, Elimination):
         for block, factor in zip(self.blocks, kept.factors, strict=True):
             free[block.modes] = dgetrs(*factor, loads[block.modes])[0]
             slack -= block.trial @ free[block.modes]
-        pushed = partial(self._pushed, kept.per_force)
+        respond = partial(self._compliance_times, kept.per_force)
         changes = partial(self._changes, point, weights, kept.factors)
-        return CondensedContact(kept.schur, slack, free, pushed, changes)
+        return CondensedContact(kept.schur, slack, free, respond, changes)
 
     def along_path(self) -> Callable[[np.ndarray], CondensedContact]:
         """Elimination along a path: neighbours of equal stiffness share S."""
@@ -185,7 +185,7 @@ class BlockElimination(Rebuilt, Elimination):
             loads = loads - weights @ np.stack([lift @ theta for lift in self._lifts])
         return weights, loads
 
-    def _pushed(self, per_force: list[np.ndarray], forces: np.ndarray) -> np.ndarray:
+    def _compliance_times(self, per_force: list[np.ndarray], forces: np.ndarray) -> np.ndarray:
         """K~^-1 B~1^T times forces, (m,) or (m, k), from its columns by block."""
         found = np.empty((len(self.problem.stiffness), *forces.shape[1:]))
         for block, columns in zip(self.blocks, per_force, strict=True):

@@ -77,10 +77,10 @@ class ConstantElimination(Rebuilt, Elimination):
         slack = response[: len(schur)]
         free = response[len(schur) :]
         return CondensedContact(
-            schur, slack, free, self._pushed, partial(self._changes, point), factored=self.equalities
+            schur, slack, free, self._compliance_times, partial(self._changes, point), factored=self.equalities
         )
 
-    def _pushed(self, forces: np.ndarray) -> np.ndarray:
+    def _compliance_times(self, forces: np.ndarray) -> np.ndarray:
         return self.responses.primal_per_force @ forces
 
     def _changes(self, point: np.ndarray, *_: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

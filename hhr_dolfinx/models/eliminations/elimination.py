@@ -188,8 +188,8 @@ def _floating_answer(
 
     of_slack, of_unknown = contact.at_fixed_forces(found.forces, unknown)
     driven = floating.drift(found.forces, unknown)
-    changes, opened, moved = equalities.several(found.active, of_slack, driven)
-    of_unknown = of_unknown - contact.pushed(changes) + floating.modes @ moved
+    changes, opened, of_motions = equalities.several(found.active, of_slack, driven)
+    of_unknown = of_unknown - contact.pushed(changes) + floating.modes @ of_motions
     return answer._replace(gradient=Gradient(of_unknown, changes, grazing(found.active, found.forces, slack), opened))
 
 

@@ -62,9 +62,9 @@ class FloatingElimination(Rebuilt, Elimination):
         motions = Floating(self.equalities, self.driving @ theta, self.modes, lambda _, unknown: changes(unknown)[2])
         slack = left.free_slack @ theta
         free = left.free_primal @ theta
-        pushed = partial(np.matmul, left.primal_per_force)
+        respond = partial(np.matmul, left.primal_per_force)
         return CondensedContact(
-            left.schur, slack, free, pushed, lambda _, unknown: changes(unknown)[:2], floating=motions
+            left.schur, slack, free, respond, lambda _, unknown: changes(unknown)[:2], floating=motions
         )
 
     def _changes(self, point: np.ndarray, _: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -104,10 +104,12 @@ class ReducedFloatingElimination(Elimination):
         held = problem.held
         factor = LapackLU(held.stiffness)
         found = Responses.eliminate(factor, held.loads, held.gaps, held.contact_test, held.contact_trial)
-        taken = np.ascontiguousarray(problem.contact_trial[:, :r])
+        contact_of_motions = np.ascontiguousarray(problem.contact_trial[:, :r])
         free, per_force = (_after(r, part) for part in (found.free_primal, found.primal_per_force))
         responses = replace(found, free_primal=free, primal_per_force=per_force)
-        return factor, FloatingElimination(responses, taken, problem.loads[:r], np.eye(len(free), r), self.amplitudes)
+        return factor, FloatingElimination(
+            responses, contact_of_motions, problem.loads[:r], np.eye(len(free), r), self.amplitudes
+        )
 
     def _changed(
         self, factor: LapackLU, point: np.ndarray, weights: np.ndarray, unknown: np.ndarray

@@ -65,7 +65,7 @@ class Compliance:
         conditions: contact conditions that act on it, (m_c,), increasing.
         forced: terms of θ whose loads act on it, (T_F,).
         lifted: terms whose imposed displacements act on it, (T_L,).
-        factor: modulus common to all of it; None if there is none, or a constant one.
+        factor: modulus common to all of it; None without one, or for a constant one.
         interpolant: of S_c for the factor 1, (m_c^2, r) modes.
         columns: modes of B K^-1 F of the terms forced, then of B K^-1 K lift, (T_F + T_L, m_c, r).
         primal: modes of its unknown; None if fields are computed in another way.
@@ -109,7 +109,7 @@ class Compliance:
         m = self.conditions.size
         return (along @ self.interpolant.modes.T).reshape(*along.shape[:-1], m, m)
 
-    def moved(self, columns: np.ndarray, along: np.ndarray, theta: np.ndarray, compliance: float) -> np.ndarray:
+    def load_response(self, columns: np.ndarray, along: np.ndarray, theta: np.ndarray, compliance: float) -> np.ndarray:
         """Columns of F minus those of K lift. Load terms scale with 1/E; terms of imposed displacements do not."""
         weights = theta[self.terms]
         weights[: self.forced.size] *= compliance
@@ -118,7 +118,7 @@ class Compliance:
         used = weights.nonzero()[0]
         return weights[used] @ (columns[used] @ along) if used.size else np.zeros(columns.shape[1])
 
-    def many_moved(self, along: np.ndarray, theta: np.ndarray, compliances: np.ndarray) -> np.ndarray:
+    def load_responses(self, along: np.ndarray, theta: np.ndarray, compliances: np.ndarray) -> np.ndarray:
         """The same of its columns at many points, from (n, r), (n, 1 + T) and (n,): (n, m_c)."""
         weights = theta[:, self.terms]
         weights[:, : self.forced.size] *= compliances[:, None]
@@ -129,28 +129,28 @@ class Compliance:
             found[rows] += weights[rows, term, None] * (along[rows] @ self.columns[term].T)
         return found
 
-    def moved_slopes(
+    def load_response_slopes(
         self, columns: np.ndarray, ways: np.ndarray, theta: np.ndarray, changes: np.ndarray, factor: Factored
     ) -> np.ndarray:
-        """Derivatives of what :meth:`moved` returns along the parameters, (rows, P).
+        """Derivatives of what :meth:`load_response` returns along the parameters, (rows, P).
 
         ``ways`` holds components along the modes and their derivatives along the axes, (r, 1 + d); ``changes`` the
         derivatives of θ.
         """
         # terms that act or change; hundreds of others may do neither
         used = np.flatnonzero(theta[self.terms].astype(bool) | changes[self.terms].any(axis=1))
-        moved = np.moveaxis(columns[used] @ ways, 0, 2)
+        values = np.moveaxis(columns[used] @ ways, 0, 2)
         terms = self.terms[used]
         forced = used < self.forced.size
         scales = np.where(forced, factor.compliance, -1.0)
-        found = np.outer(moved[:, 0] @ (theta[terms] * forced), factor.slopes)
-        found += moved[:, 0] @ (scales[:, None] * changes[terms])
-        found[:, self.interpolant.axes] += moved[:, 1:] @ (scales * theta[terms])
+        found = np.outer(values[:, 0] @ (theta[terms] * forced), factor.slopes)
+        found += values[:, 0] @ (scales[:, None] * changes[terms])
+        found[:, self.interpolant.axes] += values[:, 1:] @ (scales * theta[terms])
         return found
 
-    def pushed_slopes(self, pushed: np.ndarray, ways: np.ndarray, factor: Factored) -> np.ndarray:
+    def force_response_slopes(self, modes: np.ndarray, ways: np.ndarray, factor: Factored) -> np.ndarray:
         """Derivatives of the compliance times responses to forces along the modes, (rows, r): (rows, P)."""
-        along = pushed @ ways
+        along = modes @ ways
         found = np.outer(along[:, 0], factor.slopes)
         found[:, self.interpolant.axes] += factor.compliance * along[:, 1:]
         return found
@@ -270,19 +270,19 @@ class Compliances(Elimination):
         slack = self.gaps_at(point) @ theta
         free = np.zeros(self.unknowns)
         for part, along, compliance in found.parts:
-            slack[part.where] -= part.moved(part.columns, along, theta, compliance)
+            slack[part.where] -= part.load_response(part.columns, along, theta, compliance)
             if part.primal is not None:
-                free[part.primal.unknowns] = part.moved(part.primal.columns, along, theta, compliance)
+                free[part.primal.unknowns] = part.load_response(part.primal.columns, along, theta, compliance)
         return self.contact(point, theta, found, slack, free)
 
     def contact(
         self, point: np.ndarray, theta: np.ndarray, found: InterpolatedStiffness, slack: np.ndarray, free: np.ndarray
     ) -> CondensedContact:
         """Contact problem at a point, (P,), from θ, S, free slack, (m,), and free unknown there."""
-        pushed = partial(self._pushed, found)
+        respond = partial(self._compliance_times, found)
         changes = partial(self._changes, point, theta, found)
         shared = found.equalities
-        return CondensedContact(found.schur, slack, free, pushed, changes, self.symmetric, factored=shared)
+        return CondensedContact(found.schur, slack, free, respond, changes, self.symmetric, factored=shared)
 
     def many(self, points: np.ndarray) -> ManyContacts:
         """Contact problems at many points, (n, P), by products of matrices; :attr:`together` limits their number."""
@@ -293,7 +293,7 @@ class Compliances(Elimination):
         compliances = [part.compliances(points) for part in self.parts]
         for part, ways, sizes in zip(self.parts, along, compliances, strict=True):
             schur[(slice(None), *part.block)] += part.schur(sizes[:, None] * ways)
-            slack[:, part.where] -= part.many_moved(ways, theta, sizes)
+            slack[:, part.where] -= part.load_responses(ways, theta, sizes)
         return ManyContacts(self, points, theta, along, compliances, schur, slack)
 
     def many_driven(self, points: np.ndarray, theta: np.ndarray) -> np.ndarray:
@@ -323,7 +323,7 @@ class Compliances(Elimination):
             found.append((part, along, compliance))
         return InterpolatedStiffness(schur, found, self.symmetric)
 
-    def _pushed(self, stiffness: InterpolatedStiffness, forces: np.ndarray) -> np.ndarray:
+    def _compliance_times(self, stiffness: InterpolatedStiffness, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T times forces, (m,) or (m, k)."""
         found = np.zeros((self.unknowns, *forces.shape[1:]))
         for part, along, compliance in stiffness.parts:
@@ -358,13 +358,13 @@ class Compliances(Elimination):
             own = forces[part.where]
             ways = np.column_stack([along, part.interpolant.slopes_along_modes(point)])
             # S_c forces of every mode, so that no derivative forms S_c
-            pushed = (part.interpolant.modes.T.reshape(-1, own.size, own.size) @ own).T
-            slack[part.where] += part.pushed_slopes(pushed, ways, factor)
-            slack[part.where] -= part.moved_slopes(part.columns, ways, theta, changes, factor)
+            schur_forces = (part.interpolant.modes.T.reshape(-1, own.size, own.size) @ own).T
+            slack[part.where] += part.force_response_slopes(schur_forces, ways, factor)
+            slack[part.where] -= part.load_response_slopes(part.columns, ways, theta, changes, factor)
             if part.primal is not None:
-                free = part.moved_slopes(part.primal.columns, ways, theta, changes, factor)
-                taken = part.pushed_slopes((part.primal.pushed @ own).T, ways, factor)
-                found[part.primal.unknowns] = free - taken
+                free = part.load_response_slopes(part.primal.columns, ways, theta, changes, factor)
+                forced = part.force_response_slopes((part.primal.pushed @ own).T, ways, factor)
+                found[part.primal.unknowns] = free - forced
         return slack, found
 
     @cached_property

@@ -218,7 +218,7 @@ def grow(
             # no surplus shows where the error is: one more level along every axis
             growing.waiting = dict.fromkeys(growing.waiting, missed)
         last = growing.follow(chosen, budget)
-    values = growing.taken()
+    values = growing.surplus_columns()
     order = growing.order
     modes, weights = _compressed(values, tolerance * 0.1) if compressed else (values, np.eye(len(order)))
     grown = Interpolant(axes, lower, upper, growing.levels, modes, weights)
@@ -281,7 +281,7 @@ class _Growing:
                 self._try(after)
         return surplus
 
-    def taken(self) -> np.ndarray:
+    def surplus_columns(self) -> np.ndarray:
         """All surpluses as columns, (M, n); the list is emptied, since it may take half of the memory."""
         found = np.empty((self.surpluses[0].size, len(self.surpluses)), order="F")
         for place in range(len(self.surpluses)):

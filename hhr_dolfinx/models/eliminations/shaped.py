@@ -107,9 +107,9 @@ class ReshapedElimination(Elimination):
     ) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives from K~ gamma' = -R', with central differences of the residual R."""
 
-        def residual_and_slack(moved: np.ndarray) -> np.ndarray:
-            problem = self.problem_at(moved)
-            theta = self.amplitudes(moved)
+        def residual_and_slack(shifted: np.ndarray) -> np.ndarray:
+            problem = self.problem_at(shifted)
+            theta = self.amplitudes(shifted)
             left = problem.stiffness @ unknown + problem.contact_test.T @ forces - problem.loads @ theta
             return np.append(left, problem.gaps @ theta - problem.contact_trial @ unknown)
 

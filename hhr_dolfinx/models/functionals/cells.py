@@ -230,10 +230,10 @@ class MovingCells:
         """The strain at a point, (P,)."""
         values = dict(zip(self.parameters, point.tolist(), strict=True))
         points = self.points.copy()
-        for shape, moved in zip(self.shapes, self.moved, strict=True):
-            points[moved] = shape.moved(self.points[moved], self.coordinates, values)
+        for shape, own in zip(self.shapes, self.moved, strict=True):
+            points[own] = shape.moved(self.points[own], self.coordinates, values)
         corners = self.middles.placed(points)[self.cells]
-        gradients, _ = _moved_gradients(corners, self.slopes)
+        gradients, _ = _mapped_gradients(corners, self.slopes)
         hoop = self.values / (corners[:, :, 0] @ self.values)[:, None] if self.axisymmetric else None
         return CellStrain(self.cells, gradients, hoop, self._dilatation(corners) if self.weights.size else None)
 
@@ -242,7 +242,7 @@ class MovingCells:
         total = np.zeros_like(corners)
         volume = np.zeros(len(corners))
         for weight, values, slopes in zip(self.weights, self.gauss_values, self.gauss_slopes, strict=True):
-            gradients, size = _moved_gradients(corners, slopes)
+            gradients, size = _mapped_gradients(corners, slopes)
             if self.axisymmetric:
                 radius = corners[:, :, 0] @ values
                 gradients[:, 0] += values / radius[:, None]
@@ -252,7 +252,7 @@ class MovingCells:
         return total / volume[:, None, None]
 
 
-def _moved_gradients(corners: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _mapped_gradients(corners: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Gradients of the shape functions, (c, dim, k), and sizes of the map, (c,), from slopes on the reference cell."""
     count = len(corners)
     dim = slopes.shape[1]

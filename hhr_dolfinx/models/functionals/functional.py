@@ -212,13 +212,13 @@ class Functional:
             forces: along the directions, (m, r).
 
         Returns:
-            A Lipschitz constant for the Euclidean norm of the r weights; None if there is none, as here.
+            A Lipschitz constant for the Euclidean norm of the r weights; None without one, as here.
         """
         return None
 
-    def followed(self, state: State, there: Functional, moved: State) -> float:
+    def followed(self, state: State, there: Functional, shifted: State) -> float:
         """Value of the same output on another shape, on the smooth piece that is active at ``state``."""
-        return there.value(moved)
+        return there.value(shifted)
 
     def indices(self) -> dict[str, np.ndarray]:
         """Its indices of ``conditions`` and ``terms``, for checks."""
@@ -346,8 +346,8 @@ def _shape_slopes(
     point = states[0].point
     found = np.zeros((len(states), point.size))
 
-    def followed(moved: np.ndarray) -> np.ndarray:
-        there = whole.at(moved)
+    def followed(shifted: np.ndarray) -> np.ndarray:
+        there = whole.at(shifted)
         measured = there.measured(coordinates) if coordinates.size else _NOTHING
         after = [
             state._replace(measured=measured[part]) for state, part in zip(states, functionals.places, strict=True)

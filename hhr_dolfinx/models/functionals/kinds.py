@@ -116,11 +116,11 @@ class Largest(Functional):
         place = pressures.argmax()
         return Slopes(self.conditions[[place]], 1 / self.areas[[place]], kink=_tied(pressures, place))
 
-    def followed(self, state: State, there: Functional, moved: State) -> float:
+    def followed(self, state: State, there: Functional, shifted: State) -> float:
         """Pressure of the condition where the maximum is attained."""
         assert isinstance(there, Largest)
         place = (state.forces[self.conditions] / self.areas).argmax()
-        return float(moved.forces[self.conditions[place]] / there.areas[place])
+        return float(shifted.forces[self.conditions[place]] / there.areas[place])
 
     def indices(self) -> dict[str, np.ndarray]:
         """Conditions."""
@@ -153,7 +153,7 @@ class Loaded(Functional):
         """Zero."""
         return Slopes()
 
-    def followed(self, state: State, there: Functional, moved: State) -> float:
+    def followed(self, state: State, there: Functional, shifted: State) -> float:
         """Area on the other shape of the conditions under load."""
         assert isinstance(there, Loaded)
         return float(there.offset + there.factor * there.areas[self._loaded(state)].sum())
@@ -241,13 +241,13 @@ class Mises(Functional):
                 largest = max(largest, float(np.linalg.eigvalsh(stress.swapaxes(1, 2) @ stress)[:, -1].max()))
         return float(np.sqrt(np.linalg.eigvalsh(mean)[-1] if self.shares.size else largest))
 
-    def followed(self, state: State, there: Functional, moved: State) -> float:
+    def followed(self, state: State, there: Functional, shifted: State) -> float:
         """Stress of the cell where it is largest, or the mean."""
         assert isinstance(there, Mises)
         if self.shares.size:
-            return there.value(moved)
+            return there.value(shifted)
         place = von_mises(self._stress(state)[0]).argmax()
-        return float(von_mises(there._stress(moved)[0])[place])
+        return float(von_mises(there._stress(shifted)[0])[place])
 
     def slopes(self, state: State) -> Slopes:
         """Slopes by the chain rule through the stress."""
@@ -351,23 +351,23 @@ class Energy(Functional):
         """Half the work of all forces."""
         weights = np.array([*(modulus.value(state.point) for modulus in self._moduli), 1.0])
         theta = state.theta
-        moved = state.theta[self.lifted]
-        work = (theta[self.terms] * weights[self.parts]) @ (state.measured - self.own @ moved)
-        work += weights[:-1] @ (self.lifts @ moved @ moved)
+        imposed = state.theta[self.lifted]
+        work = (theta[self.terms] * weights[self.parts]) @ (state.measured - self.own @ imposed)
+        work += weights[:-1] @ (self.lifts @ imposed @ imposed)
         return float(work - state.forces @ (self.gaps @ theta[self.gap_terms])) / 2
 
     def slopes(self, state: State) -> Slopes:
         """Slopes by the product rule."""
         weights = np.array([*(modulus.value(state.point) for modulus in self._moduli), 1.0])
         theta = state.theta
-        moved = state.theta[self.lifted]
+        imposed = state.theta[self.lifted]
         of_theta = np.zeros(theta.size)
-        measured = state.measured - self.own @ moved
+        measured = state.measured - self.own @ imposed
         np.add.at(of_theta, self.terms, weights[self.parts] * measured)
         np.add.at(of_theta, self.lifted, -(theta[self.terms] * weights[self.parts]) @ self.own)
-        np.add.at(of_theta, self.lifted, 2 * np.tensordot(weights[:-1], self.lifts, 1) @ moved)
+        np.add.at(of_theta, self.lifted, 2 * np.tensordot(weights[:-1], self.lifts, 1) @ imposed)
         np.add.at(of_theta, self.gap_terms, -(state.forces @ self.gaps))
-        of_weights = self.lifts @ moved @ moved
+        of_weights = self.lifts @ imposed @ imposed
         inner = self.parts >= 0
         np.add.at(of_weights, self.parts[inner], (theta[self.terms] * measured)[inner])
         point = np.zeros(state.point.size)

@@ -2,7 +2,7 @@
 
 At each shape they are ordinary :class:`~hhr_dolfinx.models.functionals.functional.Functionals`. Their arrays, such as
 areas of conditions and arms of forces, are interpolated over the shape parameters. Their rows act on the coordinates of
-a reduced displacement. Rows of strain are too many to interpolate; they are computed from moved cells.
+a reduced displacement. Rows of strain are too many to interpolate; they are computed from cells at their new nodes.
 """
 
 from __future__ import annotations

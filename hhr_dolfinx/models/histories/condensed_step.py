@@ -605,8 +605,8 @@ def _judge(model, load, work, tolerance, most):
     fine = possible(model.ends, model.shear, work.amount, work.slope, work.trial)
     if fine:
         set_plastic(load.plastic, work.amount, work.trial, work.deviator, work.plastic)
-        pushed = model.coupled, work.forces, load.forces
-        left = set_residual(model.tested, work.plastic, model.modal, work.there, *pushed, work.residual)
+        coupling = model.coupled, work.forces, load.forces
+        left = set_residual(model.tested, work.plastic, model.modal, work.there, *coupling, work.residual)
         fine = bool(np.isfinite(left))
     if not fine:
         # the correction is too large: a law has no answer there
@@ -724,23 +724,23 @@ def _linearise(model, work):
     """Inlined body of :func:`linearise`."""
     count = int(work.numbers[COUNT])
     ell = work.here.size
-    moved = np.empty((count, ell))
+    responses = np.empty((count, ell))
     coupled = np.empty((ell, count))
     inverse = np.empty((count, count))
     for a in range(count):
         for j in range(ell):
-            moved[a, j] = model.moved[work.order[a], j]
+            responses[a, j] = model.moved[work.order[a], j]
             coupled[j, a] = model.coupled[j, work.order[a]]
         for b in range(count):
             inverse[a, b] = work.inverse[a, b]
     # W
-    moved = np.dot(inverse, moved)
-    jacobian = np.dot(coupled, moved)
+    responses = np.dot(inverse, responses)
+    jacobian = np.dot(coupled, responses)
     for i in range(ell):
         for j in range(ell):
             jacobian[i, j] += model.modal[i, j]
     if _norm(work.amount) > 0:
-        _add_flowing(model, work, moved, jacobian)
+        _add_flowing(model, work, responses, jacobian)
     found = inverse_of(jacobian)
     total = 0.0
     for i in range(ell):
@@ -754,9 +754,9 @@ def _linearise(model, work):
 
 
 @compiled(inner=True)
-def _add_flowing(model, work, moved, jacobian):
+def _add_flowing(model, work, responses, jacobian):
     """Add the plastic part of -J, by W."""
-    count, ell = moved.shape
+    count, ell = responses.shape
     laws = work.deviator, work.trial, work.amount, work.slope
     flowing = flowing_of(model.tested, model.ends, model.shear, *laws)
     direct = np.dot(flowing, model.single.T)
@@ -773,4 +773,4 @@ def _add_flowing(model, work, moved, jacobian):
             jacobian[i, j] -= direct[i, j]
         for a in range(count):
             for j in range(ell):
-                jacobian[i, j] += pressed[i, a] * moved[a, j]
+                jacobian[i, j] += pressed[i, a] * responses[a, j]

@@ -213,11 +213,11 @@ ACCEPTED = 0.05
 _COLLECTED: ContextVar[list[float] | None] = ContextVar("time errors of a training", default=None)
 
 
-def complain(estimate: float, tolerance: float | None) -> None:
+def warn_of_time_error(estimate: float, tolerance: float | None) -> None:
     """Warn of a large time error, unless a tolerance was given, or :func:`told_once` collects the warnings."""
-    together = _COLLECTED.get()
-    if together is not None:
-        together.append(estimate)
+    collected = _COLLECTED.get()
+    if collected is not None:
+        collected.append(estimate)
     elif tolerance is None and estimate > ACCEPTED:
         warn(f"the time steps of this history {_said(estimate)}", TimeStepWarning, stacklevel=5)
 
@@ -225,8 +225,8 @@ def complain(estimate: float, tolerance: float | None) -> None:
 @contextmanager
 def told_once(what: str = "") -> Iterator[None]:
     """Collect the time errors of histories in a block and warn once at its end, as ``what``; never without a name."""
-    together = _COLLECTED.get()
-    if together is not None:  # the outermost block warns
+    collected = _COLLECTED.get()
+    if collected is not None:  # the outermost block warns
         yield
         return
     estimates: list[float] = []

@@ -19,20 +19,20 @@ PRESSED = 1e-9
 """Part of the largest pressure of a history below which a contact is not under load."""
 
 
-_TOLD: ContextVar[list[str] | None] = ContextVar("what several histories have told", default=None)
+_WARNED: ContextVar[list[str] | None] = ContextVar("places of histories that slid far", default=None)
 
 
 @contextmanager
 def first_alone() -> Iterator[None]:
     """Warn of the first of the histories in a block that slides far, not of the others."""
-    if _TOLD.get() is not None:  # the outermost block counts
+    if _WARNED.get() is not None:  # the outermost block counts
         yield
         return
-    token = _TOLD.set([])
+    token = _WARNED.set([])
     try:
         yield
     finally:
-        _TOLD.reset(token)
+        _WARNED.reset(token)
 
 
 class FarSliding:
@@ -60,11 +60,11 @@ class FarSliding:
         if self._said or not share.max(initial=0.0) > 1.0:
             return
         self._said = True
-        told = _TOLD.get()
-        if told:
+        warned = _WARNED.get()
+        if warned:
             return
-        if told is not None:
-            told.append(place)
+        if warned is not None:
+            warned.append(place)
         at = int(share.argmax())
         warn(
             f"at {place}: contact {at} has slid by {slid[at]:.3g}, {share[at]:.2g} times the distance between the "

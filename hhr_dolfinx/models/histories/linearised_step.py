@@ -160,7 +160,7 @@ def _step(
     flows = material.flows and settings.search != "elastic"
     mixing = Anderson() if material.flows and settings.search != "tangent" else None
     active = (here if start is None else start).active
-    rubbing = _rubbing(model, here, goal.parameter)
+    friction_step = _friction_step(model, here, goal.parameter)
     noise = model.round_off(x, theta)
     together = model.together
     linear: Any = memory.linearisation if flows else model.elastic
@@ -174,7 +174,7 @@ def _step(
         flowed = update.state.cumulated - here.state().state.cumulated
         try:
             linear = model.linearised(update.tangents) if renew else linear
-            change, found = linear.correct(residual, x, theta, active, rubbing)
+            change, found = linear.correct(residual, x, theta, active, friction_step)
         except (NotSolvableError, np.linalg.LinAlgError) as error:
             raise Diverged(f"{error}, a singular tangent", together.place(flowed)) from None
         if found.status is not Status.CONVERGED:
@@ -184,25 +184,27 @@ def _step(
         # each body by its own forces, or if it is unloaded by its largest forces before
         if (left <= settings.relative_force * np.maximum(scale, memory.forces) + noise).all():
             # the more expensive of the two criteria comes last
-            moved = _moves(linear, model.strain_of(change))
+            stress_change = _stress_change(linear, model.strain_of(change))
             largest = max(memory.stress, _root_mean_square(update.stress, together))
             floor = max(settings.floor_stress * largest, ROUND_OFF_STRAIN * together.largest(linear.moduli.max()))
-            if together.largest((moved - settings.relative_stress * np.abs(update.stress)).max()) <= floor:
+            if together.largest((stress_change - settings.relative_stress * np.abs(update.stress)).max()) <= floor:
                 memory.strains.check(strain, together)
                 slow = settings.search == "tangent" or iteration > memory.patience
                 memory.linearisation = None if slow else linear
                 memory.grow(scale, largest)
                 answer = found_as(found._replace(iterations=iteration), goal.parameter, x, model.fields)
-                slip = None if rubbing is None else rubbing.slip(x)
+                slip = None if friction_step is None else friction_step.slip(x)
                 return answer._replace(time=goal.time, gauss=GaussState(update.stress, update.state), slip=slip)
         active = found.active
         x = x + change if mixing is None else mixing(x, change)
-    moved = _moves(linear, model.strain_of(change)).max(axis=1)
-    why = f"after {settings.iterations} iterations the stress still moves by {together.largest(moved.max()):.3g}"
-    raise Diverged(why, together.place(moved))
+    stress_change = _stress_change(linear, model.strain_of(change)).max(axis=1)
+    why = (
+        f"after {settings.iterations} iterations the stress still moves by {together.largest(stress_change.max()):.3g}"
+    )
+    raise Diverged(why, together.place(stress_change))
 
 
-def _rubbing(model: Equilibrium, here: Answer, point: np.ndarray) -> RubbingStep | None:
+def _friction_step(model: Equilibrium, here: Answer, point: np.ndarray) -> RubbingStep | None:
     """Solver of the contact problems of a step with friction; None without friction."""
     if model.friction is None:
         return None
@@ -226,12 +228,12 @@ def _elastic_start(model, here, theta, point):
     stress = here.state().stress + np.einsum("nij,nj->ni", model.material.elastic, change)
     residual, _ = model.residual(x, GaussState(stress, here.state().state), theta)
     try:
-        change, found = model.elastic.correct(residual, x, theta, here.active, _rubbing(model, here, point))
+        change, found = model.elastic.correct(residual, x, theta, here.active, _friction_step(model, here, point))
     except NotSolvableError:
         return x
     return x + change if found.status is Status.CONVERGED else x
 
 
-def _moves(linear: Linearisation, strain: np.ndarray) -> np.ndarray:
+def _stress_change(linear: Linearisation, strain: np.ndarray) -> np.ndarray:
     """Change of the stress by the linearisation, |H : ε(δ)|, instead of R_σ in (6.19)."""
     return np.abs(np.einsum("nij,nj->ni", linear.moduli, strain))

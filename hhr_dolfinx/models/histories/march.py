@@ -26,7 +26,7 @@ from hhr_dolfinx.models.histories.equilibrium import (
     Marching,
     MarchSettings,
     Stepper,
-    complain,
+    warn_of_time_error,
 )
 from hhr_dolfinx.models.histories.path import check_elasticity, check_settings
 from hhr_dolfinx.models.histories.time_error import TimeError, in_parts
@@ -90,7 +90,7 @@ def march(
         with suppress(AttributeError):
             stop.history = history  # type: ignore[attr-defined]
         raise
-    complain(float(history.time_error.max(initial=0.0)), settings.time_tolerance)
+    warn_of_time_error(float(history.time_error.max(initial=0.0)), settings.time_tolerance)
     if settings.gradient:
         from hhr_dolfinx.models.histories.history_gradient import with_gradients
 
@@ -135,8 +135,8 @@ def _march(
         history.answers.append(whole)
         history.signs.append(signs)
         history.cuts += after.parts > 1
-        told = number, len(path) - 1, time, after.iterations, after.parts
-        _log.info("step %d of %d, t = %g s: %d iterations in %d parts", *told)
+        report = number, len(path) - 1, time, after.iterations, after.parts
+        _log.info("step %d of %d, t = %g s: %d iterations in %d parts", *report)
         if number > len(known):
             keep(whole)
         trail = (*trail[-2:], after)

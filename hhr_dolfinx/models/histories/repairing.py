@@ -134,15 +134,15 @@ class RepairingSlider(Slider):
         time, point, weights = target
         contact = self._contact_at(point)
         free = -contact.free_slack
-        assert before.moved is not None and before.pushed is not None
-        moved_to = free - contact.schur @ before.pushed
+        assert before.displacement is not None and before.surface_forces is not None
+        displacement = free - contact.schur @ before.surface_forces
         last = 1e-300
         for _ in range(PAIRINGS):
-            paired = self.paired(moved_to, before.moved)
+            paired = self.paired(displacement, before.displacement)
             found, bound = self._solved_on(contact.schur, free, paired, before, point)
-            pushed = paired.matrix.T @ found.forces
-            moved_to = free - contact.schur @ pushed
-            change = np.abs(moved_to - paired.at).max() / self.facet
+            surface_forces = paired.matrix.T @ found.forces
+            displacement = free - contact.schur @ surface_forces
+            change = np.abs(displacement - paired.at).max() / self.facet
             # the next change would be smaller by the same factor as this one
             if found.status is not Status.CONVERGED or change * min(change / last, 1.0) <= self.settled:
                 break
@@ -155,7 +155,9 @@ class RepairingSlider(Slider):
             self.largest = max(self.largest, float(np.linalg.norm(found.forces)))
         gap = found.slack[self.friction.normal]
         changes = before.changes
-        reached = Reached(point, time, found.forces, found.active, gap, slip, weights, changes, moved_to, pushed)
+        reached = Reached(
+            point, time, found.forces, found.active, gap, slip, weights, changes, displacement, surface_forces
+        )
         return Solved(found, reached, contact, None)
 
     def _solved_on(
@@ -167,7 +169,7 @@ class RepairingSlider(Slider):
         schur = rows @ (rows @ compliance).T
         slack = np.empty(rows.shape[0])
         slack[:count] = paired.gap + rows[:count] @ (paired.at - free)
-        slack[count:] = rows[count:] @ (before.moved - free)
+        slack[count:] = rows[count:] @ (before.displacement - free)
         given = Increment(slack, *self.friction.bounds(point), np.zeros(0))
         found = SlidingContact(schur, self.friction).increment(given, before.forces, before.active)
         return found, given.bounds(self.friction, found.forces)
@@ -208,18 +210,26 @@ class RepairingSlider(Slider):
 
     def elastic_energy(self, solved: Solved) -> float:
         """See :class:`Slider`."""
-        pushed = solved.reached.pushed
-        return 0.5 * float(pushed @ (solved.contact.schur @ pushed))
+        surface_forces = solved.reached.surface_forces
+        return 0.5 * float(surface_forces @ (solved.contact.schur @ surface_forces))
 
     def answer(self, solved: Solved) -> Answer:
         """Answer of an increment; its forces are those on all dofs of surfaces."""
         found, reached, contact, _ = solved
-        pushed = reached.pushed
-        assert pushed is not None
+        surface_forces = reached.surface_forces
+        assert surface_forces is not None
         return Answer(
-            reached.point, contact.unknown(pushed), pushed, pushed != 0.0, found.iterations, found.status,
-            found.sweeps > 0, self.model.fields, time=reached.time, slip=reached.slip,
-        )  # fmt: skip
+            reached.point,
+            contact.unknown(surface_forces),
+            surface_forces,
+            surface_forces != 0.0,
+            found.iterations,
+            found.status,
+            found.sweeps > 0,
+            self.model.fields,
+            time=reached.time,
+            slip=reached.slip,
+        )
 
 
 def layout(pairs: Sequence[SlidingPair], laws: Sequence[Any], fixed: np.ndarray, dim: int) -> Friction:

@@ -57,9 +57,9 @@ class _Load(NamedTuple):
     before: State
     dt: float
 
-    def under(self, moved: np.ndarray) -> Increment:
+    def under(self, opening: np.ndarray) -> Increment:
         """The increment with the slack reduced by that of a correction, (m,)."""
-        return Increment(self.slack - moved, self.coefficient, self.limit, NOTHING)
+        return Increment(self.slack - opening, self.coefficient, self.limit, NOTHING)
 
 
 class RubbingFlowStepper:
@@ -108,12 +108,12 @@ class RubbingFlowStepper:
         failure = Diverged("nothing was tried")
         for start in [*starts, here.unknown[: model.modes]]:
             try:
-                found, taken = self._solved(load, material, start, here)
+                found, count = self._solved(load, material, start, here)
             except Diverged as error:
                 failure = error
                 spent += self._settings.iterations
                 continue
-            return self._answer(found, load, here, goal, spent + taken)
+            return self._answer(found, load, here, goal, spent + count)
         raise failure
 
     def _solved(self, load: _Load, material: Material, start: np.ndarray, here: Answer) -> tuple[_Trial, int]:
@@ -164,10 +164,10 @@ class RubbingFlowStepper:
     def _slope(self, load: _Load, at: _Trial) -> np.ndarray:
         """-dR/dg, (ell, ell)."""
         model = self._model
-        moved = model.flow.moved
+        rows = model.flow.moved
         nothing = np.zeros((self._friction.normal.size, model.modes))
         forces, _ = self._contact.changes(
-            load.under(moved @ at.correction), at.found, -moved, (nothing, nothing), np.zeros((0, model.modes))
+            load.under(rows @ at.correction), at.found, -rows, (nothing, nothing), np.zeros((0, model.modes))
         )
         flowing = model.flowing(at.update.tangents)
         pressed = (flowing * model.scale) @ (model.flow.per_force.T @ forces)

@@ -55,8 +55,8 @@ class Reached(NamedTuple):
     """Derivative of each parameter here along that of the whole history, (P,)."""
     changes: np.ndarray
     """Derivatives of the position of tangential rows, (T, P)."""
-    moved: np.ndarray | None = None
-    pushed: np.ndarray | None = None
+    displacement: np.ndarray | None = None
+    surface_forces: np.ndarray | None = None
     """Displacement of, and forces on, all dofs of surfaces, (n,), for surfaces that are paired again."""
 
 
@@ -135,9 +135,9 @@ class Slider:
         """Solve one increment; it may not converge."""
         time, point, weights = target
         contact = self._contact_at(point)
-        taken = None if contact.floating is None else contact.floating.equalities.taken
+        of_motions = None if contact.floating is None else contact.floating.equalities.taken
         if self._sliding is None or self._sliding.given is not contact.schur:
-            self._sliding = SlidingContact(contact.schur, self.friction, taken)
+            self._sliding = SlidingContact(contact.schur, self.friction, of_motions)
         slack = contact.free_slack.copy()
         slack[self.friction.tangential] -= self.surface.position(before.slip)
         driving = np.zeros(0) if contact.floating is None else contact.floating.driving
@@ -241,7 +241,7 @@ class _Step:
         self.ends: list[float] = []
         self._watch = watch
 
-    def taken(self, before: Reached, target: Target, depth: int = 0, whole: Solved | None = None) -> Solved:
+    def advance(self, before: Reached, target: Target, depth: int = 0, whole: Solved | None = None) -> Solved:
         """Solve the step and return its last increment; ``whole`` is the step as one increment if it is known."""
         if whole is None:
             whole = self._solved(before, target)
@@ -258,11 +258,11 @@ class _Step:
                 self.error += error
                 self._ended(middle.time, half)
                 return second
-        first = self.taken(before, middle, depth + 1, half)
+        first = self.advance(before, middle, depth + 1, half)
         if not first.settled:
             return first
         self._ended(middle.time, first)
-        return self.taken(first.reached, target, depth + 1)
+        return self.advance(first.reached, target, depth + 1)
 
     def _difference(self, before: Reached, half: Solved, second: Solved, whole: Solved) -> float:
         """Error of a step in two halves: of forces over the largest so far, of work over the dissipated work."""
@@ -317,7 +317,7 @@ def slide_along(
     weights = np.ones((len(path), path[0][1].size)) if weights is None else weights
     reached = slider.at_rest(*path[0], weights[0])
     error = 0.0
-    told = False
+    warned = False
     far = FarSliding()
     try:
         for number, ((time, point), weight) in enumerate(zip(path[1:], weights[1:], strict=True)):
@@ -331,13 +331,13 @@ def slide_along(
                 continue
             model.check_range(point, settings.outside)
             step = _Step(slider, settings.cuts, settings.time_tolerance, watch)
-            solved = step.taken(reached, Target(time, point, weight))
+            solved = step.advance(reached, Target(time, point, weight))
             reached = solved.reached
             far.check(slider.surface.whole, reached.slip, model.parameters.described(point))
             error += np.nan if settings.time_tolerance is None else step.error
-            answer = _told(slider, step, solved)._replace(time_error=error)
-            if answer.undetermined is not None and not told:  # once for a path
-                told = True
+            answer = _checked_answer(slider, step, solved)._replace(time_error=error)
+            if answer.undetermined is not None and not warned:  # once for a path
+                warned = True
                 model.warn_undetermined(answer)
             if watch is not None:
                 watch(answer)
@@ -366,8 +366,8 @@ def _check_shape(model: Any, path: Path) -> None:
             )
 
 
-def _told(slider: Slider, step: _Step, solved: Solved) -> Answer:
-    """Answer at the end of a step; raises if there is none."""
+def _checked_answer(slider: Slider, step: _Step, solved: Solved) -> Answer:
+    """Answer at the end of a step; raises an error without one."""
     answer = slider.answer(solved)._replace(iterations=step.iterations, cycled=step.cycled, ends=tuple(step.ends))
     found = solved.found
     advice = dict(slider.model.advice)

@@ -273,11 +273,11 @@ def in_parts(
         found = advance(trail, part)
         spent += sum(answer.iterations for answer in found)
         after = error.through(model, trail[-1], found)
-        taken = end - done
-        allowed = tolerance * max(1 - after.left, taken / STEPS)
+        duration = end - done
+        allowed = tolerance * max(1 - after.left, duration / STEPS)
         miss = after.added / allowed if len(found) == 1 else 1.0
         factor = float(np.clip(SAFETY / miss, SHRUNK, GROWN)) if miss > 0 else GROWN
-        length = taken * factor
+        length = duration * factor
         if miss > 1:
             continue
         solved = [*solved, *found]
