@@ -184,10 +184,10 @@ def _step(
         # each body by its own forces, or if it is unloaded by its largest forces before
         if (left <= settings.relative_force * np.maximum(scale, memory.forces) + noise).all():
             # the more expensive of the two criteria comes last
-            stress_change = _stress_change(linear, model.strain_of(change))
+            remaining = _stress_change(linear, model.strain_of(change))
             largest = max(memory.stress, _root_mean_square(update.stress, together))
             floor = max(settings.floor_stress * largest, ROUND_OFF_STRAIN * together.largest(linear.moduli.max()))
-            if together.largest((stress_change - settings.relative_stress * np.abs(update.stress)).max()) <= floor:
+            if together.largest((remaining - settings.relative_stress * np.abs(update.stress)).max()) <= floor:
                 memory.strains.check(strain, together)
                 slow = settings.search == "tangent" or iteration > memory.patience
                 memory.linearisation = None if slow else linear
@@ -197,11 +197,9 @@ def _step(
                 return answer._replace(time=goal.time, gauss=GaussState(update.stress, update.state), slip=slip)
         active = found.active
         x = x + change if mixing is None else mixing(x, change)
-    stress_change = _stress_change(linear, model.strain_of(change)).max(axis=1)
-    why = (
-        f"after {settings.iterations} iterations the stress still moves by {together.largest(stress_change.max()):.3g}"
-    )
-    raise Diverged(why, together.place(stress_change))
+    remaining = _stress_change(linear, model.strain_of(change)).max(axis=1)
+    why = f"after {settings.iterations} iterations the stress still moves by {together.largest(remaining.max()):.3g}"
+    raise Diverged(why, together.place(remaining))
 
 
 def _friction_step(model: Equilibrium, here: Answer, point: np.ndarray) -> RubbingStep | None:
