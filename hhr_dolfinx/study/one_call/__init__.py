@@ -1,1 +1,1 @@
-"""One call from a scene to a model that is as exact as somebody wishes."""
+"""One call from a scene to a model of a given accuracy."""

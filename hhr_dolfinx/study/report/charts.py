@@ -1,4 +1,4 @@
-"""Charts of a report as SVG inside the page: they take its colours, stay sharp, print, and need no network."""
+"""Charts of a report as SVG inside the page: they use its colours, stay sharp, print, and need no network."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BOTTOM = 46
 """Its margins."""
 LEAST = 1e-16
 MOST = 1e16
-"""Values below and above are drawn here: there is no logarithm of zero, and such numbers are none of a report."""
+"""Limits at which values below and above are drawn: zero has no logarithm, and such numbers occur in no report."""
 BINS = 24
 SHADES = 6
 """Bins of a histogram; steps of colour of a map."""
@@ -27,11 +27,11 @@ class Mark(NamedTuple):
     """A method of the chart of errors over times.
 
     Attributes:
-        name: what it is called.
+        name: name of the method.
         seconds: of a query.
         error: at half of the points.
-        high: below which 95 % are; no tail is drawn without it.
-        own: whether it is the model that a report is about.
+        high: error below which 95 % of the points are; no tail is drawn without it.
+        own: whether it is the model of the report.
     """
 
     name: str
@@ -56,7 +56,7 @@ class _Axis:
         return self.begin + part * (self.end - self.begin)
 
     def ticks(self) -> list[int]:
-        """Powers of ten, ten of them at most."""
+        """Powers of ten, at most ten of them."""
         step = max(1, math.ceil((self.high - self.low) / 9))
         return list(range(self.low, self.high + 1, step))
 
@@ -96,7 +96,7 @@ def _ticks_up(axis: _Axis) -> list[str]:
 
 
 def front(marks: Sequence[Mark]) -> list[Mark]:
-    """Those that no other one beats in time and in error, from the quickest on."""
+    """Marks that no other one beats in time and in error, from the fastest on."""
     found: list[Mark] = []
     for mark in sorted(marks, key=lambda mark: (mark.seconds, mark.error)):
         if not found or mark.error < found[-1].error:
@@ -105,7 +105,7 @@ def front(marks: Sequence[Mark]) -> list[Mark]:
 
 
 def work_precision(marks: Sequence[Mark], error: str) -> str:
-    """Errors over seconds of a query, a tail up to what 95 % are below, and the front of what nothing beats."""
+    """Errors over seconds of a query, a tail up to the 95 % error, and the Pareto front."""
     marks = [mark for mark in marks if math.isfinite(mark.error) and 0 < mark.seconds < math.inf]
     if not marks:
         return ""
@@ -131,7 +131,7 @@ def _tail(mark: Mark) -> float:
 
 
 def _label(name: str, x: float, y: float, taken: list[float]) -> str:
-    """The name of a mark beside it, below those that are there already."""
+    """The name of a mark next to it, below earlier names."""
     place = y + 4
     while any(abs(place - other) < 13 for other in taken):
         place += 13
@@ -144,7 +144,7 @@ def _label(name: str, x: float, y: float, taken: list[float]) -> str:
 
 
 def histogram(errors: Sequence[float], bounds: Sequence[float], error: str, bound: str) -> str:
-    """How many answers have which error, as bars, and which bound, as a line of steps; logarithmic."""
+    """Numbers of answers over errors, as bars, and over bounds, as a line of steps; logarithmic."""
     errors = [value for value in errors if math.isfinite(value)]
     bounds = [value for value in bounds if math.isfinite(value)]
     if not errors:

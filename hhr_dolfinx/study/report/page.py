@@ -17,11 +17,11 @@ from hhr_dolfinx.study.report import charts
 from hhr_dolfinx.study.report.advice import in_words
 
 LONG = 18
-"""Letters from which on a cell may break into several lines."""
+"""Length of the text of a cell above which it may break into several lines."""
 MAPPED = 3
-"""Parameters whose neighbours are mapped against each other."""
+"""Number of parameters whose neighbours are mapped against each other."""
 FIRST = ("primal_l2", "dual_full_floored", "stress_rr", "plastic_strain")
-"""Errors that a reader asks for; the same in other norms, or of a part, are folded."""
+"""Main errors; the same in other norms, or of a part, are folded."""
 ERRORS = {
     "primal_l2": "displacement, mean square", "primal_energy": "displacement, in energy",
     "primal_euclid": "displacement, node by node", "energy_minimum": "energy above its minimum",
@@ -30,7 +30,7 @@ ERRORS = {
     "dual_full": "contact forces on the whole surface, whatever their size",
     "dual_full_floored": "contact forces, on the whole surface", "resultant": "resultant of the contact forces",
 }  # fmt: skip
-"""What errors are called for readers who do not know the code; others have the names of their keys."""
+"""Names of errors for readers; others have the names of their keys."""
 MATERIALS = {"young": "Young's modulus", "poisson": "Poisson's ratio"}
 TIMES = {
     "fom_naive": "a first program: everything assembled and factored for each query",
@@ -57,18 +57,18 @@ TOLD = {
     "advice", "outputs", "work_precision", "kkt", "break_even", "skipped", "machine",
     "versions", "samples", "discretisation",
 }  # fmt: skip
-"""Parts of a report that have a place of their own on the page; the others follow as they are."""
+"""Parts of a report with a separate place on the page; the others follow in their raw form."""
 
 
 POLICY = (
     '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; '
     "style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'\">"
 )
-"""A report has pictures and styles of its own, and neither runs nor loads anything, whatever a report.json holds."""
+"""Policy of the page: it has pictures and styles inside, and neither runs nor loads anything from a report.json."""
 
 
 def write_page(folder: str | Path) -> Path:
-    """Write ``report.html`` beside ``report.json``, with the pictures of the folder inside.
+    """Write ``report.html`` next to ``report.json``, with the pictures of the folder inside.
 
     Raises:
         FileContentError: if there is no report, or it is damaged.
@@ -91,13 +91,13 @@ def write_page(folder: str | Path) -> Path:
     path = source.with_suffix(".html")
     page = page_of({"scene": source.absolute().parent.name, **report}, source.parent)
     with replacing(path, text=True) as file:
-        # half characters, which JSON can hold, are none in UTF-8
+        # UTF-8 has no half characters, which JSON may contain
         file.write(page.encode(errors="replace").decode())
     return path
 
 
 def page_of(report: Mapping[str, Any], folder: Path) -> str:
-    """The page of a report and the pictures in a folder; what the report has not, the page leaves out."""
+    """The page of a report and the pictures in a folder; missing parts of the report are left out."""
     name = escape(str(report["scene"]))
     parts = [
         f"<h1>{name}</h1>",
@@ -131,7 +131,7 @@ def _style() -> str:
 
 
 def _mapping(value: Any) -> Mapping[str, Any]:
-    """A part of a report that is a table by name; nothing where it is missing or none."""
+    """A part of a report that is a table by name; empty if it is missing or no table."""
     return value if isinstance(value, Mapping) else {}
 
 
@@ -149,12 +149,12 @@ def _is_summary(value: Any) -> bool:
 
 
 def _section(title: str, *parts: str) -> str:
-    """Parts under a title; nothing where there are none."""
+    """Parts under a title; empty without any."""
     return f"<h2>{escape(title)}</h2>" + "".join(parts) if any(parts) else ""
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of texts, which are escaped here; nothing for no rows."""
+    """A table of texts, which are escaped here; empty for no rows."""
     if not rows:
         return ""
     # a narrow screen scrolls a wide table, and not the page
@@ -296,7 +296,7 @@ def _methods(methods: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _charts(report: Mapping[str, Any]) -> str:
-    """Errors over times of all methods; of elastic scenes how errors and bounds are spread, and where they lie."""
+    """Errors over times of all methods; for elastic scenes distributions of errors and bounds, and their position."""
     marks = [
         charts.Mark(
             " ".join(dict.fromkeys(_text(row.get(key, "")) for key in ("method", "setting"))).strip(),
@@ -331,7 +331,7 @@ def _charts(report: Mapping[str, Any]) -> str:
 
 
 def _maps(report: Mapping[str, Any], errors: list[float]) -> list[str]:
-    """Errors over each of the first parameters and the next one; none where points are none of these parameters."""
+    """Errors over each of the first parameters and the next one; empty if the points do not have these parameters."""
     box = _mappings(report.get("parameters"))
     ends: list[Any] = [(row.get("from"), row.get("to")) for row in box]
     rows = _mapping(report.get("samples")).get("points")
@@ -351,12 +351,12 @@ def _maps(report: Mapping[str, Any], errors: list[float]) -> list[str]:
 
 
 def _numbers(values: Any) -> list[float]:
-    """Numbers of a list, NaN where there is none."""
+    """Numbers of a list, with NaN for other values."""
     return [float(value) if _is_number(value) else math.nan for value in values] if isinstance(values, list) else []
 
 
 def _figure(path: Path) -> str:
-    """A picture with what it shows; nothing where it is missing."""
+    """A picture with its caption; empty if it is missing."""
     if not path.is_file():
         return ""
     data = base64.b64encode(path.read_bytes()).decode()
@@ -373,7 +373,7 @@ def _pictures(folder: Path) -> str:
 
 
 def _loading(folder: Path) -> str:
-    """How the models beside a report are used."""
+    """Code that loads and queries the models in the folder of a report."""
     models = [path.name for path in sorted(folder.glob("*.npz")) if path.name in ("study.npz", "condensed.npz")]
     if not models:
         return ""
@@ -405,7 +405,7 @@ def _left_out(items: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _others(report: Mapping[str, Any]) -> str:
-    """What has no place of its own, folded, each part as the table that it is."""
+    """Parts without a separate place, folded, each as a table."""
     shown = {key: value for key, value in report.items() if key not in TOLD}
     for key in ("errors", "times"):
         shown[key] = {name: item for name, item in _mapping(report.get(key)).items() if not _is_summary(item)}
