@@ -108,8 +108,8 @@ class Choice:
             node = low if off <= 0 else high
             axis, cut, low, high = nodes[node]
         label = labels[node]
-        for _, node in sorted(near):
-            other = self._followed(node, point)
+        for _, branch in sorted(near):
+            other = self._followed(branch, point)
             # both sides of a cut may belong to one model
             if other != label:
                 return label, other

@@ -57,10 +57,10 @@ def calibrated(model: Any, known: Sequence[Sequence[History]], log: StageLog) ->
     else:
         log.skip("calibration", "no known increment has forces that its modes leave unexplained")
     share = float(np.clip(np.quantile(shares, CALIBRATED), 1.0, MOST_SHARE)) if shares else 1.0
-    return tuple(_told(one, share, depth) for one in model.members)
+    return tuple(_calibrated(one, share, depth) for one in model.members)
 
 
-def _told(model: ReducedModel, share: float, depth: float) -> ReducedModel:
+def _calibrated(model: ReducedModel, share: float, depth: float) -> ReducedModel:
     """The model with calibrated constants in its indicator."""
     frictional = model.fields.frictional
     assert frictional is not None

@@ -194,9 +194,9 @@ class Solver:
         factors = self._factored(problem)
         known = factors.between_last(csr_matrix(rows.multiply(self.component.dofs)))
         if known is not None:
-            moved = factors.solve_columns(acting.T)
-            columns = (rows @ moved).T
-            self._work[point[part.axes].tobytes()] = acting @ moved
+            responses = factors.solve_columns(acting.T)
+            columns = (rows @ responses).T
+            self._work[point[part.axes].tobytes()] = acting @ responses
             return self._normed(known, columns, part.factor_at(point))
         schur = np.empty((rows.shape[0],) * 2)
         columns = np.empty((acting.shape[0], rows.shape[0]))
@@ -220,8 +220,8 @@ class Solver:
         part = self.component.part
         rows = csr_matrix(problem.contact[part.conditions])
         schur = self._full.schur_parts[self.component.number][np.ix_(part.conditions, part.conditions)]
-        moved = self.solved_columns(problem, problem.middle, self.acting(problem))
-        return self._normed(schur, (rows @ moved).T, part.factor_at(problem.middle))
+        responses = self.solved_columns(problem, problem.middle, self.acting(problem))
+        return self._normed(schur, (rows @ responses).T, part.factor_at(problem.middle))
 
     def _normed(self, schur: np.ndarray, columns: np.ndarray, factor: float) -> dict[str, np.ndarray]:
         """Normalise to the factor 1; displacements by lifts do not depend on it."""
@@ -240,9 +240,9 @@ class Solver:
         """Displacements under contact forces, (m, k), and under each load, (N, k + T)."""
         problem = self._at(point)
         part = self.component.part
-        pushed = csc_matrix(problem.contact[part.conditions].T @ forces[part.conditions])
+        contact_loads = csc_matrix(problem.contact[part.conditions].T @ forces[part.conditions])
         loads = problem.loads[:, np.union1d(part.forced, part.lifted)]
-        return self.solved_columns(problem, point, hstack([pushed, loads], format="csc"))
+        return self.solved_columns(problem, point, hstack([contact_loads, loads], format="csc"))
 
     def fields_under(self, point: np.ndarray, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """Displacements under the loads at some points, (k, P), and contact forces, (k, m), at another one: (N, k).

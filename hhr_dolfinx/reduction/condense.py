@@ -216,13 +216,13 @@ def _warn_of_untouched(snapshots: SnapshotSet | None, solvers: list[Solver]) -> 
         return
     problem = solvers[0].problem
     touched = {solver.component.number for solver in solvers}
-    moved = csr_matrix(problem.external)
+    loads = csr_matrix(problem.external)
     lifts = csr_matrix(problem.lifts)
     wrong = [
         body
         for number, body in enumerate(problem.bodies)
         # factors that serve all bodies include the response to loads there
-        if number not in touched and moved[body].nnz and (lifts[body].nnz or not solvers[0].serves_all)
+        if number not in touched and loads[body].nnz and (lifts[body].nnz or not solvers[0].serves_all)
     ]
     if wrong:
         warn(
@@ -303,7 +303,7 @@ def _bounded(
     *,
     wanted: bool,
 ) -> InterpolatedFields:
-    """Fields with a bound; unchanged if there is none, with the reason in the log."""
+    """Fields with a bound; unchanged without one, with the reason in the log."""
     if not wanted or full.problem.friction is not None:
         return replace(fields, unbounded=NOT_ASKED if not wanted else OF_FRICTION)
     try:
@@ -383,7 +383,7 @@ def _fields_along(
     every = [part.interpolant.nodes[:few] for part in compliances.parts]
     lifts = sum(len(nodes) * part.lifted.size for nodes, part in zip(every, compliances.parts, strict=True))
     # one array, since stacking would copy it
-    moved = np.zeros((solvers[0].problem.free.size, count + lifts), order="F")
+    fields = np.zeros((solvers[0].problem.free.size, count + lifts), order="F")
     place = count
     done = 0
     for part, solver, nodes in zip(compliances.parts, solvers, every, strict=True):
@@ -394,13 +394,13 @@ def _fields_along(
             # the first component solves for all if its factors serve all
             own = np.arange(count)[share] if solver is solvers[0] or not solver.serves_all else np.arange(0)
             for some in np.array_split(own, -(-own.size // TOGETHER)) if own.size else ():
-                moved[:, some] += solver.fields_under(point, points[some], forces[some])
-            moved[:, place : place + part.lifted.size] = solver.fields_of_lifts(point)
+                fields[:, some] += solver.fields_under(point, points[some], forces[some])
+            fields[:, place : place + part.lifted.size] = solver.fields_of_lifts(point)
             place += part.lifted.size
             done += 1
             announce("fields", done / sum(map(len, every)))
         solver.release()
-    return [moved]
+    return [fields]
 
 
 def _check_given(full: Any, snapshots: SnapshotSet | None) -> None:

@@ -533,14 +533,14 @@ class _FieldModes:
     Attributes:
         flowed: numbers of these points.
         plastic, cumulated: modes.
-        moved: displacement of each mode of the plastic strain, K^-1 ∫ G^T C Φ.
+        displacements: displacement of each mode of the plastic strain, K^-1 ∫ G^T C Φ.
         moduli: Lamé's λ and 2 μ of all Gauss points, in the middle of the box.
     """
 
     flowed: np.ndarray
     plastic: np.ndarray
     cumulated: np.ndarray
-    moved: np.ndarray
+    displacements: np.ndarray
     moduli: np.ndarray
 
     @classmethod
@@ -559,9 +559,9 @@ class _FieldModes:
             column[:] = equilibrium.operator.internal(stress)[0] * problem.free
         with full.factors.lock:
             full.factors.refactor(problem.own_stiffness)
-            moved = full.factors.solve_columns(csc_matrix(forces))
+            displacements = full.factors.solve_columns(csc_matrix(forces))
         cumulated = state_modes([state.cumulated[flowed] for state in states], LEFT_OUT["cumulated"])
-        return cls(flowed, plastic, cumulated, moved, np.stack([elastic[:, 0, 1], elastic[:, -1, -1]], axis=1))
+        return cls(flowed, plastic, cumulated, displacements, np.stack([elastic[:, 0, 1], elastic[:, -1, -1]], axis=1))
 
     def on(self, points: np.ndarray, equilibrium: FullEquilibrium) -> PlasticFields:
         """Completion of fields from some points."""
@@ -574,7 +574,7 @@ class _FieldModes:
             self.flowed,
             GappyField.fitted(self.plastic[:, :count], values),
             GappyField.fitted(self.cumulated, rows),
-            self.moved[:, :count],
+            self.displacements[:, :count],
             equilibrium.operator,
             equilibrium.eigenstrains,
             self.moduli,

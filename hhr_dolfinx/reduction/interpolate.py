@@ -156,8 +156,8 @@ def compliance_of(part: Part, grid: GrownGrid, modes: dict[str, np.ndarray], unk
     interpolant: Interpolant = replace(grid.interpolant, modes=schur)
     primal = None
     if unknowns is not None:
-        pushed = np.ascontiguousarray(np.moveaxis(modes["pushed"], 2, 0))
-        primal = PrimalModes(unknowns, pushed, np.ascontiguousarray(modes["free"]))
+        per_force = np.ascontiguousarray(np.moveaxis(modes["pushed"], 2, 0))
+        primal = PrimalModes(unknowns, per_force, np.ascontiguousarray(modes["free"]))
     columns = np.ascontiguousarray(modes["columns"])
     return Compliance(part.conditions, part.forced, part.lifted, part.factor, interpolant, columns, primal)
 

@@ -71,10 +71,10 @@ def _solved(terms: ReducedTerms, block: Block, part: Part, point: np.ndarray) ->
         raise SingularError(f"K~ of {size} modes is singular at {point.tolist()}")
     forces = terms.forces[np.ix_(block.modes, part.forced)]
     lifts = np.tensordot(weights, terms.lifts[:, block.modes][:, :, part.lifted], 1)
-    pushed = factor * dgetrs(lu, pivots, block.test[:, part.conditions])[0]
+    per_force = factor * dgetrs(lu, pivots, block.test[:, part.conditions])[0]
     free = np.column_stack([factor * dgetrs(lu, pivots, forces)[0], dgetrs(lu, pivots, lifts)[0]])
     trial = block.trial[part.conditions]
-    return {"schur": trial @ pushed, "columns": (trial @ free).T, "pushed": pushed, "free": free.T}
+    return {"schur": trial @ per_force, "columns": (trial @ free).T, "pushed": per_force, "free": free.T}
 
 
 def interpolated_problem(

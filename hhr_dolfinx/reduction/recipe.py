@@ -149,8 +149,8 @@ class Pod(_Truncated):
         if rows.comm is not None:
             parts = []
             for dofs in bodies:
-                moved = _cut(columns, rows.mine(dofs))
-                parts.append(pod(moved if weights is None else moved * weights, self.tolerance, gram, rows)[0])
+                cut = _cut(columns, rows.mine(dofs))
+                parts.append(pod(cut if weights is None else cut * weights, self.tolerance, gram, rows)[0])
             return np.hstack(parts)
 
         def of_body(number: int) -> np.ndarray:
@@ -464,9 +464,9 @@ def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.n
     """Basis of a step, which may be user-defined, in the form of the equations; rigid motions come first."""
     if problem.rigid is not None:
         rigid = problem.spread.of(problem.rigid)
-        moved = snapshots.displacements
-        along = problem.spread.sum(rigid.T @ moved)
-        snapshots = replace(snapshots, displacements=moved - rigid @ along)
+        fields = snapshots.displacements
+        along = problem.spread.sum(rigid.T @ fields)
+        snapshots = replace(snapshots, displacements=fields - rigid @ along)
     basis = np.asarray(step.modes(problem, snapshots))
     free = problem.spread.of(problem.free)
     shaped = basis.ndim == 2 and len(basis) == len(free) and 0 < basis.shape[1] <= len(problem.free)

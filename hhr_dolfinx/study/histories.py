@@ -143,7 +143,7 @@ def errors_of_runs(
     """Errors of each history, infinite for one without result.
 
     Raises:
-        HHRError: if there is none: the error that ended the first one.
+        HHRError: without any: the error that ended the first one.
     """
     rows = [
         None if run.history is None else history_errors(full, model, run.history, known, floor)
@@ -359,12 +359,12 @@ def _described(tests: Mapping[Any, Path], measured: dict[str, _Measured], exact:
     for k, (label, known) in enumerate(zip(tests, exact, strict=True)):
         assert known.history is not None
         steps = {"parts": sum(known.history.parts), "time_error": float(known.history.time_error.max(initial=0.0))}
-        row = {"value": label, **_told(own, k), "full_iterations": known.history.iterations, "full": steps}
-        rows.append(row | ({"condensed": _told(measured["condensed"], k)} if "condensed" in measured else {}))
+        row = {"value": label, **_history_row(own, k), "full_iterations": known.history.iterations, "full": steps}
+        rows.append(row | ({"condensed": _history_row(measured["condensed"], k)} if "condensed" in measured else {}))
     return rows
 
 
-def _told(item: _Measured, k: int) -> dict[str, Any]:
+def _history_row(item: _Measured, k: int) -> dict[str, Any]:
     """One history of a model: errors, seconds, iterations, or the reason why there are none."""
     run = item.runs[k]
     row = {**item.errors[k], "seconds": item.runs[k].seconds}

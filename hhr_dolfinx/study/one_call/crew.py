@@ -79,7 +79,7 @@ class Crew:
         return [self._taken(parts[k % comm.size][k // comm.size]) for k in range(len(questions))]
 
     def _tried(self, question: Any) -> Found:
-        """One answer, or the reason why there is none."""
+        """One answer, or the reason for its absence."""
         try:
             return self._answered(question)
         except errors.HHRError as error:

@@ -544,8 +544,8 @@ def _seen(bench: Bench, model: Any, suspects: np.ndarray | None) -> tuple[np.nda
     before = list(bench.held_out)
     random = FRESH if suspects is None else FRESH - len(suspects)
     exact = bench.fresh(random, suspects)
-    told = "" if suspects is None else ", half where it may be worst"
-    known = f"{len(exact)} fresh answers{told}, times {ROOM:g}"
+    suspected = "" if suspects is None else ", half where it may be worst"
+    known = f"{len(exact)} fresh answers{suspected}, times {ROOM:g}"
     errors = _compared(bench, model, exact, ROOM)
     if before:  # with many attempts one passes by chance; models are not built from forces of earlier checks
         others = [k for k, name in enumerate(bench.wish.of) if name != DISPLACEMENT]

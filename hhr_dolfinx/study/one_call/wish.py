@@ -245,8 +245,8 @@ class Errors:
         item = self._sums.get(name)
         if item is None:
             return size
-        moved = abs(item.matrix(self._problem.free.size)) @ np.abs(answer.displacement())
-        return max(size, float(np.abs(item.weights) @ np.abs(answer.forces()[item.conditions]) + moved.sum()))
+        sizes = abs(item.matrix(self._problem.free.size)) @ np.abs(answer.displacement())
+        return max(size, float(np.abs(item.weights) @ np.abs(answer.forces()[item.conditions]) + sizes.sum()))
 
 
 def _pressed(problem: Any) -> np.ndarray:

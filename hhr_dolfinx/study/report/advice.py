@@ -86,7 +86,7 @@ def advice_varying(report: dict[str, Any]) -> Advice:
     even = report["break_even"]
     after = {"condensed": even.get("forces, condensed"), "HHR": even.get("forces")}
 
-    def told(method: str) -> str:
+    def figures(method: str) -> str:
         row = rows[method]
         count = after[method]
         paid = "never pays" if count is None else f"pays after {count:.0f} queries"
@@ -97,9 +97,9 @@ def advice_varying(report: dict[str, Any]) -> Advice:
         )
 
     favoured, *others = _by_favour({name: rows[name] for name in names if name in rows}, seconds)
-    sentence = f"Use {names[favoured]}: {told(favoured)}."
+    sentence = f"Use {names[favoured]}: {figures(favoured)}."
     for other in others:
-        sentence += f" {names[other].capitalize()}: {told(other)}."
+        sentence += f" {names[other].capitalize()}: {figures(other)}."
     sentence += (
         " The hyper-reduced model is for contact conditions by the thousand, and where operators do not interpolate."
     )
@@ -120,7 +120,7 @@ def advice_flowing(report: dict[str, Any]) -> Advice:
     measured = {key: models[key] for key in kinds if "refused" not in models[key]}
     seconds = {key: times[kinds[key][0]]["median"] for key in measured}
 
-    def told(key: str) -> str:
+    def figures(key: str) -> str:
         errors = measured[key]["errors"]
         _, name, even, stages = kinds[key]
         count = report["break_even"].get(even)
@@ -137,9 +137,9 @@ def advice_flowing(report: dict[str, Any]) -> Advice:
 
     worst = {key: {"dual_full_floored_max": item["errors"]["largest_forces"]["max"]} for key, item in measured.items()}
     favoured, *others = _by_favour(worst, seconds)
-    sentence = f"Use {told(favoured)}."
+    sentence = f"Use {figures(favoured)}."
     for other in others:
-        text = told(other)
+        text = figures(other)
         sentence += f" {text[0].upper()}{text[1:]}."
     for key, (_, name, _, _) in kinds.items():
         if key not in measured:

@@ -118,8 +118,10 @@ def work_precision(marks: Sequence[Mark], error: str) -> str:
     for mark in sorted(marks, key=lambda mark: up(mark.error)):
         x = across(mark.seconds)
         y = up(mark.error)
-        told = f"{mark.name}: {mark.seconds:.3g} s, {error} {mark.error:.2g} median, {_tail(mark):.2g} at 95 %"
-        parts.append(f'<g><title>{escape(told)}</title><path class="tail" d="M{x:.1f} {y:.1f}V{up(_tail(mark)):.1f}"/>')
+        label = f"{mark.name}: {mark.seconds:.3g} s, {error} {mark.error:.2g} median, {_tail(mark):.2g} at 95 %"
+        parts.append(
+            f'<g><title>{escape(label)}</title><path class="tail" d="M{x:.1f} {y:.1f}V{up(_tail(mark)):.1f}"/>'
+        )
         parts.append(f'<circle class="{"own" if mark.own else "mark"}" cx="{x:.1f}" cy="{y:.1f}" r="5"/></g>')
         if mark in best or mark.own:
             parts.append(_label(mark.name, x, y, labels))
@@ -130,12 +132,12 @@ def _tail(mark: Mark) -> float:
     return mark.error if mark.high is None or not math.isfinite(mark.high) else max(mark.high, mark.error)
 
 
-def _label(name: str, x: float, y: float, taken: list[float]) -> str:
+def _label(name: str, x: float, y: float, used: list[float]) -> str:
     """The name of a mark next to it, below earlier names."""
     place = y + 4
-    while any(abs(place - other) < 13 for other in taken):
+    while any(abs(place - other) < 13 for other in used):
         place += 13
-    taken.append(place)
+    used.append(place)
     right = x > WIDTH - 150
     return (
         f'<text x="{x - 9 if right else x + 9:.1f}" y="{place:.1f}" text-anchor="{"end" if right else "start"}">'
@@ -159,8 +161,8 @@ def histogram(errors: Sequence[float], bounds: Sequence[float], error: str, boun
     parts = [*_ticks_across(across), *_counts_up(most, size)]
     for k, count in enumerate(counts):
         box = f'x="{LEFT + k * step + 1:.1f}" y="{bottom - count * size:.1f}" width="{step - 2:.1f}"'
-        told = f"<title>{count} answers</title>"
-        parts.append(f'<rect class="bar" {box} height="{count * size:.1f}">{told}</rect>' if count else "")
+        label = f"<title>{count} answers</title>"
+        parts.append(f'<rect class="bar" {box} height="{count * size:.1f}">{label}</rect>' if count else "")
     if bounds:
         steps = "".join(f"V{bottom - count * size:.1f}h{step:.2f}" for count in limits)
         parts.append(f'<path class="limit" d="M{LEFT} {bottom}{steps}V{bottom}"><title>{escape(bound)}</title></path>')
@@ -201,10 +203,10 @@ def map_of(
         part = (math.log10(max(error, LEAST)) - ends[0]) / max(ends[1] - ends[0], 1e-9)
         across = LEFT + (x - left) / (right - left) * (WIDTH - RIGHT - LEFT)
         up = HEIGHT - BOTTOM - (y - low) / (high - low) * (HEIGHT - BOTTOM - TOP)
-        told = f"<title>{escape(names[0])} = {x:.4g}, {escape(names[1])} = {y:.4g}: {error:.2g}</title>"
+        label = f"<title>{escape(names[0])} = {x:.4g}, {escape(names[1])} = {y:.4g}: {error:.2g}</title>"
         shade = min(SHADES - 1, int(part * SHADES))
         parts.append(
-            f'<circle class="shade{shade}" cx="{across:.1f}" cy="{up:.1f}" r="{2.5 + 3 * part:.1f}">{told}</circle>'
+            f'<circle class="shade{shade}" cx="{across:.1f}" cy="{up:.1f}" r="{2.5 + 3 * part:.1f}">{label}</circle>'
         )
     bottom = HEIGHT - BOTTOM
     parts += [

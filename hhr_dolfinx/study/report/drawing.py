@@ -94,12 +94,14 @@ def _draw_pressures(axes: Any, answer: Answer, full: FullOrderModel) -> None:
 def _draw_bodies(figure: Figure, axes: Any, answer: Answer, full: FullOrderModel) -> None:
     """Cells at their displaced positions, magnified if displacements are small, coloured by their magnitude."""
     discretisation: Any = full.discretisation
-    moved = answer.displacement().reshape(-1, 2)
+    displacement = answer.displacement().reshape(-1, 2)
     points = discretisation._points()
-    factor = _magnified(float(np.linalg.norm(moved, axis=1).max(initial=0.0)), float(np.ptp(points, axis=0).max()))
+    factor = _magnified(
+        float(np.linalg.norm(displacement, axis=1).max(initial=0.0)), float(np.ptp(points, axis=0).max())
+    )
     cells = discretisation._cell_nodes()[:, : CORNERS[discretisation.mesh.topology.cell_name()]]
-    corners = (points + factor * moved)[cells][:, AROUND[cells.shape[1]]]
-    drawn = PolyCollection(corners, array=np.linalg.norm(moved, axis=1)[cells].mean(axis=1), edgecolor="face")
+    corners = (points + factor * displacement)[cells][:, AROUND[cells.shape[1]]]
+    drawn = PolyCollection(corners, array=np.linalg.norm(displacement, axis=1)[cells].mean(axis=1), edgecolor="face")
     axes.add_collection(drawn)
     figure.colorbar(drawn, ax=axes, label=f"displacement{_unit(full, 'length')}")
     first, second = _axes_of(full)

@@ -212,12 +212,12 @@ def _asked(report: Mapping[str, Any]) -> str:
     names = list(dict.fromkeys(name for row in given for name in row))
     materials = [[_text(row.get(name, "")) for name in names] for row in given]
     units = _mapping(report.get("units"))
-    told = ", ".join(f"{name} in {_text(unit)}" for name, unit in units.items())
+    listed = ", ".join(f"{name} in {_text(unit)}" for name, unit in units.items())
     return _section(
         "What was asked",
         _table(["parameter", "from", "to"], box),
         _table([MATERIALS.get(name, _words(name)) for name in names], materials),
-        f'<p class="small">{escape(told)}</p>' if told else "",
+        f'<p class="small">{escape(listed)}</p>' if listed else "",
     )
 
 
@@ -242,11 +242,11 @@ def _errors(errors: Mapping[str, Any], mesh: Mapping[str, Any]) -> str:
     rest = [row for row in rows.values() if row not in main]
     note = "<p class='small'>Relative to the full order, at parameters that no model was trained on.</p>"
     table = _table(head, main)
-    told = (
+    caption = (
         f"<p>Beside these, the mesh: its stress is off by some {_percent(mesh.get('energy'))} in energy, its peak "
         f"pressure by {_percent(mesh.get('peak_pressure'))}, as estimated at one answer. All models here share it.</p>"
     )
-    parts = [table and table + note, _folded("in other norms", _table(head, rest)), told if mesh else ""]
+    parts = [table and table + note, _folded("in other norms", _table(head, rest)), caption if mesh else ""]
     return _section("How large are the errors?", *parts)
 
 
@@ -259,17 +259,17 @@ def _times(times: Mapping[str, Any]) -> str:
             ratio = f"{median / base:.1f}" if _is_number(median) and _is_number(base) and base > 0 else "-"
             rows.append([TIMES.get(key, _words(key)), _seconds(median), _seconds(figures.get("p95")), ratio])
     stages = {name: value for name, value in _mapping(times.get("offline")).items() if _is_number(value)}
-    told = f"<p>Before the first answer: {escape(_seconds(sum(stages.values())))} of training and building.</p>"
+    cost = f"<p>Before the first answer: {escape(_seconds(sum(stages.values())))} of training and building.</p>"
     return _section(
         "How long does an answer take?",
         _table(["way to answer", "median", "95 %", "times the reduced model"], rows),
-        told if stages else "",
+        cost if stages else "",
     )
 
 
 def _break_even(even: Mapping[str, Any]) -> str:
-    told = [f"{count:.0f} queries ({what})" for what, count in even.items() if _is_number(count)]
-    return f"<p>It pays after {escape(', '.join(told))}.</p>" if told else ""
+    counts = [f"{count:.0f} queries ({what})" for what, count in even.items() if _is_number(count)]
+    return f"<p>It pays after {escape(', '.join(counts))}.</p>" if counts else ""
 
 
 def _outputs(outputs: Mapping[str, Any]) -> str:
@@ -319,13 +319,13 @@ def _charts(report: Mapping[str, Any]) -> str:
     errors = _numbers(_mapping(samples.get("errors")).get("forces"))
     kind = _text(samples.get("kind") or "bound")
     bounds = _numbers(_mapping(samples.get("bounds")).get("forces"))
-    told = f"Bars: errors of contact forces at {len(errors)} points that no model was trained on."
-    told += f" Line: what the model said beforehand of each, without the full answer ({kind})." if bounds else ""
-    found.append((charts.histogram(errors, bounds, "error of contact forces", f"{kind} of each answer"), told))
+    caption = f"Bars: errors of contact forces at {len(errors)} points that no model was trained on."
+    caption += f" Line: what the model said beforehand of each, without the full answer ({kind})." if bounds else ""
+    found.append((charts.histogram(errors, bounds, "error of contact forces", f"{kind} of each answer"), caption))
     found += [
         (chart, "Where errors are large: the redder and larger a point, the larger.") for chart in _maps(report, errors)
     ]
-    figures = (f"<figure>{svg}<figcaption>{escape(told)}</figcaption></figure>" for svg, told in found if svg)
+    figures = (f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>" for svg, caption in found if svg)
     body = "".join(figures)
     return f'<section class="charts">{body}</section>' if body else ""
 
@@ -381,22 +381,22 @@ def _loading(folder: Path) -> str:
     lines += [f'model = hhr.load_model("{name}")' for name in models]
     lines += ["answer = model.solve(point)  # parameters by name, or in their order; path: model.march(path)"]
     lines += ["answer.forces(), answer.displacement(), answer.estimate()"]
-    told = (
+    hint = (
         "It needs NumPy and SciPy, no DOLFINx. A table is answered by "
         f"<code>hhr answer {models[-1]} questions.csv</code>."
     )
-    return _section("How is the model used?", f"<pre>{escape(chr(10).join(lines))}</pre>", f"<p>{told}</p>")
+    return _section("How is the model used?", f"<pre>{escape(chr(10).join(lines))}</pre>", f"<p>{hint}</p>")
 
 
 def _checks(residuals: Mapping[str, Any]) -> str:
     rows = [[_words(name), f"{value:.2g}"] for name, value in residuals.items() if _is_number(value)]
-    told = (
+    caption = (
         "<p class='small'>Equilibrium: forces that are out of balance node by node, over the contact forces, which "
         "says little of the error of a displacement; penetration: of the largest gap or motion; sign: pull, of the "
         "largest force.</p>"
     )
     table = _table(["residual of what is handed out, relative", "largest"], rows)
-    return _section("What is left of the equations", table and table + told)
+    return _section("What is left of the equations", table and table + caption)
 
 
 def _left_out(items: Sequence[Mapping[str, Any]]) -> str:
@@ -431,5 +431,5 @@ def _plain(value: Any) -> str:
 def _machine(report: Mapping[str, Any]) -> str:
     parts = {**_mapping(report.get("machine")), **_mapping(report.get("versions"))}
     parts |= {name: report[name] for name in ("seed", "date") if name in report}
-    told = ", ".join(f"{name} {_text(value)}" for name, value in parts.items())
-    return f'<p class="small">{escape(told)}</p>' if told else ""
+    listed = ", ".join(f"{name} {_text(value)}" for name, value in parts.items())
+    return f'<p class="small">{escape(listed)}</p>' if listed else ""

@@ -85,8 +85,8 @@ def _row(quantity: str, models: dict[str, np.ndarray], warped: dict[str, pyvista
     low, high = np.percentile(every, [100 - SHARE, SHARE])
     for model, values in models.items():
         largest = float(np.max(values))
-        told = f", up to {largest:.3g}" if largest > BEYOND * high else ""
-        yield _Panel(warped[model], f"{quantity}, {model}", f"{quantity}, {model}{told}", "viridis", (low, high))
+        peak = f", up to {largest:.3g}" if largest > BEYOND * high else ""
+        yield _Panel(warped[model], f"{quantity}, {model}", f"{quantity}, {model}{peak}", "viridis", (low, high))
     first, *_, last = models
     size = float(np.percentile(np.abs(models[last] - models[first]), SHARE)) or 1.0
     title = f"{last} less {first}"
@@ -94,7 +94,7 @@ def _row(quantity: str, models: dict[str, np.ndarray], warped: dict[str, pyvista
 
 
 def _plot(
-    still: pyvista.UnstructuredGrid, moved: pyvista.UnstructuredGrid, rows: list[list[_Panel]], path: Path
+    still: pyvista.UnstructuredGrid, deformed: pyvista.UnstructuredGrid, rows: list[list[_Panel]], path: Path
 ) -> None:
     """The RID in two colours, and next to it a row for each quantity, all with the outline of undeformed bodies."""
     flat = np.ptp(still.points[:, 2]) == 0
@@ -106,7 +106,9 @@ def _plot(
     outline = _outline(still, flat)
     count = int(still.cell_data["rid"].sum())
     plotter.subplot(0, 0)
-    plotter.add_mesh(moved.copy(), scalars="rid", cmap=["#d9d9d9", "#c0392b"], show_scalar_bar=False, lighting=not flat)
+    plotter.add_mesh(
+        deformed.copy(), scalars="rid", cmap=["#d9d9d9", "#c0392b"], show_scalar_bar=False, lighting=not flat
+    )
     _finish(plotter, f"RID: {count} of {still.n_cells} cells", outline, flat)
     for place, row in enumerate(rows):
         for number, panel in enumerate(row, start=1):

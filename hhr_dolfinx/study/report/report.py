@@ -256,8 +256,8 @@ def print_report(report: dict[str, Any], console: Console) -> None:
             console.print(line)
     counts = {name: count for name, count in report.get("break_even", {}).items() if count is not None}
     if counts:
-        told = ", ".join(f"{count:.0f} queries for {name}" for name, count in counts.items())
-        console.print(f"cheaper than the best full order, training included, after {told}")
+        queries = ", ".join(f"{count:.0f} queries for {name}" for name, count in counts.items())
+        console.print(f"cheaper than the best full order, training included, after {queries}")
     if "discretisation" in report:
         console.print(mesh_error_in_words(**report["discretisation"]))
     if "fallback" in report:
@@ -365,8 +365,8 @@ def _path_lines(paths: dict[str, Any]) -> Iterator[str]:
     inside = paths["inside"]
     outside = paths["outside"]
     if inside:
-        told = ", ".join(f"{name} {row['max']:.1%}" for name, row in inside.items())
-        yield f"paths inside what was trained, worst errors: {told}; {paths['false_alarms']} false alarms"
+        errors = ", ".join(f"{name} {row['max']:.1%}" for name, row in inside.items())
+        yield f"paths inside what was trained, worst errors: {errors}; {paths['false_alarms']} false alarms"
     silent = ", ".join(f"{name} {value:.1%}" for name, value in outside["silent_worst"].items())
     yield f"paths outside: {outside['warned']} of {outside['n']} warned of; worst errors without a warning: {silent}"
 

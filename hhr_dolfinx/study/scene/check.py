@@ -86,14 +86,14 @@ def _size(found: SceneCheck, problem: ContactProblem) -> None:
     """Report the size of the problem, and in space the expected cost of a full model."""
     dofs = problem.free.size
     conditions = len(problem.gaps)
-    told = f"{dofs} dofs and {conditions} conditions of contact"
+    size = f"{dofs} dofs and {conditions} conditions of contact"
     if problem.block_size == 2 or dofs < LARGE_IN_SPACE:
-        found.say(OK, told)
+        found.say(OK, size)
         return
     memory, seconds, keeps = expected_in_space(problem.contact)
     kept = "" if keeps else ", and a displacement one more solution"
     time = f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} minutes"
-    found.say(OK, f"{told}: a full model takes about {memory:.2g} GB and {time} on one core{kept}")
+    found.say(OK, f"{size}: a full model takes about {memory:.2g} GB and {time} on one core{kept}")
 
 
 def _names(found: SceneCheck) -> None:
@@ -105,8 +105,8 @@ def _names(found: SceneCheck) -> None:
     used |= {getattr(load, "tag", None) for load in scene.loads}
     facets = discretisation.names.facets
     # a set of all nodes has the facets of all surfaces
-    taken = {number for tag in used if isinstance(tag, int | str) for number in facets.get(tag, (tag,))}
-    idle = sorted(name for name, own in facets.items() if isinstance(name, str) and not taken & set(own))
+    named = {number for tag in used if isinstance(tag, int | str) for number in facets.get(tag, (tag,))}
+    idle = sorted(name for name, own in facets.items() if isinstance(name, str) and not named & set(own))
     if idle:
         found.say(NOTE, f"the mesh has surfaces that nothing names: {', '.join(idle)}")
     left_out = [f"{name}: {why}" for name, why in discretisation.names.summary.left_out.items()]

@@ -353,8 +353,8 @@ class KeptChoice:
 
     def __init__(self, folder: Path, problem: str, greedy: Greedy, recipe: Recipe, space: ParameterSpace):
         box = [space.names, *(tuple(float(end) for end in ends) for ends in (space.lower, space.upper))]
-        asked = FORMAT, VERSION, problem, greedy, recipe, box
-        self._digest = digest_of_values(asked, "a greedy training that is kept in a folder")[:40]
+        parts = FORMAT, VERSION, problem, greedy, recipe, box
+        self._digest = digest_of_values(parts, "a greedy training that is kept in a folder")[:40]
         self._path = folder / f"greedy_{self._digest[:16]}.npz"
 
     def load(self, space: ParameterSpace) -> tuple[np.ndarray, list[Round]] | None:

@@ -230,11 +230,11 @@ def _interpolated(
     from scipy.interpolate import RBFInterpolator
 
     lower, upper = np.array([problem.parameters.lower, problem.parameters.upper])
-    asked = np.array([answer.parameter for answer in answers]).reshape(len(answers), -1)
+    points = np.array([answer.parameter for answer in answers]).reshape(len(answers), -1)
     between = RBFInterpolator(
         (known.points - lower) / (upper - lower), known.displacements[dofs].T, kernel="linear", degree=0
     )
-    return between((asked - lower) / (upper - lower))
+    return between((points - lower) / (upper - lower))
 
 
 class _Domain:

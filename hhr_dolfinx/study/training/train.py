@@ -231,8 +231,8 @@ def train(
     counts = comm.allgather(0 if store is None else store.found)
     found = max(counts) if full.comm.size > 1 else sum(counts)
     if found:
-        asked = len(snapshots.points) + (0 if kept is None else len(kept.points))
-        log.skip("snapshots", f"{found} of {asked} answers were read from {folder}: the times cover the others")
+        total = len(snapshots.points) + (0 if kept is None else len(kept.points))
+        log.skip("snapshots", f"{found} of {total} answers were read from {folder}: the times cover the others")
     return Training(full, snapshots, kept, log, choice, found)
 
 
@@ -268,8 +268,8 @@ def _solved(
     choice = None
     if chooses_itself(queries):
 
-        def solve(asked: Any) -> SnapshotSet:
-            return spread_snapshots(full, asked, comm, iter, store, march, lost)
+        def solve(points: Any) -> SnapshotSet:
+            return spread_snapshots(full, points, comm, iter, store, march, lost)
 
         # ranks share candidates if each has a full model
         snapshots, choice = queries.grown(
@@ -317,15 +317,15 @@ def checked_training(scene: Scene, training: Any, held_out: Any, seed: Any) -> t
         raise StudyError(f"{scene!r} is no scene: give a Scene")
     check_counts(seed=(seed, 0))
     chooses = chooses_itself(training)
-    rubs = any(law is not None for law in scene.friction)
-    if chooses and rubs:
+    frictional = any(law is not None for law in scene.friction)
+    if chooses and frictional:
         raise NotOfferedError(
             f"scene '{scene.name}' has friction, and a greedy training of such histories is not built in: train on a "
             "list of paths, or condense it without a training, hhr.condense(scene)"
         )
     if chooses:
         training.space(scene)
-    if rubs or any(body.law is not None for body in scene.bodies):
+    if frictional or any(body.law is not None for body in scene.bodies):
         apart = held_out.tolist() if isinstance(held_out, np.ndarray) else held_out
         given = training if chooses else training_paths(scene, training)
         return given, training_paths(scene, apart) if apart else []
@@ -336,7 +336,7 @@ def checked_training(scene: Scene, training: Any, held_out: Any, seed: Any) -> t
 
 def training_points(scene: Scene, training: Any) -> np.ndarray:
     """Training points, (S, P): on a regular grid for counts along each parameter, sampled, or as they are given."""
-    asked = training
+    original = training
     if isinstance(training, type):
         raise StudyError(f"{training.__name__} is a class: give what it makes, {training.__name__}(...)")
     try:
@@ -348,7 +348,7 @@ def training_points(scene: Scene, training: Any) -> np.ndarray:
         raise StudyError(f"training of scene '{scene.name}': {error}") from None
     if len(points) < 2:
         raise StudyError(
-            f"training of scene '{scene.name}' on {asked!r} points: a reduced model needs at least 2 of them. Give "
+            f"training of scene '{scene.name}' on {original!r} points: a reduced model needs at least 2 of them. Give "
             "it more, Sobol(64) or a grid such as (16, 16)"
         )
     return points
