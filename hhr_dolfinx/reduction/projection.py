@@ -139,9 +139,8 @@ class _ModesOfRows:
 def _balanced(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem) -> ReducedProblem:
     """Replace tests by rigid motions, the first modes, on A alone by the balance of whole bodies.
 
-    All conditions that hold the bodies are in the RID, so that all of their forces are included; K does no work along a
-    rigid motion. Cut off outside A, a motion would strain cells there, and forces would balance the error of
-    projection.
+    All conditions that hold the bodies are in the RID, so all of their forces are included; K does no work along rigid
+    motions. Cut off outside A, a motion would strain cells there, and forces would balance the projection error.
     """
     r = reduced.motions
     motions = basis[:, : reduced.motions]

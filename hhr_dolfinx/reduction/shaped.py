@@ -25,8 +25,7 @@ def reshaped_functionals(
 ) -> ReshapedFunctionals:
     """Outputs for displacements that are a basis, (N, ell), times coordinates and the lift.
 
-    Strain is not interpolated but computed from cells at their new nodes, see
-    :mod:`hhr_dolfinx.models.functionals.cells`.
+    Strain is not interpolated but computed from cells, see :mod:`hhr_dolfinx.models.functionals.cells`.
 
     Args:
         prepared: outputs of the full model.

@@ -22,9 +22,8 @@ _ANY_HEIGHT = 25
 def make_console(quiet: bool = False) -> Console:
     """A console on standard output, which breaks lines only at the edge of a window.
 
-    Lines of a log are kept whole, however long, so that ``grep`` finds them. Colours are left to rich, which writes
-    none outside a terminal unless it is forced to (``FORCE_COLOR``). Brackets are printed, as names of folders have
-    them.
+    Lines of a log are kept whole, however long, for ``grep``. Colours are left to rich, which writes none outside a
+    terminal unless it is forced to (``FORCE_COLOR``). Brackets are printed, as names of folders have them.
     """
     console = Console(quiet=quiet, markup=False)
     if _is_watched(console):

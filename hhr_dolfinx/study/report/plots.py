@@ -262,12 +262,11 @@ Curves = dict[str, tuple[Any, Any]]
 
 
 def draw_study(study: Any, view: View, folder: Path) -> None:
-    """Pictures of a study.
+    """Draw the pictures of a study.
 
-    Error against run time; contact pressures; RID, displacement and stress, and plastic strain of inelastic bodies,
-    also for ParaView: at the points of the view, fields at the last of them, or at the last step of the last test
-    history. Also errors over the parameter if there is only one, or forces, strain and iterations of a history over
-    time.
+    They show error against run time, contact pressures at the points of the view, and fields at the last of them or at
+    the last step of the last test history: RID, displacement, stress and plastic strain, also for ParaView. Others show
+    errors over the parameter if there is only one, or forces, strain and iterations of a history over time.
     """
     full = study.training.full_order
     model = study.model

@@ -119,9 +119,8 @@ def _read_from_files(training: Training, fom_best: dict[str, float] | None) -> d
 def break_even(times: dict[str, Any]) -> dict[str, float | None]:
     """Break-even: queries after which training and reduced answers are cheaper than the best full model; None if never.
 
-    For forces on the whole surface, or fields and all forces; for histories the whole history. The cost includes all
-    training, with answers that were read from files. Forces by condensation need no training, see
-    :func:`hhr_dolfinx.condense`.
+    Queries are for all forces, or fields and all forces; of histories for whole ones. The cost includes training answers
+    that were read from files. Forces by condensation need no training, see :func:`hhr_dolfinx.condense`.
     """
     offline = sum(times["offline"].values())
     found = dict[str, float | None](forces=None)

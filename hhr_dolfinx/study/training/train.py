@@ -58,10 +58,9 @@ class Training(TrainingAnswers):
     def build(self, recipe: Any = None, *, checked: bool = True, announce: Announce = unannounced) -> Any:
         """Build a reduced model; unchecked it has no warning and no growth of its RID, so that it can be measured.
 
-        Only models that cannot be solved at all are refused even then: dependent contact rows, a singular K~. None
-        takes the default recipe of the scene, or the one for which a greedy training chose. Other objects are
-        user-defined reductions, see :class:`~hhr_dolfinx.reduction.build.Reductor`. Each stage is announced as it
-        begins.
+        Only unsolvable models are refused even then: dependent contact rows, a singular K~. None takes the default
+        recipe of the scene, or the one for which a greedy training chose. Other objects are user-defined reductions,
+        see :class:`~hhr_dolfinx.reduction.build.Reductor`. Each stage is announced as it begins.
         """
         if recipe is None and self.choice is not None:
             recipe = self.choice.recipe
@@ -192,10 +191,9 @@ def train(
     Args:
         scene: the scene.
         training: the number of points along each parameter, on a regular grid; a sampling, ``Sobol(512)`` or
-            ``LatinHypercube(100)``; ``Greedy(budget=100)``, which chooses points where models of the present answers
-            are worst; or an array of points, (S, P). For inelastic bodies or friction a list of paths, each of times in
-            seconds and parameters, or drawn from a family, ``family.paths(Sobol(12))``; for inelastic bodies
-            ``Greedy(family=family)``.
+            ``LatinHypercube(100)``; ``Greedy(budget=100)``, which chooses points where present models are worst; or
+            an array of points, (S, P). For inelastic bodies or friction a list of paths, each of times in seconds and
+            parameters, or drawn from a family, ``family.paths(Sobol(12))``; if inelastic ``Greedy(family=family)``.
         held_out: for the trust check: a number of random parameters (100, a fifth of them with grazing contact; 0 for
             none), or paths.
         seed: of random parameters.
