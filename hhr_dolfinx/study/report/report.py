@@ -119,7 +119,7 @@ def _read_from_files(training: Training, fom_best: dict[str, float] | None) -> d
 def break_even(times: dict[str, Any]) -> dict[str, float | None]:
     """Break-even: queries after which training and reduced answers are cheaper than the best full model; None if never.
 
-    Queries are for all forces, or fields and all forces; of histories for whole ones. The cost includes training answers
+    Queries are for all forces, or fields and all forces; histories count as a whole. The cost includes training answers
     that were read from files. Forces by condensation need no training, see :func:`hhr_dolfinx.condense`.
     """
     offline = sum(times["offline"].values())
