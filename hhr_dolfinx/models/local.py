@@ -1,11 +1,11 @@
 """Local models, thesis chapter 4: several small models, each trained on a part of the box, used like one.
 
-Solutions whose contact moves far lie on a curved manifold, and one basis for all of them grows. Where each model knows
-a part of it only, models stay small; a query asks the one of its part. Near a border two models know the solution, and
-the answer with the smaller estimate of its error is taken.
+Solutions with a contact zone that moves far lie on a curved manifold, and a common basis becomes large. If each model
+covers a part of the box, models stay small; a query uses the model of its part. Near a border two models are
+candidates, and the answer with the smaller error estimate wins.
 
-The parts are regions of a binary tree of cuts through the box. Partitions of a grid, decision trees and boxes that were
-split repeatedly are all of this kind; a query follows some five cuts, in a microsecond or two.
+The parts are regions of a binary tree of cuts through the box. Grids, decision trees and boxes that were split
+repeatedly have this form. A query passes about five cuts, in a microsecond or two.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 
 LEAF = -1
-"""In the place of an axis where nothing is cut."""
+"""Axis of a node without a cut."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -41,14 +41,14 @@ class Choice:
     """A binary tree of cuts across the axes (n nodes, the first one is the whole box; P parameters).
 
     Attributes:
-        axis: which parameter is cut, (n,) int; -1 where a region is reached.
-        cut: where, (n,); what is not above goes low.
-        low, high: the nodes behind, (n,) int, each after the one that leads to it.
+        axis: index of the parameter that is cut, (n,) int; -1 for a region.
+        cut: value of the cut, (n,); a point at the cut or below goes low.
+        low, high: the nodes below and above the cut, (n,) int, each with a higher number than its parent.
         label: number of the model of a region, (n,) int.
         reach: half the width, along each parameter, of the strip along a cut in which both sides are candidates, (P,).
 
     Raises:
-        ReductionError: for what is no tree.
+        ReductionError: for an invalid tree.
     """
 
     axis: Annotated[Integers, "nodes"]
@@ -59,16 +59,16 @@ class Choice:
     reach: Annotated[Floats, "P"]
 
     def __post_init__(self) -> None:
-        """Refuse what is no tree: a query would not end, or end nowhere."""
+        """Refuse an invalid tree: a query would not end, or end nowhere."""
         count = len(self.axis)
         sizes = {len(part) for part in (self.axis, self.cut, self.low, self.high, self.label)}
         inner = np.flatnonzero(self.axis != LEAF)
         if sizes != {count} or count == 0 or not (np.isfinite(self.cut).all() and np.isfinite(self.reach).all()):
             raise ReductionError("a choice between models needs as many finite cuts as nodes, at least one")
-        behind = np.concatenate([self.low[inner], self.high[inner]])
+        children = np.concatenate([self.low[inner], self.high[inner]])
         if (self.axis < LEAF).any() or (self.axis >= len(self.reach)).any() or (self.reach < 0).any():
             raise ReductionError(f"a choice between models cuts axes {np.unique(self.axis)} of {len(self.reach)}")
-        if not np.array_equal(np.sort(behind), np.arange(1, count)) or (behind <= np.tile(inner, 2)).any():
+        if not np.array_equal(np.sort(children), np.arange(1, count)) or (children <= np.tile(inner, 2)).any():
             raise ReductionError("the cuts of a choice between models are no tree")
         if (self.label[self.axis == LEAF] < 0).any():
             raise ReductionError("a region of a choice between models has no model")
@@ -81,7 +81,7 @@ class Choice:
 
     @cached_property
     def _nodes(self) -> list[tuple[int, float, int, int]]:
-        """As plain numbers, which Python follows ten times as fast."""
+        """The nodes as plain numbers, which Python follows ten times as fast."""
         parts = (self.axis, self.cut, self.low, self.high)
         return list(zip(*(part.tolist() for part in parts), strict=True))
 
@@ -90,10 +90,10 @@ class Choice:
         return self.label.tolist(), self.reach.tolist()
 
     def candidates(self, point: Sequence[float]) -> tuple[int, int]:
-        """The model of a point, P numbers, and where it lies by a border the one behind, else -1.
+        """Model of a point, P numbers, and near a border the model on the other side, else -1.
 
-        Of several borders the nearest one counts, in parts of their reach: points on both sides of it have the same
-        two candidates, so that the answer does not jump there.
+        Of several borders the nearest one counts, in parts of their reach. Points on both sides of it have the same two
+        candidates, so that the answer does not jump there.
         """
         nodes = self._nodes
         labels, reach = self._plain
@@ -108,22 +108,22 @@ class Choice:
             node = low if off <= 0 else high
             axis, cut, low, high = nodes[node]
         label = labels[node]
-        for _, behind in sorted(near):
-            other = self._followed(behind, point)
+        for _, branch in sorted(near):
+            other = self._followed(branch, point)
             # both sides of a cut may belong to one model
             if other != label:
                 return label, other
         return label, LEAF
 
     def _followed(self, node: int, point: Sequence[float]) -> int:
-        """The model of a point behind a node."""
+        """Model of a point in the subtree of a node."""
         axis, cut, low, high = self._nodes[node]
         while axis >= 0:
             axis, cut, low, high = self._nodes[node := low if point[axis] <= cut else high]
         return self._plain[0][node]
 
     def many(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same for many points, (n, P): two arrays of numbers of models, (n,)."""
+        """Models and second candidates of many points, (n, P): two arrays of numbers of models, (n,)."""
         rows = points.tolist()
         found = np.array([self.candidates(row) for row in rows], dtype=np.int64).reshape(len(rows), 2)
         return found[:, 0], found[:, 1]
@@ -151,7 +151,7 @@ class Choice:
 
 
 class SeveralModels(KeptModel):
-    """What sets of reduced models of one scene have alike.
+    """Common part of sets of reduced models of one scene.
 
     Attributes:
         models: the models.
@@ -169,14 +169,14 @@ class SeveralModels(KeptModel):
 
     @property
     def fields(self) -> Reconstruction:
-        """What all models have alike: gaps, S, outputs. Answers are completed by the fields of their own model."""
+        """Fields of the first model: gaps, S and outputs are common. Answers are completed by their own models."""
         return self.models[0].fields
 
     def model_of(self, answer: Answer) -> int:
         """Number of the model that gave an answer.
 
         Raises:
-            ReductionError: if it is an answer of none of them.
+            ReductionError: if none of the models gave the answer.
         """
         for number, model in enumerate(self.models):
             if model.fields is answer.fields:
@@ -188,7 +188,7 @@ class SeveralModels(KeptModel):
         return self.changed(models=tuple(model.for_file() for model in self.models))
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """None beyond those of its models, which it refuses where they do not go together."""
+        """No faults beyond those of its models; the constructor refuses models that do not fit together."""
         return iter(())
 
     @property
@@ -198,19 +198,19 @@ class SeveralModels(KeptModel):
 
 
 class LocalModels(SeveralModels):
-    """Reduced models of one scene in which nothing flows, each for a part of the box; used like one of them.
+    """Reduced models of one elastic scene, each for a part of the box; used like one model.
 
     Args:
         models: the models, of the same scene.
-        choice: which of them answers.
-        offline: how they were made; None from a file.
+        choice: selects the model that answers.
+        offline: record of their construction; None from a file.
 
     Attributes:
         models, choice, offline: see above.
         parameters: the box.
 
     Raises:
-        ReductionError: for models of several scenes, or a choice of models that are not there.
+        ReductionError: for models of several scenes, or a choice of models that do not exist.
     """
 
     kept = ("models", "choice")
@@ -224,7 +224,7 @@ class LocalModels(SeveralModels):
         self.parameters: ParameterSpace = self.models[0].parameters
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
-        """By the model of its part; statuses that are those of another one give way to the nearest known."""
+        """By the model of the part; statuses of another model are replaced by the nearest training statuses."""
         number, other = self.choice.candidates(point.tolist())
         if other != LEAF:
             number = int(self._nearer(np.array([number]), np.array([other]), point[None])[0])
@@ -242,53 +242,53 @@ class LocalModels(SeveralModels):
 
     @property
     def sizes(self) -> tuple[int, int]:
-        """Those of answers of the first model."""
+        """Sizes of answers of the first model."""
         return self.models[0].sizes
 
     def _checked_start(self, start: Any) -> Any:
-        """Statuses of any of the models."""
+        """Statuses of any of the models, checked."""
         sizes = [model.own_conditions for model in self.models]
         given = np.shape(start)[0] if np.ndim(start) == 1 else 0
         return checked_start(start, given if given in sizes else sizes[0])
 
-    def _doubts(self, numbers: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """What speaks against answers of models, of numbers (n,), to points, (n, P), what counts most first: (3, n).
+    def _criteria(self, numbers: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Criteria against answers of models, of numbers (n,), to points, (n, P), the most important first: (3, n).
 
-        Infinite where there is no answer; 1 outside what the model was trained on; the larger one of the estimates of
-        displacement and forces, relative, and, for those that are infinite, in units; 0 where there is no estimate.
+        Infinite without a solution. 1 outside the training range of the model. The larger of the relative estimates of
+        displacement and forces, and, if these are infinite, in units; 0 without an estimate.
         """
-        doubts = np.zeros((3, len(points)))
+        criteria = np.zeros((3, len(points)))
         for number in np.unique(numbers):
             rows = np.flatnonzero(numbers == number)
             model = self.models[number]
             many = model.solve_many(points[rows], raise_on_failure=False, outside="ignore")
             if isinstance(model.trained, TrainedRange):
                 inside = (model.trained.lower <= points[rows]) & (points[rows] <= model.trained.upper)
-                doubts[0, rows] = ~inside.all(axis=1)
+                criteria[0, rows] = ~inside.all(axis=1)
             if (found := many.estimates()) is not None:
-                doubts[1, rows] = np.maximum(found.primal_relative, found.dual_relative)
-                doubts[2, rows] = np.maximum(found.primal, found.dual)
-            doubts[:, rows[[status is not Status.CONVERGED for status in many.status]]] = np.inf
-        return doubts
+                criteria[1, rows] = np.maximum(found.primal_relative, found.dual_relative)
+                criteria[2, rows] = np.maximum(found.primal, found.dual)
+            criteria[:, rows[[status is not Status.CONVERGED for status in many.status]]] = np.inf
+        return criteria
 
     def _nearer(self, one: np.ndarray, two: np.ndarray, points: np.ndarray) -> np.ndarray:
-        """Which of two models knows each point better, (n,), of numbers (n,) each; of equal ones the first."""
+        """The better of two models at each point, (n,), of numbers (n,) each; the first if they are equal."""
         less = np.zeros(len(points), dtype=bool)
-        # from the last doubt to the first, each of which decides where those before it are equal
-        for first, second in zip(self._doubts(one, points)[::-1], self._doubts(two, points)[::-1], strict=True):
+        # from the least important criterion to the first, each of which decides if those before it are equal
+        for first, second in zip(self._criteria(one, points)[::-1], self._criteria(two, points)[::-1], strict=True):
             less = (second < first) | ((second == first) & less)
         return np.where(less, two, one)
 
     def _own_start(self, number: int, start: Any) -> Any:
-        """Statuses to start from, unless they are those of another model, as along a path: then the nearest known."""
+        """Statuses to start from; those of another model, as along a path, become the nearest training statuses."""
         statuses = np.asarray(start)
         sizes = [len(model.problem.gaps) for model in self.models]
         foreign = statuses.dtype == bool and statuses.ndim == 1 and statuses.size != sizes[number]
-        # what is of no model is for the model to refuse
+        # statuses of no model are refused by the model itself
         return "nearest" if foreign and statuses.size in sizes else start
 
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> PartedAnswers:
-        """Answer many parameters, (n, P): those of one model together, see :meth:`CondensedModel.solve_many`."""
+        """Answer many parameters, (n, P), one batch per model, see :meth:`CondensedModel.solve_many`."""
         from hhr_dolfinx.models.many import PartedAnswers
 
         checked = self.parameters.points(points)
@@ -296,15 +296,15 @@ class LocalModels(SeveralModels):
         near = np.flatnonzero(other != LEAF)
         number[near] = self._nearer(number[near], other[near], checked[near])
         found = []
-        for asked in np.unique(number):
-            rows = np.flatnonzero(number == asked)
+        for chosen in np.unique(number):
+            rows = np.flatnonzero(number == chosen)
             how = {"raise_on_failure": raise_on_failure, "outside": outside}
-            found.append((rows, self.models[asked].solve_many(checked[rows], **how)))
+            found.append((rows, self.models[chosen].solve_many(checked[rows], **how)))
         return PartedAnswers.of(found, number)
 
 
 def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:
-    """Raise ReductionError for models that are not of one scene, or a choice that needs others."""
+    """Raise ReductionError for models of several scenes, or a choice of models that do not exist."""
     if not models or not all(isinstance(model, ReducedModel) for model in models):
         raise ReductionError("local models are a list of reduced models, at least one")
     if any(model.flow is not None for model in models):
@@ -334,14 +334,14 @@ def _scene_of(model: ReducedModel) -> list:
 
 
 def _same_arrays(one: Reconstruction, two: Reconstruction, point: np.ndarray) -> bool:
-    """Whether gaps, θ at a point, and where both know them S, lifts and loads, are those of one scene."""
+    """True if gaps, θ at a point, and, if both have them, S, lifts and loads belong to one scene."""
     there = one.amplitudes(point)
     beside = two.amplitudes(point)
     alike = [(one.gaps, two.gaps), (there.values, beside.values)]
     if not all(np.array_equal(mine, other) for mine, other in alike):
         return False
     if one is two or one.bound is None or two.bound is None:
-        # what estimates nothing and what does cannot be compared by a border
+        # models with and without an estimate cannot be compared near a border
         return one.bound is two.bound
     pairs = [(one.bound.schur, two.bound.schur), (one.lifts, two.lifts), (one.bound.free_slack, two.bound.free_slack)]
     return all(abs(mine - other).max() <= ALIKE * abs(other).max() for mine, other in pairs if other.size)

@@ -1,9 +1,9 @@
 """Parts of the box whose answers lie near one small space, thesis section 4.2: k-medoids of cells, or of snapshots.
 
-On a regular grid its cells are put together, by the spaces of the snapshots at their corners; a snapshot at a border
-then belongs to both sides. Without a grid snapshots are put together themselves.
+On a regular grid its cells are clustered, by the spaces of the snapshots at their corners. A snapshot at a border then
+belongs to both sides. Without a grid, snapshots themselves are clustered.
 
-Cuts through the box then separate the labelled points: they choose which local model answers, section 4.2.2.
+Cuts through the box then separate the labelled points: they select the local model that answers, section 4.2.2.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.subspaces import basis_distances, coordinates, snapshot_distances
 
 STARTS = 5
-"""Random starts of k-medoids, beside the one that builds its medoids greedily; the best end is taken."""
+"""Random starts of k-medoids, in addition to a greedy one; the best result counts."""
 SAME = 1e-9
 """Difference of two values of a parameter over its range, below which they are one value of a grid."""
 
@@ -41,7 +41,7 @@ class GridCells(NamedTuple):
 
 @dataclass(frozen=True)
 class CellClusters:
-    """Cells of a regular grid put together.
+    """Clusters of cells of a regular grid.
 
     Attributes:
         grid: the cells.
@@ -54,12 +54,12 @@ class CellClusters:
     dissimilarity: np.ndarray
 
     def snapshots(self, label: int) -> np.ndarray:
-        """Numbers of the snapshots at the corners of the cells of a label, rising; those at borders are in several."""
+        """Numbers of the snapshots at the corners of the cells of a label, ascending; labels share those at borders."""
         return np.unique(self.grid.corners[self.labels == label])
 
 
 def grid_cells(points: np.ndarray) -> GridCells:
-    """Cells of a regular grid of any number of parameters, whose values may be spaced as they like.
+    """Cells of a regular grid of any number of parameters, with any spacing.
 
     Args:
         points: (S, P), in any order, as of :meth:`ParameterSpace.grid`.
@@ -103,7 +103,7 @@ def cell_bases(columns: np.ndarray, corners: np.ndarray, tolerance: float) -> li
         Orthonormal bases, (N, a_j) each, a_j <= k.
 
     Raises:
-        ReductionError: for a cell all of whose snapshots are zero, and what POD refuses.
+        ReductionError: for a cell whose snapshots are all zero, and for errors of POD.
     """
     sizes = np.abs(columns).max(axis=0, initial=0.0)
     empty = np.flatnonzero(~sizes[corners].any(axis=1))
@@ -118,14 +118,14 @@ def cell_bases(columns: np.ndarray, corners: np.ndarray, tolerance: float) -> li
 def cell_labels(
     points: np.ndarray, columns: np.ndarray, count: int, *, tolerance: float = 1e-8, seed: int = 1, gram: Any = None
 ) -> CellClusters:
-    """Put cells of a regular grid together whose snapshots span similar spaces, section 4.2.1.
+    """Cluster cells of a regular grid whose snapshots span similar spaces, section 4.2.1.
 
     Args:
         points: a grid, (S, P).
         columns: its snapshots, (N, S).
         count: K, the number of clusters.
-        tolerance: of the POD of each cell. A mode more counts as a right angle in (4.2), so that with a loose one cells
-            go together by their number of modes: the pellet's by pressure at 1e-4, and by height, as in figure 4.2b,
+        tolerance: of the POD of each cell. An additional mode counts as a right angle in (4.2). So a loose tolerance
+            clusters cells by their number of modes: the pellet's by pressure at 1e-4, and by height, as in figure 4.2b,
             at 1e-6 and below.
         seed: of the random starts of k-medoids.
         gram: Gram matrix of the norm, (N, N); None for the Euclidean one, as in the thesis.
@@ -144,7 +144,7 @@ def cell_labels(
 
 
 def snapshot_labels(columns: np.ndarray, count: int, *, seed: int = 1, gram: Any = None) -> np.ndarray:
-    """Put snapshots together that point in similar directions, section 4.2.2.
+    """Cluster snapshots that point in similar directions, section 4.2.2.
 
     Args:
         columns: snapshots, (N, S).
@@ -162,7 +162,7 @@ def snapshot_labels(columns: np.ndarray, count: int, *, seed: int = 1, gram: Any
 
 
 def medoids(dissimilarity: np.ndarray, count: int, seed: int = 1) -> np.ndarray:
-    """Clusters by k-medoids: each item goes to the nearest of ``count`` items, chosen for the least sum of these.
+    """Clusters by k-medoids: each item belongs to the nearest of ``count`` items, chosen for the least sum.
 
     Args:
         dissimilarity: symmetric and not negative, (n, n).
@@ -185,7 +185,7 @@ def medoids(dissimilarity: np.ndarray, count: int, seed: int = 1) -> np.ndarray:
         raise ReductionError(f"seed = {seed!r} must be an integer that is not negative")
     chosen = _chosen(matrix, int(count), int(seed))
     labels = np.argmin(matrix[:, chosen], axis=1)
-    labels[chosen] = np.arange(chosen.size)  # two that are equal would else share a label, and leave one without any
+    labels[chosen] = np.arange(chosen.size)  # two equal ones would share a label, and leave another without items
     _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
     return np.argsort(np.argsort(first))[inverse]
 
@@ -200,14 +200,14 @@ def _chosen(matrix: np.ndarray, count: int, seed: int) -> np.ndarray:
     ends = [fasterpam(matrix, count, init="build", random_state=seed, n_cpu=1)]
     ends += [fasterpam(matrix, count, init="random", random_state=seed + k, n_cpu=1) for k in range(STARTS)]
     chosen = np.unique(np.asarray(min(ends, key=lambda end: end.loss).medoids, dtype=np.int64))
-    while chosen.size < count:  # where items are equal one of them may have been chosen twice
+    while chosen.size < count:  # one of several equal items may have been chosen twice
         others = np.setdiff1d(np.arange(len(matrix)), chosen)
         chosen = np.append(chosen, others[np.argmax(matrix[others][:, chosen].min(axis=1))])
     return np.sort(chosen)
 
 
 def _dissimilarity(given: np.ndarray) -> np.ndarray:
-    """A dissimilarity as k-medoids takes it; ReductionError for an invalid one."""
+    """A dissimilarity as k-medoids needs it; ReductionError for an invalid one."""
     matrix = np.ascontiguousarray(given, dtype=float)
     if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not matrix.size:
         raise ReductionError(f"a dissimilarity of the shape {matrix.shape} must be square, (n, n)")
@@ -220,7 +220,7 @@ def _dissimilarity(given: np.ndarray) -> np.ndarray:
 
 
 def _axis(column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Values of a parameter, rising, and the number of that of each point, (S,); equal to round-off is equal."""
+    """Values of a parameter, ascending, and the index of the value of each point, (S,); equal up to round-off."""
     rising = np.unique(column)
     first = np.append(True, np.diff(rising) > SAME * (rising[-1] - rising[0]))
     return rising[first], (np.cumsum(first) - 1)[np.searchsorted(rising, column)]
@@ -231,18 +231,18 @@ with compat.extra("local", "a classifier of parameters"):
     from sklearn.tree import DecisionTreeClassifier
 
 DRAWN = 20_000
-"""Points at which one tree learns what a forest says."""
+"""Points at which one tree learns the labels of a forest."""
 TREES = 100
 """Trees of a forest."""
 
 
 def separating_cut(unit: np.ndarray, labels: np.ndarray, least: float) -> tuple[int, float] | None:
-    """The axis and the place of the cut that keeps two labels apart best; None where there is none.
+    """Axis and position of the cut that separates two labels best; None if there is no such cut.
 
     Args:
         unit: points in the unit box, (n, P).
         labels: 0 or 1, (n,).
-        least: part of the points that each side has at least.
+        least: least part of the points on each side.
     """
     stump = DecisionTreeClassifier(max_depth=1, min_samples_leaf=max(int(least * len(unit)), 1), random_state=0)
     tree = stump.fit(unit, labels).tree_
@@ -250,9 +250,9 @@ def separating_cut(unit: np.ndarray, labels: np.ndarray, least: float) -> tuple[
 
 
 def tree_of_cells(cells: np.ndarray, labels: np.ndarray) -> Choice:
-    """The tree whose cuts run along the lines of a grid, from its cells, (C, 2, P), and their labels.
+    """Tree whose cuts run along the lines of a grid, from its cells, (C, 2, P), and their labels.
 
-    It is told the numbers of cells along each axis: a classifier does not tell narrow ones of a wide box apart.
+    Its classifier uses the numbers of cells along each axis: in a wide box it cannot separate narrow ones.
     """
     lines = []
     ranks = []
@@ -270,10 +270,10 @@ def tree_of_cells(cells: np.ndarray, labels: np.ndarray) -> Choice:
 
 
 def forest_tree(points: np.ndarray, labels: np.ndarray, space: ParameterSpace, seed: int = 0) -> Choice:
-    """What a random forest trained on labelled points, (n, P), says, as one tree.
+    """One tree that approximates a random forest trained on labelled points, (n, P).
 
-    The forest of the thesis asks a hundred trees for each query, which takes longer than the answer of a local model.
-    One tree that learns from many points labelled by the forest says the same but along the borders.
+    The forest of the thesis evaluates a hundred trees for each query, which takes longer than the answer of a local
+    model. A tree trained on many points labelled by the forest agrees with it except along the borders.
     """
     forest = RandomForestClassifier(TREES, random_state=seed).fit(_unit(points, space), labels)
     drawn = np.vstack([_unit(points, space), np.random.default_rng(seed).random((DRAWN, len(space.names)))])
@@ -281,7 +281,7 @@ def forest_tree(points: np.ndarray, labels: np.ndarray, space: ParameterSpace, s
 
 
 def _unit(points: np.ndarray, space: ParameterSpace) -> np.ndarray:
-    """Points of the box in the unit box."""
+    """Points of the box, scaled to the unit box."""
     lower = np.array(space.lower)
     upper = np.array(space.upper)
     return (points - lower) / np.where(upper > lower, upper - lower, 1.0)

@@ -1,4 +1,4 @@
-"""Error against run time at single parameters: every way to answer one, on the same points in the same process."""
+"""Error against run time at single parameters: all methods on the same points in the same process."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ TIMED = (*COMPARED, "condensed_full", "online", "online_forces", "online_lapack"
 COLD = (*COMPARED, "online", "online_lapack")
 
 SAMPLED = {"displacement": "primal_energy", "forces": "dual_full_floored"}
-"""Errors that a report keeps point by point, by the name that estimates have for them."""
+"""Errors that a report keeps point by point, under their names in estimates."""
 
 Queries = dict[str, Callable[[np.ndarray], Any]]
 """Queries of a parameter by name."""
@@ -42,7 +42,7 @@ Times = dict[str, np.ndarray]
 def measure_points(
     training: Training, model: ReducedModel, settings: Any, points: np.ndarray, progress: Progress
 ) -> Measurement:
-    """Errors of the reduced model at test points, and its time beside that of all other models."""
+    """Errors of the reduced model at test points, and its time compared with those of all other models."""
     full = training.full_order
     space = training.full_order.parameters
     known = training.snapshots.known_statuses()
@@ -71,7 +71,7 @@ def measure_points(
     if settings.naive and full.problem.pins is None:
         baselines = {name: registry.load(place)(full) for name, (place, _) in registry.parts("baselines").items()}
     models |= baselines
-    # those that are timed are neither trained nor tested on
+    # timed points belong neither to training nor to tests
     fresh, others = (space.random(settings.queries + 5, settings.seed + k) for k in (1000, 4000))
     warm = time_queries(_warm(models, known) | whole, fresh)
     cold = time_queries({name: partial(item.solve, start=None) for name, item in models.items()}, others)
@@ -80,7 +80,7 @@ def measure_points(
         errors = references.errors(other)
         return Row(method, setting, time_queries({"online": other.solve}, fresh)["online"], errors)
 
-    # the same statuses by another solver: what differs is round-off, which tests of the full order measure
+    # another solver with the same statuses differs by round-off, which tests of the full model measure
     errors |= dict.fromkeys(baselines, errors["fom_best"])
     if not baselines:
         skipped.append({"stage": "fom_naive", "why": _without_naive(full)})
@@ -102,7 +102,7 @@ def measure_points(
 
 
 def _samples(points: np.ndarray, answers: list[Answer], errors: Errors) -> dict[str, Any]:
-    """The ``samples`` part of a report: test points, errors there, and what the model said of these, relative."""
+    """The ``samples`` part of a report: test points, errors there, and their estimates, relative."""
     found: dict[str, Any] = {
         "points": points.tolist(),
         "errors": {name: errors.values[key].tolist() for name, key in SAMPLED.items()},
@@ -115,7 +115,7 @@ def _samples(points: np.ndarray, answers: list[Answer], errors: Errors) -> dict[
 
 
 def _mesh_error(full: FullOrderModel, skipped: list[dict[str, str]]) -> dict[str, Any]:
-    """The ``discretisation`` part of a report; none, and why, where it cannot be estimated."""
+    """The ``discretisation`` part of a report; empty, with the reason, if it cannot be estimated."""
     from hhr_dolfinx.full_order.mesh_error import mesh_error
 
     try:
@@ -126,7 +126,7 @@ def _mesh_error(full: FullOrderModel, skipped: list[dict[str, str]]) -> dict[str
 
 
 def _without_naive(full: FullOrderModel) -> str:
-    """Why the naive full order is not measured."""
+    """Reason why the naive full model is not measured."""
     if full.problem.pins is not None:
         return "nothing but contact holds a body: without it K is singular, and the first program fails"
     if not registry.parts("baselines"):
@@ -142,7 +142,7 @@ def _searches(answers: list[Answer]) -> dict[str, Any]:
 
 
 def _condensed(training: Training, known: KnownStatuses) -> tuple[CondensedModel, ...]:
-    """Condensation with forces alone and with fields: exact, or interpolated where the stiffness varies."""
+    """Condensation with forces alone and with fields: exact, or interpolated if the stiffness varies."""
     full = training.full_order
     if full.problem.varies:
         model: Any = training.condense()
@@ -151,7 +151,7 @@ def _condensed(training: Training, known: KnownStatuses) -> tuple[CondensedModel
 
 
 def _warm(models: dict[str, Model], known: KnownStatuses) -> Queries:
-    """Queries started from the nearest known statuses, of which full models have to be told."""
+    """Queries that start from the nearest training statuses, which full models need as an argument."""
 
     def near(solve: Callable) -> Callable:
         return lambda point: solve(point, start=known.active[known.nearest(point)])
@@ -160,7 +160,7 @@ def _warm(models: dict[str, Model], known: KnownStatuses) -> Queries:
 
 
 def _forces(model: Model) -> Callable[[np.ndarray], np.ndarray]:
-    """Queries of a model for the forces on the whole contact surface, as users get them."""
+    """Queries of a model for the forces on the whole contact surface, as users run them."""
     return lambda point: model.solve(point).forces()
 
 
@@ -177,7 +177,7 @@ def _everywhere(model: Model) -> Callable[[np.ndarray], tuple[np.ndarray, np.nda
 def _outputs(full: FullOrderModel, solutions: SnapshotSet, answers: list[Answer]) -> dict[str, Any]:
     """The ``outputs`` part of a report: unit, largest absolute value and errors relative to it, by name.
 
-    Errors are infinite where there is no answer. None of a scene without outputs.
+    Errors are infinite without an answer. Empty for a scene without outputs.
     """
     if full.functionals is None:
         return {}
@@ -195,7 +195,7 @@ def _outputs(full: FullOrderModel, solutions: SnapshotSet, answers: list[Answer]
 
 
 def _twin(model: ReducedModel, factorise: Factorise) -> ReducedModel:
-    """A model without what it kept from earlier queries."""
+    """A model without results kept from earlier queries."""
     return model.changed(trained=None, factorise=factorise)
 
 

@@ -1,4 +1,4 @@
-"""Ways to a model of a scene, in the order in which a search tries them: what needs fewest full answers first."""
+"""Ways to build a model of a scene, in the order of a search: those with the fewest full answers come first."""
 
 from __future__ import annotations
 
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
 MANY = 1000
-"""Contact conditions from which on a hyper-reduced model is tried beside a condensed one that is exact enough: a
-choice, since which one is quicker is timed."""
+"""Number of contact conditions above which a hyper-reduced model is tried after a condensed one of sufficient accuracy;
+a heuristic, since the faster one is found by timing."""
 FEWEST = 32
 MOST = 512
 """Training points of the first and of the last hyper-reduced model; each has twice as many as the one before."""
@@ -25,22 +25,22 @@ FEWEST_PATHS = 8
 MOST_PATHS = 32
 """The same of training paths."""
 GRID_PART = 1e-3
-"""Wished error of interpolated S, as a part of the error that is wished: forces are off by ten times as much and more,
-where a contact has just closed by more still."""
+"""Target error of interpolated S, as a part of the target accuracy: errors of forces are ten or more times larger,
+just after a contact has closed even more."""
 GRID_BUDGETS = (200, 800, 800, 800, 800)
-"""Solutions for each component in rounds of interpolation; displacements of checks are what makes later ones better."""
+"""Solutions for each component in rounds of interpolation; later rounds benefit from displacements of checks."""
 
 OF_FIELDS = ("fields", "bound")
-"""Stages that a model does without if no wish reads displacements: it is then compared with more full answers."""
+"""Stages that a model can skip if the target includes no displacements; it is compared with more full answers then."""
 
 
 @dataclass(frozen=True)
 class Attempt:
-    """A way to a model.
+    """A way to build a model.
 
     Attributes:
         method: ``condensed``, ``hhr`` or ``local``.
-        setting: how far it goes, in words.
+        setting: its settings, in words.
         make: builds the model.
     """
 
@@ -50,12 +50,12 @@ class Attempt:
 
 
 def attempts(bench: Bench) -> Iterator[Attempt]:
-    """Ways to a model of a scene, whether it is elastic, rubs or flows."""
+    """Ways to build a model of a scene: elastic, frictional or inelastic."""
     if bench.full.equilibrium is not None:
         yield from _flowing(bench)
         return
     yield from _condensed(bench)
-    if bench.full.problem.reshaped is not None:  # condensation is what shapes have
+    if bench.full.problem.reshaped is not None:  # scenes with shapes are condensed
         return
     if bench.full.friction is None:
         yield from _reduced(bench)
@@ -64,7 +64,7 @@ def attempts(bench: Bench) -> Iterator[Attempt]:
 
 
 def _condensed(bench: Bench) -> Iterator[Attempt]:
-    """Condensation, exact where the stiffness is constant, else interpolated more and more finely."""
+    """Condensation: exact for constant stiffness, else interpolated more and more finely."""
     full = bench.full
     if not full.problem.varies:
         yield Attempt("condensed", "exact", partial(_exact, bench))
@@ -88,7 +88,7 @@ def _condensed(bench: Bench) -> Iterator[Attempt]:
             except BudgetSpentError as error:
                 if not spare or error.stage not in OF_FIELDS:
                     raise
-            # all that takes long is known by now, and so nothing stops the rest
+            # all expensive results exist by now, so the budget need not stop the rest
             return interpolated(full, None, settings, fields=False, solvers=solvers, announce=bench.progress)
 
         found = len(bench.held_out)
@@ -99,7 +99,7 @@ def _condensed(bench: Bench) -> Iterator[Attempt]:
 
 
 def _reads_displacement(bench: Bench) -> bool:
-    """Whether the wish, or an output of the scene, reads displacements."""
+    """True if the target, or an output of the scene, needs displacements."""
     functionals = bench.full.functionals
     return bench.wish.needs_fields or (functionals is not None and any(item.count for item in functionals.items))
 
@@ -118,13 +118,13 @@ def _by_histories(bench: Bench) -> Iterator[Attempt]:
 
 
 def _flowing(bench: Bench) -> Iterator[Attempt]:
-    """Condensed flow of more and more histories, then hyper-reduced models of these."""
+    """Condensed inelastic models of more and more histories, then hyper-reduced models of these."""
     from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
     usual = CorrectionSettings()
-    wished = bench.wish.error / 2  # what is known of is met with room for what is not
+    wished = bench.wish.error / 2  # a margin for errors that the check does not see
     settings = replace(usual, primal=min(usual.primal, wished), dual=min(usual.dual, wished), attempts=6)
-    if set(bench.wish.of) <= set(ASKED):  # no output may read the stress, which would go on being made finer
+    if set(bench.wish.of) <= set(ASKED):  # else an output may need the stress, which must be refined further
         settings = replace(settings, stress=math.inf, plastic=math.inf)
     for count in _doubled(FEWEST_PATHS, MOST_PATHS):
         yield Attempt("condensed", f"{count} training paths", partial(_condensed_flow, bench, count, settings))

@@ -1,4 +1,4 @@
-"""What attempts of one search share: the full model, its answers, each solved for once, and what has been spent."""
+"""Context that all attempts of a search share: the full model, its answers, each solved once, and the cost so far."""
 
 from __future__ import annotations
 
@@ -33,22 +33,22 @@ if TYPE_CHECKING:
     from hhr_dolfinx.snapshots.arrays import ArrayStore
 
 FRESH_SEED = 7000
-"""Added to the seed of a search for what models are checked on, which then is no part of any training."""
+"""Offset of the seed for points of checks, which then differ from those of any training."""
 CORNERS = 6
 """Parameters up to which all corners of the box are trained on."""
 SURE = 4
-"""Full answers that a model is compared with if its bound meets the wish already."""
+"""Full answers that a model is compared with if its bound meets the target already."""
 FRESH = 40
 """Full answers that others are compared with; half of them where the model expects its largest errors."""
 DOUBTED = 1.5
-"""Factor by which a stage must be expected to exceed the budget before it is stopped: its first step takes longer."""
+"""Factor by which the expected time of a stage must exceed the budget to stop it: its first step takes longer."""
 
 
 class BudgetSpentError(HHRError):
-    """What comes next is not affordable.
+    """The next stage exceeds the budget.
 
     Attributes:
-        stage: that was stopped; empty if none had begun.
+        stage: the stage that was stopped; empty if none had begun.
     """
 
     def __init__(self, text: str, stage: str = ""):
@@ -58,28 +58,28 @@ class BudgetSpentError(HHRError):
 
 @dataclass
 class Bench:
-    """What attempts share.
+    """Context of the attempts.
 
     Attributes:
         full: the full model, on one rank.
-        crew: ranks that solve for exact answers; this one alone, mostly.
-        wish: how exact a model shall be.
-        budget: what may be spent.
-        family: paths, where answers depend on these; None where questions are points.
-        seed: of what is drawn at random.
+        crew: ranks that solve for exact answers; mostly this one alone.
+        wish: target accuracy.
+        budget: limits of the cost.
+        family: paths, if answers depend on them; None if queries are points.
+        seed: of random draws.
         progress: receives each stage, and the share of it that is done.
-        store: where solutions of connected components are kept; None keeps them in memory alone.
-        errors: of models, in the norms of the wish.
+        store: keeps solutions of connected components; None keeps them in memory alone.
+        errors: of models, in the norms of the target.
         clock: since the search began.
         solved: number of answers of the full model, those found in the store among them.
         checks: number of checks.
-        held_out: answers of checks, beside which models that are built afterwards are compared.
-        looked: whether answers of the full model were looked at by themselves.
-        forces_off: whether contact forces of the last model that was checked were off by more than is wished; they are
-            where nothing is known of them.
-        checking: whether a model is being checked: until then time is kept back for the answers of a check.
-        short: why the last check has fewer answers than it asked for; empty if it has all.
-        batches: seconds that full answers took, as many at once as there are ranks.
+        held_out: answers of checks, with which later models are compared.
+        looked: whether answers of the full model were checked for large strains and missing contact.
+        forces_off: whether contact forces of the last checked model were less accurate than the target; True if nothing
+            is known of them.
+        checking: whether a model is being checked: before that, time is reserved for the answers of a check.
+        short: reason why the last check has fewer answers than planned; empty if it has all.
+        batches: seconds of full answers, as many at once as there are ranks.
     """
 
     full: Any
@@ -121,10 +121,10 @@ class Bench:
             raise BudgetSpentError(f"the {seconds:g} s of the budget are over")
 
     def announce(self, stage: str, share: float) -> None:
-        """Report a stage, and stop it if the rest of it is not affordable.
+        """Report a stage, and stop it if the rest of it exceeds the budget.
 
         Raises:
-            BudgetSpentError: if the time that is left is over, or not enough by what the share that is done took.
+            BudgetSpentError: if no time is left, or not enough by the time of the share that is done.
         """
         self.progress(stage, share)
         self._check_seconds()
@@ -136,31 +136,31 @@ class Bench:
             return
         step = now - self._last.get(stage, now)
         self._last[stage] = now
-        # what was known already took no time: the next step may take as long as this one
+        # stored results took no time: the next step may take as long as this one
         rest = max((now - self._began.get(stage, now)) * (1 / share - 1), step if share < 1 else 0.0)
         if now + rest / DOUBTED > self.deadline:
             raise BudgetSpentError(f"stage '{stage}' would take about {_about(rest)} s more, and {self._left()}", stage)
 
     @property
     def deadline(self) -> float:
-        """Seconds on the clock by which the work at hand must end; a check has the time that was kept back for it."""
+        """Seconds on the clock by which the present work must end; a check may use the time reserved for it."""
         seconds = self.budget.seconds
         if seconds is None:
             return math.inf
         return seconds if self.checking else seconds - min(self._duration(FRESH), seconds / 2)
 
     def measure(self) -> None:
-        """Time one full answer, the first of the first check, if a budget of seconds is to be planned."""
+        """Time one full answer, the first of the first check, to plan a budget of seconds."""
         if self.budget.seconds is not None and self.family is None:
             points = self.full.parameters.random(1, self.seed + FRESH_SEED + 1)
             list(self._answers(points, "full answer to plan by", Lost()))
 
     def _duration(self, count: int) -> float:
-        """Seconds that so many full answers take, by those that were solved for; zero before the first."""
+        """Expected seconds of so many full answers, from those solved so far; zero before the first."""
         return float(np.median(self.batches)) * math.ceil(count / self.crew.size) if self.batches else 0.0
 
     def _left(self) -> str:
-        """How much of the seconds of the budget is left, in words."""
+        """Remaining seconds of the budget, in words."""
         seconds = self.budget.seconds
         assert seconds is not None
         left = max(0.0, self.deadline - self.clock.seconds)
@@ -168,7 +168,7 @@ class Bench:
         return f"{_about(left)} of the {seconds:g} s of the budget are left{kept}"
 
     def check_affordable(self, questions: Any, what: str, besides: int = 0) -> None:
-        """Raise BudgetSpentError before answers are solved for that cannot all be had, and as many ``besides``."""
+        """Raise BudgetSpentError before solving for answers if these, and ``besides`` more, exceed the budget."""
         count = len({_key(question) for question in questions} - self._known.keys())
         answers = self.budget.full_answers
         if answers is not None and count and self.solved + count + besides > answers:
@@ -180,10 +180,10 @@ class Bench:
             raise BudgetSpentError(f"{what} would take about {_about(self._duration(count))} s, and {self._left()}")
 
     def training(self, count: int) -> Training:
-        """About so many training answers, those of smaller trainings among them, and what checks have left.
+        """About so many training answers, including those of smaller trainings and of checks.
 
         Raises:
-            BudgetSpentError: before anything is solved for, if that is not affordable.
+            BudgetSpentError: before anything is solved for, if the budget does not allow it.
         """
         questions: Any
         if self.family is not None:
@@ -205,9 +205,9 @@ class Bench:
         return _set_of(item.full for item in self.held_out) if self.held_out else None
 
     def fresh(self, count: int, suspects: np.ndarray | None = None) -> list[Exact]:
-        """Exact answers to questions that no model was made from: random ones, and points that are given, (n, P).
+        """Exact answers to queries that no model was built from: random ones, and given points, (n, P).
 
-        Where the budget ends there are fewer, which ``short`` says.
+        If the budget ends there are fewer; ``short`` then has the reason.
 
         Raises:
             BudgetSpentError: if it allows none.
@@ -236,7 +236,7 @@ class Bench:
         return found
 
     def _look(self, found: Sequence[Exact]) -> None:
-        """Tell of what no check of a model finds: strains that are not small, nothing that touches. Once."""
+        """Warn once of faults that no check of a model detects: strains that are not small, bodies that never touch."""
         if self.looked or not found:
             return
         self.looked = True
@@ -253,7 +253,7 @@ class Bench:
             )
 
     def errors_of(self, model: Any, exact: Iterable[Exact]) -> np.ndarray:
-        """Errors of a model at known answers, (n, norms of the wish); infinite where it has no answer."""
+        """Errors of a model at exact answers, (n, norms of the target); infinite if it has no answer."""
         rows = []
         with ignored(OutsideTrainingWarning):
             for item in exact:
@@ -265,7 +265,7 @@ class Bench:
         return np.array(rows)
 
     def _answers(self, questions: Any, label: str, lost: Lost) -> Iterator[Answer | History]:
-        """Exact answers; what has none is told to ``lost``."""
+        """Exact answers; queries without one are reported to ``lost``."""
         self.announce(self._planned(label, questions), 0.0)
         for place, question in enumerate(questions):
             key = _key(question)
@@ -277,13 +277,13 @@ class Bench:
                 yield found
 
     def _planned(self, label: str, questions: Any) -> str:
-        """A stage of full answers with their number, and what they will take as far as that is known."""
+        """A stage of full answers with their number, and their expected time if it is known."""
         count = len({_key(question) for question in questions} - self._known.keys())
         seconds = self._duration(count)
         return f"{count} {label}" + (f", about {_about(seconds)} s" if seconds > 1 else "")
 
     def _solve(self, questions: Any, lost: Lost) -> None:
-        """Take in the first of some questions, and as many behind it as there are ranks."""
+        """Solve the first of some queries, and as many after it as there are ranks."""
         self.check_budget()
         if self.clock.seconds + self._duration(1) > self.deadline:
             raise BudgetSpentError(f"a full answer takes {_about(self._duration(1))} s, and {self._left()}")
@@ -308,12 +308,12 @@ class Bench:
 
 
 def _about(seconds: float) -> str:
-    """Seconds with two digits, or all of those before the point."""
+    """Seconds with two digits, or all digits before the point."""
     return f"{seconds:.0f}" if seconds >= 10 else f"{seconds:.2g}"
 
 
 def _set_of(found: Iterable[Answer | History]) -> SnapshotSet:
-    """Exact answers side by side."""
+    """Exact answers as one set."""
     listed: list[Any] = list(found)
     if not listed:
         raise ConvergenceError("no training query has an answer: lower the loads, or narrow the box")
@@ -321,14 +321,14 @@ def _set_of(found: Iterable[Answer | History]) -> SnapshotSet:
 
 
 def _found(model: Any, exact: Exact) -> list[Answer]:
-    """Answers of a model to the question of exact ones."""
+    """Answers of a model to the query of exact ones."""
     if isinstance(exact.full, History):
         return retraced(model, exact.full).answers
     return [model.solve(exact.full.parameter, outside="ignore", raise_on_failure=False)]
 
 
 def _key(question: Any) -> bytes:
-    """What tells a point or a path from others."""
+    """Key that identifies a point or a path."""
     if isinstance(question, np.ndarray):
         return question.tobytes()
     return b"".join(np.float64(time).tobytes() + np.asarray(point).tobytes() for time, point in question)

@@ -1,7 +1,7 @@
-"""Ranks that solve for the first one, which searches: it decides alone, since decisions depend on its clock.
+"""Parallel search: ranks solve for the first one, which alone decides, since decisions depend on its clock.
 
-Each rank has a full model of its own. What the first one asks for they solve side by side, a part each, and wait for
-what it asks next until it lets them go.
+Each rank has a full model. All ranks solve the queries of the first one in parallel, a part each, and wait for its
+next queries until it releases them.
 """
 
 from __future__ import annotations
@@ -30,8 +30,8 @@ class Crew:
 
     Attributes:
         comm: all of them.
-        full: the full model of this one.
-        store: where answers are kept; None keeps them in memory alone.
+        full: the full model of this rank.
+        store: keeps answers; None keeps them in memory alone.
     """
 
     comm: Comm
@@ -40,27 +40,27 @@ class Crew:
 
     @property
     def size(self) -> int:
-        """Questions that are solved at once."""
+        """Number of queries that are solved at once."""
         return int(self.comm.size)
 
     def solved(self, questions: Sequence[Any]) -> list[Found]:
-        """Exact answers, or why there are none; by the first rank, for which the others are waiting."""
+        """Exact answers, or the reasons why there are none; called by the first rank, for which the others wait."""
         if self.comm.size > 1:
             self.comm.bcast(list(questions))
         return self._shared(questions)
 
     def serve(self) -> None:
-        """Solve what the first rank asks for, until it lets this one go."""
+        """Solve the queries of the first rank until it releases this one."""
         while (questions := self.comm.bcast(None)) is not None:
             self._shared(questions)
 
     def let_go(self) -> None:
-        """End the work of the others; by the first rank, whatever became of its own."""
+        """Release the other ranks; called by the first rank, also after errors."""
         if self.comm.size > 1:
             self.comm.bcast(None)
 
     def _shared(self, questions: Sequence[Any]) -> list[Found]:
-        """What all ranks make of them, on the first one."""
+        """Results of all ranks, on the first one."""
         comm = self.comm
         if comm.size == 1:
             return [self._tried(question) for question in questions]
@@ -68,7 +68,7 @@ class Crew:
         own: list[Any] = []
         try:
             own = [_sent(self._tried(question)) for question in questions[comm.rank :: comm.size]]
-        except BaseException as error:  # the others wait for this part
+        except BaseException as error:  # the other ranks wait for this part
             failure = error
             own = [("", f"{type(error).__name__}: {error}")] * len(questions[comm.rank :: comm.size])
         parts = comm.gather(own)
@@ -79,7 +79,7 @@ class Crew:
         return [self._taken(parts[k % comm.size][k // comm.size]) for k in range(len(questions))]
 
     def _tried(self, question: Any) -> Found:
-        """One answer, or why there is none."""
+        """One answer, or the reason for its absence."""
         try:
             return self._answered(question)
         except errors.HHRError as error:
@@ -90,22 +90,22 @@ class Crew:
         full = self.full
         if not isinstance(question, np.ndarray):
             return compute_snapshots(full, [question], store=self.store).histories[0]
-        # what friction remembers is kept of histories alone
+        # slip states are stored of histories alone
         store = self.store if full.friction is None else None
         kept = None if store is None else store.load(question)
         if kept is not None:
             return kept._replace(fields=full)
-        with full.strains.paused():  # the search looks at all of them together
+        with full.strains.paused():  # the search checks all of them at once
             answer = full.solve(question)
         if store is not None:
             store.save(answer)
         return answer
 
     def _taken(self, item: Any) -> Found:
-        """What another rank sent, as if it had been made here.
+        """Result of another rank, as if it had been computed here.
 
         Raises:
-            RuntimeError: for a failure that is none of this package's, which no other attempt mends.
+            RuntimeError: for a failure outside this package, which no other attempt can cure.
         """
         if isinstance(item, Answer):
             return item._replace(fields=self.full)

@@ -1,10 +1,10 @@
-"""From a scene and a wished error to a model, by the shortest way that meets the wish.
+"""Search from a scene and a target accuracy to a model, in the shortest way that meets the target.
 
 Condensation comes first, which needs no full answers, then hyper-reduction from more and more of them. Each model is
-checked: where its answers have a bound, or an estimate, at hundreds of random points; else, or where that is larger
-than the wish, beside answers of the full model that it was not made from, half of them where it says itself that it may
-be worst. What was asked for is timed, and of all models that meet the wish the most exact one within a factor of three
-of the quickest is handed out.
+checked. If its answers have a bound or an estimate, it is evaluated at hundreds of random points. Without one, or if it
+exceeds the target, the model is compared with full answers that it was not built from, half of them where it expects
+its largest errors. Then queries are timed. Of all models that meet the target, the search returns the most accurate one
+within a factor of three of the fastest.
 """
 
 from __future__ import annotations
@@ -65,46 +65,46 @@ from hhr_dolfinx.warn import ignored, warn
 _log = logging.getLogger(__name__)
 
 LOOKED_AT = 500
-"""Random points at which a model estimates its own errors."""
+"""Random points at which a model estimates its errors."""
 FRESH_PATHS = 6
 """Full histories that a model is compared with."""
 CONFIDENCE = 0.9
-"""How sure it is that no more of the box is beyond the wish than fresh answers allow, see :func:`share_beyond`."""
+"""Confidence that no larger share of the box exceeds the target than fresh answers allow, see :func:`share_beyond`."""
 ROOM = 2.0
-"""What an error that was seen must leave to the wish: of 200 points the worst is worse than that of 40."""
+"""Factor on observed errors: the worst of 200 points exceeds that of 40."""
 UNRESOLVED = 3.0
-"""By how much forces are off where S is, of an interpolation that has not settled: kinks lie between its nodes, and few
-of them lie near a point of a check. Of a modulus with kinks both were .0024, measured once."""
+"""Error of forces over that of S, for an interpolation that has not converged: kinks lie between its nodes, and few of
+them lie near a point of a check. For a modulus with kinks both were 0.0024, measured once."""
 CLOSE = 3.0
-"""Factor of the time of an answer within which the more exact model is taken."""
+"""Factor of the time of an answer within which the more accurate model is chosen."""
 TIMED = 25
 TIMING = 0.02
-"""Queries that are timed of each model, beside a warm-up, while all take less than so many seconds; of histories those
-that are compared."""
+"""Timed queries of each model, after a warm-up, while all take less than so many seconds; of histories those that are
+compared."""
 NO_BUDGET = Budget()
 TINY = 1e-300
 KEPT = "reduction.json"
 MET = "met"
 LONG = 40
-"""Characters from which on the outcome of a model is printed below the table, once for all models that share it."""
+"""Length of the outcome of a model above which it is printed below the table, once for all models that share it."""
 
 
 @dataclass(frozen=True)
 class Tried:
-    """One model that was tried.
+    """One model of the search.
 
     Attributes:
         method: ``condensed``, ``hhr`` or ``local``.
-        setting: how far it went.
-        full_answers: of the full model since the search began, when it was judged.
-        seconds: to make it, with the full answers that this took.
-        query: median seconds of what the wish asks for, of a point or of a history; NaN if it was not timed.
-        errors: the worst error that is known, by the names of the wish; none of what was not made.
-        known: how errors are known.
-        bytes: size in a file; 0 where no budget asks for it.
-        outcome: ``met``, or why not.
-        beyond: largest share of the box that may be beyond the wish, with a confidence of 90 %, if none of the random
-            fresh answers is; NaN if each answer has a bound or is exact, and if the wish is not met.
+        setting: its settings.
+        full_answers: of the full model from the start of the search to the check of this model.
+        seconds: to build it, including its full answers.
+        query: median seconds of a query of the target, for a point or a history; NaN if it was not timed.
+        errors: the largest known error, by the names of the target; empty if the model was not built.
+        known: source of the errors.
+        bytes: size in a file; 0 without a limit in the budget.
+        outcome: ``met``, or the reason why not.
+        beyond: largest share of the box that may exceed the target, with a confidence of 90 %, if none of the random
+            fresh answers does; NaN if each answer has a bound or is exact, and if the target is not met.
     """
 
     method: str
@@ -120,22 +120,22 @@ class Tried:
 
     @property
     def met(self) -> bool:
-        """Whether it is as exact as was wished."""
+        """True if it meets the target."""
         return self.outcome == MET
 
 
 @dataclass(frozen=True)
 class Reduction:
-    """How a model was found, see :func:`reduce`.
+    """Record of a search, see :func:`reduce`.
 
     Attributes:
         scene: its name.
-        wish: how exact it was to be.
-        tried: models in the order in which they were tried.
-        chosen: number of the one that was handed out; None if there is no model.
+        wish: target accuracy.
+        tried: models in the order of the search.
+        chosen: number of the returned model; None if there is no model.
         full_answers: all that were solved for.
-        seconds: of all of it.
-        reason: why the wish is not met, or nothing.
+        seconds: of the whole search.
+        reason: why the target is not met, or empty.
     """
 
     scene: str
@@ -148,22 +148,22 @@ class Reduction:
 
     @property
     def met(self) -> bool:
-        """Whether the wish is met, as far as is known."""
+        """True if the target is met, as far as is known."""
         return self.chosen is not None and self.tried[self.chosen].met
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """Why models were refused or stopped, each reason once, in the order in which they came up."""
+        """Reasons why models were refused or stopped, each once, in the order of their occurrence."""
         return tuple(dict.fromkeys(item.outcome for item in self.tried if len(item.outcome) > LONG))
 
     @property
     def numbered(self) -> tuple[str, ...]:
-        """These reasons with the numbers that the table has for them."""
+        """These reasons with their numbers in the table."""
         return tuple(f"({number}) {reason}" for number, reason in enumerate(self.reasons, 1))
 
     @property
     def table(self) -> str:
-        """A row for each model that was tried, with the numbers of long reasons."""
+        """A row for each model of the search, with the numbers of long reasons."""
         heads = ("", "method", "how far", "full answers", "made in", "answers in", *self.wish.of, "known by", "outcome")
         rows = [heads, *(self._row(number, item) for number, item in enumerate(self.tried))]
         widths = [max(len(row[k]) for row in rows) for k in range(len(heads))]
@@ -175,7 +175,7 @@ class Reduction:
 
     @property
     def verdict(self) -> str:
-        """Whether the wish is met, in a sentence."""
+        """Sentence on whether the target is met."""
         wish = f"{self.wish.error:.3g} of {' and '.join(self.wish.of)}"
         spent = f"it took {self.full_answers} full answers and {self.seconds:.3g} s"
         if self.chosen is None:
@@ -207,12 +207,12 @@ class Reduction:
         )
 
     def described(self) -> dict[str, Any]:
-        """All of it as plain values, for a report."""
+        """The record as plain values, for a report."""
         return asdict(self) | {"met": self.met, "verdict": self.verdict}
 
 
 def _no_model(reduction: Reduction) -> StudyError:
-    """That no model was found, with what was tried as ``reduction``; each reason once."""
+    """Error that no model was found, with the record as ``reduction``; each reason once."""
     error = StudyError("; ".join([reduction.verdict, *reduction.numbered]))
     vars(error)["reduction"] = reduction
     return error
@@ -231,35 +231,35 @@ def reduce(
     progress: Announce | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
 ) -> Any:
-    """A model of a scene that is as exact as wished; collective.
+    """Build the cheapest model of a scene with the requested accuracy; collective.
 
     Args:
-        scene: any scene, or its full model, of each rank its own.
+        scene: any scene, or its full model, one on each rank.
         error: largest relative error, 0.01 for one per cent.
-        of: of what: ``pressure``, ``forces``, ``displacement``, an output of the scene by its name, or several; see
+        of: quantity of the error: ``pressure``, ``forces``, ``displacement``, an output by its name, or several; see
             :mod:`hhr_dolfinx.plugins.one_call.wish`.
-        budget: what may be spent; then the best model there is is handed out, with a warning.
-        paths: along which bodies that flow are to be answered. With friction points are reached from rest without them.
-        fallback: keep the full model behind the small one, of one norm, and of a model with a bound: it answers where
-            the bound is larger than is wished, see :class:`~hhr_dolfinx.models.fallback.FallbackModel`.
-        folder: where full answers are kept as they are found, so that the same call goes on from there, with the model,
-            ``model.npz``, and what was tried, ``reduction.json``; None keeps nothing.
-        seed: of what is drawn at random.
-        progress: receives each stage and the share of it that is done; None prints a line on the error stream now and
-            then once the search takes longer than two seconds, :func:`hhr_dolfinx.timing.unannounced` nothing.
-        comm: ranks, of which the first one searches; all solve for full answers, each by a full model of its own.
+        budget: limits of the search; at a limit it returns the best model so far, with a warning.
+        paths: paths of the queries for inelastic bodies. With friction and without paths, points are reached from rest.
+        fallback: keep the full model as a fallback of the small one, for one norm, and for a model with a bound: it
+            answers if the bound exceeds the target, see :class:`~hhr_dolfinx.models.fallback.FallbackModel`.
+        folder: keeps full answers as they are found, so that the same call continues from there, with the model,
+            ``model.npz``, and the record, ``reduction.json``; None keeps nothing.
+        seed: of random draws.
+        progress: receives each stage and the share of it that is done. None prints a line on the error stream now and
+            then if the search takes longer than two seconds; :func:`hhr_dolfinx.timing.unannounced` prints nothing.
+        comm: ranks, of which the first one searches; all solve for full answers, each with a full model.
 
     Returns:
-        The model, on other ranks than the first one a copy of it. Print ``model.reduction``, a :class:`Reduction`, for
-        what was tried.
+        The model, or on other ranks than the first one a copy of it. Print ``model.reduction``, a :class:`Reduction`,
+        for the record of the search.
 
     Raises:
-        ParameterError: for an invalid wish or budget.
-        StudyError: for invalid input, and if there is no model: its ``reduction`` then holds what was tried.
-        NotOfferedError: for bodies that flow without paths.
+        ParameterError: for an invalid target or budget.
+        StudyError: for invalid input, and if there is no model: its ``reduction`` then holds the record.
+        NotOfferedError: for inelastic bodies without paths.
 
     Warns:
-        StabilityWarning: if the wish is not met.
+        StabilityWarning: if the target is not met.
     """
     _check_limits(budget, seed)
     with ranks.each_for_itself(comm, "preparing a search"):
@@ -281,7 +281,7 @@ def reduce(
 
 
 def _found(bench: Bench, kept: Path | None) -> tuple[Any, Reduction]:
-    """What the first rank finds and keeps in a folder, on all ranks; the others solve for it meanwhile."""
+    """Result of the first rank, kept in a folder, on all ranks; the others solve for it meanwhile."""
     comm = bench.crew.comm
     found: Any = None
     with ranks.each_for_itself(comm, "a search"):
@@ -299,7 +299,7 @@ def _found(bench: Bench, kept: Path | None) -> tuple[Any, Reduction]:
 
 
 def _with_fallback(model: Any, full: FullOrderModel, wish: Wish) -> Any:
-    """The full model behind a small one; the small one alone, with a warning, where nothing bounds the error."""
+    """Add the full model as a fallback; returns the small one alone, with a warning, if nothing bounds the error."""
     from hhr_dolfinx.models.fallback import FallbackModel
 
     try:
@@ -310,32 +310,32 @@ def _with_fallback(model: Any, full: FullOrderModel, wish: Wish) -> Any:
 
 
 def keep(folder: Path, model: Any, reduction: Reduction, full: FullOrderModel) -> None:
-    """Write a model, how it was found, and what plug-ins keep beside it: model.npz, reduction.json, scenery.npz."""
+    """Write a model, its record, and what plug-ins keep beside it: model.npz, reduction.json, scenery.npz."""
     save_model(make_folder(folder) / "model.npz", model)
     write_companions(full, folder)
     keep_table(folder, reduction)
 
 
 def keep_table(folder: Path, reduction: Reduction) -> None:
-    """Write what was tried, reduction.json."""
+    """Write the record, reduction.json."""
     with replacing(make_folder(folder) / KEPT, text=True) as file:
         json.dump(finite(reduction.described()), file, indent=1, allow_nan=False)
 
 
 def _check_limits(budget: Any, seed: Any) -> None:
-    """A budget, and a seed."""
+    """Check a budget, and a seed."""
     check_counts(seed=(seed, 0))
     if not isinstance(budget, Budget):
         raise StudyError(f"budget = {budget!r}: give hhr.Budget(seconds=600), of full_answers or of bytes")
 
 
 def _arrays_beside(store: SnapshotStore | None) -> ArrayStore | None:
-    """Where solutions of connected components are kept, beside full answers."""
+    """Store of solutions of connected components, next to that of full answers."""
     return None if store is None else ArrayStore(store.folder.parent / "compliances", store.problem_digest)
 
 
 def _free_folder(folder: str | Path, scene: str) -> Path:
-    """A folder that holds no model of another scene."""
+    """Check that a folder holds no model of another scene."""
     if not str(folder):
         raise StudyError("folder='' has no name: give one, or None to keep nothing")
     path = checked_folder(folder)
@@ -358,7 +358,7 @@ def _full_model(scene: Any) -> FullOrderModel:
 
 
 def _check_paths(full: FullOrderModel, paths: Any) -> None:
-    """Paths where answers depend on them, and nowhere else."""
+    """Check that paths are given exactly if answers depend on them."""
     name = full.scene.name
     if paths is not None and not isinstance(paths, PathFamily):
         raise StudyError(f"paths = {paths!r} must be a PathFamily, from which paths to train and to check on are drawn")
@@ -372,7 +372,7 @@ def _check_paths(full: FullOrderModel, paths: Any) -> None:
 
 
 def _searched(bench: Bench, kept: Path | None) -> tuple[Any, Reduction]:
-    """The model to hand out, and how it was found; the table is kept whatever ends the search."""
+    """The model to return, and its record; the table is written whatever ends the search."""
     found = _Found(bench)
     try:
         found.search()
@@ -389,12 +389,12 @@ def _searched(bench: Bench, kept: Path | None) -> tuple[Any, Reduction]:
 
 
 class _Found:
-    """Models of a search as they are tried.
+    """Models of a search so far.
 
     Attributes:
         tried: a row for each.
-        models: themselves, None where there is none.
-        failure: the last error of one that could not be made.
+        models: the models; None for one that was not built.
+        failure: the last error of a model that could not be built.
     """
 
     def __init__(self, bench: Bench):
@@ -408,7 +408,7 @@ class _Found:
 
     @property
     def reduction(self) -> Reduction:
-        """What was found up to now."""
+        """Record of the search so far."""
         bench = self._bench
         there = any(model is not None for model in self.models)
         chosen = _chosen(self.tried, self.models, bench.wish) if there else None
@@ -418,7 +418,7 @@ class _Found:
         )
 
     def search(self) -> None:
-        """Try one way after another, until the wish is met or nothing is left that may help."""
+        """Try one way after another, until the target is met or no way is left that may help."""
         bench = self._bench
         for number, attempt in enumerate(attempts(bench)):
             if any(item.met for item in self.tried) and not _worth_trying(bench, attempt, self.tried):
@@ -439,7 +439,7 @@ class _Found:
             _log.info("%s, %s: %s %s (%s)", row.method, row.setting, row.outcome, dict(row.errors), row.known)
 
     def _try(self, attempt: Attempt) -> None:
-        """One way, and whether others like it are worth trying."""
+        """Try one way, and decide whether similar ones are worth trying."""
         bench = self._bench
         clock = Stopwatch()
         model = None
@@ -447,7 +447,7 @@ class _Found:
             model, row = _try(bench, attempt)
         except BudgetSpentError as error:
             self._reason = "what is left to be tried is not affordable"
-            self._ended.add(attempt.method)  # what comes next goes further, and takes longer
+            self._ended.add(attempt.method)  # later attempts of this method take longer
             row = Tried(
                 attempt.method, attempt.setting, bench.solved, clock.seconds, outcome=f"not affordable: {error}"
             )
@@ -461,28 +461,28 @@ class _Found:
             row = Tried(attempt.method, attempt.setting, bench.solved, clock.seconds, outcome=f"refused: {error}")
             before = {item.outcome for item in self.tried if item.method == attempt.method}
             if isinstance(error, NotOfferedError | ParameterError | SceneError) or row.outcome in before:
-                self._ended.add(attempt.method)  # the same reason would come up again, however far others go
+                self._ended.add(attempt.method)  # later attempts would fail for the same reason
         except BaseException:
             self._keep(Tried(attempt.method, attempt.setting, bench.solved, clock.seconds, outcome="interrupted"), None)
             raise
         self._keep(row, model)
 
     def _keep(self, row: Tried, model: Any) -> None:
-        """Take in a row, with its model if there is one."""
+        """Add a row, with its model if there is one."""
         self.tried.append(row)
         self.models.append(model)
 
 
 def _worth_trying(bench: Bench, attempt: Attempt, tried: Sequence[Tried]) -> bool:
-    """Whether another model may be quicker than one that meets the wish: once, where contact conditions are many."""
+    """True if another model may be faster than one that meets the target: once, with many contact conditions."""
     large = bench.full.conditions >= MANY
     return large and not any(item.method == attempt.method for item in tried)
 
 
 def _try(bench: Bench, attempt: Attempt) -> tuple[Any, Tried]:
-    """A model, judged."""
+    """Build and check a model."""
     clock = Stopwatch()
-    # errors are looked at here, in other norms
+    # the search checks errors in its norms
     with ignored(StabilityWarning, UncheckedWarning, NoBoundWarning):
         bench.checking = False
         model = attempt.make()
@@ -508,15 +508,15 @@ def _try(bench: Bench, attempt: Attempt) -> tuple[Any, Tried]:
 
 
 def share_beyond(count: int) -> float:
-    """Largest share of the box that may be beyond a limit, if none of so many random points is, with confidence.
+    """Largest share of the box that may exceed a limit, if none of so many random points does, with confidence.
 
-    A larger share p would show none in ``count`` points with a probability (1 - p)^count below 1 - CONFIDENCE.
+    With a larger share p, the probability (1 - p)^count of none in ``count`` points would be below 1 - CONFIDENCE.
     """
     return 1.0 - (1.0 - CONFIDENCE) ** (1.0 / count)
 
 
 def _judged(bench: Bench, model: Any) -> tuple[np.ndarray, str, float]:
-    """The worst errors of a model that are known, by the norms of the wish, how, and the share that may be beyond."""
+    """Largest known errors of a model, by the norms of the target, their source, and the share that may exceed it."""
     if bench.family is not None:
         exact = bench.fresh(FRESH_PATHS)
         known = f"{len(exact)} fresh histories, times {ROOM:g}"
@@ -539,14 +539,14 @@ def _judged(bench: Bench, model: Any) -> tuple[np.ndarray, str, float]:
 
 
 def _seen(bench: Bench, model: Any, suspects: np.ndarray | None) -> tuple[np.ndarray, str, float]:
-    """Errors at fresh answers, those at suspected points among them, and at answers of earlier checks."""
+    """Errors at fresh answers, including those at suspected points, and at answers of earlier checks."""
     before = list(bench.held_out)
     random = FRESH if suspects is None else FRESH - len(suspects)
     exact = bench.fresh(random, suspects)
-    told = "" if suspects is None else ", half where it may be worst"
-    known = f"{len(exact)} fresh answers{told}, times {ROOM:g}"
+    suspected = "" if suspects is None else ", half where it may be worst"
+    known = f"{len(exact)} fresh answers{suspected}, times {ROOM:g}"
     errors = _compared(bench, model, exact, ROOM)
-    if before:  # of what is tried again and again one passes by luck: forces are not made of these
+    if before:  # with many attempts one passes by chance; models are not built from forces of earlier checks
         others = [k for k, name in enumerate(bench.wish.of) if name != DISPLACEMENT]
         errors[others] = np.maximum(errors, bench.errors_of(model, before).max(axis=0))[others]
         known += f", {len(before)} of before"
@@ -554,12 +554,12 @@ def _seen(bench: Bench, model: Any, suspects: np.ndarray | None) -> tuple[np.nda
     if off:
         errors = np.maximum(errors, off)
         known += f"; S is off by {off / UNRESOLVED:.1g}"
-    # suspected points are none of a random sample
+    # suspected points do not belong to a random sample
     return errors, known, share_beyond(min(random, len(exact)))
 
 
 def _silent(bench: Bench, model: Any, points: np.ndarray) -> np.ndarray | None:
-    """Some of the points at which an exact model has no answer, or does not vouch for an output of the wish."""
+    """Some of the points at which an exact model has no answer, or no finite error of an output of the target."""
     wanted = set(bench.wish.outputs)
     found = []
     for number, point in enumerate(points if wanted else points[:0]):
@@ -574,8 +574,8 @@ def _silent(bench: Bench, model: Any, points: np.ndarray) -> np.ndarray | None:
 
 
 def _unresolved(model: Any) -> float:
-    """Error to be expected of an interpolation that spent its budget before it had settled; zero of any other model,
-    and of one that answers by what its bound interpolates."""
+    """Expected error of an interpolation that spent its budget before it converged; zero for any other model,
+    and for one that answers by the interpolation of its bound."""
     record = model.offline
     if not isinstance(record, CondensedRecord) or record.finer:
         return 0.0
@@ -584,9 +584,9 @@ def _unresolved(model: Any) -> float:
 
 
 def _said(model: Any, points: np.ndarray, wish: Wish) -> dict[str, np.ndarray]:
-    """What a model says itself of its errors at some points, by the names of a wish; nothing of what it does not know.
+    """Errors that a model estimates at some points, by the names of a target; empty without a bound.
 
-    An indicator is no such saying: it follows errors without a scale. A point without an answer is infinitely wrong.
+    Indicators do not count: they follow errors without a scale. A point without an answer has an infinite error.
     """
     if model.fields.bound is None:
         return {}
@@ -596,7 +596,7 @@ def _said(model: Any, points: np.ndarray, wish: Wish) -> dict[str, np.ndarray]:
     for name in wish.of:
         try:
             check_asked(model.fields, name)
-        except ParameterError:  # an output that nothing bounds
+        except ParameterError:  # an output without a bound
             continue
         errors = relative_errors(many, name, known)
         if errors is not None:
@@ -605,24 +605,24 @@ def _said(model: Any, points: np.ndarray, wish: Wish) -> dict[str, np.ndarray]:
 
 
 def _worst_first(said: Mapping[str, np.ndarray]) -> np.ndarray:
-    """Numbers of points, first those at which an error may be largest beside what it usually is."""
+    """Numbers of points, first those with the largest error relative to the median one."""
     beside = [errors / max(float(np.median(errors)), TINY) for errors in said.values()]
     return np.argsort(-np.max(beside, axis=0), kind="stable")
 
 
 def _compared(bench: Bench, model: Any, exact: Sequence[Exact], room: float = 1.0) -> np.ndarray:
-    """Largest errors beside exact answers, with room for what was not seen; these are held out from now on."""
+    """Largest errors against exact answers, times a factor for unseen points; the answers are held out from now on."""
     bench.held_out += exact
     return room * bench.errors_of(model, exact).max(axis=0)
 
 
 def _query_time(bench: Bench, model: Any) -> float:
-    """Median seconds of what the wish asks for, of a point, or of a history."""
+    """Median seconds of a query of the target, for a point or a history."""
     if bench.family is not None:
         paths = [item.full.path for item in bench.held_out[-FRESH_PATHS:] if isinstance(item.full, History)]
         return float(np.median([timed(partial(_marched, model, path))[1] for path in paths]))
     points = bench.full.parameters.random(TIMED + WARM_UP, bench.seed)
-    return median_time(bench.wish.ask(model), points, TIMING)  # models are told apart by a factor of three
+    return median_time(bench.wish.ask(model), points, TIMING)  # accurate enough: models differ by a factor of three
 
 
 def _marched(model: Any, path: AnswerPath) -> None:
@@ -631,7 +631,7 @@ def _marched(model: Any, path: AnswerPath) -> None:
 
 
 def _size(model: Any) -> int:
-    """Bytes of a model in a file; 0 of one that none can keep."""
+    """Bytes of a model in a file; 0 if no file can keep it."""
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "model.npz"
         try:
@@ -643,7 +643,7 @@ def _size(model: Any) -> int:
 
 
 def _chosen(tried: Sequence[Tried], models: Sequence[Any], wish: Wish) -> int:
-    """The most exact model within a factor of the quickest of those that meet the wish; else the most exact."""
+    """Number of the most accurate of the models that meet the target within a factor of the fastest; else of all."""
 
     def worst(number: int) -> float:
         errors = tried[number].errors

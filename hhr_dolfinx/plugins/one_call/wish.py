@@ -1,15 +1,15 @@
-"""How exact a model shall be, in which norms, and what finding it may cost; errors of answers in these norms.
+"""Target accuracy of a model, its norms, and the budget of the search; errors of answers in these norms.
 
-Of an answer, or of the steps of a history, k, relative to the exact ones:
+The errors of an answer, or of the steps k of a history, relative to the exact ones, are
 
     displacement    max_k |u_k - u~_k|_K / max_k |u_k|_K,  |v|_K = (v^T K v)^1/2, lifts included
     forces          max_k |λ_k - λ~_k|_2 / max_k |λ_k|_2, nodal contact forces
     pressure        max_k max_i |σ_ki - σ~_ki| / max_k max_i σ_ki,  σ = λ / area
     an output       max_k |s_k - s~_k| / max_k |s_k|
 
-Where the exact size is less than a thousandth of the largest one known, as of forces where contact is nearly lost, that
-thousandth takes its place, as in :mod:`hhr_dolfinx.models.estimates`. Of an output that is a sum, such as a moment, its
-size is at least a thousandth of what its terms sum up to if none cancels another.
+If the exact size is less than a thousandth of the largest one known, as for forces when contact is nearly lost, that
+thousandth replaces it, as in :mod:`hhr_dolfinx.models.estimates`. For an output that is a sum, such as a moment, the
+size is at least a thousandth of the sum of the absolute values of its terms.
 """
 
 from __future__ import annotations
@@ -30,25 +30,25 @@ from hhr_dolfinx.models.functionals.kinds import Linear
 from hhr_dolfinx.parameters import is_number, is_whole
 
 LEAST_ERROR = 1e-12
-"""Smallest error that may be asked for: answers of the full model are not known any better. Exact condensation, which
+"""Smallest target: answers of the full model are not more accurate. Exact condensation, which
 solves the same equations in another order, differs from them by up to 8e-13."""
 ROUND_OFF = 1e-10
-"""Part of the largest displacement or force by which exact answers may differ: a hundred times what was seen."""
+"""Part of the largest displacement or force by which exact answers may differ: a hundred times the observed value."""
 DISPLACEMENT = "displacement"
 PRESSURE = "pressure"
 
 
 @dataclass(frozen=True)
 class Budget:
-    """What finding a model may cost; None for as much as it takes.
+    """Limits of the cost of finding a model; None for no limit.
 
     Attributes:
-        seconds: most that it may take; a stage that cannot end by then is not begun, or stopped.
-        full_answers: of the full model, points or histories, those that check a model among them.
+        seconds: most seconds; a stage that cannot end by then is not begun, or stopped.
+        full_answers: of the full model, points or histories, including those of checks.
         bytes: size of the model in a file.
 
     Raises:
-        ParameterError: for what is no positive number.
+        ParameterError: for a value that is no positive number.
     """
 
     seconds: float | None = None
@@ -68,11 +68,11 @@ class Budget:
 
 @dataclass(frozen=True)
 class Wish:
-    """How exact a model shall be.
+    """Target accuracy of a model.
 
     Attributes:
         error: largest relative error.
-        of: of what: ``pressure``, ``forces``, ``displacement``, or outputs of the scene by name.
+        of: quantities: ``pressure``, ``forces``, ``displacement``, or outputs of the scene by name.
     """
 
     error: float
@@ -80,10 +80,10 @@ class Wish:
 
     @classmethod
     def checked(cls, error: Any, of: Any, full: Any) -> Wish:
-        """A wish about the answers of a full model.
+        """Target for the answers of a full model.
 
         Raises:
-            ParameterError: for an error that is no number in (0, 1), less than round-off, or of what is not known here.
+            ParameterError: for an error outside (0, 1), or less than round-off, or of an unknown quantity.
         """
         if not is_number(error) or not 0 < error < 1:
             raise ParameterError(f"error = {error!r} of a wish must lie in (0, 1): 0.01 is one per cent")
@@ -107,16 +107,16 @@ class Wish:
 
     @property
     def needs_fields(self) -> bool:
-        """Whether it is about displacements."""
+        """True if it includes displacements."""
         return DISPLACEMENT in self.of
 
     @property
     def outputs(self) -> tuple[str, ...]:
-        """Outputs that it is about."""
+        """Outputs that it includes."""
         return tuple(word for word in self.of if word not in ASKED)
 
     def ask(self, model: Any) -> Callable[[np.ndarray], Any]:
-        """What a user asks of a model who has this wish: a query of a point, (P,), to be timed."""
+        """Query of a point, (P,), that evaluates the quantities of the target, to be timed."""
 
         def query(point: np.ndarray) -> None:
             answer = model.solve(point, outside="ignore")
@@ -131,7 +131,7 @@ class Wish:
 
 @dataclass(frozen=True)
 class Exact:
-    """What the full model answers to one question.
+    """Answer of the full model to one query.
 
     Attributes:
         full: its answer to a point, or the history of a path.
@@ -146,10 +146,10 @@ class Exact:
 
 
 class Errors:
-    """Errors of models in the norms of a wish, beside answers that are known.
+    """Errors of models in the norms of a target, against exact answers.
 
     Args:
-        wish: which errors.
+        wish: the target.
         full: the full model.
     """
 
@@ -163,19 +163,19 @@ class Errors:
         self._sums = {item.name: item for item in items if isinstance(item, Linear)}
 
     def know(self, exact: Sequence[Exact]) -> None:
-        """Take in the sizes of exact answers: errors are over a thousandth of the largest of them at least."""
+        """Update least sizes from exact answers: denominators of errors are at least a thousandth of the largest."""
         for name in self.wish.of:
             sizes = [self._largest(name, answer) for item in exact for answer in item.answers]
             self._floors[name] = max(self._floors[name], FORCE_FLOOR * max(sizes, default=0.0))
 
     def of(self, found: Sequence[Answer], exact: Exact) -> np.ndarray:
-        """Errors of the answers of a model to one question, in the order of the wish; infinite where one is missing."""
+        """Errors of the answers of a model to one query, in the order of the target; infinite if one is missing."""
         if len(found) != len(exact.answers) or not all(answer.converged for answer in found):
             return np.full(len(self.wish.of), math.inf)
         return np.array([self._relative(name, found, exact.answers) for name in self.wish.of])
 
     def forces_off(self, worst: np.ndarray) -> bool:
-        """Whether contact forces may be off by more than is wished, by the largest errors in the order of the wish."""
+        """True if contact forces may miss the target, by the largest errors in the order of the target."""
         known = dict(zip(self.wish.of, worst.tolist(), strict=True))
         seen = [known[name] for name in ("forces", PRESSURE) if name in known]
         return not seen or max(seen) > self.wish.error
@@ -192,7 +192,7 @@ class Errors:
         relative = error / size if size > 0 else math.inf if error > 0 else 0.0
         if name in ASKED or relative <= self.wish.error:
             return relative
-        # an output that vanishes but for round-off, as a closed gap does, has no size to compare with
+        # an output that vanishes up to round-off, as a closed gap does, has no size to compare with
         return 0.0 if error <= max(self._round_off(name, there) for there in exact) else relative
 
     def _round_off(self, name: str, answer: Answer) -> float:
@@ -203,7 +203,7 @@ class Errors:
 
     @staticmethod
     def _disturbed(answer: Answer, dice: np.random.Generator) -> Answer:
-        """An answer whose displacements and forces are disturbed by round-off of the largest of each."""
+        """Answer whose displacements and forces are disturbed by round-off of the largest of each."""
 
         def disturbed(values: np.ndarray) -> np.ndarray:
             size = ROUND_OFF * float(np.abs(values).max(initial=0.0))
@@ -212,7 +212,7 @@ class Errors:
         return answer._replace(unknown=disturbed(answer.unknown), multipliers=disturbed(answer.multipliers))
 
     def _read(self, name: str, answer: Answer) -> np.ndarray:
-        """What a wish is about, of one answer."""
+        """Quantity of the target, for one answer."""
         if name == DISPLACEMENT:
             return answer.displacement()
         if name not in ASKED:
@@ -220,19 +220,19 @@ class Errors:
         forces = answer.forces()
         if name != PRESSURE:
             return forces
-        # the areas of a body whose shape varies are those of the point
+        # with variable shapes, the areas at the point of the answer
         problem = self._problem if self._problem.reshaped is None else self._at(answer.parameter)
         return forces[self._pressed] / problem.contact_areas[self._pressed]
 
     def _size(self, name: str, answer: Answer, values: np.ndarray) -> float:
-        """Norm of it; energies by the stiffness at the parameter of an answer."""
+        """Norm of a quantity; energies by the stiffness at the parameter of an answer."""
         if name == DISPLACEMENT:
             stiffness = self._at(answer.parameter).stiffness
             return math.sqrt(max(values @ (stiffness @ values), 0.0))
         return float(np.linalg.norm(values)) if name == "forces" else float(np.abs(values).max(initial=0.0))
 
     def _at(self, point: np.ndarray) -> ContactProblem:
-        """The problem at a point, which is assembled once for what comes one after the other."""
+        """The problem at a point; the last one is kept for further queries there."""
         if not self._problem.varies:
             return self._problem
         if self._last is None or not np.array_equal(self._last[0], point):
@@ -240,15 +240,15 @@ class Errors:
         return self._last[1]
 
     def _largest(self, name: str, answer: Answer) -> float:
-        """Size of an exact answer, of an output that is a sum with no sign of its terms."""
+        """Size of an exact answer; for an output that is a sum, with absolute values of its terms."""
         size = self._size(name, answer, self._read(name, answer))
         item = self._sums.get(name)
         if item is None:
             return size
-        moved = abs(item.matrix(self._problem.free.size)) @ np.abs(answer.displacement())
-        return max(size, float(np.abs(item.weights) @ np.abs(answer.forces()[item.conditions]) + moved.sum()))
+        sizes = abs(item.matrix(self._problem.free.size)) @ np.abs(answer.displacement())
+        return max(size, float(np.abs(item.weights) @ np.abs(answer.forces()[item.conditions]) + sizes.sum()))
 
 
 def _pressed(problem: Any) -> np.ndarray:
-    """Which conditions have a pressure, (N_lambda,) bool: those along a normal that have an area."""
+    """Conditions with a pressure, (N_lambda,) bool: those along a normal that have an area."""
     return (problem.contact_areas > 0) & problem.pressing

@@ -1,4 +1,4 @@
-"""What a page draws of a scene, from its full model: triangles to look at, places of contact, words."""
+"""Scenery of a page, from the full model: triangles to draw, points of contact, words."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ from hhr_dolfinx.plugins.pages.scenery import NAME, Scenery, Strains
 from hhr_dolfinx.scene import Scene
 
 PARTS = {3: ((0, 1, 2),), 4: ((0, 1, 2), (0, 2, 3))}
-"""Triangles of a triangle, and of a quadrilateral whose corners go round."""
+"""Triangles of a triangle, and of a quadrilateral with corners in circular order."""
 STRAINED = 20_000
-"""Cells that are drawn up to which their strains are kept: they take 50 MB in space."""
+"""Number of drawn cells up to which their strains are kept: they take 50 MB in space."""
 LOOKED_AT = 8
-"""Random points at which bodies are looked at without displacement."""
+"""Random points at which the stress of undeformed bodies is checked."""
 ALIKE = 1e-9
-"""Part of a stress that its deviator may be where it is a pressure, to round-off."""
+"""Part of a stress below which its deviator counts as round-off of a pressure."""
 
 
 def write_scenery(full: Any, folder: Path) -> None:
@@ -32,16 +32,16 @@ def write_scenery(full: Any, folder: Path) -> None:
 
 
 def scenery_of(full: Any) -> Scenery:
-    """What a page draws of the scene of a full model, on each of its ranks. Collective.
+    """Scenery of the scene of a full model, on each of its ranks. Collective.
 
-    In the plane all cells, in space faces of cells that no other cell shares. Of cells of second order the corners.
+    In the plane all cells, in space faces of cells that no other cell shares; for cells of second order the corners.
     """
     discretisation = full.discretisation
     problem = full.problem
     kind = discretisation.mesh.topology.cell_name()
     cells = discretisation._cell_nodes()[:, : CORNERS[kind]]
     flat = problem.block_size == 2
-    cells = cells[:, TENSOR[kind]] if kind in TENSOR else cells  # corners go round
+    cells = cells[:, TENSOR[kind]] if kind in TENSOR else cells  # corners in circular order
     outer, inside = outer_faces_of_cells(kind, cells)
     faces = cells if flat else outer
     owners = np.arange(len(cells)) if flat else inside
@@ -69,8 +69,8 @@ def scenery_of(full: Any) -> Scenery:
 def strains_of(full: Any, cells: np.ndarray) -> Strains | None:
     """Strains of the cells of triangles, (t,).
 
-    None where a stress is more than moduli times strain: of bodies that flow, change their shape or have a law of their
-    own, under strains without stress that are not alike in all directions, or where there are too many cells.
+    None if a stress is more than moduli times strain: for bodies that are inelastic, change their shape or have a
+    user-defined elasticity, for anisotropic strains without stress, or with too many cells.
     """
     scene = full.scene
     drawn, places = np.unique(cells, return_inverse=True)
@@ -96,7 +96,7 @@ def strains_of(full: Any, cells: np.ndarray) -> Strains | None:
 
 
 def _stressed_at_rest(full: Any) -> bool:
-    """Whether bodies without displacement have a von Mises' stress: strains without stress that have a deviator."""
+    """True if undeformed bodies have a von Mises' stress, from strains without stress that have a deviator."""
     if not any(hasattr(load, "eigenstrain_of") for load in full.scene.loads):
         return False
     rest = np.zeros(full.problem.free.size)
@@ -110,7 +110,7 @@ def _stressed_at_rest(full: Any) -> bool:
 
 
 def _words(scene: Scene) -> dict[str, Any]:
-    """What a page says of a scene."""
+    """Words of a page on a scene."""
     units = scene.units
     bodies = []
     for body in scene.bodies:

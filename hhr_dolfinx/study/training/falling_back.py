@@ -1,4 +1,4 @@
-"""A model that falls back on the full one, and what that costs a study."""
+"""Models that fall back on the full one, and their cost in a study."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.reduction.recipe import Recipe
 
 ALLOWED = 0.01
-"""Relative error up to which a study lets reduced answers pass."""
+"""Relative error up to which a study accepts reduced answers."""
 
 
 def safe_model(
@@ -38,18 +38,18 @@ def safe_model(
 
 
 def fallback_report(model: ReducedModel, full: Any, points: np.ndarray, alone: float) -> dict[str, Any]:
-    """How often a model that falls back asks the full one at some points, (n, P), and what its answers cost.
+    """Share of points, (n, P), at which a model falls back on the full one, and the cost of its answers.
 
-    ``alone`` are the seconds that the full model takes for one.
+    ``alone`` is the time of a full answer in seconds.
 
     Returns:
-        The ``fallback`` part of a report: ``kind`` of what is known of errors; ``tolerance``, the relative error
-        allowed; ``share`` of the queries that the full model answered, and ``shares`` by the one error that is asked
-        for; mean seconds of a ``query`` with all forces and their bound, and of the ``full`` model alone.
+        The ``fallback`` part of a report: ``kind`` of the error estimates; ``tolerance``, the relative error
+        allowed; ``share`` of the queries that the full model answered, and ``shares`` by the one error that is
+        limited; mean seconds of a ``query`` with all forces and their bound, and of the ``full`` model alone.
     """
     safe = FallbackModel(model, full, ALLOWED)
     count = len(points)
-    # one by one, as a user who asks now and then: a table is quicker
+    # one by one, as in single queries: a table is faster
     spent = timed(lambda: [safe.solve(point, raise_on_failure=False) for point in points])[1]
     kind = model.fields.bound.kind if model.fields.bound is not None else ""
     own = {"share": safe.share, "shares": _shares(model, points), "query": spent / count, "full": alone}
@@ -57,10 +57,10 @@ def fallback_report(model: ReducedModel, full: Any, points: np.ndarray, alone: f
 
 
 def _shares(model: ReducedModel, points: np.ndarray) -> dict[str, float]:
-    """Part of some points, (n, P), at which an error may be larger than is allowed, by its name."""
+    """Part of some points, (n, P), at which an error may be larger than allowed, by its name."""
     answers = [model.solve(point, raise_on_failure=False, outside="ignore") for point in points]
     found = Estimates.of([answer.estimate() for answer in answers])
     if found is None:
         return {}
-    # a NaN is of a point without an answer
+    # NaN marks a point without an answer
     return {name: float(np.mean(~(getattr(found, SHOWN[name]) <= ALLOWED))) for name in ASKED}

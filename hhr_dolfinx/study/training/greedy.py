@@ -1,7 +1,7 @@
 """Greedy training, thesis Alg. 1.3: answers are added where a reduced model of those before is worst.
 
-An error indicator picks the worst candidate (:mod:`hhr_dolfinx.study.training.indicators`); it needs no full-order
-answer. The box in which points are chosen is that of the scene or, where bodies flow, that of a family of paths.
+An error indicator selects the worst candidate (:mod:`hhr_dolfinx.study.training.indicators`); it needs no full answer.
+Points are chosen in the box of the scene or, for inelastic bodies, of a family of paths.
 """
 
 from __future__ import annotations
@@ -50,11 +50,11 @@ FINE = 1e-13
 UNKNOWN = 1e6
 """Indicator of a candidate without an answer: more than any error, and finite, so that distances still count."""
 NOTHING = 1e-12
-"""Part of an error that is round-off once the directions of others are taken out of it."""
+"""Part of an error that counts as round-off after the directions of others are removed."""
 
 
 class Round(NamedTuple):
-    """What one model of a greedy training was worth.
+    """Quality of one model of a greedy training.
 
     Attributes:
         answers: points, or paths, that it was trained on.
@@ -68,7 +68,7 @@ class Round(NamedTuple):
 
 
 class Choice(NamedTuple):
-    """What a greedy training chose.
+    """Points chosen by a greedy training.
 
     Attributes:
         points: of the box, in the order in which they were chosen, (S, P).
@@ -83,25 +83,25 @@ class Choice(NamedTuple):
 
 @dataclass(frozen=True)
 class Greedy:
-    """Where to train: a few points first, then those where an indicator is largest.
+    """Greedy choice of training points: a few points first, then those with the largest indicator.
 
     Attributes:
-        indicator: what says how wrong an answer is; None takes :class:`ForceError` of points, and of histories the
+        indicator: estimates the error of an answer. None takes :class:`ForceError` for points, and for histories the
             largest estimate of their steps, :class:`LargestEstimate`.
-        tolerance: indicator at which it stops, the largest among the candidates.
+        tolerance: indicator at which the training stops, the largest among the candidates.
         budget: points, or paths, at which it stops otherwise.
-        start: a sampling of the first ones. None takes a ``Lattice(20)``, or half of the budget of Sobol points where
+        start: a sampling of the first ones. None takes a ``Lattice(20)``, or half of the budget of Sobol points if
             the stiffness varies.
-        candidates: a sampling of those to choose from. None takes a ``Lattice(1000)``, or ``Sobol(2048)`` where the
-            stiffness varies. Where it is constant points that share coordinates share fields of loads, and it takes
-            fewer answers of them: on the pellet 150 that are chosen among Sobol points have errors more than ten times
-            larger. Where it varies they share none, and what is chosen on few values of a modulus is wrong between.
-        together: how many are added between two models.
+        candidates: a sampling of those to choose from. None takes a ``Lattice(1000)``, or ``Sobol(2048)`` if the
+            stiffness varies. For constant stiffness, points that share coordinates share fields of loads, and fewer
+            answers suffice: on the pellet 150 chosen among Sobol points have errors more than ten times larger. For
+            variable stiffness they share none, and a choice on few values of a modulus is inaccurate between them.
+        together: number of points that are added between two models.
         recipe: of the models on the way, which are not checked, and of those that the training builds by default. None
-            takes the usual one where bodies flow, and elsewhere the usual one with more modes: each answer that was
-            chosen brings what others do not, and a POD that leaves part of it out makes errors five times larger.
-            Where the stiffness varies modes are of one body each: an answer brings as many as there are bodies.
-        family: of the paths, where bodies flow; samplings are then drawn in the box of its own parameters.
+            takes the default for inelastic bodies, and for elastic ones the default with more modes: each chosen answer
+            differs from the others, and a POD that leaves part of it out makes errors five times larger.
+            If the stiffness varies, each mode belongs to one body: an answer adds as many modes as there are bodies.
+        family: of the paths, for inelastic bodies; samplings are then drawn in the box of its parameters.
     """
 
     indicator: GreedyIndicator | None = None
@@ -114,7 +114,7 @@ class Greedy:
     family: PathFamily | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what never ends or never begins, with StudyError."""
+        """Refuse settings that never end or never begin, with StudyError."""
         if not (is_number(self.tolerance) and self.tolerance > 0):
             raise StudyError(f"tolerance = {self.tolerance!r} of Greedy must be a positive number")
         for name in ("budget", "together"):
@@ -131,10 +131,10 @@ class Greedy:
                 raise StudyError(f"{name} = {getattr(self, name)!r} of Greedy must be a {kind.__name__}")
 
     def space(self, scene: Any) -> ParameterSpace:
-        """The box of the points.
+        """Box of the points.
 
         Raises:
-            StudyError: for a family where nothing flows, none where bodies flow, or one of another scene.
+            StudyError: for a family with elastic bodies, none with inelastic ones, or one of another scene.
         """
         flows = any(body.law is not None for body in scene.bodies)
         if flows and self.family is None:
@@ -161,14 +161,14 @@ class Greedy:
         progress: Callable[[Any], Any] = iter,
         store: SnapshotStore | None = None,
     ) -> tuple[SnapshotSet, Choice]:
-        """Training answers, and what was chosen.
+        """Compute training answers, and the record of their choice.
 
         Args:
             full: the full model, one on each rank.
             solve: answers of the full model to points, (n, P), or paths; on all ranks together.
-            comm: ranks, each of which has all answers; they share the candidates out.
+            comm: ranks, each of which has all answers; they share the candidates.
             progress: wraps the iteration over the models.
-            store: in whose folder the choice is kept too: what an earlier run chose is not looked for again.
+            store: its folder keeps the choice too, which later runs continue.
         """
         space = self.space(full.scene)
         score = self._score(full)
@@ -186,7 +186,7 @@ class Greedy:
         most = 1 + -(-max(self.budget - len(points), 0) // self.together)
         for _ in progress(range(most)):
             if rounds and rounds[-1].answers == len(points):
-                break  # an earlier run was done
+                break  # an earlier run was complete
             errors = self._errors(full, known, candidates, score, comm)
             values = np.linalg.norm(errors, axis=1)
             rounds.append(Round(len(points), float(values.max()), float(np.median(values))))
@@ -198,7 +198,7 @@ class Greedy:
             if chosen.size:
                 more = candidates[chosen]
                 points = np.vstack([points, more])
-                with suppress(ConvergenceError):  # none of them has an answer, and none is asked for again
+                with suppress(ConvergenceError):  # none of them has an answer; they are not tried again
                     known = known.joined(solve(self._queries(more)))
             if kept is not None:
                 kept.save(points, rounds)
@@ -214,7 +214,7 @@ class Greedy:
         return known, Choice(points, tuple(rounds), self._recipe(full))
 
     def _samplings(self, full: Any) -> tuple[Any, Any]:
-        """Of the first points, and of the candidates."""
+        """Samplings of the first points, and of the candidates."""
         start: Any = Lattice(20)
         candidates: Any = Lattice(1000)
         if self.family is None and full.problem.varies:
@@ -223,7 +223,7 @@ class Greedy:
         return start if self.start is None else self.start, candidates if self.candidates is None else self.candidates
 
     def _recipe(self, full: Any) -> Recipe:
-        """Of the models on the way."""
+        """Recipe of the models on the way."""
         if self.recipe is not None:
             return self.recipe
         if self.family is not None:
@@ -231,23 +231,23 @@ class Greedy:
         return Recipe(basis=Pod(FINE, relative=True, by_body=full.problem.varies))
 
     def _queries(self, points: np.ndarray) -> Any:
-        """What is asked of the full model."""
+        """Queries of the full model."""
         return points if self.family is None else self.family.paths(points)
 
     def _score(self, full: Any) -> Score:
-        """The indicator, with what of it needs no model."""
+        """The indicator, with all that needs no reduced model computed."""
         usual = ForceError() if self.family is None else LargestEstimate()
         return (usual if self.indicator is None else self.indicator).prepared(full)
 
     def _errors(self, full: Any, known: SnapshotSet, candidates: np.ndarray, score: Score, comm: Comm) -> np.ndarray:
-        """Indicators of a model of what is known, (n, k)."""
+        """Indicators of a model of the present answers, (n, k)."""
         recipe = self._recipe(full).as_it_is()
         mine = np.array_split(candidates, comm.size)[comm.rank]
         found = np.zeros((0, 1))
         with ranks.each_for_itself(comm, "choosing where to train"):
             try:
                 model = build(full, known, recipe)
-            except NotSolvableError as error:  # too few answers for a model: all of the box is unknown
+            except NotSolvableError as error:  # too few answers for a model: errors are unknown in the whole box
                 _log.info("greedy training: no model of %d answers: %s", len(known.points), error)
                 found = np.full((len(mine), 1), UNKNOWN)
             else:
@@ -257,7 +257,7 @@ class Greedy:
         return np.concatenate([part for part in comm.allgather(found) if len(part)])
 
     def _answers(self, model: Any, points: np.ndarray) -> list[Any]:
-        """Answers or histories of a reduced model; None for a history that it cannot finish."""
+        """Answers or histories of a reduced model; None for a history that it cannot complete."""
         if self.family is None:
             return list(model.solve_many(points, outside="ignore", raise_on_failure=False)) if len(points) else []
         return [_marched(model, path) for path in self.family.paths(points)] if len(points) else []
@@ -276,7 +276,7 @@ def _marched(model: Any, path: Any) -> Any:
 def _chosen(
     errors: np.ndarray, candidates: np.ndarray, known: np.ndarray, space: ParameterSpace, count: int
 ) -> np.ndarray:
-    """Numbers of the candidates to add, (k,): by their errors as vectors where all have one, else by distances."""
+    """Numbers of the candidates to add, (k,): by their error vectors if all have one, else by distances."""
     if errors.shape[1] == 1 or (np.linalg.norm(errors, axis=1) >= UNKNOWN / 2).any():
         return apart(candidates, np.linalg.norm(errors, axis=1), known, space, count)
     there = (candidates[:, None] == known).all(axis=2).any(axis=1)
@@ -284,14 +284,14 @@ def _chosen(
 
 
 def independent(errors: np.ndarray, count: int) -> np.ndarray:
-    """Numbers of the errors that are largest once the directions of those chosen before are taken out, (k,).
+    """Numbers of the errors that are largest after the directions of those chosen before are removed, (k,).
 
-    What is wrong in the same way at several candidates one answer mends. On the pellet 150 answers chosen so, 16 at a
-    time, have half the error of as many that were chosen by size and distance.
+    One answer reduces all errors of the same direction. On the pellet 150 answers chosen so, 16 at a time, have half
+    the error of as many chosen by size and distance.
 
     Args:
         errors: of each candidate, (n, k).
-        count: how many at most.
+        count: most numbers.
     """
     left = errors.copy()
     chosen = list[int]()
@@ -311,18 +311,18 @@ def independent(errors: np.ndarray, count: int) -> np.ndarray:
 def apart(
     candidates: np.ndarray, values: np.ndarray, known: np.ndarray, space: ParameterSpace, count: int
 ) -> np.ndarray:
-    """Numbers of candidates with large values that are far from what is known and from each other, (k,).
+    """Numbers of candidates with large values that are far from present points and from each other, (k,).
 
-    The worst alone would be neighbours, of which one answer helps all: each value is weighed by the distance to the
-    nearest point that is there or chosen, over what these have on average. Candidates that are there already are
-    never chosen.
+    The worst alone would be neighbours, which one answer improves all. So each value is weighted by the distance to the
+    nearest present or chosen point, over the average distance. Candidates that are present already are never
+    chosen.
 
     Args:
         candidates: (n, P).
         values: their indicators, not negative, (n,).
-        known: points that are there, (S, P).
+        known: present points, (S, P).
         space: the box.
-        count: how many at most.
+        count: most numbers.
     """
     lower, upper = np.array([space.lower, space.upper])
     scaled, there = ((points - lower) / (upper - lower) for points in (candidates, known))
@@ -341,24 +341,24 @@ def apart(
 
 
 class KeptChoice:
-    """What a greedy training chose, beside the answers in its folder, so that a killed one goes on where it stopped.
+    """Choice of a greedy training, kept next to its answers, so that an interrupted one continues.
 
     Args:
         folder: of the answers.
         problem: digest of the problem that they solve, hexadecimal.
-        greedy: how to choose.
+        greedy: settings of the choice.
         recipe: of its models.
         space: the box, which is not part of a problem.
     """
 
     def __init__(self, folder: Path, problem: str, greedy: Greedy, recipe: Recipe, space: ParameterSpace):
         box = [space.names, *(tuple(float(end) for end in ends) for ends in (space.lower, space.upper))]
-        asked = FORMAT, VERSION, problem, greedy, recipe, box
-        self._digest = digest_of_values(asked, "a greedy training that is kept in a folder")[:40]
+        parts = FORMAT, VERSION, problem, greedy, recipe, box
+        self._digest = digest_of_values(parts, "a greedy training that is kept in a folder")[:40]
         self._path = folder / f"greedy_{self._digest[:16]}.npz"
 
     def load(self, space: ParameterSpace) -> tuple[np.ndarray, list[Round]] | None:
-        """Points and rounds, see :class:`Choice`, or None where there are none that fit."""
+        """Points and rounds, see :class:`Choice`, or None if there are none that fit."""
         try:
             header, arrays = read_arrays(self._path, FORMAT, VERSION)
             check_layout(arrays, _LAYOUT, {"P": len(space.names)})
@@ -370,7 +370,7 @@ class KeptChoice:
         return arrays["points"], [Round(*row) for row in rounds]
 
     def save(self, points: np.ndarray, rounds: list[Round]) -> None:
-        """Keep what was chosen up to here.
+        """Keep the choice so far.
 
         Raises:
             FileError: if the file cannot be written.

@@ -1,8 +1,8 @@
-"""What tells a greedy training how wrong answers are, without an answer of the full order.
+"""Error indicators of greedy training, which need no full answer.
 
-An indicator of your own is an object with ``prepared(full)``, which returns what maps a reduced model, the answers it
-was built from and some of its own answers (histories, where bodies flow) to one number for each of them, or to one
-vector whose norm counts: then it is known too which of them are wrong in the same way.
+A user-defined indicator is an object with ``prepared(full)``, which returns a function of a reduced model, the answers
+it was built from and some of its answers (histories, for inelastic bodies). The function returns one number for each of
+them, or one vector whose norm counts: vectors also show which errors have the same direction.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 Score = Callable[[Any, SnapshotSet, Sequence[Any]], np.ndarray]
-"""Maps a reduced model, what it was built from, and some of its answers or histories to indicators, (n,) or (n, k)."""
+"""Maps a reduced model, the answers it was built from, and some of its answers to indicators, (n,) or (n, k)."""
 
 NO_ANSWER = np.inf
-"""Indicator of what has no answer."""
+"""Indicator of a query without an answer."""
 
 
 class GreedyIndicator(Protocol):
-    """What says how wrong answers are."""
+    """Estimate of the errors of answers."""
 
     def prepared(self, full: Any) -> Score:
-        """With all that does not depend on a reduced model computed once.
+        """Prepare the indicator: compute all that does not depend on a reduced model.
 
         Raises:
-            StudyError: for a full model it cannot judge.
+            StudyError: for an unsuitable full model.
         """
 
 
@@ -54,10 +54,10 @@ def _refuse_flow(full: Any, name: str) -> None:
 
 @dataclass(frozen=True)
 class LargestEstimate:
-    """What answers say of themselves: the larger of both relative errors of ``estimate()``, in a history the largest.
+    """Estimates of answers: the larger of both relative errors of ``estimate()``; the largest one of a history.
 
-    That of an elastic answer is a bound or nearly one, where its model has one. That of a step of bodies that flow is
-    the part of its stress that no mode of training explains; it follows the error of the stress, see docs/bounds.md.
+    For an elastic answer it is a bound or nearly one, if its model has one. For a step of inelastic bodies it is the
+    part of its stress that no mode of training explains; it follows the error of the stress, see docs/bounds.md.
     """
 
     def prepared(self, full: Any) -> Score:
@@ -85,14 +85,14 @@ class LargestEstimate:
 
 @dataclass(frozen=True)
 class ForceError:
-    """Error of the contact forces everywhere, a vector, beside a condensed model that keeps all contact conditions.
+    """Error of all contact forces, a vector, against a condensed model that keeps all contact conditions.
 
-    Where the stiffness is constant condensation is exact, and the indicator is the error; elsewhere condensation is
-    interpolated between few parameters, and right to a small part of the tolerance. Forces below a thousandth of the
-    largest of training count as that large.
+    For constant stiffness condensation is exact, and the indicator is the error. Otherwise condensation is interpolated
+    between few parameters, and accurate to a small part of the tolerance. The denominator is at least a thousandth of
+    the largest training forces.
 
     Attributes:
-        settings: of the interpolation, a ``GridSettings``; None for the usual ones.
+        settings: of the interpolation, a ``GridSettings``; None for the defaults.
     """
 
     settings: Any = None
@@ -144,15 +144,15 @@ class ForceError:
 
 @dataclass(frozen=True)
 class Eta:
-    """The indicator (1.73) of Fauque et al. (2018): beside the full equations of the RID, eta_u + eta_λ.
+    """The indicator (1.73) of Fauque et al. (2018), from the full equations of the RID: eta_u + eta_λ.
 
-    What lies on the interface of the RID is interpolated between training answers, (1.72). The thesis interpolates on a
-    regular grid; points that are chosen one by one make none, and radial functions r, which are exact at training
-    points and linear in one parameter, take its place.
+    The displacement on the interface of the RID is interpolated between training answers, (1.72). The thesis
+    interpolates on a regular grid. Points that are chosen one by one form none; radial functions r, which are exact at
+    training points and linear in one parameter, replace it.
 
-    Three things differ from (1.73). Its norms are of U; those here are of U0, the unknown without what is imposed. The
-    forces by which eta_λ is divided count as at least a thousandth of the largest of training, since forces near zero
-    would choose every point without contact. Where the interpolated interface penetrates, the thesis sets the gap to
+    Three things differ from (1.73). Its norms are of U; those here are of U0, the unknown without the imposed part. The
+    forces in the denominator of eta_λ count as at least a thousandth of the largest of training, since forces near zero
+    would choose every point without contact. If the interpolated interface penetrates, the thesis sets the gap to
     zero; here only the conditions of the RID are solved for.
     """
 
@@ -179,11 +179,11 @@ class Eta:
 
 @dataclass(frozen=True)
 class Eta2:
-    """The indicator (2.124) of the thesis: residual on the RID, and the jump on its interface to what is interpolated.
+    """The indicator (2.124) of the thesis: residual on the RID, and jump on its interface to the interpolated field.
 
-    In the energy norm of the cells of the RID, in which the form a has α = M_a = 1: |R|_{K^-1} + 2 |jump|_a. Printed is
-    an absolute number; here it is divided by the energy norm of the answer, so that candidates compare. The jump lies
-    between U0, as the loads move the bodies; it is zero off the interface, (2.40), (2.123). Interpolated as for
+    It uses the energy norm of the cells of the RID, in which the form a has α = M_a = 1: |R|_{K^-1} + 2 |jump|_a. The
+    printed number is absolute; here it is divided by the energy norm of the answer, so that candidates compare. The
+    jump is that of U0; it is zero off the interface, (2.40), (2.123). The field is interpolated as for
     :class:`Eta`.
     """
 
@@ -219,7 +219,7 @@ def _energy_norms(stiffness: csr_matrix, *fields: np.ndarray) -> tuple[float, ..
 
 
 def _ratio(error: np.ndarray, exact: np.ndarray, floor: float = 0.0) -> float:
-    """Size of an error over that of what is exact, or a floor."""
+    """Size of an error over that of the exact value, or a floor."""
     return float(np.linalg.norm(error)) / (max(float(np.linalg.norm(exact)), floor) or 1.0)
 
 
@@ -230,15 +230,15 @@ def _interpolated(
     from scipy.interpolate import RBFInterpolator
 
     lower, upper = np.array([problem.parameters.lower, problem.parameters.upper])
-    asked = np.array([answer.parameter for answer in answers]).reshape(len(answers), -1)
+    points = np.array([answer.parameter for answer in answers]).reshape(len(answers), -1)
     between = RBFInterpolator(
         (known.points - lower) / (upper - lower), known.displacements[dofs].T, kernel="linear", degree=0
     )
-    return between((asked - lower) / (upper - lower))
+    return between((points - lower) / (upper - lower))
 
 
 class _Domain:
-    """The full equations of a RID at any point, factored once where the stiffness is constant.
+    """The full equations of a RID at any point, factored once for constant stiffness.
 
     Args:
         problem: the whole problem.
@@ -246,8 +246,8 @@ class _Domain:
 
     Attributes:
         inner: dofs of A, in the whole problem.
-        interface: dofs of the RID that are no dofs of A, likewise.
-        places: of these among the dofs of the RID.
+        interface: dofs of the RID outside A, in the whole problem.
+        places: indices of these among the dofs of the RID.
     """
 
     def __init__(self, problem: ContactProblem, sets: IndexSets):
@@ -260,7 +260,7 @@ class _Domain:
         self._constant = None if problem.varies else _Inside(part)
 
     def at(self, point: np.ndarray) -> _Inside:
-        """The equations of a point, (P,)."""
+        """The equations at a point, (P,)."""
         return self._constant or _Inside(restricted(self._problem.at(point), self._sets))
 
 
@@ -268,7 +268,7 @@ class _Inside:
     """The full equations of a RID at one stiffness.
 
     Args:
-        part: cut out of the whole problem.
+        part: restriction of the whole problem.
     """
 
     def __init__(self, part: Restriction):
@@ -279,13 +279,13 @@ class _Inside:
 
     @cached_property
     def _contact(self) -> tuple[np.ndarray, SchurEqualities, Pairs | None]:
-        """K^-1 B^T, what solves for forces, and their pairs."""
+        """K^-1 B^T, the equality problems for forces, and their pairs."""
         problem = self.part.problem
         per_force = self._factors.solve_columns(problem.contact.T)
         return per_force, SchurEqualities.of(problem.contact @ per_force), Pairs.of(problem.contact_pairs)
 
     def solved(self, interface: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """U0 on A, and the forces of the RID, for what lies on its interface, see (1.73)."""
+        """U0 on A, and the forces of the RID, for U0 given on its interface, see (1.73)."""
         problem = self.part.problem
         per_force, equalities, pairs = self._contact
         theta = problem.amplitudes(point)

@@ -1,6 +1,6 @@
-"""Local models, thesis chapter 4: the training shared out among a wished number of clusters of like solutions.
+"""Local models, thesis chapter 4: training divided into a given number of clusters of similar solutions.
 
-:mod:`hhr_dolfinx.study.training.splitting` finds their number itself.
+:mod:`hhr_dolfinx.study.training.splitting` determines their number.
 """
 
 from __future__ import annotations
@@ -40,9 +40,9 @@ Progress = Callable[[Iterable], Iterable]
 DRAWN = 200
 """Random points of a region at which models of its cluster are estimated."""
 TINY = 1e-16
-"""Errors below are alike."""
+"""Errors below count as equal."""
 STILL = 1e-12
-"""Part of the largest displacement below which a solution does not move."""
+"""Part of the largest displacement below which a solution counts as zero."""
 
 
 class Member(NamedTuple):
@@ -50,7 +50,7 @@ class Member(NamedTuple):
 
     Attributes:
         snapshots: numbers of its training answers.
-        own: how many of them lie in its own part.
+        own: number of them in its part.
         ell_bar, N_lambda_C: modes and contact conditions.
         estimate: 95th percentile of the estimated relative errors at random points of its part; NaN without estimates.
         added: answers of the full model that were added to its training.
@@ -66,13 +66,13 @@ class Member(NamedTuple):
 
 @dataclass(frozen=True)
 class LocalRecord:
-    """How local models were made.
+    """Record of the construction of local models.
 
     Attributes:
-        points: all training points, (S, P), those that were added last; none while they are made.
+        points: all training points, (S, P), including those added later; empty during the construction.
         members: the models.
-        splits: what was split, and why, in words.
-        missed: which models are not what was wished, and what of them, in words.
+        splits: splits with their reasons, in words.
+        missed: models that miss their targets, with the reasons, in words.
         log: times of the stages.
     """
 
@@ -85,19 +85,19 @@ class LocalRecord:
 
 @dataclass(frozen=True)
 class Clusters:
-    """A wished number of clusters of like solutions, thesis sections 4.2.1 and 4.2.2.
+    """A given number of clusters of similar solutions, thesis sections 4.2.1 and 4.2.2.
 
-    Where training points are a regular grid its cells are clustered by the Grassmann distance between the spaces of the
-    solutions at their corners, (4.1)-(4.2), and a query asks the model of its cell: snapshots on the border of two
+    If training points are a regular grid, its cells are clustered by the Grassmann distance between the spaces of the
+    solutions at their corners, (4.1)-(4.2), and a query uses the model of its cell. Snapshots on the border of two
     clusters belong to both. Other training points are clustered themselves, (4.4), and a random forest trained on their
-    labels says which model answers.
+    labels selects the model.
 
     Attributes:
         count: K.
-        overlap: part of the width of the box by which training reaches beyond a border, where points are no grid.
+        overlap: part of the width of the box by which training extends beyond a border, for points that are no grid.
         strip: see :class:`~hhr_dolfinx.study.training.splitting.Splitting`.
         seed: of the clusters, the forest and random points.
-        others: more recipes, of which each cluster takes the one whose forces are estimated best at random points.
+        others: more recipes; each cluster uses the one with the smallest estimated error of forces at random points.
         modes, conditions: most modes and contact conditions of a model; None for any number.
     """
 
@@ -110,7 +110,7 @@ class Clusters:
     conditions: int | None = None
 
     def __post_init__(self) -> None:
-        """Refuse numbers that cannot be."""
+        """Refuse invalid numbers."""
         for name, least in (("count", 1), ("seed", 0), ("modes", 1), ("conditions", 1)):
             if getattr(self, name) is None and name in ("modes", "conditions"):
                 continue
@@ -153,7 +153,7 @@ class Clusters:
     def _best(
         self, full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None, recipe: Recipe, points: np.ndarray
     ) -> tuple[ReducedModel, np.ndarray, list[str]]:
-        """The model of a cluster, estimates of its forces at points of its region, and doubts of its check."""
+        """Model of a cluster, estimates of its forces at points of its region, and warnings of its check."""
         floor = least_forces(full, snapshots)
         found = []
         why = ""
@@ -168,7 +168,7 @@ class Clusters:
                 why = str(error)
                 continue
             errors = force_errors(model, points, floor)
-            # answers to all points first, then errors by the order of their sizes
+            # answers at all points first, since the scale of their forces is needed for the errors
             known = np.maximum(errors[np.isfinite(errors)], TINY)
             size = np.log(known).mean() if known.size else np.inf
             found.append(((errors.size - known.size, size), model, errors, doubts))
@@ -177,13 +177,13 @@ class Clusters:
         return min(found, key=lambda item: item[0])[1:]
 
     def _check_sizes(self, modes: int, conditions: int) -> None:
-        """Raise StudyError for a model that is larger than it may be."""
+        """Raise StudyError for a model that is larger than allowed."""
         for found, most, what in ((modes, self.modes, "modes"), (conditions, self.conditions, "conditions")):
             if most is not None and found > most:
                 raise StudyError(f"{found} {what}, and not {most} at most: give a larger tolerance, or more clusters")
 
     def _on_grid(self, snapshots: SnapshotSet, full: Any) -> tuple[Choice, list[np.ndarray]] | None:
-        """The partition of a regular grid, and the snapshots of each cluster; None where points are none."""
+        """Partition of a regular grid, and the snapshots of each cluster; None if the points are no grid."""
         from hhr_dolfinx.reduction.clusters import cell_labels, grid_cells, tree_of_cells
 
         try:
@@ -195,7 +195,7 @@ class Clusters:
         return choice, [found.snapshots(number) for number in range(self.count)]
 
     def _anywhere(self, snapshots: SnapshotSet, full: Any, width: np.ndarray) -> tuple[Choice, list[np.ndarray]]:
-        """What a forest says, and the snapshots of each cluster with those by its borders."""
+        """Partition by a forest, and the snapshots of each cluster with those near its borders."""
         from hhr_dolfinx.reduction.clusters import forest_tree, snapshot_labels
 
         labels = np.zeros(len(snapshots.points), dtype=np.int64)
@@ -211,7 +211,7 @@ class Clusters:
 
 
 def _by(choice: Choice, number: int, points: np.ndarray, reach: np.ndarray) -> np.ndarray:
-    """Whether points, (n, P), lie in a region or within ``reach``, (P,), of one of its boxes, (n,)."""
+    """True for points, (n, P), in a region or within ``reach``, (P,), of one of its boxes, (n,)."""
     outer = np.full(points.shape[1], np.inf)
     near = np.zeros(len(points), dtype=bool)
     for label, lower, upper in choice.boxes(-outer, outer):
@@ -221,7 +221,7 @@ def _by(choice: Choice, number: int, points: np.ndarray, reach: np.ndarray) -> n
 
 
 def moving(columns: np.ndarray) -> np.ndarray:
-    """Whether displacements, (N, S), are more than round-off beside the largest, and so have a direction, (S,)."""
+    """True for displacements, (N, S), above round-off of the largest, which have a direction, (S,)."""
     sizes = np.abs(columns).max(axis=0)
     return sizes > STILL * sizes.max(initial=0.0)
 
@@ -241,7 +241,7 @@ def loaded_snapshots(snapshots: SnapshotSet, space: ParameterSpace) -> tuple[np.
 
 
 def _drawn_in(choice: Choice, number: int, space: ParameterSpace, seed: int) -> np.ndarray:
-    """Random points of the boxes of a model, (n, P); none if no box is its own."""
+    """Random points of the boxes of a model, (n, P); empty if it has no box."""
     width = np.array(space.upper) - space.lower
     boxes = [(low, high) for label, low, high in choice.boxes(space.lower, space.upper) if label == number]
     volumes = np.array([np.prod(np.where(width > 0, (high - low) / np.where(width > 0, width, 1.0), 1.0))
@@ -255,7 +255,7 @@ def _drawn_in(choice: Choice, number: int, space: ParameterSpace, seed: int) -> 
 
 
 def _held_out_of(training: TrainingAnswers, choice: Choice, number: int) -> SnapshotSet | None:
-    """Answers kept out of training that lie in a region; None without any."""
+    """Held-out answers in a region; None without any."""
     if training.held_out is None:
         return None
     inside = np.flatnonzero(choice.many(training.held_out.points)[0] == number)
@@ -263,7 +263,7 @@ def _held_out_of(training: TrainingAnswers, choice: Choice, number: int) -> Snap
 
 
 def together(models: list[ReducedModel], choice: Choice, snapshots: SnapshotSet, record: LocalRecord) -> LocalModels:
-    """The set of some models. Its training range is that of all snapshots: neighbours cover each other's edges."""
+    """Set of some models. Its training range is that of all snapshots: neighbours cover each other's edges."""
     trained = TrainedRange.of(snapshots.points, models[0].parameters)
     own = [model.changed(trained=trained, fields=fields) for model, fields in zip(models, _alike(models), strict=True)]
     if record.missed:
@@ -273,7 +273,7 @@ def together(models: list[ReducedModel], choice: Choice, snapshots: SnapshotSet,
 
 
 def _alike(models: list[ReducedModel]) -> list[Any]:
-    """Fields of the models, whose relative errors are over the same least sizes of forces: those of all training."""
+    """Fields of the models with a common least size of forces for relative errors: that of all training."""
     fields = [model.fields for model in models]
     bounds: list[Any] = [item.bound for item in fields]
     if None in bounds:
@@ -285,7 +285,7 @@ def _alike(models: list[ReducedModel]) -> list[Any]:
 def built(
     full: Any, snapshots: SnapshotSet, recipe: Recipe, held_out: SnapshotSet | None
 ) -> tuple[ReducedModel, list[str]]:
-    """A model of some snapshots, and what its check doubts: warnings are for those that are kept."""
+    """Model of some snapshots, and warnings of its check, which are raised only for models that are kept."""
     with collected() as caught:
         model = build(full, snapshots, recipe, None if recipe.trust is None else held_out)
     # a local model is trained on a part of the box on purpose
@@ -299,20 +299,19 @@ def sizes_of(model: ReducedModel) -> tuple[int, int]:
 
 
 def p95(errors: np.ndarray) -> float:
-    """95th percentile; NaN if nothing is known."""
+    """95th percentile; NaN without estimates."""
     return summary(errors)["p95"] if errors.size else float("nan")
 
 
 def least_forces(full: Any, snapshots: SnapshotSet) -> float:
-    """A thousandth of the largest training forces in the S norm, of the middle of the box."""
+    """A thousandth of the largest training forces in the S norm, in the middle of the box."""
     return float(least_sizes(full.problem, full.schur, snapshots.forces)[0])
 
 
 def force_errors(model: ReducedModel | LocalModels, points: np.ndarray, floor: float) -> np.ndarray:
-    """Estimated relative errors of contact forces at some points, (n,), beside a least size of forces.
+    """Estimated relative errors of contact forces at some points, (n,), with a least size of forces.
 
-    NaN where nothing is known of an answer, infinite where there is none. Where forces nearly vanish the relative error
-    is that beside ``floor``.
+    NaN without an estimate, infinite without an answer. If forces nearly vanish, the denominator is ``floor``.
     """
     if not len(points):
         return np.zeros(0)

@@ -1,4 +1,4 @@
-"""Local models whose number is found: the box is split until each model is small, and training grows where it must."""
+"""Local models without a given number: the box is split until each model is small, and training grows as needed."""
 
 from __future__ import annotations
 
@@ -32,41 +32,41 @@ if TYPE_CHECKING:
     from hhr_dolfinx.study.training.answers import TrainingAnswers
 
 LEAST = 8
-"""Snapshots in a part below which the full model is asked for more."""
+"""Snapshots in a part below which the full model computes more."""
 HELD_OUT = 20
 """Answers of the full model by which each model is checked."""
 BALANCE = 0.25
-"""Part of the snapshots that each side of a split has at least."""
+"""Least part of the snapshots on each side of a split."""
 FEW = 60
-"""Snapshots of which the modes are counted at least."""
+"""Least number of snapshots whose modes are counted."""
 CLUSTERED = 300
-"""Snapshots of a part that decide where it is split; more say the same."""
+"""Most snapshots of a part that decide its split; more change nothing."""
 STUCK = 3
 SHRUNK = 0.9
-"""Cuts in a row after which a part is left as it is, if each leaves more than this part of the modes."""
+"""Cuts in a row after which a part is left whole, if each leaves more than this part of the modes."""
 LEARNED = 30
-"""Points at which the full model is asked in one round: the worst of those that were found."""
+"""Points of full answers in one round: those of the largest errors."""
 
 
 @dataclass(frozen=True)
 class Splitting:
-    """The box is split, part by part, until models are small; training grows until their forces are right.
+    """Splits the box, part by part, until models are small; training grows until their forces are accurate.
 
-    A part is split across the axis that best keeps apart two clusters of its solutions (k-medoids by the angle between
-    them, (4.4)). Its model is trained on the solutions in it and by its borders. At random points of the part errors
-    are estimated; where forces may be off by more than is wished the full model is asked, and its answers join the
-    training, also of neighbours still to come.
+    A part is split across the axis that best separates two clusters of its solutions (k-medoids by the angle between
+    them, (4.4)). Its model is trained on the solutions in it and near its borders. Errors are estimated at random
+    points of the part. If forces may exceed the target error, full answers are added to the training, also of
+    neighbours that follow.
 
     Attributes:
         modes: most modes of a model.
         conditions: most contact conditions of a model; None for any number.
-        forces: wished relative error of the contact forces in the S norm, beside a thousandth of the largest training
-            forces at least.
-        overlap: part of the width of a part by which its training reaches beyond its borders.
-        strip: part of the width of the box, on each side of a border, in which both models are asked.
+        forces: target relative error of the contact forces in the S norm; the denominator is at least a thousandth of
+            the largest training forces.
+        overlap: part of the width of a part by which its training extends beyond its borders.
+        strip: part of the width of the box, on each side of a border, in which both models are candidates.
         checks: random points of each part at which errors are estimated.
-        rounds: times that training answers are added to one part.
-        most: models at most.
+        rounds: most additions of training answers to one part.
+        most: most models.
         seed: of random points.
     """
 
@@ -81,7 +81,7 @@ class Splitting:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        """Refuse numbers that cannot be."""
+        """Refuse invalid numbers."""
         given = {"modes": 2, "checks": 1, "rounds": 0, "most": 1, "seed": 0}
         given |= {} if self.conditions is None else {"conditions": 1}
         check_counts(**{name: (getattr(self, name), least) for name, least in given.items()})
@@ -96,13 +96,13 @@ class Splitting:
 
 
 class _Part(NamedTuple):
-    """A box that one model is to answer.
+    """A box for one model.
 
     Attributes:
-        node: its place in the tree.
+        node: its index in the tree.
         lower, upper: corners.
-        modes: of the model of the part that it was cut from.
-        stuck: cuts in a row that made models hardly smaller, or none to be trusted.
+        modes: of the model of its parent.
+        stuck: cuts in a row that hardly reduced models, or gave unreliable ones.
     """
 
     node: int
@@ -131,10 +131,10 @@ class _Run:
         self.nodes: list[list[Any]] = [[LEAF, 0.0, 0, 0, LEAF]]
 
     def grown(self, progress: Progress) -> LocalModels:
-        """Split and build until every part has its model."""
+        """Split and build until every part has a model."""
         waiting = [_Part(0, self.lower, self.upper)]
         for _ in progress(iter(waiting.__len__, 0)):
-            # the largest first: where models run out, all parts are about as fine
+            # the largest first: if the models run out, all parts are about equally fine
             sizes_left = [self._inside(part, 0.0).size for part in waiting]
             part = waiting.pop(int(np.argmax(sizes_left)))
             waiting += self._settled(part, len(waiting))
@@ -143,7 +143,7 @@ class _Run:
         return together(self.models, choice, self.snapshots, self.record)
 
     def _settled(self, part: _Part, waiting: int) -> list[_Part]:
-        """The halves of a part that is too large for one model; or none, and its model is there."""
+        """The halves of a part that is too large for one model; empty if its model was built."""
         room = len(self.models) + waiting + 2 <= self.settings.most
         settings = self.settings
         self._filled(part)
@@ -157,7 +157,7 @@ class _Run:
                 halves = self._split(part._replace(stuck=error.stuck(part)), own, error)
                 if halves:
                     return halves
-                # what cannot be split stays whole, in later rounds too
+                # a part that cannot be split stays whole, in later rounds too
                 room = False
                 model, doubts = self._built(rows, part, refuse=room)
             points = self._drawn(part, settings.checks)
@@ -176,7 +176,7 @@ class _Run:
         return []
 
     def _missed(self, model: ReducedModel, errors: np.ndarray) -> list[str]:
-        """What of a model is not as it was wished."""
+        """Targets that a model misses."""
         settings = self.settings
         found = []
         for size, most, what in zip(sizes_of(model), (settings.modes, settings.conditions), ("modes", "conditions"),
@@ -194,11 +194,11 @@ class _Run:
         return found
 
     def _built(self, rows: np.ndarray, part: _Part, *, refuse: bool) -> tuple[ReducedModel, list[str]]:
-        """The model of some snapshots, checked at points of its part, and what its check doubts.
+        """Model of some snapshots, checked at points of its part, and warnings of its check.
 
         Raises:
-            _TooLargeError: if it is larger than is wished, or not to be trusted, and that is to be refused.
-            UnstableModelError: if it is not to be trusted, and there is no other way.
+            _TooLargeError: if it is larger than the target, or unreliable, and ``refuse`` is set.
+            UnstableModelError: if it is unreliable, and there is no alternative.
         """
         if refuse:
             self._check_sizes(rows)
@@ -227,7 +227,7 @@ class _Run:
         recipe = self.recipe
         with self.record.log.stage("sizes"):
             if rows.size > (few := max(2 * settings.modes, FEW)):
-                # some of them alone have too many modes, which is soon known
+                # if a subset has too many modes already, which is fast to compute
                 some = np.sort(self.rng.choice(rows, few, replace=False))
                 count = recipe.basis.modes(self.full.problem, self.snapshots.take(some)).shape[1]
                 if count > settings.modes:
@@ -241,12 +241,12 @@ class _Run:
     def _split(self, part: _Part, own: np.ndarray, error: _TooLargeError) -> list[_Part]:
         """Two halves of a part, by a cut between two clusters of its solutions.
 
-        None if there is no such cut, or several before it were of no use.
+        Empty if there is no such cut, or several before it did not help.
         """
         from hhr_dolfinx.reduction.clusters import medoids, separating_cut
         from hhr_dolfinx.reduction.subspaces import snapshot_distances
 
-        # what does not move has no direction
+        # zero displacements have no direction
         own = own[moving(self.snapshots.displacements[:, own])]
         if part.stuck >= STUCK or own.size < 2:
             return []
@@ -272,7 +272,7 @@ class _Run:
         return [_Part(low, part.lower, below, modes, part.stuck), _Part(high, above, part.upper, modes, part.stuck)]
 
     def _inside(self, part: _Part, overlap: float) -> np.ndarray:
-        """Numbers of the snapshots in a part and as far beyond its borders as is wished."""
+        """Numbers of the snapshots in a part and up to ``overlap`` beyond its borders."""
         more = overlap * (part.upper - part.lower) + 1e-12 * (self.upper - self.lower)
         points = self.snapshots.points
         return np.flatnonzero(((points >= part.lower - more) & (points <= part.upper + more)).all(axis=1))
@@ -282,19 +282,19 @@ class _Run:
         return part.lower + self.rng.random((count, len(part.lower))) * (part.upper - part.lower)
 
     def _filled(self, part: _Part) -> None:
-        """See to it that there are snapshots enough in a part to tell its halves apart."""
+        """Ensure that a part has enough snapshots to separate its halves."""
         missing = LEAST - self._inside(part, 0.0).size
         if missing > 0:
             self._learn(self._drawn(part, missing))
 
     def _learn(self, points: np.ndarray) -> None:
-        """Ask the full model, for this part and for its neighbours."""
+        """Solve the full model for this part and for its neighbours."""
         with self.record.log.stage("full order"):
             self.snapshots = self.snapshots.joined(compute_snapshots(self.full, points))
 
 
 def _worst(errors: np.ndarray, wished: float) -> np.ndarray:
-    """Places where errors are larger than is wished, or there is no answer; none if nothing is known of any."""
+    """Indices of errors above the target, or without an answer; empty without any estimate."""
     if np.isnan(errors).all():
         return np.zeros(0, dtype=np.int64)
     known = np.where(np.isnan(errors), np.inf, errors)
@@ -303,11 +303,11 @@ def _worst(errors: np.ndarray, wished: float) -> np.ndarray:
 
 
 class _TooLargeError(Exception):
-    """A model that is not what a part is to have; says why.
+    """A model that a part must not have; carries the reason.
 
     Args:
-        why: in words.
-        modes: of the model; NaN where only some were counted, infinite of one that is not to be trusted.
+        why: reason in words.
+        modes: of the model; NaN if only some were counted, infinite for an unreliable model.
     """
 
     def __init__(self, why: str, modes: float = np.inf):
@@ -315,7 +315,7 @@ class _TooLargeError(Exception):
         self.modes = modes
 
     def stuck(self, part: _Part) -> int:
-        """Cuts of no use in a row, that which made a part among them."""
+        """Number of useless cuts in a row, including the one that created a part."""
         if np.isnan(self.modes):
             return part.stuck
         return part.stuck + 1 if np.isinf(self.modes) or self.modes > SHRUNK * part.modes else 0
