@@ -29,8 +29,8 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, OutsideTrainingError, ParameterError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.estimates import FORCES, STRESS
-from hhr_dolfinx.models.local import LEAF, Choice
 from hhr_dolfinx.plugins.baselines.naive import NaiveFullOrder
+from hhr_dolfinx.plugins.local.models import LEAF, Choice
 from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
 EXACT = 1e-9

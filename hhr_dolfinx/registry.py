@@ -35,6 +35,13 @@ class Plugin:
             name.
         classes: classes that model files may hold: of each module their names, separated by blanks.
         commands: places of the commands of ``hhr``, by name.
+        kinds: kinds of models that a training can build: places of functions ``(training, **options) -> model`` by the
+            name of the method of a :class:`~hhr_dolfinx.study.training.train.Training`, and of ``hhr train --model``.
+        methods: further methods of a training, which build no model that a file can keep.
+        trainings: ways to choose training points of ``hhr train`` and ``hhr study``: places of objects with
+            ``options``, decorators of click, and ``training(given)``, by the option that asks for them.
+        measures: places of functions ``(model, full, points, seconds of a full answer) -> Mapping`` that add sections
+            to the report of a study of single parameters.
         companions: places of functions ``(full, folder) -> None`` that write what lies beside a model; collective
             over the ranks of the full model.
     """
@@ -45,6 +52,10 @@ class Plugin:
     parts: Mapping[str, Mapping[str, str]] = field(default=NOTHING)
     classes: Mapping[str, str] = field(default=NOTHING)
     commands: Mapping[str, str] = field(default=NOTHING)
+    kinds: Mapping[str, str] = field(default=NOTHING)
+    methods: Mapping[str, str] = field(default=NOTHING)
+    trainings: Mapping[str, str] = field(default=NOTHING)
+    measures: tuple[str, ...] = ()
     companions: tuple[str, ...] = ()
 
 
@@ -90,7 +101,7 @@ def load(place: str) -> Any:
 
 
 def named(what: str) -> dict[str, str]:
-    """Places by name: of ``public`` names, ``classes`` or ``commands`` of all plug-ins.
+    """Places by name in one mapping of the manifests of all plug-ins: ``public``, ``classes``, ``commands``, ...
 
     Raises:
         SceneError: for a name that two plug-ins have.
@@ -120,8 +131,12 @@ def parts(kind: str) -> dict[str, tuple[str, str]]:
     }
 
 
+def listed(what: str) -> list[Any]:
+    """Objects at the places in one list of the manifests of all plug-ins: ``measures`` or ``companions``."""
+    return [load(place) for plugin in installed().values() for place in getattr(plugin, what)]
+
+
 def write_companions(full: Any, folder: Any) -> None:
     """Write what plug-ins keep beside a model in a folder. Collective over the ranks of the full model."""
-    for plugin in installed().values():
-        for place in plugin.companions:
-            load(place)(full, folder)
+    for write in listed("companions"):
+        write(full, folder)

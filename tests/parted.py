@@ -9,7 +9,7 @@ from scenes import pressed_pair
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.linear.dense import LapackLU
-from hhr_dolfinx.models.local import Choice, SeveralModels
+from hhr_dolfinx.plugins.local.models import Choice, SeveralModels
 
 AS_IT_IS = hhr.Recipe().as_it_is()
 OUTPUTS = (hhr.LargestPressure("peak", 0, unit="MPa"), hhr.ContactForce("force", 0, (0.0, 1.0)))

@@ -54,7 +54,7 @@ NEEDED = {
     "study": "hhr.study_scene",
     "tables": "hhr.read_points('table.parquet', hhr.ParameterSpace(('mu',), (0.0,), (1.0,)))",
     "pictures": "import hhr_dolfinx.study.report.plots",
-    "local": "from hhr_dolfinx.reduction.clusters import medoids; medoids([[0.0, 1.0], [1.0, 0.0]], 1)",
+    "local": "from hhr_dolfinx.plugins.local.clusters import medoids; medoids([[0.0, 1.0], [1.0, 0.0]], 1)",
     "peers": "from peers import nonnegative_factors; nonnegative_factors(None, 1)",
     "mortar": """
 import dataclasses

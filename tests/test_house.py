@@ -205,7 +205,7 @@ UNNEEDED = {
     "clustering and peers": [
         "sklearn",
         "kmedoids",
-        "hhr_dolfinx.reduction.clusters",
+        "hhr_dolfinx.plugins.local.clusters",
         "hhr_dolfinx.reduction.subspaces",
         "hhr_dolfinx.plugins.theorems.theorems",
     ],
@@ -246,8 +246,8 @@ UNNEEDED = {
         "hhr_dolfinx.sampling",
     ],
     "greedy training": [
-        "hhr_dolfinx.study.training.greedy",
-        "hhr_dolfinx.study.training.indicators",
+        "hhr_dolfinx.plugins.greedy.greedy",
+        "hhr_dolfinx.plugins.greedy.indicators",
     ],
     "families of paths": [
         "hhr_dolfinx.path_families",

@@ -16,8 +16,8 @@ from dolfinx import mesh as dmesh
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
-from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.online.model_file import load_model
+from hhr_dolfinx.plugins.fallback.model import FallbackModel
 from hhr_dolfinx.study.scene.check import check_scene
 from hhr_dolfinx.study.scene.findings import OK
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hhr_dolfinx import ranks
+from hhr_dolfinx import ranks, registry
 from hhr_dolfinx.command.speaking import Command, first_rank, guarded, spoken
 from hhr_dolfinx.command.words import OUT, PART, SCENE, examples
 from hhr_dolfinx.compat import extra
@@ -16,13 +16,12 @@ if TYPE_CHECKING:
 with extra("study", "the command hhr"):
     import click
 
-KINDS = {"hhr": "build", "condensed": "condense", "local": "local"}
+KINDS = {"hhr": "build", "condensed": "condense", **{name: name for name in registry.named("kinds")}}
 """Kinds of models that a training makes, and how."""
 TRAINING = (
     click.option("--grid", help="train on a regular grid: counts along the parameters, as 16,16"),
     click.option("--sobol", type=click.IntRange(2), help="train on so many Sobol points"),
-    click.option("--greedy", type=float, help="train where a model is worst, up to this error of the forces"),
-    click.option("--budget", type=click.IntRange(2), help="most answers of a greedy training"),
+    *(option for name in registry.named("trainings").values() for option in registry.load(name).options),
 )
 
 
@@ -181,18 +180,18 @@ def _training_of(how: dict[str, Any], settings: Any) -> Any:
     """How to train: as asked for, or as the scene's file says, or on 64 Sobol points."""
     from hhr_dolfinx.sampling import Sobol
 
-    given = [name for name in ("grid", "sobol", "greedy") if how[name] is not None]
-    if len(given) > 1 or (how["budget"] is not None and given != ["greedy"]):
-        raise click.UsageError("give one of --grid, --sobol and --greedy; --budget belongs to --greedy")
+    chosen = {name: registry.load(place) for name, place in registry.named("trainings").items()}
+    asked = [name for name, way in chosen.items() if any(how[option] is not None for option in way.names)]
+    given = [name for name in ("grid", "sobol") if how[name] is not None] + asked
+    if len(given) > 1:
+        raise click.UsageError(f"give one of {', '.join(f'--{name}' for name in ('grid', 'sobol', *chosen))}")
     if given == ["grid"]:
         try:
             return [int(word) for word in how["grid"].split(",")]
         except ValueError:
             raise click.UsageError(f"--grid {how['grid']} must be counts, as 16,16") from None
-    if given == ["greedy"]:
-        from hhr_dolfinx.study.training.greedy import Greedy
-
-        return Greedy(tolerance=how["greedy"], budget=how["budget"] or 200)
+    if asked:
+        return chosen[asked[0]].training(how)
     if given == ["sobol"]:
         return Sobol(how["sobol"])
     return Sobol(64) if settings is None else settings.training

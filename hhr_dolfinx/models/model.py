@@ -6,7 +6,7 @@ answer paths.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -113,6 +113,19 @@ class AnsweringModel(Shown):
     def dimension(self) -> int:
         """Components of the displacement at a node."""
         return self.fields.dimension
+
+    @property
+    def estimating(self) -> Any:
+        """Model whose error estimates its answers carry; itself, but for models that combine others."""
+        return self
+
+    def columns(self, many: Iterable[Answer]) -> dict[str, np.ndarray]:
+        """Further columns of a table of n of its answers by head, (n,) each; the same heads of none. Usually none."""
+        return {}
+
+    def summed_up(self, sums: Mapping[str, float]) -> str:
+        """Words on these columns for the last line of a table, from their sums; usually none."""
+        return ""
 
     @property
     def conditions(self) -> int:

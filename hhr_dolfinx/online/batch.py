@@ -17,8 +17,6 @@ from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
 from hhr_dolfinx.models.answer import Answer, ListedAnswers, SeveralAnswers
 from hhr_dolfinx.models.estimates import Estimate, columns, shown_of
-from hhr_dolfinx.models.fallback import FallbackModel
-from hhr_dolfinx.models.local import LEAF, LocalModels
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.shown import counted, line, table
 from hhr_dolfinx.one_thread import one_thread
@@ -48,8 +46,8 @@ class Answers(NamedTuple):
             :func:`~hhr_dolfinx.models.estimates.columns`: relative errors, but bounds of outputs in their units; NaN
             without an estimate. Empty for a model without estimates.
         largest_displacement: largest displacement of any node, (S,); None unless requested: it needs the whole field.
-        fell_back: rows that the full model answered, (S,) bool; None for a model that cannot fall back.
-        model: number of the local model that answered, (S,) int; -1 if none did. None for a single model.
+        columns: further columns of the kind of model by head, (S,) each, such as the number of the local model that
+            answered; see :meth:`~hhr_dolfinx.models.model.AnsweringModel.columns`.
         total_force: sum of the normal forces, (S,), if there are tangential ones too; None without friction.
     """
 
@@ -59,8 +57,7 @@ class Answers(NamedTuple):
     outputs: Mapping[str, np.ndarray] = MappingProxyType({})
     estimates: Mapping[str, np.ndarray] = MappingProxyType({})
     largest_displacement: np.ndarray | None = None
-    fell_back: np.ndarray | None = None
-    model: np.ndarray | None = None
+    columns: Mapping[str, np.ndarray] = MappingProxyType({})
     total_force: np.ndarray | None = None
 
     def facts(self) -> dict[str, str]:
@@ -180,22 +177,24 @@ class Query:
         """Answer a block of points, (n, P), any of which may fail."""
         status = self._faults(points)
         table = self._blank(len(points))
+        columns = {head: np.full(len(points), np.nan) for head in self.model.columns(())}
         left = np.flatnonzero([text == OK for text in status])
         try:
             many = self.model.solve_many(points[left], raise_on_failure=False, outside=self.outside)
             solved = many.converged
-            self._fill(table, left[solved], many.take(solved))
+            self._fill(table, columns, left[solved], many.take(solved))
             left = left[~solved]
         except HHRError:  # one row was refused: the loop below finds which one, and the reason
             pass
         for k in left:
             try:
-                self._fill(table, np.array([k]), ListedAnswers((self.model.solve(points[k], outside=self.outside),)))
+                answer = self.model.solve(points[k], outside=self.outside)
+                self._fill(table, columns, np.array([k]), ListedAnswers((answer,)))
             except HHRError as error:  # a failure of this row; any other error is one of the program and ends the run
                 status[k] = str(error)
         outputs = {head: table.pop(head) for head in self.heads}
         estimates = {head: table.pop(head) for head in self.estimate_heads}
-        return Answers(points, status, outputs=outputs, estimates=estimates, **table)
+        return Answers(points, status, outputs=outputs, estimates=estimates, columns=columns, **table)
 
     def _faults(self, points: np.ndarray) -> list[str]:
         """Faults of points before any is solved; ``ok`` for none."""
@@ -215,11 +214,6 @@ class Query:
         return status
 
     @property
-    def _reduced(self) -> Any:
-        """The reduced model or models, also of a model that falls back."""
-        return self.model.reduced if isinstance(self.model, FallbackModel) else self.model
-
-    @property
     def _friction(self) -> Any:
         """Tangential conditions of the model; None without friction, and for user-defined models, which have none."""
         return getattr(self.model, "friction", None)
@@ -232,14 +226,12 @@ class Query:
             table["largest_displacement"] = np.full(count, np.nan)
         if self._friction is not None:
             table["total_force"] = np.full(count, np.nan)
-        if isinstance(self.model, FallbackModel):
-            table["fell_back"] = np.zeros(count, dtype=bool)
-        if isinstance(self._reduced, LocalModels):
-            table["model"] = np.full(count, LEAF, dtype=np.int64)
         return table
 
-    def _fill(self, table: dict[str, np.ndarray], rows: np.ndarray, many: SeveralAnswers) -> None:
-        """Put answers into some rows of the table; if one of them is refused, none are filled in."""
+    def _fill(
+        self, table: dict[str, np.ndarray], columns: dict[str, np.ndarray], rows: np.ndarray, many: SeveralAnswers
+    ) -> None:
+        """Put answers into some rows of the table and of further columns; if one is refused, none are filled in."""
         if not rows.size:
             return
         found: dict[str, Any] = {"forces": many.forces()}
@@ -251,12 +243,10 @@ class Query:
             found |= dict(zip(self.estimate_heads, self._estimates(many), strict=True))
         if "largest_displacement" in table:
             found["largest_displacement"] = [self._largest(answer) for answer in many]
-        if isinstance(self.model, FallbackModel):
-            found["fell_back"] = [self.model.fell_back(answer) for answer in many]
-        if "model" in table:
-            found["model"] = [self._number(answer) for answer in many]
         for name, values in found.items():
             table[name][rows] = values
+        for head, values in self.model.columns(many).items():
+            columns[head][rows] = values
 
     def _estimates(self, many: SeveralAnswers) -> np.ndarray:
         """Values of the columns of estimates, (columns, n); NaN without an estimate."""
@@ -266,7 +256,7 @@ class Query:
         if found is None:
             return np.full((len(self.estimate_heads), len(many)), np.nan)
         # answers of a full model are exact, whatever kind of estimate the reduced model has
-        return np.array([getattr(found, name) for name in shown_of(self._reduced.fields.estimated).values()])
+        return np.array([getattr(found, name) for name in shown_of(self.model.estimating.fields.estimated).values()])
 
     def _estimate(self, estimate: Estimate | None) -> list[float]:
         """Values of the columns of estimates for one answer, with bounds of outputs."""
@@ -277,11 +267,6 @@ class Query:
     def _largest(self, answer: Answer) -> float:
         """Largest displacement of any node."""
         return float(np.linalg.norm(answer.displacement().reshape(-1, self.model.dimension), axis=1).max())
-
-    def _number(self, answer: Answer) -> int:
-        """Number of the local model that gave an answer."""
-        fell_back = isinstance(self.model, FallbackModel) and self.model.fell_back(answer)
-        return LEAF if fell_back else self._reduced.model_of(answer)
 
 
 def _table(points: Any, space: ParameterSpace) -> np.ndarray:

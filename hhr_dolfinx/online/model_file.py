@@ -66,7 +66,6 @@ MODULES = {
     "models.histories.condensed_flow": "CondensedFlow CondensedFlowModel",
     "models.histories.reduced_flow": "ReducedFlow",
     "models.histories.repairing": "SlidingPair",
-    "models.local": "Choice LocalModels",
     "models.reconstruct": "FlowFields GappyField Reconstruction",
     "models.reduced": "ReducedModel",
     "models.sliding_model": "SlidingModel",

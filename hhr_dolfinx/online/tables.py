@@ -23,8 +23,6 @@ from hhr_dolfinx import ranks
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileError, ParameterError
 from hhr_dolfinx.files import clear_leftovers, make_folder, replacing
-from hhr_dolfinx.models.fallback import FallbackModel
-from hhr_dolfinx.models.local import LEAF
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.online.batch import OK, Answers, Query
 from hhr_dolfinx.parameters import ParameterSpace
@@ -138,14 +136,13 @@ def answer_table(
     with nullcontext() if comm is None else ranks.each_for_itself(comm, "answering the table"):
         _, seconds = timed(lambda: blocks.answer(range(rank, len(blocks), size), progress))
     bad = list[tuple[int, str]]()
-    fallen = 0
+    sums: dict[str, float] = {}
     with nullcontext() if comm is None else ranks.each_for_itself(comm, "writing the answers"):
         if rank == 0:
-            bad, fallen = blocks.join()
+            bad, sums = blocks.join()
     count = len(bad) if comm is None else comm.bcast(len(bad))
     if rank == 0:
-        by_full = f" ({fallen} by the full model)" if isinstance(model, FallbackModel) else ""
-        good = f"{len(rows) - len(bad)} answers{by_full}"
+        good = f"{len(rows) - len(bad)} answers{model.summed_up(sums)}"
         console.print(f"{good} and {len(bad)} bad rows on {size} ranks in {seconds:.1f} s: {path}", markup=False)
         _print_bad(console, rows, bad)
     return count
@@ -272,15 +269,15 @@ class _Blocks:
             given = [row.cells for row in rows]
             write_answers(self._file(number, self.path.suffix), space, answers, given, forces=self.forces)
             bad = [(number * self.size + k, why) for k, why in enumerate(status) if why != OK]
-            fallen = 0 if answers.fell_back is None else int(answers.fell_back.sum())
+            sums = {head: float(np.nansum(values)) for head, values in answers.columns.items()}
             with replacing(self._file(number, ".json"), text=True) as file:
-                json.dump([bad, fallen, checksum(self._file(number, self.path.suffix))], file)
+                json.dump([bad, sums, checksum(self._file(number, self.path.suffix))], file)
 
-    def join(self) -> tuple[list[tuple[int, str]], int]:
+    def join(self) -> tuple[list[tuple[int, str]], dict[str, float]]:
         """Make one file of all blocks and remove the blocks.
 
         Returns:
-            Numbers of the bad rows with their reasons, and the count of rows that the full model answered.
+            Numbers of the bad rows with their reasons, and the sums of further columns of the model by head.
         """
         parts = [self._file(number, self.path.suffix) for number in range(len(self))]
         if self.path.suffix == PARQUET:
@@ -294,7 +291,9 @@ class _Blocks:
                         shutil.copyfileobj(source, target)
         reports = [json.loads(self._file(number, ".json").read_text()) for number in range(len(self))]
         self._clear()
-        return [(row, why) for bad, *_ in reports for row, why in bad], sum(fallen for _, fallen, _ in reports)
+        heads = reports[0][1] if reports else {}
+        sums = {head: sum(own[head] for _, own, _ in reports) for head in heads}
+        return [(row, why) for bad, *_ in reports for row, why in bad], sums
 
 
 def _print_bad(console: Console, rows: Sequence[TableRow], bad: list[tuple[int, str]]) -> None:
@@ -347,10 +346,7 @@ def columns_of(answers: Answers, forces: bool = True) -> dict[str, np.ndarray]:
     columns = {} if answers.largest_displacement is None else {"largest_displacement": answers.largest_displacement}
     columns["total_force"] = answers.forces.sum(axis=1) if answers.total_force is None else answers.total_force
     columns |= {**answers.outputs, **answers.estimates}
-    if answers.fell_back is not None:
-        columns["fell_back"] = answers.fell_back.astype(float)
-    if answers.model is not None:
-        columns["model"] = np.where(answers.model == LEAF, np.nan, answers.model)
+    columns |= answers.columns
     return columns | {f"force_{k}": force for k, force in enumerate(answers.forces.T) if forces}
 
 

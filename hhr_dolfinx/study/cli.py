@@ -12,8 +12,7 @@ from typing import NoReturn
 from mpi4py import MPI
 
 from hhr_dolfinx.errors import ParameterError
-from hhr_dolfinx.models.fallback import FallbackModel
-from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.online.tables import TableRow, answer_table, read_points
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.study.report.console import make_console, progress_on
@@ -47,7 +46,7 @@ def points_or_exit(parser: argparse.ArgumentParser, table: Path | None, space: P
         parser.error(str(error))
 
 
-def answer_and_exit(model: ReducedModel | FallbackModel, rows: list[TableRow], options: argparse.Namespace) -> NoReturn:
+def answer_and_exit(model: AnsweringModel, rows: list[TableRow], options: argparse.Namespace) -> NoReturn:
     """Answer a table of parameters and exit on all ranks, with exit code 1 if a row has no answer."""
     bad = answer_table(model, rows, options.out / "answers.csv", options.console, options.progress("answers"))
     raise SystemExit(1 if bad else 0)

@@ -22,7 +22,6 @@ from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.measure import Errors, Measurement, References, Row
-from hhr_dolfinx.study.training.falling_back import fallback_report
 from hhr_dolfinx.study.training.train import Progress, Training
 from hhr_dolfinx.timing import time_queries
 
@@ -91,8 +90,8 @@ def measure_points(
         "samples": _samples(points, answers, errors["online"]),
     }
     report |= _mesh_error(full, skipped) | _outputs(full, references.solutions, answers)
-    if model.fields.bound is not None:
-        report["fallback"] = fallback_report(model, full, fresh, float(np.mean(warm["fom_best"])))
+    for measured in registry.listed("measures"):
+        report |= measured(model, full, fresh, float(np.mean(warm["fom_best"])))
     own = Row("HHR", "this model", warm["online"], errors["online"])
     how = {"condensed": "interpolated"} if offline else {}
     order = [name for name in ("condensed", "fom_best", "fom_naive") if name in errors]

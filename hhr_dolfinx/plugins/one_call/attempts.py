@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.models.estimates import ASKED
 from hhr_dolfinx.plugins.one_call.bench import BudgetSpentError
 
@@ -39,7 +40,7 @@ class Attempt:
     """A way to build a model.
 
     Attributes:
-        method: ``condensed``, ``hhr`` or ``local``.
+        method: ``condensed``, ``hhr``, or a kind of a plug-in.
         setting: its settings, in words.
         make: builds the model.
     """
@@ -105,10 +106,11 @@ def _reads_displacement(bench: Bench) -> bool:
 
 
 def _reduced(bench: Bench) -> Iterator[Attempt]:
-    """Hyper-reduced models of more and more answers; of the last ones local models too."""
+    """Hyper-reduced models of more and more answers; of the last ones models of the kinds that plug-ins add."""
     for count in _doubled(FEWEST, MOST):
         yield Attempt("hhr", f"{count} training points", partial(_built, bench, count))
-    yield Attempt("local", f"{MOST} training points", lambda: bench.training(MOST).local())
+    for kind in registry.named("kinds"):
+        yield Attempt(kind, f"{MOST} training points", partial(_of_kind, bench, kind))
 
 
 def _by_histories(bench: Bench) -> Iterator[Attempt]:
@@ -140,6 +142,11 @@ def _exact(bench: Bench) -> Any:
 
 def _built(bench: Bench, count: int) -> Any:
     return bench.training(count).build(announce=bench.announce)
+
+
+def _of_kind(bench: Bench, kind: str) -> Any:
+    """A model of a kind that a plug-in adds."""
+    return getattr(bench.training(MOST), kind)()
 
 
 def _condensed_flow(bench: Bench, count: int, settings: CorrectionSettings) -> Any:

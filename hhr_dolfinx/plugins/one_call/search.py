@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from hhr_dolfinx import ranks
+from hhr_dolfinx import ranks, registry
 from hhr_dolfinx.certify.strains import look_at_corners
 from hhr_dolfinx.errors import (
     BoundError,
@@ -52,7 +52,6 @@ from hhr_dolfinx.plugins.one_call.bench import FRESH, SURE, Bench, BudgetSpentEr
 from hhr_dolfinx.plugins.one_call.crew import Crew
 from hhr_dolfinx.plugins.one_call.wish import DISPLACEMENT, Budget, Exact, Wish
 from hhr_dolfinx.reduction.condense import CondensedRecord
-from hhr_dolfinx.registry import write_companions
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.arrays import ArrayStore
 from hhr_dolfinx.snapshots.store import SnapshotStore
@@ -241,7 +240,7 @@ def reduce(
         budget: limits of the search; at a limit it returns the best model so far, with a warning.
         paths: paths of the queries for inelastic bodies. With friction and without paths, points are reached from rest.
         fallback: keep the full model as a fallback of the small one, for one norm, and for a model with a bound: it
-            answers if the bound exceeds the target, see :class:`~hhr_dolfinx.models.fallback.FallbackModel`.
+            answers if the bound exceeds the target, see ``hhr.FallbackModel``.
         folder: keeps full answers as they are found, so that the same call continues from there, with the model,
             ``model.npz``, and the record, ``reduction.json``; None keeps nothing.
         seed: of random draws.
@@ -300,10 +299,11 @@ def _found(bench: Bench, kept: Path | None) -> tuple[Any, Reduction]:
 
 def _with_fallback(model: Any, full: FullOrderModel, wish: Wish) -> Any:
     """Add the full model as a fallback; returns the small one alone, with a warning, if nothing bounds the error."""
-    from hhr_dolfinx.models.fallback import FallbackModel
-
+    place = registry.named("public").get("FallbackModel")
     try:
-        return FallbackModel(model, full, wish.error, of=wish.of[0])
+        if place is None:
+            raise NotOfferedError("no plug-in adds FallbackModel")
+        return registry.load(place)(model, full, wish.error, of=wish.of[0])
     except (BoundError, NotOfferedError, ParameterError) as error:
         warn(f"the full model is not kept behind the small one: {error}", NoBoundWarning, stacklevel=3)
         return model
@@ -312,7 +312,7 @@ def _with_fallback(model: Any, full: FullOrderModel, wish: Wish) -> Any:
 def keep(folder: Path, model: Any, reduction: Reduction, full: FullOrderModel) -> None:
     """Write a model, its record, and what plug-ins keep beside it: model.npz, reduction.json, scenery.npz."""
     save_model(make_folder(folder) / "model.npz", model)
-    write_companions(full, folder)
+    registry.write_companions(full, folder)
     keep_table(folder, reduction)
 
 

@@ -5,14 +5,14 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
 
-from hhr_dolfinx import ranks
+from hhr_dolfinx import ranks, registry
 from hhr_dolfinx.certify.strains import check_small_strains
 from hhr_dolfinx.errors import NotOfferedError, ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
@@ -30,10 +30,8 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed import CondensedModel
-    from hhr_dolfinx.models.fallback import FallbackModel
     from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
     from hhr_dolfinx.models.histories.force_correction import ForceCorrection
-    from hhr_dolfinx.models.local import LocalModels
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""
@@ -70,64 +68,12 @@ class Training(TrainingAnswers):
             recipe = recipe.as_it_is()
         return build(self.full_order, self.snapshots, recipe, self.held_out if checked else None, announce)
 
-    def safe_model(
-        self,
-        tolerance: float = 0.01,
-        *,
-        of: str | None = None,
-        recipe: Recipe | None = None,
-        checked: bool = True,
-    ) -> FallbackModel:
-        """Build a reduced model that calls the full one if its error may exceed a tolerance.
-
-        Args:
-            tolerance: largest relative error of any answer.
-            of: quantity of the error: ``forces``, nodal contact forces in the Euclidean norm; ``pressure``, the largest
-                error of a nodal pressure over the peak pressure; ``displacement``, in energy; or an output, by its
-                name. None takes displacement and forces, both in energy: errors of nodal forces and pressures are then
-                ten or more times larger.
-            recipe, checked: see :meth:`build`.
-
-        Raises:
-            BoundError: if answers of the reduced model have no bound.
-            ParameterError: for an invalid tolerance, an unknown quantity, or an output without a bound.
-        """
-        from hhr_dolfinx.study.training.falling_back import safe_model
-
-        return safe_model(self.everywhere, tolerance, recipe, of=of, checked=checked)
-
-    def local(
-        self, how: Any = None, *, recipe: Recipe | None = None, checked: bool = True, progress: Progress = silent
-    ) -> LocalModels:
-        """Build several small models instead of one, each for a part of the box, used like one; thesis chapter 4.
-
-        Args:
-            how: :class:`~hhr_dolfinx.study.training.splitting.Splitting`, which determines the number of models, or
-                :class:`~hhr_dolfinx.study.training.local_training.Clusters` of a given number; None takes the first.
-            recipe, checked: of each model, see :meth:`build`.
-            progress: for progress bars.
-
-        Raises:
-            StudyError: for an invalid ``how``.
-            NotOfferedError: with friction, and for inelastic bodies.
-        """
-        if self.full_order.friction is not None or self.full_order.equilibrium is not None:
-            raise NotOfferedError(
-                "local models are of elastic bodies without friction: take one model of these histories, build() or "
-                "condense(), which were found as exact and quicker"
-            )
-        if how is None:
-            from hhr_dolfinx.study.training.splitting import Splitting
-
-            how = Splitting()
-        if not callable(getattr(how, "models", None)) or isinstance(how, type):
-            raise StudyError(f"{how!r} is no way to share a training out: give Splitting(modes=90) or Clusters(3)")
-        if recipe is None and self.choice is not None:
-            recipe = self.choice.recipe
-        given = usual_recipe(self.full_order) if recipe is None else recipe
-        if not isinstance(given, Recipe):
-            raise StudyError(f"{given!r} is no recipe: give a Recipe")
-        return how.models(self.everywhere, given if checked else given.as_it_is(), progress("local models"))
+    def __getattr__(self, name: str) -> Any:
+        """Method that a plug-in adds."""
+        places = registry.named("kinds") | registry.named("methods")
+        if name.startswith("_") or name not in places:
+            raise AttributeError(f"a training has no {name!r}, and no installed plug-in adds it")
+        return partial(registry.load(places[name]), self)
 
     def condense(self, settings: Any = None, announce: Announce = unannounced) -> CondensedModel | CondensedFlowModel:
         """Build a model that keeps all contact conditions, with its check.

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -113,6 +113,25 @@ class FallbackModel(AnsweringModel):
         asked = "displacement or forces, in energy," if self.of is None else self.of
         known = known_error(self.reduced.fields)
         return f"{known}. Where {asked} may be off by more than {self.tolerance:g} the full model answers"
+
+    @property
+    def estimating(self) -> Any:
+        """The reduced model: answers of the full one are exact."""
+        return self.reduced
+
+    def columns(self, many: Iterable[Answer]) -> dict[str, np.ndarray]:
+        """See :meth:`AnsweringModel.columns`: 1 where the full model answered, and those of the reduced model."""
+        answers = list(many)
+        fell = np.array([self.fell_back(answer) for answer in answers], dtype=bool)
+        found = {"fell_back": fell.astype(float)}
+        for head, values in self.reduced.columns(answer for answer in answers if not self.fell_back(answer)).items():
+            found[head] = np.full(len(fell), np.nan)
+            found[head][~fell] = values
+        return found
+
+    def summed_up(self, sums: Mapping[str, float]) -> str:
+        """See :meth:`AnsweringModel.summed_up`."""
+        return f" ({sums['fell_back']:.0f} by the full model)"
 
     def fell_back(self, answer: Answer) -> bool:
         """Whether the full model gave an answer."""

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.models.estimates import ASKED, SHOWN, Estimates, check_of_friction, check_word
-from hhr_dolfinx.models.fallback import FallbackModel, check_allowance
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.plugins.fallback.model import FallbackModel, check_allowance
 from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
@@ -20,13 +20,28 @@ ALLOWED = 0.01
 
 def safe_model(
     training: Any,
-    tolerance: float,
-    recipe: Recipe | None,
+    tolerance: float = 0.01,
     *,
     of: str | None = None,
-    checked: bool,
+    recipe: Recipe | None = None,
+    checked: bool = True,
 ) -> FallbackModel:
-    """See :meth:`hhr_dolfinx.study.training.train.Training.safe_model`."""
+    """Build a reduced model that calls the full one if its error may exceed a tolerance.
+
+    Args:
+        training: the full model with its answers.
+        tolerance: largest relative error of any answer.
+        of: quantity of the error: ``forces``, nodal contact forces in the Euclidean norm; ``pressure``, the largest
+            error of a nodal pressure over the peak pressure; ``displacement``, in energy; or an output, by its name.
+            None takes displacement and forces, both in energy: errors of nodal forces and pressures are then ten or
+            more times larger.
+        recipe, checked: see :meth:`hhr_dolfinx.study.training.train.Training.build`.
+
+    Raises:
+        BoundError: if answers of the reduced model have no bound.
+        ParameterError: for an invalid tolerance, an unknown quantity, or an output without a bound.
+    """
+    training = training.everywhere
     # before a model is built, which takes long
     check_allowance(tolerance)
     functionals = training.full_order.functionals
@@ -43,17 +58,18 @@ def fallback_report(model: ReducedModel, full: Any, points: np.ndarray, alone: f
     ``alone`` is the time of a full answer in seconds.
 
     Returns:
-        The ``fallback`` part of a report: ``kind`` of the error estimates; ``tolerance``, the relative error
-        allowed; ``share`` of the queries that the full model answered, and ``shares`` by the one error that is
-        limited; mean seconds of a ``query`` with all forces and their bound, and of the ``full`` model alone.
+        The ``fallback`` part of a report, none of a model without a bound: ``kind`` of the error estimates;
+        ``tolerance``, the relative error allowed; ``share`` of the queries that the full model answered, and
+        ``shares`` by the one error that is limited; mean seconds of a ``query`` with all forces and their bound, and of the ``full`` model alone.
     """
+    if model.fields.bound is None:
+        return {}
     safe = FallbackModel(model, full, ALLOWED)
     count = len(points)
     # one by one, as in single queries: a table is faster
     spent = timed(lambda: [safe.solve(point, raise_on_failure=False) for point in points])[1]
-    kind = model.fields.bound.kind if model.fields.bound is not None else ""
     own = {"share": safe.share, "shares": _shares(model, points), "query": spent / count, "full": alone}
-    return {"kind": kind, "tolerance": ALLOWED, **own}
+    return {"fallback": {"kind": model.fields.bound.kind, "tolerance": ALLOWED, **own}}
 
 
 def _shares(model: ReducedModel, points: np.ndarray) -> dict[str, float]:

@@ -11,7 +11,7 @@ from test_mpi import launch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import BoundError, ReductionError
-from hhr_dolfinx.models.local import LEAF, LocalModels
+from hhr_dolfinx.plugins.local.models import LocalModels
 from hhr_dolfinx.study.report.console import make_console
 
 
@@ -46,11 +46,12 @@ def test_tables_say_which_model_answered(local, tmp_path, capsys):
     answers = hhr.answer_points(local, points)
     alone = hhr.answer_points(local.models[0], points, outside="ignore")
     assert list(answers.outputs) == list(alone.outputs) and list(answers.estimates) == list(alone.estimates)
-    assert alone.model is None and answers.fell_back is None
-    assert answers.model.dtype == np.int64 and answers.model[-1] == LEAF and answers.status[-1] != "ok"
+    assert not alone.columns and list(answers.columns) == ["model"]
+    numbers = answers.columns["model"]
+    assert np.isnan(numbers[-1]) and answers.status[-1] != "ok"
     for k, point in enumerate(points[:-1]):
         answer = local.solve(point)
-        assert answers.model[k] == local.model_of(answer)
+        assert numbers[k] == local.model_of(answer)
         # many at once share products of matrices, whose last digits differ from those of one
         assert largest_difference(answers.forces[k], answer.forces()) < 1e-12
         assert answers.outputs["peak [MPa]"][k] == pytest.approx(answer.outputs()["peak"], rel=1e-12)
@@ -61,14 +62,14 @@ def test_tables_say_which_model_answered(local, tmp_path, capsys):
     assert hhr.write_answers(tmp_path / "answers.csv", local.parameters, answers) == 1
     with open(tmp_path / "answers.csv", newline="") as file:
         rows = list(csv.DictReader(file))
-    assert [row["model"] for row in rows] == [*(str(number) for number in answers.model[:-1]), ""]
+    assert [row["model"] for row in rows] == [*(f"{number:.0f}" for number in numbers[:-1]), ""]
     assert list(rows[0]).index("model") == list(rows[0]).index("force_0") - 1
     np.savetxt(tmp_path / "points.csv", points, delimiter=",", header="P1,h1", comments="")
     given = hhr.read_points(tmp_path / "points.csv", local.parameters)
     assert hhr.answer_table(local, given, tmp_path / "again.csv", make_console()) == 1
     assert "20 answers and 1 bad rows" in capsys.readouterr().out
     nothing = hhr.answer_points(local, np.zeros((0, 2)))
-    assert nothing.model.shape == (0,)
+    assert nothing.columns["model"].shape == (0,)
 
 
 ON_RANKS = """
@@ -96,9 +97,9 @@ def test_on_two_ranks_a_table_is_the_same(local, tmp_path):
 def test_local_models_fall_back_on_the_full_one(local, training, tmp_path):
     model, points = hhr.FallbackModel(local, training.full_order, 1e-3), np.vstack([points_of(local, 20), [[1e9, 1.0]]])
     answers = hhr.answer_points(model, points)
-    fell = answers.fell_back
+    fell, numbers = answers.columns["fell_back"] == 1, answers.columns["model"]
     assert 0 < fell.sum() == model.fallen < 40
-    assert (answers.model[fell] == LEAF).all() and (answers.model[:40][~fell[:40]] >= 0).all()
+    assert np.isnan(numbers[fell]).all() and (numbers[:40][~fell[:40]] >= 0).all()
     for k in np.flatnonzero(~fell[:40]):
         estimate = local.solve(points[k]).estimate()
         assert max(estimate.primal_relative, estimate.dual_relative) <= 1e-3
@@ -106,7 +107,8 @@ def test_local_models_fall_back_on_the_full_one(local, training, tmp_path):
     with open(tmp_path / "answers.csv", newline="") as file:
         rows = list(csv.DictReader(file))[:40]
     assert all((row["model"] == "") == (row["fell_back"] == "1") for row in rows)
-    assert hhr.answer_points(hhr.FallbackModel(local.models[0], training.full_order), points[:2]).model is None
+    alone = hhr.answer_points(hhr.FallbackModel(local.models[0], training.full_order), points[:2])
+    assert list(alone.columns) == ["fell_back"]
 
 
 def test_a_fallback_looks_at_local_models_as_at_one(local, training, varying):

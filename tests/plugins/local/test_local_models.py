@@ -38,7 +38,7 @@ from hhr_dolfinx.errors import (
     ReductionError,
     SingularError,
 )
-from hhr_dolfinx.models.local import LEAF, Choice
+from hhr_dolfinx.plugins.local.models import LEAF, Choice
 
 LOW, HIGH, BY_THE_BORDER = (110.0, 1.7), (150.0, 5.1), (90.0, 3.35)
 

@@ -16,8 +16,8 @@ import numpy as np
 from hhr_dolfinx import compat
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.models.local import LEAF, Choice
 from hhr_dolfinx.parameters import ParameterSpace, is_whole
+from hhr_dolfinx.plugins.local.models import LEAF, Choice
 from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.subspaces import basis_distances, coordinates, snapshot_distances
 

@@ -1,6 +1,6 @@
 """Local models, thesis chapter 4: training divided into a given number of clusters of similar solutions.
 
-:mod:`hhr_dolfinx.study.training.splitting` determines their number.
+:mod:`hhr_dolfinx.plugins.local.splitting` determines their number.
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from hhr_dolfinx.errors import (
     StudyError,
     TrainingWarning,
 )
-from hhr_dolfinx.models.local import Choice, LocalModels
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import ParameterSpace, is_number
+from hhr_dolfinx.plugins.local.models import Choice, LocalModels
 from hhr_dolfinx.reduction.build import build, sizes
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet
@@ -95,7 +95,7 @@ class Clusters:
     Attributes:
         count: K.
         overlap: part of the width of the box by which training extends beyond a border, for points that are no grid.
-        strip: see :class:`~hhr_dolfinx.study.training.splitting.Splitting`.
+        strip: see :class:`~hhr_dolfinx.plugins.local.splitting.Splitting`.
         seed: of the clusters, the forest and random points.
         others: more recipes; each cluster uses the one with the smallest estimated error of forces at random points.
         modes, conditions: most modes and contact conditions of a model; None for any number.
@@ -184,7 +184,7 @@ class Clusters:
 
     def _on_grid(self, snapshots: SnapshotSet, full: Any) -> tuple[Choice, list[np.ndarray]] | None:
         """Partition of a regular grid, and the snapshots of each cluster; None if the points are no grid."""
-        from hhr_dolfinx.reduction.clusters import cell_labels, grid_cells, tree_of_cells
+        from hhr_dolfinx.plugins.local.clusters import cell_labels, grid_cells, tree_of_cells
 
         try:
             cells = grid_cells(snapshots.points).cells
@@ -196,7 +196,7 @@ class Clusters:
 
     def _anywhere(self, snapshots: SnapshotSet, full: Any, width: np.ndarray) -> tuple[Choice, list[np.ndarray]]:
         """Partition by a forest, and the snapshots of each cluster with those near its borders."""
-        from hhr_dolfinx.reduction.clusters import forest_tree, snapshot_labels
+        from hhr_dolfinx.plugins.local.clusters import forest_tree, snapshot_labels
 
         labels = np.zeros(len(snapshots.points), dtype=np.int64)
         loaded, nearest = loaded_snapshots(snapshots, full.parameters)

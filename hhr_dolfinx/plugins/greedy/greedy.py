@@ -1,6 +1,6 @@
 """Greedy training, thesis Alg. 1.3: answers are added where a reduced model of those before is worst.
 
-An error indicator selects the worst candidate (:mod:`hhr_dolfinx.study.training.indicators`); it needs no full answer.
+An error indicator selects the worst candidate (:mod:`hhr_dolfinx.plugins.greedy.indicators`); it needs no full answer.
 Points are chosen in the box of the scene or, for inelastic bodies, of a family of paths.
 """
 
@@ -26,12 +26,12 @@ from hhr_dolfinx.errors import (
 from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.path_families import PathFamily
+from hhr_dolfinx.plugins.greedy.indicators import ForceError, GreedyIndicator, LargestEstimate, Score
 from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Pod, Recipe
 from hhr_dolfinx.sampling import Lattice, Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.snapshots.store import digest_of_values
-from hhr_dolfinx.study.training.indicators import ForceError, GreedyIndicator, LargestEstimate, Score
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:

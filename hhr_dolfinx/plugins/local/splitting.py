@@ -8,14 +8,9 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.errors import StudyError, UnstableModelError
-from hhr_dolfinx.models.local import LEAF, Choice, LocalModels
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import is_number
-from hhr_dolfinx.reduction.build import sizes
-from hhr_dolfinx.reduction.recipe import Recipe
-from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
-from hhr_dolfinx.study.training.counts import check_counts
-from hhr_dolfinx.study.training.local_training import (
+from hhr_dolfinx.plugins.local.clustered import (
     LocalRecord,
     Member,
     Progress,
@@ -27,6 +22,11 @@ from hhr_dolfinx.study.training.local_training import (
     sizes_of,
     together,
 )
+from hhr_dolfinx.plugins.local.models import LEAF, Choice, LocalModels
+from hhr_dolfinx.reduction.build import sizes
+from hhr_dolfinx.reduction.recipe import Recipe
+from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
+from hhr_dolfinx.study.training.counts import check_counts
 
 if TYPE_CHECKING:
     from hhr_dolfinx.study.training.answers import TrainingAnswers
@@ -243,7 +243,7 @@ class _Run:
 
         Empty if there is no such cut, or several before it did not help.
         """
-        from hhr_dolfinx.reduction.clusters import medoids, separating_cut
+        from hhr_dolfinx.plugins.local.clusters import medoids, separating_cut
         from hhr_dolfinx.reduction.subspaces import snapshot_distances
 
         # zero displacements have no direction

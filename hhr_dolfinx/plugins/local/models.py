@@ -10,7 +10,7 @@ repeatedly have this form. A query passes about five cuts, in a microsecond or t
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Self
@@ -21,7 +21,6 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.models.fallback import ALIKE
 from hhr_dolfinx.models.model import KeptModel, checked_start
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ADVICE, ReducedModel
@@ -32,6 +31,8 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.many import PartedAnswers
 
 
+ALIKE = 1e-5
+"""Relative difference of arrays up to which two models are of one scene."""
 LEAF = -1
 """Axis of a node without a cut."""
 
@@ -182,6 +183,10 @@ class SeveralModels(KeptModel):
             if model.fields is answer.fields:
                 return number
         raise ReductionError("this answer is not of these local models")
+
+    def columns(self, many: Iterable[Answer]) -> dict[str, np.ndarray]:
+        """See :meth:`AnsweringModel.columns`: number of the model that answered."""
+        return {"model": np.array([self.model_of(answer) for answer in many], dtype=float)}
 
     def for_file(self) -> Self:
         """The models without their indicators, which are code."""
