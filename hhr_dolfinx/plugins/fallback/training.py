@@ -60,7 +60,8 @@ def fallback_report(model: ReducedModel, full: Any, points: np.ndarray, alone: f
     Returns:
         The ``fallback`` part of a report, none of a model without a bound: ``kind`` of the error estimates;
         ``tolerance``, the relative error allowed; ``share`` of the queries that the full model answered, and
-        ``shares`` by the one error that is limited; mean seconds of a ``query`` with all forces and their bound, and of the ``full`` model alone.
+        ``shares`` by the one error that is limited; mean seconds of a ``query`` with all forces and their bound, and
+        of the ``full`` model alone.
     """
     if model.fields.bound is None:
         return {}
