@@ -166,7 +166,7 @@ def _collected(amplitudes: Sequence[Any], parameters: ParameterSpace) -> tuple[A
     for item in as_tuple("amplitudes", amplitudes):
         one = Amplitude(float(item)) if is_number(item) else Formula(item) if isinstance(item, str) else item
         if not isinstance(one, Amplitude | Formula):
-            raise SceneError(f"an amplitude must be a text, a number or an Amplitude, and {item!r} is none")
+            raise SceneError(f"an amplitude must be a text, a number or an Amplitude, not {item!r}")
         made.append(bound(one, parameters))
         if isinstance(made[-1], Scalar):
             remedy = "it must be finite everywhere in the box: change the formula, or narrow the box"
