@@ -22,7 +22,7 @@ with extra("pictures", "a figure"):
     from matplotlib.figure import Figure
 
 SHIFT = 0.1
-"""Least drawn size of the largest displacement, over the extent of the mesh: smaller ones are magnified."""
+"""Limit of drawn displacements, over the extent of the mesh: smaller ones are magnified by a power of ten up to it."""
 
 
 def figure_of(value: Scene | Answer, path: str | Path | None, full: Any = None) -> Figure:
