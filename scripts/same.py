@@ -101,7 +101,7 @@ class Dump(NamedTuple):
 
     Attributes:
         arrays: by name.
-        errors: type and message of what ended in one, by name.
+        errors: package, type and message of what ended in one, by name.
     """
 
     arrays: dict[str, np.ndarray]
@@ -257,18 +257,12 @@ def _said(a: np.ndarray, b: np.ndarray) -> str:
     return f"{a} is {b}" if a.ndim == 0 else ""
 
 
-REFUSALS = ("NotOfferedError", "BoundError", "ReductionError", "SceneError", "StudyError", "HHRError",
-            "ParameterError", "ModelFileError", "UnstableModelError", "ConvergenceError", "NotSolvableError",
-            "SingularError", "OutsideTrainingError")  # fmt: skip
-"""Errors of the package: what ends in one was refused, or did not converge."""
-
-
 def compare_errors(a: Dump, b: Dump) -> Iterable[Row]:
     """Rows of all that ended in an error in the first dump, and of what the second one alone ends in."""
     for name in a.errors.keys() | b.errors.keys():
         one, two = (item.get(name, "").split(":")[0] for item in (a.errors, b.errors))
         if one and one == two:
-            refused = one in REFUSALS
+            refused = one.startswith(PACKAGES[0])
             yield Row(name, "refused" if refused else "broken", 0.0 if refused else float("inf"), a.errors[name])
         elif one and two:
             yield Row(name, "off", float("inf"), f"{a.errors[name]}  is  {b.errors[name]}")
@@ -338,8 +332,8 @@ def dump_command(out: Path, only: str) -> None:
 
     same_kinds.dump(record, lambda kind: fnmatchcase(kind, only), announce)
     Dump(record.arrays, record.errors).write(out)
-    seconds = time.perf_counter() - begun
-    click.echo(f"{out}: {len(record.arrays)} arrays, {len(record.errors)} refusals and errors in {seconds:.0f} s")
+    seconds = f"{time.perf_counter() - begun:.0f} s, {time.process_time():.0f} s of a core"
+    click.echo(f"{out}: {len(record.arrays)} arrays, {len(record.errors)} refusals and errors in {seconds}")
 
 
 @main.command("compare")

@@ -255,7 +255,7 @@ def sliding(condensed: bool) -> Any:
     wide = dataclasses.replace(
         scene,
         geometry=lambda comm: two_blocks.two_blocks(
-            comm, first=((0.0, 0.0), (3.0, 1.0), (9, 3)), second=((1.0, 1.0), (2.0, 2.0), (4, 4))
+            comm, first=((0.0, 0.0), (3.0, 1.0), (6, 2)), second=((1.0, 1.0), (2.0, 2.0), (3, 3))
         ),
         contacts=(hhr.NodeToSurface(upper, lower, friction=0.1),),
         outputs=scene.outputs[1:],
@@ -380,7 +380,7 @@ class Record:
 
     Attributes:
         arrays: numbers, truths and texts.
-        errors: type and message.
+        errors: package, type and message.
     """
 
     def __init__(self) -> None:
@@ -413,7 +413,8 @@ class Record:
             try:
                 yield
             except Exception as error:
-                self.errors[name] = f"{type(error).__name__}: {error}"
+                kind = type(error)
+                self.errors[name] = f"{kind.__module__.split('.')[0]}.{kind.__name__}: {error}"
         own = {item.category.__name__ for item in heard if item.category.__module__.startswith("hhr_dolfinx")}
         if own:
             self.arrays[f"{name}/warnings"] = np.array(", ".join(sorted(own)))
@@ -512,9 +513,9 @@ ANSWER: dict[str, Callable[[Any], Any]] = {
 }
 STEP = ANSWER | {"time error": lambda answer: answer.time_error, "ends": lambda answer: np.array(answer.ends)}
 MANY: dict[str, Callable[[Any], Any]] = {
-    "unknown": lambda many: np.array([answer.unknown for answer in many]),
-    "multipliers": lambda many: np.array([answer.multipliers for answer in many]),
-    "active": lambda many: np.array([answer.active for answer in many]),
+    "unknown": lambda many: [answer.unknown for answer in many],
+    "multipliers": lambda many: [answer.multipliers for answer in many],
+    "active": lambda many: [answer.active for answer in many],
     "iterations": lambda many: many.iterations,
     "status": lambda many: [status.name for status in many.status],
     "forces": lambda many: many.forces(),

@@ -20,7 +20,7 @@ ARRAYS = {
     "HHR/file/bytes": np.array(100),
     "HHR/file/arrays/fields.S": np.eye(2),
 }
-ERRORS = {"HHR/page": "NotOfferedError: no page"}
+ERRORS = {"HHR/page": "hhr_dolfinx.NotOfferedError: no page"}
 
 
 @pytest.fixture
@@ -97,9 +97,12 @@ def test_files_may_shrink_and_name_their_arrays_otherwise(ended):
 def test_new_arrays_are_said_and_errors_count(ended):
     code, text = ended({"HHR/solve 0/wear": np.ones(1)})
     assert code == 0 and "new  HHR/solve 0/wear" in text
-    assert ended(errors={"HHR/page": "TypeError: no page"})[0] == 1
+    assert ended(errors={"HHR/page": "builtins.TypeError: no page"})[0] == 1
     assert ended(errors={})[0] == 0
-    code, text = ended({FORCES: None}, ERRORS | {FORCES: "ValueError: why"})
+    assert (
+        ended({FORCES: None}, {**ERRORS, FORCES: "builtins.ValueError: why"}, "HHR/*/forces | missing | gone")[0] == 0
+    )
+    code, text = ended({FORCES: None}, ERRORS | {FORCES: "builtins.ValueError: why"})
     assert code == 1 and "ValueError: why" in text
 
 
