@@ -321,8 +321,6 @@ def main() -> None:
 @click.option("--only", default="*", help="pattern of the kinds of models to dump, '*friction*'")
 def dump_command(out: Path, only: str) -> None:
     """Record what the first tree on PYTHONPATH gives."""
-    if os.environ.get("PYTHONHASHSEED") != "0":  # sets of words are gone through in another order each time otherwise
-        os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | {"PYTHONHASHSEED": "0"})
     tree = tree_on_path()
     load_tree(tree)
     import same_kinds
