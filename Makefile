@@ -5,7 +5,7 @@ export OPENBLAS_NUM_THREADS = 1
 # what is said comes as it is said, into a file or a pipe too
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo hertz pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes figures lint test quick slow docs setup mutants doctor without
+.PHONY: demo hertz pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes figures lint test quick slow docs setup mutants doctor without same
 
 demo: setup
 	.venv/bin/python demos/bolted_joint.py
@@ -116,6 +116,11 @@ slow: setup
 # rules of study and certify are changed one at a time, and changes that no test sees are printed: an hour
 mutants: setup
 	.venv/bin/python scripts/mutants.py
+
+# answers, gradients, marches and files of all kinds of models, bit by bit, beside those of a commit: BASE=main, or that
+# of scripts/same_base.txt; ten minutes
+same: setup
+	@BASE="$(BASE)" ALLOW="$(ALLOW)" ONLY="$(ONLY)" sh scripts/same.sh
 
 setup:
 	@sh scripts/setup.sh

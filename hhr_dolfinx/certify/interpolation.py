@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.interpolate import BarycentricInterpolator
 
 from hhr_dolfinx.formulas import Modulus, Scalar
 from hhr_dolfinx.models.eliminations.interpolation import MOST_LEVELS, leja_points
@@ -30,6 +29,22 @@ BETWEEN = 1.2
 
 OF_VOLUME = 0.6
 """Largest κ where K_a is λ tr(ε)^2 and K_b is 2 μ ε:ε of one body: ε:ε is a third of tr(ε)^2 at least."""
+
+
+def lagrange(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
+    """Lagrange polynomials of nodes, (n,), at places, (m,): (m, n), by the second barycentric formula.
+
+    J.-P. Berrut and L. N. Trefethen, SIAM Review 46, 2004, (4.2). SciPy's takes nodes in an order that differs from run
+    to run, and with it the last bits of a bound. Factors are scaled by the capacity of the interval, so that no product
+    of many leaves the range of numbers.
+    """
+    apart = 4 / np.ptp(nodes) * (nodes[:, None] - nodes)
+    np.fill_diagonal(apart, 1.0)
+    off = places[:, None] - nodes
+    at_node = off == 0
+    terms = 1 / (np.where(at_node, 1.0, off) * apart.prod(axis=1))
+    terms = np.where(at_node.any(axis=1)[:, None], at_node, terms)
+    return terms / terms.sum(axis=1)[:, None]
 
 
 @dataclass(frozen=True)
@@ -60,7 +75,7 @@ class PartStiffness:
         if not (np.isfinite(exact).all() and (exact > 0).all()):
             return math.inf
         # the polynomials of nodes are the same for all κ
-        weights = BarycentricInterpolator(nodes[:levels], np.eye(levels))(places)
+        weights = lagrange(nodes[:levels], places)
         return float(BETWEEN * np.abs(weights @ known[:levels] / exact - 1).max())
 
     def levels(self, wished: float) -> tuple[int, float]:
