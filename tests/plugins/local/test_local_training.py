@@ -13,10 +13,10 @@ from scenes import pressed_pair
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import LocalModelWarning, StudyError, TrainingWarning, UnstableModelError
+from hhr_dolfinx.plugins.local import splitting
 from hhr_dolfinx.plugins.local.clustered import built, force_errors, least_forces, moving
 from hhr_dolfinx.plugins.local.clusters import forest_tree, separating_cut, tree_of_cells
 from hhr_dolfinx.study.measure import References
-from hhr_dolfinx.study.training import splitting
 
 FINE = hhr.Recipe(hhr.Pod(1e-12, relative=True)).as_it_is()
 
