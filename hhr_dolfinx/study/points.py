@@ -91,7 +91,7 @@ def measure_points(
         "samples": _samples(points, answers, errors["online"]),
     }
     report |= _mesh_error(full, skipped) | _outputs(full, references.solutions, answers)
-    if model.fields.bound is not None:
+    if model.fields.bound is not None and full.problem.varies:  # else the condensed model is exact, and quicker
         report["fallback"] = fallback_report(model, full, fresh, float(np.mean(warm["fom_best"])))
     own = Row("HHR", "this model", warm["online"], errors["online"])
     how = {"condensed": "interpolated"} if offline else {}

@@ -176,13 +176,11 @@ class Functional:
         count: k, number of its rows.
         rows, columns, entries: of the sparse matrix of its rows, (k, N).
         uses_forces: whether it depends on contact forces.
-        affine: whether at one point it is affine in forces and displacement, so that its slopes hold everywhere.
         differentiable: whether it has derivatives along the parameters.
     """
 
     uses_forces: ClassVar[bool] = False
     differentiable: ClassVar[bool] = True
-    affine: ClassVar[bool] = False
 
     name: str
     unit: str
@@ -202,20 +200,6 @@ class Functional:
     def slopes(self, state: State) -> Slopes:
         """Its partial derivatives."""
         raise NotImplementedError(f"{type(self).__name__} must have slopes(state), or differentiable = False")
-
-    def steepness(self, measured: Callable[[slice], np.ndarray], forces: np.ndarray) -> float | None:
-        """How much it changes at most along a unit combination of some directions, wherever it starts from.
-
-        It is what bounds of outputs need that are not affine, see :mod:`hhr_dolfinx.models.bounds.output_bound`.
-
-        Args:
-            measured: some of its rows times the directions, (rows, r); of many rows all at once are too many.
-            forces: along the directions, (m, r).
-
-        Returns:
-            A Lipschitz constant for the Euclidean norm of the r weights; None where there is none, as here.
-        """
-        return None
 
     def followed(self, state: State, there: Functional, moved: State) -> float:
         """Value of the same output on another shape, on the smooth piece that is its own at ``state``."""

@@ -1,4 +1,4 @@
-"""A model that falls back on the full one, and what that costs a study."""
+"""Models that keep a tolerance, and what falling back costs a study."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.condensed import CondensedModel
     from hhr_dolfinx.reduction.recipe import Recipe
 
 ALLOWED = 0.01
@@ -25,7 +26,7 @@ def safe_model(
     *,
     of: str | None = None,
     checked: bool,
-) -> FallbackModel:
+) -> FallbackModel | CondensedModel:
     """See :meth:`hhr_dolfinx.study.training.train.Training.safe_model`."""
     # before a model is built, which takes long
     check_allowance(tolerance)
@@ -33,6 +34,9 @@ def safe_model(
     check_word([] if functionals is None else [item.name for item in functionals.items], of)
     if training.full_order.friction is not None:
         check_of_friction(of)
+    elif training.full_order.equilibrium is None and not training.full_order.problem.varies:
+        # an estimate solves the exact problem on S: the condensed model answers by it, and is quicker
+        return training.condense()
     model = training.build(recipe, checked=checked)
     return FallbackModel(model, training.full_order, tolerance, of=of)
 

@@ -77,8 +77,11 @@ class Training(TrainingAnswers):
         of: str | None = None,
         recipe: Recipe | None = None,
         checked: bool = True,
-    ) -> FallbackModel:
-        """A reduced model that asks the full one where it may be off by more than a tolerance.
+    ) -> FallbackModel | CondensedModel:
+        """A model none of whose answers is off by more than a tolerance.
+
+        Where the stiffness is constant, bodies are elastic and nothing rubs it is the condensed model,
+        :meth:`condense`, which is exact. Else it is a reduced model that asks the full one where it may be off by more.
 
         Args:
             tolerance: largest relative error of any answer.
@@ -86,7 +89,7 @@ class Training(TrainingAnswers):
                 error of a nodal pressure over the peak pressure; ``displacement``, its energy; or an output, by its
                 name. None takes displacement and forces, both in energy: nodal forces and pressures are then off by
                 ten times as much and more.
-            recipe, checked: see :meth:`build`.
+            recipe, checked: of the reduced model, see :meth:`build`.
 
         Raises:
             BoundError: where answers of the reduced model have no bound.
