@@ -32,6 +32,12 @@ from hhr_dolfinx.models.gradient import Gradient
 from hhr_dolfinx.plain import Rebuilt
 
 
+CANCELLED = 1e-3
+"""Round-off of fields that cancel, over the round-off of what is left."""
+SQUARES = 1e-14
+"""Part of squares that is round-off of their difference."""
+
+
 class Exact(NamedTuple):
     """Exact forces of n answers, (n, m), the rigid motions with them, (n, r), and whether they were found, (n,) bool.
 
@@ -67,6 +73,7 @@ class ExactDifference(Rebuilt):
         driving: loads along the motions, (r, 1 + T).
         given: u0 in directions of unit energy, (k, 1 + T).
         cross: (K^-1 B^T)^T K u0, (m, 1 + T).
+        lifting: energy norms of imposed displacements, each in a row of its own, (l, 1 + T): u0 has their round-off.
         areas, least: see :class:`~hhr_dolfinx.models.bounds.bound.ForceScale`.
         kept: what the columns of a displacement that forces make keep of K^-1 B^T, orthonormal after L, the factor of
             :func:`definite`, (m, c); no columns where they keep all of it; None where the columns are V.
@@ -81,6 +88,7 @@ class ExactDifference(Rebuilt):
     driving: Annotated[Floats, "motions", "terms"]
     given: Annotated[Floats, "given rows", "terms"]
     cross: Annotated[Floats, "N_lambda", "terms"]
+    lifting: Annotated[Floats, "lifted", "terms"]
     areas: Annotated[Floats, "N_lambda"]
     least: Annotated[Floats, "3"]
     kept: Annotated[Floats, "N_lambda", "kept columns"] | None = None
@@ -98,10 +106,10 @@ class ExactDifference(Rebuilt):
             return
         skew = np.abs(self.schur - self.schur.T).max(initial=0.0)
         try:
-            definite_ = skew <= ROUND_OFF * np.abs(self.schur).max(initial=0.0) and self.lower.size
+            fine = skew <= ROUND_OFF * np.abs(self.schur).max(initial=0.0) and self.lower.size
         except LinAlgError:
-            definite_ = False
-        if not definite_:
+            fine = False
+        if not fine:
             yield "S of its estimate is not symmetric and positive definite"
         if self.kept is None and (
             self.modes is None or self.loads is None or not len(self.schur) <= len(self.modes) <= len(self.loads)
@@ -242,12 +250,14 @@ class DifferenceThere(NamedTuple):
         owner = self.owner
         exact, _, found = self.exact(forces)
         size = owner.sizes(exact)
-        given = driven(owner.given, self.theta)
-        given_size = lengths(given, given)
+        given, lifted = (driven(part, self.theta) for part in (owner.given, owner.lifting))
+        parts = np.hypot(lengths(given, given), size[0])
         pulled = np.sum(driven(owner.cross, self.theta) * exact, axis=1)
-        energy = np.sqrt(np.maximum(given_size**2 - 2 * pulled + size[0] ** 2, 0.0))
+        energy = np.sqrt(np.maximum((1 - SQUARES) * parts**2 - 2 * pulled, 0.0))
         errors = np.array((owner.left_out(unknown, exact, self.theta), *owner.sizes(forces - exact)))
-        round_off = ROUND_OFF * np.array((given_size + size[0], *(size + owner.sizes(forces))))
+        round_off = ROUND_OFF * np.array(
+            (energy + CANCELLED * (parts + lengths(lifted, lifted)), *(size + owner.sizes(forces)))
+        )
         # in energy the part of forces that balances itself is measured: the rest would depend on the pins
         size[0] = owner.size(exact - (exact @ owner.balancing) @ owner.balancing.T)
         least = np.concatenate([[0.0], owner.least])[:, None]
