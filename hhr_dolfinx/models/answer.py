@@ -58,7 +58,7 @@ class ModelFields:
 
     Attributes:
         bound: bounds the error of an answer.
-        output_bound: bounds the errors of outputs, beside it.
+        output_bound: estimates the errors of outputs, beside it.
         indicator: estimates the error of an answer, of the recipe.
         flow: completes stress and plastic strain where bodies flow.
         frictional: completes forces and slip of hyper-reduced contact with friction.

@@ -157,7 +157,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         indicator: estimates the error of an answer; None for none.
         bound: bounds the error of an answer; None where its hypotheses fail.
         functionals: outputs of the scene; None where it has none.
-        output_bound: bounds the errors of outputs, beside ``bound``; None without either.
+        output_bound: estimates the errors of outputs, beside ``bound``; None without either.
         unbounded: why there is no bound, where there is none.
         response: makes the coordinates of forces on the whole surface where S and the response to loads are known; None
             where they are gamma.
@@ -200,7 +200,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         if self.output_bound is not None and (
             self.bound is None or self.functionals is None or not self.output_bound.fits(self.functionals)
         ):
-            yield "its bounds of outputs are not those of its outputs"
+            yield "its estimates of outputs are not those of its outputs"
 
     @property
     def conditions(self) -> int:

@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 ROUND_OFF = 1e-10
 """Part of an answer that is round-off of the exact one too: nothing is known to be nearer."""
+CANCELLED = 1e-3
+"""Round-off of fields that cancel, over the round-off of what is left."""
 
 
 @dataclass(frozen=True)

@@ -25,15 +25,12 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.floating import FloatingEqualities, floating_set
 from hhr_dolfinx.declared import Floats
-from hhr_dolfinx.models.bounds.bound import ROUND_OFF, ForceScale, driven, estimates_of, lengths
+from hhr_dolfinx.models.bounds.bound import CANCELLED, ROUND_OFF, ForceScale, driven, estimates_of, lengths
 from hhr_dolfinx.models.bounds.contact_response import ContactResponse, Outside
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.gradient import Gradient
 from hhr_dolfinx.plain import Rebuilt
 
-
-CANCELLED = 1e-3
-"""Round-off of fields that cancel, over the round-off of what is left."""
 SQUARES = 1e-14
 """Part of squares that is round-off of their difference."""
 

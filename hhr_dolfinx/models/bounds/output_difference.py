@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from hhr_dolfinx.declared import Floats
-from hhr_dolfinx.models.bounds.bound import ROUND_OFF
+from hhr_dolfinx.models.bounds.bound import CANCELLED, ROUND_OFF
 from hhr_dolfinx.models.functionals.functional import Functional, Functionals, State
 
 if TYPE_CHECKING:
@@ -85,5 +85,6 @@ class OutputDifference:
             value, there, unpressed = (
                 item.value(State(*state, answer.parameter, theta, answer.stress)) for state in states
             )
-            errors[item.name] = abs(value - there) + ROUND_OFF * (abs(value) + abs(there) + abs(unpressed))
+            scale = abs(value) + abs(there) + CANCELLED * abs(unpressed)
+            errors[item.name] = abs(value - there) + ROUND_OFF * scale
         return errors
