@@ -162,12 +162,12 @@ class ExactDifference(Rebuilt):
     def left_out(self, unknown: np.ndarray, exact: np.ndarray, theta: Any) -> np.ndarray:
         """Energy norms of the fields handed out less the exact ones, of γ, (n, ell), and exact forces, (n, m): (n,)."""
         pressed = exact @ self.lower
-        if self.kept is None:
+        if self.modes is not None and self.loads is not None:
             off = driven(self.loads, theta)
             off[:, : pressed.shape[1]] -= pressed
             off[:, : len(self.modes)] -= unknown @ self.modes.T
             return lengths(off, off)
-        if not self.kept.shape[1]:
+        if self.kept is None or not self.kept.shape[1]:
             return np.zeros(len(exact))
         rest = pressed - (pressed @ self.kept) @ self.kept.T
         return self.size(solve_triangular(self.lower, rest.T, lower=True, trans="T").T)

@@ -83,7 +83,7 @@ class OutputDifference:
             first += item.count
             states = (forces, own[place]), (exact, nearer[rows]), (none, free[rows])
             value, there, unpressed = (
-                item.value(State(*state, answer.parameter, theta, answer.stress)) for state in states
+                item.value(State(pressed, read, answer.parameter, theta, answer.stress)) for pressed, read in states
             )
             scale = abs(value) + abs(there) + CANCELLED * abs(unpressed)
             errors[item.name] = abs(value - there) + ROUND_OFF * scale
