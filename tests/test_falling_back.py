@@ -7,7 +7,6 @@ import numpy as np
 import pellet_cladding as demo
 import pytest
 from mpi4py import MPI
-from scenes import pressed_pair
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ParameterError
@@ -106,16 +105,3 @@ def test_a_batch_of_a_reduced_model_has_its_bounds(pellet):
         assert answers.estimates["bound of displacement"][k] == pytest.approx(found.primal_relative, rel=1e-6)
         assert answers.estimates["bound of peak [MPa]"][k] == pytest.approx(found.outputs["peak"], rel=1e-6)
     assert answers.fell_back is None
-
-
-def test_a_study_reports_how_many_fall_back(capsys):
-    """Where S is interpolated: else the condensed model is exact."""
-    from hhr_dolfinx.study.report.report import print_report
-
-    scene = pressed_pair("plane_strain", (("E1", 0.3), (1.0, 0.2)), {"E1": (1.0, 3.0)}, cells=3)
-    settings = hhr.StudySettings(hhr.Sobol(4), recipe=POOR, tests=3, queries=10, naive=False)
-    study = hhr.run_study(hhr.train(scene, hhr.Sobol(4), held_out=0, comm=MPI.COMM_SELF), settings)
-    row = study.report["fallback"]
-    assert row["tolerance"] == 0.01 and 0 < row["share"] <= 1 and 0 < row["full"] and 0 < row["query"]
-    print_report(study.report, make_console())
-    assert "fall back on the full order" in capsys.readouterr().out

@@ -76,7 +76,7 @@ def exact_arrays(full: Any, forces: np.ndarray | None) -> tuple[np.ndarray, dict
         "driving": np.zeros((0, terms)) if held else np.asfortranarray(full.rigid_loads),
         "given": np.asfortranarray(np.sqrt(np.maximum(values, 0.0))[:, None] * ways.T),
         "cross": np.asfortranarray(cross),
-        "lifting": np.asfortranarray(np.diag(energies(problem, lifts))[lifted]),
+        "lifting": energies(problem, lifts),
         "areas": problem.contact_areas,
         "least": least,
     }

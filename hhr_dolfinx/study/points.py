@@ -22,7 +22,6 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.measure import Errors, Measurement, References, Row
-from hhr_dolfinx.study.training.falling_back import fallback_report
 from hhr_dolfinx.study.training.train import Progress, Training
 from hhr_dolfinx.timing import time_queries
 
@@ -91,8 +90,6 @@ def measure_points(
         "samples": _samples(points, answers, errors["online"]),
     }
     report |= _mesh_error(full, skipped) | _outputs(full, references.solutions, answers)
-    if model.fields.bound is not None and full.problem.varies:  # else the condensed model is exact, and quicker
-        report["fallback"] = fallback_report(model, full, fresh, float(np.mean(warm["fom_best"])))
     own = Row("HHR", "this model", warm["online"], errors["online"])
     how = {"condensed": "interpolated"} if offline else {}
     order = [name for name in ("condensed", "fom_best", "fom_naive") if name in errors]

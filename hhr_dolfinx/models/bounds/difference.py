@@ -68,9 +68,9 @@ class ExactDifference(Rebuilt):
         schur: S, (m, m).
         taken: G, (m, r); r = 0 where all bodies are held.
         driving: loads along the motions, (r, 1 + T).
-        given: u0 in directions of unit energy, (k, 1 + T).
+        given: u0 in directions of unit energy, (1 + T, 1 + T).
         cross: (K^-1 B^T)^T K u0, (m, 1 + T).
-        lifting: energy norms of imposed displacements, each in a row of its own, (l, 1 + T): u0 has their round-off.
+        lifting: energy norms of imposed displacements, whose round-off u0 has, (1 + T,).
         areas, least: see :class:`~hhr_dolfinx.models.bounds.bound.ForceScale`.
         kept: what the columns of a displacement that forces make keep of K^-1 B^T, orthonormal after L, the factor of
             :func:`definite`, (m, c); no columns where they keep all of it; None where the columns are V.
@@ -83,9 +83,9 @@ class ExactDifference(Rebuilt):
     schur: Annotated[Floats, "N_lambda", "N_lambda"]
     taken: Annotated[Floats, "N_lambda", "motions"]
     driving: Annotated[Floats, "motions", "terms"]
-    given: Annotated[Floats, "given rows", "terms"]
+    given: Annotated[Floats, "terms", "terms"]
     cross: Annotated[Floats, "N_lambda", "terms"]
-    lifting: Annotated[Floats, "lifted", "terms"]
+    lifting: Annotated[Floats, "terms"]
     areas: Annotated[Floats, "N_lambda"]
     least: Annotated[Floats, "3"]
     kept: Annotated[Floats, "N_lambda", "kept columns"] | None = None
@@ -132,6 +132,11 @@ class ExactDifference(Rebuilt):
     def floating(self) -> FloatingEqualities:
         """Equality problems on S with the motions."""
         return FloatingEqualities(self.schur, self.taken)
+
+    @cached_property
+    def lifts(self) -> np.ndarray:
+        """Energy norms of imposed displacements, each in a row of its own, (l, 1 + T)."""
+        return np.diag(self.lifting)[self.lifting > 0]
 
     @cached_property
     def scale(self) -> ForceScale:
@@ -247,7 +252,7 @@ class DifferenceThere(NamedTuple):
         owner = self.owner
         exact, _, found = self.exact(forces)
         size = owner.sizes(exact)
-        given, lifted = (driven(part, self.theta) for part in (owner.given, owner.lifting))
+        given, lifted = (driven(part, self.theta) for part in (owner.given, owner.lifts))
         parts = np.hypot(lengths(given, given), size[0])
         pulled = np.sum(driven(owner.cross, self.theta) * exact, axis=1)
         energy = np.sqrt(np.maximum((1 - SQUARES) * parts**2 - 2 * pulled, 0.0))

@@ -95,9 +95,21 @@ class Training(TrainingAnswers):
             BoundError: where answers of the reduced model have no bound.
             ParameterError: for an invalid tolerance, an error that is not known, or one of an output without a bound.
         """
-        from hhr_dolfinx.study.training.falling_back import safe_model
+        from hhr_dolfinx.models.estimates import check_of_friction, check_word
+        from hhr_dolfinx.models.fallback import FallbackModel, check_allowance
 
-        return safe_model(self.everywhere, tolerance, recipe, of=of, checked=checked)
+        there = self.everywhere
+        full = there.full_order
+        # before a model is built, which takes long
+        check_allowance(tolerance)
+        check_word([] if full.functionals is None else [item.name for item in full.functionals.items], of)
+        if full.friction is not None:
+            check_of_friction(of)
+        elif full.equilibrium is None and not full.problem.varies:
+            # an estimate solves the exact problem on S: the condensed model answers by it, and is quicker
+            exact: Any = self.condense()
+            return exact
+        return FallbackModel(there.build(recipe, checked=checked), full, tolerance, of=of)
 
     def local(
         self, how: Any = None, *, recipe: Recipe | None = None, checked: bool = True, progress: Progress = silent
