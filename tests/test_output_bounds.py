@@ -2,7 +2,6 @@
 
 import dataclasses
 
-import hertz_half_discs as hertz_demo
 import numpy as np
 import pytest
 from kept_values import array, put, rewrite_model
@@ -87,18 +86,6 @@ def test_outputs_with_too_many_rows_have_none(pellet, monkeypatch):
     )
 
 
-def test_outputs_of_the_half_discs():
-    """Of three snapshots; all 31 leave errors of round-off, which are bounded too."""
-    scene = hertz_demo.scene(arc_segments=28, flat_segments=7)
-    lower, upper = (body.tag for body in scene.bodies)
-    full = hhr.FullOrderModel(with_outputs(scene, lower, upper, 2))
-    snapshots = hhr.compute_snapshots(full, full.parameters.grid([31]))
-    for some in ([3, 15, 28], slice(None)):
-        model = hhr.build(full, snapshots.take(some), POOR)
-        medians = check(full, model, full.parameters.random(60, 2))
-        assert set(medians) == {"peak", "force", "area", "largest", "mean", "energy", "moved"}
-
-
 @pytest.mark.parametrize("hypothesis", ["plane_stress", "axisymmetric", "solid"])
 def test_outputs_of_pairs_of_blocks(hypothesis):
     """Imposed motions, loads and gaps as parameters; few points of training, so that errors are large."""
@@ -113,17 +100,6 @@ def test_outputs_of_pairs_of_blocks(hypothesis):
 def test_the_full_model_has_exact_outputs(pellet):
     found = pellet.full_order.solve((100.0, 3.0)).estimate().outputs
     assert found == {output.name: 0.0 for output in pellet.full_order.scene.outputs}
-
-
-def test_estimates_are_kept_in_files(poor, tmp_path):
-    hhr.save_model(tmp_path / "model.npz", poor)
-    stored = hhr.load_model(tmp_path / "model.npz")
-    for point in poor.parameters.random(3, 5):
-        found = poor.solve(point, outside="ignore").estimate()
-        again = stored.solve(point, outside="ignore").estimate()
-        # LAPACK in the place of PETSc: last digits
-        assert again.outputs == pytest.approx(found.outputs, rel=1e-6, abs=1e-9)
-        assert again.shown() == pytest.approx(found.shown(), rel=1e-6, abs=1e-12)
 
 
 @pytest.mark.parametrize("change", [
