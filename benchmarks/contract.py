@@ -227,7 +227,7 @@ KINDS = {
     "HHR, moduli": _elastic("moduli", lambda item: item.build(AS_IT_IS), VARIED),
     "HHR, floating": _elastic("floating", lambda item: item.build(AS_IT_IS), PRESSED),
     "local models": _elastic("constant", lambda item: local_set(), MIDDLE),
-    "fallback": _elastic("constant", lambda item: item.safe_model(0.01, recipe=AS_IT_IS), MIDDLE),
+    "fallback": _elastic("constant", lambda item: _in_fallback("HHR, constant"), MIDDLE),
     "full, flowing": _flowing(lambda item: item.full_order),
     "HHR, flowing": _flowing(lambda item: item.build(FLOW)),
     "condensed, flowing": _flowing(lambda item: item.condense(CorrectionSettings(primal=1.0, dual=1.0))),

@@ -40,8 +40,6 @@ class Plugin:
         methods: further methods of a training, which build no model that a file can keep.
         trainings: ways to choose training points of ``hhr train`` and ``hhr study``: places of objects with
             ``options``, decorators of click, and ``training(given)``, by the option that asks for them.
-        measures: places of functions ``(model, full, points, seconds of a full answer) -> Mapping`` that add sections
-            to the report of a study of single parameters.
         companions: places of functions ``(full, folder) -> None`` that write what lies beside a model; collective
             over the ranks of the full model.
     """
@@ -55,7 +53,6 @@ class Plugin:
     kinds: Mapping[str, str] = field(default=NOTHING)
     methods: Mapping[str, str] = field(default=NOTHING)
     trainings: Mapping[str, str] = field(default=NOTHING)
-    measures: tuple[str, ...] = ()
     companions: tuple[str, ...] = ()
 
 
@@ -132,7 +129,7 @@ def parts(kind: str) -> dict[str, tuple[str, str]]:
 
 
 def listed(what: str) -> list[Any]:
-    """Objects at the places in one list of the manifests of all plug-ins: ``measures`` or ``companions``."""
+    """Objects at the places in one list of the manifests of all plug-ins, such as ``companions``."""
     return [load(place) for plugin in installed().values() for place in getattr(plugin, what)]
 
 

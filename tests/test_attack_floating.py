@@ -194,7 +194,7 @@ def test_small_models_of_a_stack(how, tmp_path):
         hhr.save_model(tmp_path / f"{number}.npz", model)
         models.append(hhr.load_model(tmp_path / f"{number}.npz"))
     assert all(model.solve((0.5, 0.5)).estimate().dual_relative < 1e-8 for model in models)
-    safe = training.safe_model(tolerance=0.01)
+    safe = hhr.FallbackModel(models[0], full, 0.01)
     assert not safe.fell_back(safe.solve((0.5, 0.5)))
     models.append(exact_condensation(full, training.snapshots.known_statuses()))
     for point in full.parameters.random(6, seed=5):

@@ -250,10 +250,10 @@ def test_zeros_are_not_stored_and_keep_their_sign(models, kept, tmp_path):
 
 
 def test_what_models_share_is_kept_once(models, kept, tmp_path):
-    """S, its factor, the free slack, the modes of a basis that all have."""
+    """S, the free slack, the modes of a basis that all have."""
     stored = hhr.load_model(kept["local pellet"])
     for model in stored.models[1:]:
-        for name in ("schur", "lower", "free_slack"):
+        for name in ("schur", "cross", "free_slack"):
             assert getattr(model.fields.bound, name) is getattr(stored.models[0].fields.bound, name)
         assert model.fields.basis is stored.models[0].fields.basis
     local = models["local pellet"]
@@ -655,11 +655,10 @@ REFUSED = {
         ("neither training forces nor a bound", both(put("fields.bound", None), put("fields.response", None))),
         ("at least one", both(*(array(f"known.{name}", lambda a: a[:0])
                                 for name in ("points", "active", "margins", "slopes")))),
-        ("factor of S", array("fields.bound.lower", lambda a: 2 * a)),
-        ("factor of S|sizes .* are zero|free", array("fields.bound.schur", lambda a: 0 * a)),
-        ("not one more than another", array("fields.bound.loads", lambda a: a[:3])),
-        ("bounds of outputs are not those", put("fields.functionals", None)),
-        ("bounds of outputs are not those", array("fields.output_bound.steepness", lambda a: -0.5 * np.abs(a))),
+        ("S of its estimate is not symmetric and positive", array("fields.bound.schur", lambda a: 0 * a)),
+        ("not one more than another", put("fields.bound.kept", None)),
+        ("estimates of outputs are not those", put("fields.functionals", None)),
+        ("estimates of outputs are not those", array("fields.output_bound.least", lambda a: -0.5 - np.abs(a))),
         ("outside 0 .. ", array("fields.functionals.items.0.conditions", lambda a: a + 1000)),
         ("areas has shape", array("fields.functionals.items.0.areas", lambda a: a[:-1])),
         ("starts from known statuses", put("known", None)),
@@ -770,8 +769,7 @@ REFUSED = {
                                put("models.2.trained.names", ["P1", "h2"]))),
         ("singular", entry("models.2.problem.stiffness", slice(None), 0.0)),
         ("indices outside", entry("models.1.fields.A_lambda", 0, 10**6)),
-        ("another scene or mesh", both(array("models.1.fields.bound.schur", lambda a: 1.21 * a),
-                                       array("models.1.fields.bound.lower", lambda a: 1.1 * a))),
+        ("another scene or mesh", array("models.1.fields.bound.schur", lambda a: 1.21 * a)),
     ],
 }  # fmt: skip
 
@@ -791,7 +789,7 @@ def test_a_signed_file_that_was_not_changed_is_read(kind, file):
     """Else the tests above would pass with a wrong signature."""
     path = file(kind)
     rewrite_signed(path, lambda header, arrays: None)
-    assert (FORMAT, VERSION) == ("hhr_dolfinx model", 6) and hhr.load_model(path)
+    assert (FORMAT, VERSION) == ("hhr_dolfinx model", 7) and hhr.load_model(path)
     rewrite_signed(path, lambda header, arrays: header.update(more=1))
     with pytest.raises(ModelFileError, match="its header has the keys"):
         hhr.load_model(path)

@@ -58,7 +58,7 @@ class ModelFields:
 
     Attributes:
         bound: bounds the error of an answer.
-        output_bound: bounds the errors of outputs.
+        output_bound: estimates the errors of outputs.
         indicator: estimates the error of an answer; the recipe chooses it.
         flow: completes stress and plastic strain of inelastic bodies.
         frictional: completes forces and slip of hyper-reduced contact with friction.

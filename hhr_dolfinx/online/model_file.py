@@ -29,7 +29,7 @@ from hhr_dolfinx.plain import add_kind, as_plain, by_name, restored
 from hhr_dolfinx.warn import ignored, warn
 
 FORMAT = "hhr_dolfinx model"
-VERSION = 6
+VERSION = 7
 NAMES = ("model", "hhr", "condensed", "local", "study")
 """Names under which commands leave models in a folder."""
 TABLES = (".csv", ".parquet")
@@ -42,9 +42,8 @@ MODULES = {
     "materials.laws": "Norton Plasticity",
     "materials.strain": "StrainOperator",
     "materials.update": "Group Material",
-    "models.bounds.error_bound": "ErrorBound FieldResponse ResponseBound",
-    "models.bounds.floating_bound": "FloatingBound FloatingResponse",
-    "models.bounds.output_bound": "OutputBound",
+    "models.bounds.difference": "ExactDifference",
+    "models.bounds.output_difference": "OutputDifference",
     "models.bounds.varying_bound": "PartEnergy VaryingBound",
     "models.condensed": "CondensedModel",
     "models.eliminations.block": "BlockElimination",
@@ -56,6 +55,7 @@ MODULES = {
     "models.eliminations.projected": "ReducedProblem ReducedTerms",
     "models.eliminations.shaped": "InterpolatedProblem ReshapedElimination",
     "models.exact": "ExactFields SolvedFields",
+    "models.field_response": "FieldResponse",
     "models.frictional_fields": "FrictionalFields",
     "models.functionals.cells": "CellRule Middles MovingCells",
     "models.functionals.friction": "Remembered StatusArea",

@@ -90,8 +90,6 @@ def measure_points(
         "samples": _samples(points, answers, errors["online"]),
     }
     report |= _mesh_error(full, skipped) | _outputs(full, references.solutions, answers)
-    for measured in registry.listed("measures"):
-        report |= measured(model, full, fresh, float(np.mean(warm["fom_best"])))
     own = Row("HHR", "this model", warm["online"], errors["online"])
     how = {"condensed": "interpolated"} if offline else {}
     order = [name for name in ("condensed", "fom_best", "fom_naive") if name in errors]

@@ -175,13 +175,11 @@ class Functional:
         count: k, number of its rows.
         rows, columns, entries: of the sparse matrix of its rows, (k, N).
         uses_forces: whether it depends on contact forces.
-        affine: whether it is affine in forces and displacement at each point, so that its slopes are constant.
         differentiable: whether it has derivatives along the parameters.
     """
 
     uses_forces: ClassVar[bool] = False
     differentiable: ClassVar[bool] = True
-    affine: ClassVar[bool] = False
 
     name: str
     unit: str
@@ -201,20 +199,6 @@ class Functional:
     def slopes(self, state: State) -> Slopes:
         """Partial derivatives of the output."""
         raise NotImplementedError(f"{type(self).__name__} must have slopes(state), or differentiable = False")
-
-    def steepness(self, measured: Callable[[slice], np.ndarray], forces: np.ndarray) -> float | None:
-        """Largest change along a unit combination of some directions, from any start.
-
-        Bounds of outputs that are not affine need it, see :mod:`hhr_dolfinx.models.bounds.output_bound`.
-
-        Args:
-            measured: some of its rows times the directions, (rows, r); many rows at once would need too much memory.
-            forces: along the directions, (m, r).
-
-        Returns:
-            A Lipschitz constant for the Euclidean norm of the r weights; None without one, as here.
-        """
-        return None
 
     def followed(self, state: State, there: Functional, shifted: State) -> float:
         """Value of the same output on another shape, on the smooth piece that is active at ``state``."""

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar
 
@@ -36,8 +35,6 @@ class Linear(Functional):
         along: weights of its rows, (k,).
         terms, coefficients: of the amplitudes, (t,) each.
     """
-
-    affine: ClassVar[bool] = True
 
     conditions: Annotated[Integers, "conditions"]
     weights: Annotated[Floats, "conditions"]
@@ -106,10 +103,6 @@ class Largest(Functional):
         """Largest pressure of all conditions."""
         return float((state.forces[self.conditions] / self.areas).max())
 
-    def steepness(self, measured: Callable[[slice], np.ndarray], forces: np.ndarray) -> float:
-        """Bound by the condition where it is largest: a maximum changes by no more than one of its values."""
-        return float((np.linalg.norm(forces[self.conditions], axis=1) / self.areas).max())
-
     def slopes(self, state: State) -> Slopes:
         """Slopes of the condition where the maximum is attained."""
         pressures = state.forces[self.conditions] / self.areas
@@ -131,7 +124,7 @@ class Largest(Functional):
 class Loaded(Functional):
     """Area under load times a factor and an offset; piecewise constant on one mesh, so that its derivatives are zero.
 
-    It jumps when a condition comes under load, however little forces change: no bound on forces bounds its error.
+    It jumps when a condition comes under load.
 
     Attributes:
         conditions, areas: (c,) each.
@@ -211,35 +204,6 @@ class Mises(Functional):
         """The largest one, or their mean over the volume."""
         values = von_mises(self._stress(state)[0])
         return float(self.shares @ values if self.shares.size else values.max())
-
-    def steepness(self, measured: Callable[[slice], np.ndarray], forces: np.ndarray) -> float | None:
-        """Bound by the cell where it is largest, or by the mean: von Mises' stress is a seminorm of strain.
-
-        With stresses T_c w of cells c and weights w the mean is sum s_c |T_c w| <= |w| max eig(sum s_c T_c^T T_c)^1/2,
-        as the shares s_c sum to 1. None if moduli depend on parameters.
-        """
-        if any(modulus.formula.variables for modulus in self._moduli):
-            return None
-        nowhere = np.zeros(0)
-        cells = self.grading.size
-        components = self.count // cells
-        largest = 0.0
-        mean = np.zeros((forces.shape[1],) * 2)
-        for first in range(0, cells, BLOCK):
-            some = slice(first, min(first + BLOCK, cells))
-            rows = measured(slice(some.start * components, some.stop * components))
-            strain = np.moveaxis(rows.reshape(some.stop - some.start, components, -1), 2, 1)
-            one = replace(self, grading=np.repeat(self.grading[some], strain.shape[1]))
-            stress = one._stress(State(nowhere, strain.ravel(), nowhere, nowhere, nowhere.copy))[0]
-            stress[:, :3] -= stress[:, :3].mean(axis=1, keepdims=True)
-            stress = np.sqrt(1.5) * stress.reshape(strain.shape)
-            if self.shares.size:
-                weighted = (np.sqrt(self.shares[some])[:, None, None] * stress).swapaxes(1, 2)
-                weighted = weighted.reshape(-1, weighted.shape[2])
-                mean += weighted.T @ weighted
-            else:
-                largest = max(largest, float(np.linalg.eigvalsh(stress.swapaxes(1, 2) @ stress)[:, -1].max()))
-        return float(np.sqrt(np.linalg.eigvalsh(mean)[-1] if self.shares.size else largest))
 
     def followed(self, state: State, there: Functional, shifted: State) -> float:
         """Stress of the cell where it is largest, or the mean."""
@@ -328,7 +292,6 @@ class Energy(Functional):
     """
 
     uses_forces: ClassVar[bool] = True
-    affine: ClassVar[bool] = True
 
     names: tuple[str, ...]
     moduli: tuple[str, ...]

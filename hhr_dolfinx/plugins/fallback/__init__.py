@@ -6,5 +6,4 @@ PLUGIN = Plugin(
     name="fallback",
     public={"hhr_dolfinx.plugins.fallback.model": "FallbackModel"},
     methods={"safe_model": "hhr_dolfinx.plugins.fallback.training:safe_model"},
-    measures=("hhr_dolfinx.plugins.fallback.training:fallback_report",),
 )

@@ -259,8 +259,6 @@ def print_report(report: dict[str, Any], console: Console) -> None:
         console.print(f"cheaper than the best full order, training included, after {queries}")
     if "discretisation" in report:
         console.print(mesh_error_in_words(**report["discretisation"]))
-    if "fallback" in report:
-        console.print(_fallback_in_words(report["fallback"]))
     for name, paths in _paths_by_model(report).items():
         for line in _path_lines(paths):
             console.print(f"{name}: {line}")
@@ -297,16 +295,6 @@ def mesh_error_in_words(energy: float, peak_pressure: float) -> str:
     """Sentence on the error of the mesh, the scale of all other errors."""
     peak = "no contact there" if math.isnan(peak_pressure) else f"{peak_pressure:.2%} of the peak pressure"
     return f"mesh: off by {energy:.2%} of the stress in energy and {peak}, estimated by recovered stresses"
-
-
-def _fallback_in_words(row: dict[str, Any]) -> str:
-    """Sentence on the cost of a model with fallback."""
-    shares = ", ".join(f"of {name} {share:.1%}" for name, share in row["shares"].items())
-    return (
-        f"off by {row['tolerance']:g} of displacement and forces in energy at most, by its {row['kind']}: "
-        f"{row['share']:.1%} of queries fall back on the full order, {in_words(row['query'])} per query beside "
-        f"{in_words(row['full'])} of it alone; by the error {shares}"
-    )
 
 
 def _time_error_in_words(row: dict[str, Any]) -> str:

@@ -27,8 +27,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileContentError, NotOfferedError
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
 from hhr_dolfinx.materials.elasticity import von_mises
-from hhr_dolfinx.models.bounds.contact_response import ContactResponse
-from hhr_dolfinx.models.bounds.least_response import ManyResponses
+from hhr_dolfinx.models.bounds.least_response import FactoredResponse, ManyResponses
 from hhr_dolfinx.models.displacement import dense
 from hhr_dolfinx.plugins.pages import page
 from hhr_dolfinx.plugins.pages.packing import Packed
@@ -175,7 +174,7 @@ def test_a_page_bounds_the_error_of_its_answer(name):
     many = model.solve_many(points)
     there = bound.at(points, dense(model.fields.amplitudes.of_many(points)))
     schurs = there.found.schur
-    alone = ManyResponses([ContactResponse(schur, np.linalg.cholesky(schur)) for schur in schurs], schurs)
+    alone = ManyResponses([FactoredResponse(schur, np.linalg.cholesky(schur)) for schur in schurs], schurs)
     forces = np.maximum(many.multipliers, 0.0)
     gamma = model.fields._solver.many_under(points, forces)
     exact = there._replace(response=alone).of(gamma, forces, lambda: forces)
