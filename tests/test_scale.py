@@ -53,7 +53,7 @@ def test_answers_are_the_same(name, monkeypatch):
         lambda answer: answer.gradient.multipliers, lambda answer: np.array(list(answer.outputs().values.values())),
     ):  # fmt: skip
         np.testing.assert_allclose(pick(found), pick(exact), rtol=0, atol=1e-10 * np.abs(pick(exact)).max())
-    assert lean.keeps_columns or lean._columns is None
+    assert lean.keeps_columns or not lean.stiffness.has_response
 
 
 def test_exact_condensation_keeps_rows_of_outputs_only(monkeypatch, tmp_path):
@@ -68,7 +68,7 @@ def test_exact_condensation_keeps_rows_of_outputs_only(monkeypatch, tmp_path):
     statuses = hhr.compute_snapshots(kept, kept.parameters.random(8, 0)).known_statuses()
     whole = hhr.exact_condensation(kept, statuses)
     model = hhr.exact_condensation(lean, statuses)
-    assert isinstance(model.fields, SolvedFields) and lean._columns is None
+    assert isinstance(model.fields, SolvedFields) and not lean.stiffness.has_response
     for point in kept.parameters.random(4, 1):
         exact, found = whole.solve(point, gradient=True), model.solve(point, gradient=True)
         scale = np.abs(exact.displacement()).max()
@@ -115,7 +115,7 @@ def test_reduced_models_and_bounds_need_no_columns(monkeypatch):
         assert getattr(theirs, name) == pytest.approx(getattr(mine, name), rel=1e-4)
     assert mine.outputs.keys() == {"u", "stress"} and theirs.outputs.keys() == {"u"}
     assert theirs.outputs["u"] == pytest.approx(mine.outputs["u"], rel=1e-4)
-    assert lean._columns is None
+    assert not lean.stiffness.has_response
 
 
 def test_outputs_with_many_rows_are_read_at_displacements(monkeypatch):
@@ -197,7 +197,7 @@ def test_s_is_made_once(monkeypatch, by_columns):
     np.testing.assert_array_equal(forces, answer.forces())
     lean.solve(mu)
     # fields, a solution for each start and body, and random forces; not S once more
-    assert counted.count - before < 2 * condense.STARTS + 50 and lean._columns is None
+    assert counted.count - before < 2 * condense.STARTS + 50 and not lean.stiffness.has_response
     assert counted.inverses == inverses
 
 
@@ -263,8 +263,8 @@ def test_solutions_by_inexact_factors_are_refined(told_to_compress):
     changed = put_off(full.factors, problem.stiffness, 1e-3)
     known = np.random.default_rng(0).standard_normal((problem.free.size, 3)) * problem.held[:, None]
     loads = (changed @ known) * problem.held[:, None]
-    np.testing.assert_allclose(full.solve_stiffness(loads[:, 0]), known[:, 0], atol=1e-9)
-    np.testing.assert_allclose(full.solved_columns(csc_matrix(loads)), known, atol=1e-9)
+    np.testing.assert_allclose(full.stiffness.solve(loads[:, 0]), known[:, 0], atol=1e-9)
+    np.testing.assert_allclose(full.stiffness.columns(csc_matrix(loads)), known, atol=1e-9)
     ((_, rough),) = full.factors.solved_blocks(csc_matrix(loads))
     np.testing.assert_allclose(rough, 1.001 * known, atol=1e-9)
 
@@ -273,7 +273,7 @@ def test_refinement_that_gets_nowhere_is_no_answer(told_to_compress):
     full = told_to_compress
     put_off(full.factors, full.problem.stiffness, 1.5)
     with pytest.raises(NotSolvableError, match=r"by compressed factors .* stay .* off"):
-        full.solve_stiffness(np.ones(full.problem.free.size))
+        full.stiffness.solve(np.ones(full.problem.free.size))
 
 
 @pytest.mark.parametrize("part", [1e-6, 1e-8])

@@ -99,7 +99,7 @@ def unit_energy(full: Any, lower: np.ndarray, basis: np.ndarray) -> dict[str, np
         own = np.zeros((len(lower), columns.shape[1]))
         rest = columns
         for _ in range(2 if columns.shape[1] else 0):
-            freed = full.solved_columns(csc_matrix(stiffness @ rest)) if moves else rest
+            freed = full.stiffness.columns(csc_matrix(stiffness @ rest)) if moves else rest
             more = solve_triangular(lower, problem.moved(freed), lower=True)
             own += more
             rest = rest - full.pushed(solve_triangular(lower, more, lower=True, trans="T"))
@@ -204,7 +204,7 @@ def load_response(full: Any) -> tuple[np.ndarray, csc_matrix]:
     if dofs.size < terms.size:
         units = csr_matrix((np.ones(dofs.size), (dofs, np.arange(dofs.size))), shape=(loads.shape[0], dofs.size))
         own = csc_matrix(full.problem.spread.of(units))
-        return np.asfortranarray(full.solved_columns(own)), csc_matrix(loads[dofs])
+        return np.asfortranarray(full.stiffness.columns(own)), csc_matrix(loads[dofs])
     chosen = csc_matrix((np.ones(terms.size), (np.arange(terms.size), terms)), shape=(terms.size, loads.shape[1]))
     return np.asfortranarray(full.per_load[:, terms]), chosen
 

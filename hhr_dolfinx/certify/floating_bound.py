@@ -26,7 +26,7 @@ def floating_bound(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
     """
     check_hypotheses(full, floating=True)
     problem = full.problem
-    taken = full.rigid_taken
+    taken = full.system.kernel.taken
     if problem.varies:
         raise BoundError("contact alone holds bodies, and their stiffness depends on parameters")
     schur = (full.schur + full.schur.T) / 2
@@ -47,7 +47,7 @@ def floating_bound(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
         schur=schur,
         lower=np.asfortranarray(lower),
         taken=np.ascontiguousarray(taken),
-        driving=np.asfortranarray(full.rigid_loads),
+        driving=np.asfortranarray(full.system.kernel.loads),
         basis=np.asfortranarray(own),
         work=np.asfortranarray(rows.sum(given.T @ pulled)),
         cross=np.asfortranarray(rows.sum(pulled.T @ full.per_force)),

@@ -85,24 +85,6 @@ class ScaledBodies:
         values = (1.0 if factor is None else factor.value(point) for factor in self.factors)
         return np.fromiter(values, dtype=float, count=len(self.factors)) / self._middle
 
-    def on_dofs(self, scales: np.ndarray) -> np.ndarray:
-        """Numbers of the components, (C,), on their dofs, own ones of a rank."""
-        return scales[self._component]
-
-    def parts(self, per_force: np.ndarray) -> np.ndarray:
-        """S_c of each component, (C, m, m), from K^-1 B^T in the middle of the box, (own, m)."""
-        problem = self.problem
-        contact = problem.contact_of_rows
-        bodies = [problem.spread.mine(body) for body in problem.bodies]
-        return problem.spread.sum(np.array([contact[:, body] @ per_force[body] for body in bodies]))
-
-    @cached_property
-    def _component(self) -> np.ndarray:
-        found = np.empty(self.problem.free.size, dtype=np.int64)
-        for number, body in enumerate(self.problem.bodies):
-            found[body] = number
-        return self.problem.spread.of(found)
-
     @cached_property
     def _middle(self) -> np.ndarray:
         middle = self.problem.middle
@@ -291,13 +273,22 @@ class ContactProblem:
         if not problem.moduli:
             return problem
         weights = problem.weights(point)
-        middle = problem.weights(problem.middle)
-        loads = problem.loads
-        for change, term in zip(middle - weights, problem.lift_terms, strict=True):
-            loads = loads + change * term
-        same = np.array_equal(weights, middle)  # no copy of K in the middle of the box
-        stiffness = (problem.own_stiffness if same else problem.combined(weights),)
+        stiffness = (problem.stiffness_of(weights),)
+        loads = problem.loads_of(weights)
         return replace(problem, stiffness_terms=stiffness, moduli=(), lift_terms=(), reshaped=None, loads=loads)
+
+    def stiffness_of(self, weights: np.ndarray) -> csr_matrix:
+        """Own rows of K for weights of its parts, (Q,); no copy in the middle of the box."""
+        same = np.array_equal(weights, self.weights(self.middle))
+        return self.own_stiffness if same else self.combined(weights)
+
+    def loads_of(self, weights: np.ndarray) -> csc_matrix:
+        """F - K lift on free dofs for weights of the parts of K, (Q,), sparse, (N, 1 + T)."""
+        loads = self.loads
+        if self.moduli:
+            for change, term in zip(self.weights(self.middle) - weights, self.lift_terms, strict=True):
+                loads = loads + change * term
+        return loads
 
     def loads_at(self, point: np.ndarray, theta: Theta) -> np.ndarray:
         """F - K lift on free dofs at a point of a scene of one shape, with the θ there, (N,)."""

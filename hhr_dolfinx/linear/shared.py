@@ -69,6 +69,10 @@ class SharedCholesky:
         """See :meth:`FreeCholesky.release`."""
         self._factors.release()
 
+    def holds(self, stiffness: csr_matrix) -> bool:
+        """Whether these are the factors of a matrix, (N, N), also where others had other ones made of the rows."""
+        return stiffness is self._factored and self._factors.holds(self._own)
+
     def refactor(self, stiffness: csr_matrix) -> None:
         """Take the values of another matrix with the same pattern; no work if its factors are those at hand."""
         if stiffness is not self._factored:

@@ -176,6 +176,10 @@ class FreeCholesky:
             self._pattern = self._pattern_of(stiffness)
         return self._pattern
 
+    def holds(self, stiffness: csr_matrix) -> bool:
+        """Whether these are the factors of a matrix."""
+        return stiffness is self._factored
+
     def refactor(self, stiffness: csr_matrix) -> None:
         """Take the values of another matrix with the same pattern; no work if its factors are those at hand."""
         with self.lock:
