@@ -102,7 +102,7 @@ def unit_energy(full: Any, lower: np.ndarray, basis: np.ndarray) -> dict[str, np
             freed = full.stiffness.columns(csc_matrix(stiffness @ rest)) if moves else rest
             more = solve_triangular(lower, problem.moved(freed), lower=True)
             own += more
-            rest = rest - full.pushed(solve_triangular(lower, more, lower=True, trans="T"))
+            rest = rest - full.stiffness.response_to_forces(solve_triangular(lower, more, lower=True, trans="T"))
         along.append(own)
         left.append(rest)
     sizes = energies(problem, np.hstack(every))
@@ -227,7 +227,7 @@ def columns_of_forces(
     if len(lower) <= most:
         return full.per_force, np.zeros((len(lower), 0)), None
     own = leading(lower.T @ forces, lower, most)
-    columns = full.pushed(solve_triangular(lower, own, lower=True, trans="T"))
+    columns = full.stiffness.response_to_forces(solve_triangular(lower, own, lower=True, trans="T"))
     return columns, own, np.asfortranarray(own.T @ lower.T)
 
 

@@ -162,7 +162,8 @@ class ContactProblem:
     same on all ranks; it is sparse, or as large as the contact surface.
 
     Attributes:
-        stiffness_terms: own rows of the parts of K, without boundary conditions, (own, N) each.
+        stiffness_terms: own rows of the parts of K, without boundary conditions, (own, N) each; none where K is that of
+            a user's system without parts.
         moduli: amplitude of each of these parts; none where K is their sum and does not depend on parameters. All that
             does not name a parameter then means the middle of the box.
         lift_terms: each part of K times the lifts, on free dofs, (N, 1 + T) each; none where ``moduli`` are none.
@@ -234,7 +235,7 @@ class ContactProblem:
     @property
     def varies(self) -> bool:
         """Whether more than loads, gaps and lifts depends on parameters."""
-        return bool(self.moduli) or self.reshaped is not None
+        return bool(self.moduli) or self.reshaped is not None or not self.stiffness_terms
 
     @cached_property
     def pressing(self) -> np.ndarray:
@@ -251,6 +252,14 @@ class ContactProblem:
         if self.friction is not None:
             found[self.friction.twice] = False
         return found
+
+    def require_parts(self, what: str = "what reads K") -> None:
+        """Raise NotOfferedError where K is no sum of known parts."""
+        if not self.stiffness_terms:
+            raise NotOfferedError(
+                f"{what} is not offered for a user-defined system without parts: it would leave out what the system "
+                "adds to K. Solve with the full model, or return weights and matrices from parts()"
+            )
 
     def require_no_friction(self, what: str) -> None:
         """Raise NotOfferedError where there is friction, for what looks at pressures alone."""
@@ -372,6 +381,7 @@ class ContactProblem:
     @cached_property
     def own_stiffness(self) -> csr_matrix:
         """Own rows of K, without boundary conditions, (own, N)."""
+        self.require_parts()
         if self.moduli:
             return self.combined(self.weights(self.middle))
         first, *others = self.stiffness_terms

@@ -84,13 +84,6 @@ class FactorStore:
         self._lock = RLock()
         self._leased = local()
 
-    @classmethod
-    def holding(cls, factors: Factors) -> FactorStore:
-        """A store of one matrix at a time, which begins with its factors."""
-        found = cls(lambda _: factors)
-        found._slots.append(factors)
-        return found
-
     @property
     def first(self) -> Factors:
         """The factors that are in the store for longest."""
@@ -185,6 +178,7 @@ class SparseStiffness(Stiffness):
         self._keeps = keeps
         self._schur = schur
         self._parts: np.ndarray | None = None
+        self._lock = RLock()
 
     def held(self) -> AbstractContextManager[Any]:
         """See :class:`Stiffness`."""
@@ -228,7 +222,7 @@ class SparseStiffness(Stiffness):
     def response(self) -> np.ndarray:
         """K^-1 B^T, (n, m), kept from now on."""
         if self._response is None:
-            with self.held():  # and no lock of its own: two locks in two orders would wait for each other
+            with self.held():
                 if self._response is None:
                     self._response = self.columns(self.contact.T)
         return self._response
@@ -237,10 +231,20 @@ class SparseStiffness(Stiffness):
     def schur(self) -> np.ndarray:
         """See :class:`Stiffness`."""
         if self._schur is None:
-            with self.held():
+            with self._making():
                 if self._schur is None:
                     self._schur = self._condensed()
         return self._schur
+
+    def _making(self) -> AbstractContextManager[Any]:
+        """One thread at a time, by its lease, or without one by a lock: threads would wait for both in two orders."""
+        return self.held() if self._response is None else self._lock
+
+    def lent(self, other: SparseStiffness) -> SparseStiffness:
+        """This stiffness with K^-1 B^T of another one of the same matrix, behind its own S."""
+        self.schur  # noqa: B018
+        self._response = other._response
+        return self
 
     def _condensed(self) -> np.ndarray:
         """S of columns that are kept, of factors that have contact last, or of columns that are dropped."""
@@ -260,7 +264,7 @@ class SparseStiffness(Stiffness):
         """S of each connected component, (C, m, m)."""
         if self._parts is None:
             assert self._components is not None
-            with self.held():
+            with self._making():
                 if self._parts is None:
                     self._parts = self._split(self._components)
         return self._parts

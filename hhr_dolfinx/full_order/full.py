@@ -5,6 +5,7 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from copy import copy
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -18,7 +19,7 @@ from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.system import system_of
+from hhr_dolfinx.full_order.system import Parts, system_of
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path
 from hhr_dolfinx.models.eliminations.elimination import answer_of
@@ -136,7 +137,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self.friction = problem.friction
         self.keeps_columns = self._has_room()
         self.stiffness: SparseStiffness
-        self.system = system_of(problem, None, lambda: self.stiffness, self._stiffness_of)
+        self.system = system_of(problem, self.scene.system, lambda: self.stiffness, self._stiffness_of)
         # a stiffness factored for each query: at 14,140 dofs and 162 conditions MUMPS takes 24 ms, nd 45, qmd 70, and a
         # solution for each condition 138, 272, 308 ms, which Schur complements save; that of bodies that flow serves
         # whole histories
@@ -148,6 +149,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
         with self.store.of(problem.own_stiffness) as factors:
             check_regular(problem, lambda rhs: self.spread.whole(factors.solve(rhs)), self.scene.name)
         self.stiffness = self._middle()
+        if self.scene.system is not None:
+            self._take_parts()
         if self.keeps_columns:
             self.stiffness.response  # noqa: B018 (made before threads ask)
         else:
@@ -155,6 +158,16 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self._pairs = Pairs.of(problem.contact_pairs)
         adrift = f"hold it by a displacement, or push it: {problem.loose}"
         self.advice = {**FULL_ORDER_ADVICE, Status.ADRIFT: adrift}
+
+    def _take_parts(self) -> None:
+        """Let reductors read a user's system: K in the middle of the box is its own, and the problem has its parts."""
+        parts = self.system.parts() or Parts((), (), ())
+        stiffness = self.system.at(self.problem.middle).stiffness
+        if not isinstance(stiffness, SparseStiffness):
+            raise SceneError(f"the system of scene '{self.scene.name}' has K = {stiffness!r}: make it by made()")
+        self.stiffness = stiffness
+        named = dict(moduli=parts.moduli, stiffness_terms=parts.matrices, lift_terms=parts.lifts)
+        self.problem = replace(self.problem, **named)
 
     def _middle(self, **known: np.ndarray | None) -> SparseStiffness:
         """K in the middle of the box, of which ``response`` and S may be known."""
@@ -167,7 +180,11 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     def _stiffness_of(self, matrix: csr_matrix, contact: csr_matrix) -> SparseStiffness:
         """K of own rows of a matrix, (own dofs, N), with own columns of B, (N_lambda, own dofs)."""
-        return SparseStiffness(matrix, contact, self.store, self.spread, resting=self._resting)
+        own = self.system.problem.own_stiffness
+        if self.scene.system is not None and not np.array_equal(matrix.indices, own.indices):
+            raise SceneError("K of a user's system must have the pattern of K of the bodies: add numbers to its data")
+        found = SparseStiffness(matrix, contact, self.store, self.spread, resting=self._resting)
+        return found.lent(self.stiffness) if matrix is own else found
 
     @property
     def _resting(self) -> np.ndarray | None:
@@ -285,12 +302,13 @@ class FullOrderModel(AnsweringModel, ModelFields):
         model = copy(self)
         vars(model).pop("per_load", None)  # that of own rows
         model.problem = problem
-        own = self.problem.own_stiffness
+        own = self.problem.own_stiffness  # refused where reductors cannot read it
         with self.store.of(own) as factors:
             assert isinstance(factors, FreeCholesky)
             shared = SharedCholesky(factors, self.problem.rows, own, problem.own_stiffness, self.comm)
-        model.store = FactorStore.holding(shared)
-        model.system = system_of(problem, None, lambda: model.stiffness, model._stiffness_of)
+        model.store = FactorStore(lambda _: shared)
+        with model.store.of(problem.own_stiffness):
+            model.system = system_of(problem, self.scene.system, lambda: model.stiffness, model._stiffness_of)
         response = self.spread.whole(self.stiffness.response) if self.stiffness.has_response else None
         model.stiffness = model._middle(response=response, schur=vars(self).get("schur"))
         return model
