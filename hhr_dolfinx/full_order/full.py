@@ -15,11 +15,12 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status
+from hhr_dolfinx.contact.problem import masked
 from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.system import Parts, system_of
+from hhr_dolfinx.full_order.system import system_of
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path
 from hhr_dolfinx.models.eliminations.elimination import answer_of
@@ -161,13 +162,19 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     def _take_parts(self) -> None:
         """Let reductors read a user's system: K in the middle of the box is its own, and the problem has its parts."""
-        parts = self.system.parts() or Parts((), (), ())
         stiffness = self.system.at(self.problem.middle).stiffness
         if not isinstance(stiffness, SparseStiffness):
             raise SceneError(f"the system of scene '{self.scene.name}' has K = {stiffness!r}: make it by made()")
         self.stiffness = stiffness
-        named = dict(moduli=parts.moduli, stiffness_terms=parts.matrices, lift_terms=parts.lifts)
-        self.problem = replace(self.problem, **named)
+        problem = self.problem
+        moduli, matrices = self.system.parts() or ((), ())
+        pulled = (problem.from_rows(csr_matrix(matrix @ problem.lifts)) for matrix in matrices)
+        lifted = tuple(masked(csc_matrix(part), problem.free) for part in pulled)
+        weights = [modulus.value(problem.middle) for modulus in moduli] or [1.0]
+        loads = problem.external - sum(w * part for w, part in zip(weights, lifted, strict=False))
+        self.problem = replace(
+            problem, moduli=moduli, stiffness_terms=matrices, lift_terms=lifted if moduli else (), loads=loads
+        )
 
     def _middle(self, **known: np.ndarray | None) -> SparseStiffness:
         """K in the middle of the box, of which ``response`` and S may be known."""

@@ -32,17 +32,15 @@ round-off of the assembly grows."""
 
 
 class Parts(NamedTuple):
-    """K as a sum of weights times matrices; loads are those in the middle of the box less changes of K times lifts.
+    """K as a sum of weights times matrices.
 
     Attributes:
         moduli: the weights; none for one constant matrix.
         matrices: own rows of each part, of one pattern, (own, N) each.
-        lifts: each part times the lifts, on free dofs, (N, 1 + T) each; none without weights.
     """
 
     moduli: tuple[Modulus, ...]
     matrices: tuple[csr_matrix, ...]
-    lifts: tuple[csc_matrix, ...]
 
 
 class Equations(NamedTuple):
@@ -204,8 +202,7 @@ class _OfParts(System):
 
     def parts(self) -> Parts:
         """See :class:`System`."""
-        problem = self.problem
-        return Parts(problem.moduli, problem.stiffness_terms, problem.lift_terms)
+        return Parts(self.problem.moduli, self.problem.stiffness_terms)
 
 
 class ConstantSystem(_OfParts):
