@@ -3,7 +3,7 @@
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
 
-from hhr_dolfinx.full_order.system import Equations, System
+from hhr_dolfinx.full_order.system import System
 
 
 class Foundation(System):
@@ -24,7 +24,7 @@ class Foundation(System):
         own = problem.own_stiffness
         matrix = csr_matrix((own.data + k * self.mass.data, own.indices, own.indptr), shape=own.shape)
         stiffness = self.made(matrix, problem.contact_of_rows)
-        return Equations(problem, stiffness, problem.loads @ theta - k * (self.pulled @ theta))
+        return problem, stiffness, problem.loads @ theta - k * (self.pulled @ theta)
 
     def explicit(self, point, forces, unknown):
         left, slack = super().explicit(point, forces, unknown)

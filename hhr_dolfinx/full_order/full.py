@@ -342,18 +342,15 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
         """A full model knows no nearest statuses: ``nearest`` starts where the free slack is negative."""
-        answer = self._solved(point, start, gradient)
+        at = self.system.at(point)
+        start = None if isinstance(start, str) else start
+        if self.system.anew:
+            with at.stiffness.held():
+                answer = answer_of(at.contact(), point, start, self._pairs, self, gradient=gradient)
+        else:
+            answer = answer_of(at.contact(), point, start, self._pairs, self, gradient=gradient)
         self.strains.look(answer)
         return answer
-
-    def _solved(self, point: np.ndarray, start: Any, gradient: bool) -> Answer:
-        cold = start is None or isinstance(start, str)
-        at = self.system.at(point)
-        given = point, None if cold else start, self._pairs, self
-        if not self.system.anew:
-            return answer_of(at.contact(), *given, gradient=gradient)
-        with at.stiffness.held():
-            return answer_of(at.contact(), *given, gradient=gradient)
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
         """See :class:`AnsweringModel`; a stiffness that stays from one point to the next is the same."""

@@ -43,14 +43,6 @@ class Parts(NamedTuple):
     matrices: tuple[csr_matrix, ...]
 
 
-class Equations(NamedTuple):
-    """Equations at a point: the problem with its rows and gaps, K, and own loads, (n,)."""
-
-    problem: ContactProblem
-    stiffness: Stiffness
-    loads: np.ndarray
-
-
 @dataclass(frozen=True, eq=False)
 class Kernel:
     """Rigid motions of bodies that contact alone holds (r of them).
@@ -90,13 +82,14 @@ class SystemAt:
         """The contact problem without the displacement, on all ranks."""
         stiffness = self.stiffness
         problem = self.problem
-        own = stiffness.solve(self.loads)
-        slack = self.gaps - problem.moved(own)
+        free = stiffness.solve(self.loads)
+        moved = problem.contact_of_rows @ free
+        response = stiffness.response_to_forces
+        if (rows := problem.spread).comm is not None:
+            free, moved, response = rows.whole(free), rows.sum(moved), self._response
         floating = None if problem.rigid is None else self._floating(problem.rigid)
-        return CondensedContact(
-            stiffness.schur, slack, problem.spread.whole(own), self._response, self._at_fixed_forces,
-            symmetric=True, floating=floating, factored=stiffness,
-        )  # fmt: skip
+        changes = self._at_fixed_forces
+        return CondensedContact(stiffness.schur, self.gaps - moved, free, response, changes, True, floating, stiffness)
 
     def _response(self, forces: np.ndarray) -> np.ndarray:
         return self.problem.spread.whole(self.stiffness.response_to_forces(forces))
@@ -155,8 +148,8 @@ class System(ABC):
         return SystemAt(self, point, problem, stiffness, loads, problem.gaps @ theta)
 
     @abstractmethod
-    def equations(self, point: np.ndarray, theta: Theta) -> Equations:
-        """Rows, K and own loads at a point, (P,), with the amplitudes there: all that systems differ in."""
+    def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
+        """The problem with rows and gaps, K, and own loads, (n,), at a point, (P,): all that systems differ in."""
 
     def parts(self) -> Parts | None:
         """K as weights and matrices, on the shape in the middle of the box; None if it is no such sum.
@@ -210,9 +203,13 @@ class ConstantSystem(_OfParts):
 
     anew = False
 
-    def equations(self, point: np.ndarray, theta: Theta) -> Equations:
+    def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
         """See :class:`System`."""
-        return Equations(self.problem, self.middle(), self._own_loads @ theta)
+        return self.problem, self._stiffness, self._own_loads @ theta
+
+    @cached_property
+    def _stiffness(self) -> Stiffness:
+        return self.middle()
 
     @cached_property
     def _own_loads(self) -> csc_matrix:
@@ -234,10 +231,10 @@ class ScaledSystem(_OfParts):
         self.bodies: ScaledBodies = bodies
         self._last: tuple[np.ndarray, Stiffness] | None = None
 
-    def equations(self, point: np.ndarray, theta: Theta) -> Equations:
+    def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
         """See :class:`System`."""
         problem = self.problem
-        return Equations(problem, self.stiffness(point), problem.spread.of(problem.loads_at(point, theta)))
+        return problem, self.stiffness(point), problem.spread.of(problem.loads_at(point, theta))
 
     def stiffness(self, point: np.ndarray) -> Stiffness:
         """K at a point, (P,): the last one again for the same moduli, so that an increment finds what is factored."""
@@ -253,7 +250,7 @@ class SummedSystem(_OfParts):
 
     _last: tuple[np.ndarray, Stiffness] | None = None
 
-    def equations(self, point: np.ndarray, theta: Theta) -> Equations:
+    def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
         """See :class:`System`; along a path mostly loads change, and the last K serves again."""
         problem = self.problem
         weights = problem.weights(point)
@@ -262,17 +259,17 @@ class SummedSystem(_OfParts):
             self._last = None  # K may be as large as all else
             stiffness = self.made(problem.stiffness_of(weights), problem.contact_of_rows)
             self._last = last = weights, stiffness
-        return Equations(problem, last[1], problem.loads_of(weights)[problem.rows] @ theta)
+        return problem, last[1], problem.loads_of(weights)[problem.rows] @ theta
 
 
 class ReassembledSystem(_OfParts):
     """Assembled on the mesh of each point, where rows and gaps differ too; ``problem.reshaped`` has its parts."""
 
-    def equations(self, point: np.ndarray, theta: Theta) -> Equations:
+    def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
         """See :class:`System`."""
         problem = self.problem.at(point)
         stiffness = self.made(problem.own_stiffness, problem.contact_of_rows)
-        return Equations(problem, stiffness, problem.loads[problem.rows] @ theta)
+        return problem, stiffness, problem.loads[problem.rows] @ theta
 
     def explicit(self, point: np.ndarray, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See :class:`System`; by central differences of what is assembled on meshes moved a little to either side."""
