@@ -242,7 +242,7 @@ def told_to_compress(monkeypatch):
     """A full model whose factors MUMPS compresses, of which nothing is left out of so small a problem."""
     monkeypatch.setattr(sparse, "LOW_RANK", ((0, 1e-10),))
     full = hhr.FullOrderModel(pressed_sphere(), MPI.COMM_SELF)
-    factors = full.factors._factors._ksp.getPC().getFactorMatrix()
+    factors = full.store.first._factors._ksp.getPC().getFactorMatrix()
     assert factors.getMumpsIcntl(35) == 2 and factors.getMumpsCntl(7) == 1e-10
     return full
 
@@ -260,18 +260,18 @@ def test_solutions_by_inexact_factors_are_refined(told_to_compress):
     """Factors a thousandth off: vectors and columns to round-off, blocks of S as the factors are."""
     full = told_to_compress
     problem = full.problem
-    changed = put_off(full.factors, problem.stiffness, 1e-3)
+    changed = put_off(full.store.first, problem.stiffness, 1e-3)
     known = np.random.default_rng(0).standard_normal((problem.free.size, 3)) * problem.held[:, None]
     loads = (changed @ known) * problem.held[:, None]
     np.testing.assert_allclose(full.stiffness.solve(loads[:, 0]), known[:, 0], atol=1e-9)
     np.testing.assert_allclose(full.stiffness.columns(csc_matrix(loads)), known, atol=1e-9)
-    ((_, rough),) = full.factors.solved_blocks(csc_matrix(loads))
+    ((_, rough),) = full.store.first.solved_blocks(csc_matrix(loads))
     np.testing.assert_allclose(rough, 1.001 * known, atol=1e-9)
 
 
 def test_refinement_that_gets_nowhere_is_no_answer(told_to_compress):
     full = told_to_compress
-    put_off(full.factors, full.problem.stiffness, 1.5)
+    put_off(full.store.first, full.problem.stiffness, 1.5)
     with pytest.raises(NotSolvableError, match=r"by compressed factors .* stay .* off"):
         full.stiffness.solve(np.ones(full.problem.free.size))
 
@@ -320,7 +320,7 @@ def test_options_count_more_than_the_usual_compression(monkeypatch):
     try:
         for limits in (sparse.LOW_RANK, ((0, 1e-10),)):
             monkeypatch.setattr(sparse, "LOW_RANK", limits)
-            solver = hhr.FullOrderModel(scene, MPI.COMM_SELF).factors
+            solver = hhr.FullOrderModel(scene, MPI.COMM_SELF).store.first
             assert solver._factors._ksp.getPC().getFactorMatrix().getMumpsCntl(7) == 1e-5
     finally:
         told.delValue("mat_mumps_cntl_7")

@@ -15,7 +15,6 @@ from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.full_order.deck import write_deck
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.system import Parts
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.starts import KnownStatuses
 
@@ -142,7 +141,7 @@ class Sparser(Foundation):
     """Leaves entries out, whose places the factors would take for those of others."""
 
     def equations(self, point, theta):
-        self.made(csr_without_zeros(self.mass), self.problem.contact_of_rows)
+        self.made(csr_without_zeros(self.mass), self.problem)
 
 
 def csr_without_zeros(matrix):
@@ -161,7 +160,7 @@ class Parted(Foundation):
 
     def parts(self):
         names = self.problem.parameters.names
-        return Parts((Modulus("1", "1", names), Modulus("k", "1", names)), (self.problem.own_stiffness, self.mass))
+        return (Modulus("1", "1", names), Modulus("k", "1", names)), (self.problem.own_stiffness, self.mass)
 
 
 def test_a_system_with_parts_is_reduced():

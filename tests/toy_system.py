@@ -23,8 +23,7 @@ class Foundation(System):
         problem, k = self.problem, point[self.axis]
         own = problem.own_stiffness
         matrix = csr_matrix((own.data + k * self.mass.data, own.indices, own.indptr), shape=own.shape)
-        stiffness = self.made(matrix, problem.contact_of_rows)
-        return problem, stiffness, problem.loads @ theta - k * (self.pulled @ theta)
+        return problem, self.made(matrix, problem), problem.loads @ theta - k * (self.pulled @ theta)
 
     def explicit(self, point, forces, unknown):
         left, slack = super().explicit(point, forces, unknown)

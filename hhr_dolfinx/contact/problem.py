@@ -294,9 +294,8 @@ class ContactProblem:
     def loads_of(self, weights: np.ndarray) -> csc_matrix:
         """F - K lift on free dofs for weights of the parts of K, (Q,), sparse, (N, 1 + T)."""
         loads = self.loads
-        if self.moduli:
-            for change, term in zip(self.weights(self.middle) - weights, self.lift_terms, strict=True):
-                loads = loads + change * term
+        for change, term in zip(self.weights(self.middle) - weights, self.lift_terms, strict=True):
+            loads = loads + change * term
         return loads
 
     def loads_at(self, point: np.ndarray, theta: Theta) -> np.ndarray:

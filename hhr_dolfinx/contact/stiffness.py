@@ -19,7 +19,7 @@ from scipy.sparse import csc_matrix, csr_matrix, diags, spmatrix
 from hhr_dolfinx.contact.active_set import SchurEqualities
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.linear.rows import Rows
+    from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.linear.shared import SharedCholesky
     from hhr_dolfinx.linear.sparse import FreeCholesky
 
@@ -51,10 +51,6 @@ class Stiffness(ABC):
     @abstractmethod
     def schur(self) -> np.ndarray:
         """S = B K^-1 B^T, (m, m): one array, so that ``is`` tells whether K changed."""
-
-    @abstractmethod
-    def scaled(self, scales: np.ndarray) -> Stiffness:
-        """Stiffness whose connected components are these numbers times those of this one, (C,); factors nothing."""
 
     @abstractmethod
     def held(self) -> AbstractContextManager[Any]:
@@ -162,10 +158,8 @@ class SparseStiffness(Stiffness):
 
     Args:
         matrix: own rows of K, (n, N); nobody changes it.
-        contact: own columns of B, (m, n).
+        problem: with the rows of B, and rigid motions that nothing drives or resists.
         store: of its factors.
-        spread: sums over ranks.
-        resting: own rows of rigid motions that nothing drives or resists, (n, l); None where all bodies are held.
         components: own dofs of each connected component, by which K is scaled; None where it never is.
         response, schur: K^-1 B^T, (n, m), and S, (m, m), if they are known.
         keeps: whether there is room for K^-1 B^T.
@@ -173,16 +167,16 @@ class SparseStiffness(Stiffness):
     """
 
     def __init__(
-        self, matrix: csr_matrix, contact: csr_matrix, store: FactorStore, spread: Rows, *,
-        resting: np.ndarray | None = None, components: list[np.ndarray] | None = None,
-        response: np.ndarray | None = None, schur: np.ndarray | None = None, keeps: bool = True, symmetric: bool = True,
+        self, matrix: csr_matrix, problem: ContactProblem, store: FactorStore, *,
+        components: list[np.ndarray] | None = None, response: np.ndarray | None = None,
+        schur: np.ndarray | None = None, keeps: bool = True, symmetric: bool = True,
     ):  # fmt: skip
         self.matrix = matrix
-        self.contact = contact
+        self.contact = problem.contact_of_rows
         self.symmetric = symmetric
         self._store = store
-        self._spread = spread
-        self._resting = resting
+        self._spread = problem.spread
+        self._resting = None if problem.resting is None else problem.resting[problem.rows]
         self._components = components
         self._response = response
         self._keeps = keeps
@@ -256,17 +250,9 @@ class SparseStiffness(Stiffness):
         return self
 
     def _condensed(self) -> np.ndarray:
-        """S of columns that are kept, of factors that have contact last, or of columns that are dropped."""
-        if self._response is None:
-            if not self._keeps and self._components is not None:  # which are needed too
-                return self.parts.sum(axis=0)
-            with self._store.of(self.matrix) as factors:
-                known = factors.between_last(self.contact)
-                if known is not None:
-                    return known
-                if not self._keeps:
-                    return self._by_blocks(factors, [self.contact])[0]
-        return self._spread.sum(self.contact @ self.response)
+        if self._response is None and not self._keeps and self._components is not None:  # which are needed too
+            return self.parts.sum(axis=0)
+        return self._reduced([self.contact])[0]
 
     @property
     def parts(self) -> np.ndarray:
@@ -275,22 +261,23 @@ class SparseStiffness(Stiffness):
             assert self._components is not None
             with self._making():
                 if self._parts is None:
-                    self._parts = self._split(self._components)
+                    parts = [np.bincount(dofs, minlength=self.contact.shape[1]) > 0 for dofs in self._components]
+                    self._parts = np.stack(self._reduced([csr_matrix(self.contact.multiply(mask)) for mask in parts]))
         return self._parts
 
-    def _split(self, components: list[np.ndarray]) -> np.ndarray:
-        if self._response is not None:
-            parts = [self.contact[:, dofs] @ self._response[dofs] for dofs in components]
-            return self._spread.sum(np.array(parts))
-        count = self.contact.shape[1]
-        rows = [csr_matrix(self.contact.multiply(np.bincount(dofs, minlength=count) > 0)) for dofs in components]
-        with self._store.of(self.matrix) as factors:
-            known = [factors.between_last(item) for item in rows]
-            found = [item for item in known if item is not None]
-            return np.stack(found if len(found) == len(rows) else self._by_blocks(factors, rows))
+    def _reduced(self, rows: list[csr_matrix]) -> list[np.ndarray]:
+        """Some rows times K^-1 B^T, (m, m) each, of columns that are kept, or by factors that have contact last."""
+        if self._response is None:
+            with self._store.of(self.matrix) as factors:
+                known = [item for item in map(factors.between_last, rows) if item is not None]
+                if len(known) == len(rows):
+                    return known
+                if not self._keeps:
+                    return self._by_blocks(factors, rows)
+        return [self._spread.sum(item @ self.response) for item in rows]
 
     def _by_blocks(self, factors: Factors, rows: list[csr_matrix]) -> list[np.ndarray]:
-        """Some rows times K^-1 B^T, (m, m) each, by columns that are dropped."""
+        """The same by columns that are dropped."""
         touched = np.unique(self.contact.indices)
         there = [csr_matrix(item[:, touched]) for item in rows]
         found = [np.empty((self.contact.shape[0],) * 2) for _ in rows]
@@ -300,7 +287,7 @@ class SparseStiffness(Stiffness):
         return [self._spread.sum(total) for total in found]
 
     def scaled(self, scales: np.ndarray) -> ScaledStiffness:
-        """See :class:`Stiffness`."""
+        """K whose connected components are these numbers times those of this one, (C,); factors nothing."""
         assert self._components is not None
         own = np.empty(self.contact.shape[1])
         for scale, dofs in zip(scales, self._components, strict=True):
@@ -372,7 +359,3 @@ class ScaledStiffness(Stiffness):
     def schur(self) -> np.ndarray:
         """See :class:`Stiffness`."""
         return np.tensordot(1 / self._scales, self._base.parts, 1)
-
-    def scaled(self, scales: np.ndarray) -> ScaledStiffness:
-        """See :class:`Stiffness`."""
-        return self._base.scaled(self._scales * scales)

@@ -210,7 +210,7 @@ class FullEquilibrium:
 
     def _lazy(self, matrix: csr_matrix, store: FactorStore, moduli: np.ndarray) -> _SparseLinearisation:
         """The linearisation of a matrix whose columns of K^-1 B^T are solved for as conditions touch."""
-        lazy = LazyStiffness(matrix, self.problem.contact, store, self._full.spread)
+        lazy = LazyStiffness(matrix, self.problem, store)
         return _SparseLinearisation(self.problem, self._pairs, lazy, lazy.equalities, lazy.response_to_forces, moduli)
 
     def _pushed(self, forces: np.ndarray) -> np.ndarray:

@@ -32,6 +32,7 @@ from hhr_dolfinx.models.strains import StrainGuard
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.full_order.outputs import FullShapeFunctionals
@@ -154,8 +155,6 @@ class FullOrderModel(AnsweringModel, ModelFields):
             self._take_parts()
         if self.keeps_columns:
             self.stiffness.response  # noqa: B018 (made before threads ask)
-        else:
-            _log.info("no room for %.1f GB of K^-1 B^T", 8e-9 * problem.free.size * self.conditions)
         self._pairs = Pairs.of(problem.contact_pairs)
         adrift = f"hold it by a displacement, or push it: {problem.loose}"
         self.advice = {**FULL_ORDER_ADVICE, Status.ADRIFT: adrift}
@@ -176,27 +175,20 @@ class FullOrderModel(AnsweringModel, ModelFields):
             problem, moduli=moduli, stiffness_terms=matrices, lift_terms=lifted if moduli else (), loads=loads
         )
 
-    def _middle(self, **known: np.ndarray | None) -> SparseStiffness:
+    def _middle(self, **known: Any) -> SparseStiffness:
         """K in the middle of the box, of which ``response`` and S may be known."""
         problem = self.problem
         bodies = None if self.system.bodies is None else [problem.spread.mine(body) for body in problem.bodies]
-        return SparseStiffness(
-            problem.own_stiffness, problem.contact_of_rows, self.store, problem.spread, resting=self._resting,
-            components=bodies, keeps=self.keeps_columns, symmetric=False, **known,
-        )  # fmt: skip
+        how = {"components": bodies, "keeps": self.keeps_columns, "symmetric": False} | known
+        return SparseStiffness(problem.own_stiffness, problem, self.store, **how)
 
-    def _stiffness_of(self, matrix: csr_matrix, contact: csr_matrix) -> SparseStiffness:
-        """K of own rows of a matrix, (own dofs, N), with own columns of B, (N_lambda, own dofs)."""
+    def _stiffness_of(self, matrix: csr_matrix, problem: ContactProblem) -> SparseStiffness:
+        """K of own rows of a matrix, (own dofs, N), with the rows of a problem."""
         own = self.system.problem.own_stiffness
         if self.scene.system is not None and not np.array_equal(matrix.indices, own.indices):
             raise SceneError("K of a user's system must have the pattern of K of the bodies: add numbers to its data")
-        found = SparseStiffness(matrix, contact, self.store, self.spread, resting=self._resting)
+        found = SparseStiffness(matrix, problem, self.store)
         return found.lent(self.stiffness) if matrix is own else found
-
-    @property
-    def _resting(self) -> np.ndarray | None:
-        """Own rows of rigid motions that nothing drives or resists."""
-        return None if self.problem.resting is None else self.problem.resting[self.problem.rows]
 
     @cached_property
     def schur(self) -> np.ndarray:
@@ -267,11 +259,6 @@ class FullOrderModel(AnsweringModel, ModelFields):
     def conditions(self) -> int:
         """Number of contact conditions, N_lambda."""
         return len(self.problem.gaps)
-
-    @property
-    def factors(self) -> FreeCholesky | SharedCholesky:
-        """Of K; where it depends on parameters, those of the parameter that was solved last."""
-        return self.store.first
 
     @property
     def block_ordering(self) -> str:

@@ -10,7 +10,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
 
@@ -26,36 +26,19 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.stiffness import SparseStiffness, Stiffness
     from hhr_dolfinx.formulas import Modulus
 
+    Parts: TypeAlias = tuple[tuple[Modulus, ...], tuple[csr_matrix, ...]]
+
 DIFFERENCE = 1e-5
 """Part of the box by which a mesh is moved to difference what is assembled on it: the error is its square, and below it
 round-off of the assembly grows."""
 
 
-class Parts(NamedTuple):
-    """K as a sum of weights times matrices.
-
-    Attributes:
-        moduli: the weights; none for one constant matrix.
-        matrices: own rows of each part, of one pattern, (own, N) each.
-    """
-
-    moduli: tuple[Modulus, ...]
-    matrices: tuple[csr_matrix, ...]
-
-
-@dataclass(frozen=True, eq=False)
-class Kernel:
-    """Rigid motions of bodies that contact alone holds (r of them).
-
-    Attributes:
-        motions: R, orthonormal, (N, r).
-        taken: G = B R, what they take from the slack, (m, r).
-        loads: loads along them, (r, 1 + T), the same for every stiffness.
-    """
+class Kernel(NamedTuple):
+    """Rigid motions R that contact alone holds, (N, r), what they take, G = B R, (m, r), and loads along them."""
 
     motions: np.ndarray
     taken: np.ndarray
-    loads: np.ndarray
+    loads: np.ndarray  # (r, 1 + T), the same for every stiffness
 
 
 @dataclass(eq=False, slots=True)  # one for each query
@@ -117,7 +100,7 @@ class System(ABC):
     Args:
         problem: of all points.
         middle: returns K in the middle of the box.
-        made: makes K of own rows of a matrix with the pattern of that one, (n, N), and own columns of B, (m, n).
+        made: makes K of own rows of a matrix with the pattern of that one, (n, N), and a problem with rows of B.
 
     Attributes:
         problem, middle, made: the same.
@@ -130,7 +113,7 @@ class System(ABC):
 
     def __init__(
         self, problem: ContactProblem, middle: Callable[[], SparseStiffness],
-        made: Callable[[csr_matrix, csr_matrix], SparseStiffness],
+        made: Callable[[csr_matrix, ContactProblem], SparseStiffness],
     ):  # fmt: skip
         self.problem = problem
         self.middle = middle
@@ -152,9 +135,9 @@ class System(ABC):
         """The problem with rows and gaps, K, and own loads, (n,), at a point, (P,): all that systems differ in."""
 
     def parts(self) -> Parts | None:
-        """K as weights and matrices, on the shape in the middle of the box; None if it is no such sum.
+        """Weights and own rows of matrices whose sum K is, (own, N) each; without weights one constant matrix.
 
-        What reduces reads a system through its parts, and refuses one without.
+        None if K is no such sum. What reduces reads a system through its parts, and refuses one without.
         """
         return None
 
@@ -195,7 +178,7 @@ class _OfParts(System):
 
     def parts(self) -> Parts:
         """See :class:`System`."""
-        return Parts(self.problem.moduli, self.problem.stiffness_terms)
+        return self.problem.moduli, self.problem.stiffness_terms
 
 
 class ConstantSystem(_OfParts):
@@ -205,11 +188,7 @@ class ConstantSystem(_OfParts):
 
     def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
         """See :class:`System`."""
-        return self.problem, self._stiffness, self._own_loads @ theta
-
-    @cached_property
-    def _stiffness(self) -> Stiffness:
-        return self.middle()
+        return self.problem, self.middle(), self._own_loads @ theta
 
     @cached_property
     def _own_loads(self) -> csc_matrix:
@@ -257,7 +236,7 @@ class SummedSystem(_OfParts):
         last = self._last
         if last is None or not np.array_equal(last[0], weights):
             self._last = None  # K may be as large as all else
-            stiffness = self.made(problem.stiffness_of(weights), problem.contact_of_rows)
+            stiffness = self.made(problem.stiffness_of(weights), problem)
             self._last = last = weights, stiffness
         return problem, last[1], problem.loads_of(weights)[problem.rows] @ theta
 
@@ -268,8 +247,7 @@ class ReassembledSystem(_OfParts):
     def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
         """See :class:`System`."""
         problem = self.problem.at(point)
-        stiffness = self.made(problem.own_stiffness, problem.contact_of_rows)
-        return problem, stiffness, problem.loads[problem.rows] @ theta
+        return problem, self.made(problem.own_stiffness, problem), problem.loads[problem.rows] @ theta
 
     def explicit(self, point: np.ndarray, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See :class:`System`; by central differences of what is assembled on meshes moved a little to either side."""

@@ -312,7 +312,7 @@ class Solver:
         name = full.scene.name
         if full.comm.size > 1:
             given = matrix, dofs, name, full.comm
-            return SharedCholesky.of(*given, low_rank=low_rank, last=last, rows=full.factors.rows)
+            return SharedCholesky.of(*given, low_rank=low_rank, last=last, rows=full.store.first.rows)
         how = slice(0, problem.free.size), name, full.block_ordering, full.comm
         return FreeCholesky(matrix, dofs, *how, low_rank=low_rank, last=last)
 

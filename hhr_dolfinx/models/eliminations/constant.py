@@ -76,9 +76,7 @@ class ConstantElimination(Rebuilt, Elimination):
         response = self.response @ self.amplitudes(point)
         slack = response[: len(schur)]
         free = response[len(schur) :]
-        return CondensedContact(
-            schur, slack, free, self._pushed, partial(self._changes, point), factored=self.equalities
-        )
+        return CondensedContact(schur, slack, free, self._pushed, partial(self._changes, point), factored=self)
 
     def _pushed(self, forces: np.ndarray) -> np.ndarray:
         return self.responses.primal_per_force @ forces

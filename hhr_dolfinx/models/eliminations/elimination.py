@@ -47,11 +47,11 @@ class Floating:
 
 
 class HasEqualities(Protocol):
-    """A stiffness: makes equality problems when they are needed."""
+    """A value with equality problems on S."""
 
     @property
     def equalities(self) -> SchurEqualities:
-        """On S."""
+        """See above."""
 
 
 @dataclass(eq=False)  # one for each query: a frozen one takes a microsecond more to make
@@ -67,7 +67,7 @@ class CondensedContact:
             slack, (m, P), and of the unknown, (n, P).
         symmetric: whether S is.
         floating: rigid motions that contact alone holds; None without any.
-        factored: equality problems on S that others share, or what has them; None makes them when they are needed.
+        factored: a stiffness that shares its equality problems on S; None makes them when they are needed.
     """
 
     schur: np.ndarray
@@ -77,7 +77,7 @@ class CondensedContact:
     at_fixed_forces: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
     symmetric: bool = False
     floating: Floating | None = None
-    factored: SchurEqualities | HasEqualities | None = None
+    factored: HasEqualities | None = None
 
     def unknown(self, forces: np.ndarray) -> np.ndarray:
         """The primal unknown under contact forces, (n,)."""
@@ -86,9 +86,8 @@ class CondensedContact:
     @cached_property
     def equalities(self) -> SchurEqualities:
         """Equality problems on S."""
-        factored = self.factored
-        if factored is not None:
-            return factored if isinstance(factored, SchurEqualities) else factored.equalities
+        if self.factored is not None:
+            return self.factored.equalities
         if self.symmetric:
             return SchurEqualities.symmetric(self.schur)
         return SchurEqualities.of(self.schur, LapackLU)

@@ -281,8 +281,7 @@ class Compliances(Elimination):
         """What is left at a point, (P,), of known θ, S, free slack, (m,), and free unknown."""
         pushed = partial(self._pushed, found)
         changes = partial(self._changes, point, theta, found)
-        shared = found.equalities
-        return CondensedContact(found.schur, slack, free, pushed, changes, self.symmetric, factored=shared)
+        return CondensedContact(found.schur, slack, free, pushed, changes, self.symmetric, factored=found)
 
     def many(self, points: np.ndarray) -> ManyContacts:
         """What is left at many points, (n, P), by products of matrices; see :attr:`together` for how many."""
