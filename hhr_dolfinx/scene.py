@@ -128,6 +128,8 @@ class Scene:
         units: units of lengths and stresses, for labels and materials by name; None if they are not given.
         order: degree of the displacement, 1 or 2; None takes that of the cells of the mesh. With 2 on a mesh of first
             order sides stay straight.
+        system: makes a user-defined :class:`~hhr_dolfinx.full_order.system.System` of the arguments of one, for elastic
+            bodies without shapes; None for the elasticity of the bodies. Reductions that cannot read its K refuse it.
         parameter_units: units of parameters by name, for labels: ``{"push": "MPa"}``; other names are ignored.
     """
 
@@ -144,6 +146,7 @@ class Scene:
     outputs: tuple[Output, ...] = ()
     units: Units | None = None
     order: int | None = None
+    system: Callable[..., Any] | None = None
     parameter_units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self):
@@ -181,6 +184,9 @@ class Scene:
         for body in self.bodies:
             if body.varies:
                 body.check(self.parameters)
+        others = self.shapes or any(body.law is not None for body in self.bodies)
+        if self.system is not None and (not callable(self.system) or others):
+            raise SceneError(f"system = {self.system!r} must make a System, of bodies without laws and shapes")
         self._check_flow()
         self._check_shapes()
         if not self.contacts:

@@ -44,7 +44,7 @@ def model(request, training):
 
 def balanced_sizes(full):
     """S norm of the part of exact forces that balances itself, in the place of that of all: see :func:`check`."""
-    along = np.linalg.qr(full.rigid_taken)[0]
+    along = np.linalg.qr(full.system.kernel.taken)[0]
     return lambda field, forces: (
         sizes_of(full, field, forces) * [1, 0, 1, 1]
         + sizes_of(full, field, forces - along @ (along.T @ forces)) * [0, 1, 0, 0]

@@ -41,7 +41,7 @@ def test_where_nothing_yields_it_is_friction_of_elastic_bodies():
     slip, forces = SlipState.at_rest(friction), np.zeros(full.conditions)
     for answer, (_, point) in zip(full.march(PATH).answers, PATH[1:], strict=True):
         theta = problem.amplitudes(np.array(point))
-        slack = problem.gaps @ theta - problem.contact @ full.solve_stiffness(problem.loads @ theta)
+        slack = problem.gaps @ theta - problem.contact @ full.stiffness.solve(problem.loads @ theta)
         slack[friction.tangential] -= slip.position
         given = Increment(slack, *friction.bounds(np.array(point)), np.zeros(0))
         found = contact.increment(given, forces)

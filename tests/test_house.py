@@ -228,7 +228,6 @@ UNNEEDED = {
         "hhr_dolfinx.shapes",
         "hhr_dolfinx.full_order.varying",
         "hhr_dolfinx.full_order.reshaped",
-        "hhr_dolfinx.full_order.elimination",
         "hhr_dolfinx.models.eliminations.shaped",
         "hhr_dolfinx.models.eliminations.block",
         "hhr_dolfinx.models.eliminations.interpolated",

@@ -46,8 +46,9 @@ def test_no_model_answers_where_a_constant_is_impossible(training, kind, tmp_pat
         hhr.save_model(tmp_path / "model.npz", model)
         models.append(hhr.load_model(tmp_path / "model.npz"))
     for one in models:
-        with pytest.raises(NotSolvableError, match=r"is -?[\d.e+-]+ at .*E1 = 2.7183, and must"):
-            one.solve(POINT, outside="ignore")
+        for gradient in (False, True):
+            with pytest.raises(NotSolvableError, match=r"is -?[\d.e+-]+ at .*E1 = 2.7183, and must"):
+                one.solve(POINT, outside="ignore", gradient=gradient)
         answer = one.solve(POINT, raise_on_failure=False, outside="ignore")
         assert answer.status is Status.UNDEFINED and np.isnan(answer.multipliers).all()
         table = hhr.answer_points(one, np.array([list(beside.values()), list(POINT.values())]), outside="ignore")

@@ -56,7 +56,7 @@ def exact_arrays(full: Any, forces: np.ndarray | None) -> tuple[np.ndarray, dict
     schur = (full.schur + full.schur.T) / 2
     terms = full.per_load.shape[1]
     held = problem.rigid is None
-    taken = np.zeros((len(schur), 0)) if held else np.ascontiguousarray(full.rigid_taken)
+    taken = np.zeros((len(schur), 0)) if held else np.ascontiguousarray(full.system.kernel.taken)
     least = least_sizes(problem, schur, forces)
     if forces is not None:  # energies are those of the part of forces that balances itself
         along = np.linalg.qr(taken)[0]
@@ -68,12 +68,12 @@ def exact_arrays(full: Any, forces: np.ndarray | None) -> tuple[np.ndarray, dict
     # K^-1 K u0 is K^-1 loads, and of lifts what K does not know of their imposed dofs
     cross = problem.moved(full.per_load)
     lifted = np.flatnonzero(rows.sum(np.abs(lifts).sum(axis=0)))
-    cross[:, lifted] += problem.moved(full.solved_columns(csc_matrix(problem.stiffness_of_rows @ lifts[:, lifted])))
+    cross[:, lifted] += problem.moved(full.stiffness.columns(csc_matrix(problem.stiffness_of_rows @ lifts[:, lifted])))
     return factor_of(definite(schur, taken)), {
         "free_slack": np.asfortranarray(problem.gaps - problem.moved(full.per_load)),
         "schur": schur,
         "taken": taken,
-        "driving": np.zeros((0, terms)) if held else np.asfortranarray(full.rigid_loads),
+        "driving": np.zeros((0, terms)) if held else np.asfortranarray(full.system.kernel.loads),
         "given": np.asfortranarray(np.sqrt(np.maximum(values, 0.0))[:, None] * ways.T),
         "cross": np.asfortranarray(cross),
         "lifting": energies(problem, lifts),
@@ -131,7 +131,7 @@ def unit_energy(full: Any, lower: np.ndarray, basis: np.ndarray) -> tuple[np.nda
     for _ in range(2):
         more = solve_triangular(lower, problem.moved(rest), lower=True)
         along += more
-        rest = rest - full.pushed(solve_triangular(lower, more, lower=True, trans="T"))
+        rest = rest - full.stiffness.response_to_forces(solve_triangular(lower, more, lower=True, trans="T"))
     ell = basis.shape[1]
     left = energy_coordinates(problem, rest, ROUND_OFF * sizes)
     # directions come in the order of the columns that need them
@@ -214,7 +214,7 @@ def load_response(full: Any) -> tuple[np.ndarray, csc_matrix]:
     if dofs.size < terms.size:
         units = csr_matrix((np.ones(dofs.size), (dofs, np.arange(dofs.size))), shape=(loads.shape[0], dofs.size))
         own = csc_matrix(full.problem.spread.of(units))
-        return np.asfortranarray(full.solved_columns(own)), csc_matrix(loads[dofs])
+        return np.asfortranarray(full.stiffness.columns(own)), csc_matrix(loads[dofs])
     chosen = csc_matrix((np.ones(terms.size), (np.arange(terms.size), terms)), shape=(terms.size, loads.shape[1]))
     return np.asfortranarray(full.per_load[:, terms]), chosen
 
@@ -237,7 +237,7 @@ def columns_of_forces(
     if len(lower) <= most:
         return full.per_force, np.zeros((len(lower), 0)), None
     own = leading(lower.T @ forces, lower, most)
-    columns = full.pushed(solve_triangular(lower, own, lower=True, trans="T"))
+    columns = full.stiffness.response_to_forces(solve_triangular(lower, own, lower=True, trans="T"))
     return columns, own, np.asfortranarray(own.T @ lower.T)
 
 

@@ -69,6 +69,10 @@ class SharedCholesky:
         """Free the memory, see :meth:`FreeCholesky.release`."""
         self._factors.release()
 
+    def holds(self, stiffness: csr_matrix) -> bool:
+        """Whether these are the factors of a matrix, (N, N), also where others had other ones made of the rows."""
+        return stiffness is self._factored and self._factors.holds(self._own)
+
     def refactor(self, stiffness: csr_matrix) -> None:
         """Factor another matrix with the same pattern, unless it is the one factored last."""
         if stiffness is not self._factored:

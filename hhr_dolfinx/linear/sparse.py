@@ -177,6 +177,10 @@ class FreeCholesky:
             self._pattern = self._pattern_of(stiffness)
         return self._pattern
 
+    def holds(self, stiffness: csr_matrix) -> bool:
+        """Whether these are the factors of a matrix."""
+        return stiffness is self._factored
+
     def refactor(self, stiffness: csr_matrix) -> None:
         """Factor another matrix with the same pattern, unless it is the one factored last."""
         with self.lock:

@@ -308,6 +308,7 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
     if not isinstance(recipe, Recipe):
         raise ReductionError(f"{recipe!r} is no recipe: give a Recipe")
     problem = full.problem
+    problem.require_parts("hyper-reduction")
     if problem.reshaped is not None:
         raise NotOfferedError(
             "hyper-reduction is not offered where shapes are parameters: condensation is quicker there, and a million "

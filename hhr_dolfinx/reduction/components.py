@@ -12,6 +12,7 @@ import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, spmatrix
 
 from hhr_dolfinx.contact.problem import ContactProblem, dependence, moduli_of
+from hhr_dolfinx.contact.stiffness import FactorStore
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.linear.shared import SharedCholesky
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of
@@ -141,7 +142,7 @@ class Solver:
         self.problem: ContactProblem = full.problem
         self.component = component
         self._full = full
-        self._factors: FreeCholesky | SharedCholesky | None = None
+        self._factors = FactorStore(self._factored)
         self._known: dict[bytes, dict[str, np.ndarray]] = {}
         self._work: dict[bytes, np.ndarray] = {}
         self._last: tuple[bytes, ContactProblem] | None = None
@@ -156,13 +157,12 @@ class Solver:
         place = point[part.axes].tobytes()
         found = self._known.get(place)
         if found is None:
-            scaled = self._full.scaled is not None
             found = self._read(place)
             if found is None:
-                found = self._scaled() if scaled else self._solved(point)
+                found = self._scaled() if self.serves_all else self._solved(point)
                 self._keep(place, found)
             # if only an exact factor changes, there is one solution, which models and bounds share
-            if scaled or 8 * part.conditions.size**2 * (len(self._known) + 1) <= KNOWN_BYTES:
+            if self.serves_all or 8 * part.conditions.size**2 * (len(self._known) + 1) <= KNOWN_BYTES:
                 self._known[place] = found
         return found
 
@@ -191,24 +191,24 @@ class Solver:
         part = self.component.part
         rows = csr_matrix(problem.contact[part.conditions])
         acting = csr_matrix(self.acting(problem).T)
-        factors = self._factored(problem)
-        known = factors.between_last(csr_matrix(rows.multiply(self.component.dofs)))
-        if known is not None:
-            responses = factors.solve_columns(acting.T)
-            columns = (rows @ responses).T
-            self._work[point[part.axes].tobytes()] = acting @ responses
-            return self._normed(known, columns, part.factor_at(point))
-        schur = np.empty((rows.shape[0],) * 2)
-        columns = np.empty((acting.shape[0], rows.shape[0]))
-        for places, block in factors.solved_blocks(rows.T):
-            schur[:, places] = rows @ block
-            columns[:, places] = acting @ block
+        with self._factors.of(problem.own_stiffness) as factors:
+            schur = factors.between_last(csr_matrix(rows.multiply(self.component.dofs)))
+            if schur is not None:
+                responses = factors.solve_columns(acting.T)
+                columns = (rows @ responses).T
+                self._work[point[part.axes].tobytes()] = acting @ responses
+                return self._normed(schur, columns, part.factor_at(point))
+            schur = np.empty((rows.shape[0],) * 2)
+            columns = np.empty((acting.shape[0], rows.shape[0]))
+            for places, block in factors.solved_blocks(rows.T):
+                schur[:, places] = rows @ block
+                columns[:, places] = acting @ block
         return self._normed(schur, columns, part.factor_at(point))
 
     def work(self, point: np.ndarray) -> np.ndarray:
         """Loads, and K times lifts, times their displacements, (T, T); cached if the component was factored."""
         found = self._work.get(point[self.component.part.axes].tobytes())
-        if found is None or self._full.scaled is not None:
+        if found is None or self.serves_all:
             problem = self.with_stiffness(point)
             loads = self.acting(problem)
             found = loads.T @ self.solved_columns(problem, point, loads)
@@ -219,7 +219,7 @@ class Solver:
         problem = self.problem
         part = self.component.part
         rows = csr_matrix(problem.contact[part.conditions])
-        schur = self._full.schur_parts[self.component.number][np.ix_(part.conditions, part.conditions)]
+        schur = self._full.stiffness.parts[self.component.number][np.ix_(part.conditions, part.conditions)]
         responses = self.solved_columns(problem, problem.middle, self.acting(problem))
         return self._normed(schur, (rows @ responses).T, part.factor_at(problem.middle))
 
@@ -260,20 +260,19 @@ class Solver:
         """Displacements under K times its lifts, (N, T)."""
         problem = self.with_stiffness(point)
         drawn = csc_matrix(problem.own_stiffness @ problem.lifts[:, self.component.part.lifted])
-        if self._full.scaled is not None:
-            drawn *= self._full.scaled.at(point)[self.component.number]
+        if self.serves_all:
+            drawn *= self._full.system.bodies.at(point)[self.component.number]
         return self.solved_columns(problem, point, drawn)
 
     def release(self) -> None:
         """Free large factors: components are solved one after another."""
         if self.problem.free.size > LARGE:
             self._last = None
-            if self._factors is not None:
-                self._factors.release()
+            self._factors.release()
 
     def with_stiffness(self, point: np.ndarray) -> ContactProblem:
         """The problem at a point; that of the middle if K of the component is a multiple of the one there."""
-        return self._at(point) if self._full.scaled is None else self.problem
+        return self.problem if self.serves_all else self._at(point)
 
     def _at(self, point: np.ndarray) -> ContactProblem:
         """The problem at a point; the last one is kept, since its stiffness is factored."""
@@ -286,41 +285,36 @@ class Solver:
     @property
     def serves_all(self) -> bool:
         """True if its factors are those of all components: one solution serves them all."""
-        return self._full.scaled is not None
+        return self._full.system.bodies is not None
 
     def solved_everywhere(self, point: np.ndarray, columns: spmatrix) -> np.ndarray:
         """K^-1 of all components at a point times columns, (N, k), if the factors serve all of them."""
-        scaled = self._full.scaled
-        return self._full.solved_columns(csc_matrix(diags(1 / scaled.on_dofs(scaled.at(point))) @ columns))
+        return self._full.system.stiffness(point).columns(columns)
 
     def solved_columns(self, problem: ContactProblem, point: np.ndarray, columns: spmatrix) -> np.ndarray:
         """K^-1 of the component times columns, (N, k), with the problem at this point."""
-        scaled = self._full.scaled
-        if scaled is None:
-            return self._factored(problem).solve_columns(columns)
+        if not self.serves_all:
+            with self._factors.of(problem.own_stiffness) as factors:
+                return factors.solve_columns(columns)
         dofs = self.component.dofs
-        scale = scaled.at(point)[self.component.number]
-        return self._full.solved_columns(csc_matrix(diags(dofs / scale) @ columns))
+        scale = self._full.system.bodies.at(point)[self.component.number]
+        return self._full.stiffness.columns(csc_matrix(diags(dofs / scale) @ columns))
 
-    def _factored(self, problem: ContactProblem) -> FreeCholesky | SharedCholesky:
-        """Factors of the component in a problem."""
-        if self._factors is None:
-            full = self._full
-            name = full.scene.name
-            if self.problem.free.size > LARGE:
-                full.factors.release()
-            dofs = self.component.dofs
-            low_rank = low_rank_of(problem.block_size, int(np.count_nonzero(dofs)), anew=True)
-            last = np.unique(problem.contact[self.component.part.conditions].indices)
-            if full.comm.size > 1:
-                given = problem.own_stiffness, dofs, name, full.comm
-                self._factors = SharedCholesky.of(*given, low_rank=low_rank, last=last, rows=full.factors.rows)
-                return self._factors
-            how = slice(0, problem.free.size), name, full.block_ordering, full.comm
-            self._factors = FreeCholesky(problem.own_stiffness, dofs, *how, low_rank=low_rank, last=last)
-        else:
-            self._factors.refactor(problem.own_stiffness)
-        return self._factors
+    def _factored(self, matrix: csr_matrix) -> FreeCholesky | SharedCholesky:
+        """Factors of the component of a matrix."""
+        full = self._full
+        problem = self.problem
+        if problem.free.size > LARGE:
+            full.store.release()
+        dofs = self.component.dofs
+        low_rank = low_rank_of(problem.block_size, int(np.count_nonzero(dofs)), anew=True)
+        last = np.unique(problem.contact[self.component.part.conditions].indices)
+        name = full.scene.name
+        if full.comm.size > 1:
+            given = matrix, dofs, name, full.comm
+            return SharedCholesky.of(*given, low_rank=low_rank, last=last, rows=full.store.first.rows)
+        how = slice(0, problem.free.size), name, full.block_ordering, full.comm
+        return FreeCholesky(matrix, dofs, *how, low_rank=low_rank, last=last)
 
 
 def solvers_of(full: Any, store: ArrayStore | None = None) -> list[Solver]:

@@ -406,6 +406,7 @@ def _fields_along(
 def _check_given(full: Any, snapshots: SnapshotSet | None) -> None:
     """Raise ReductionError for a scene unsuitable for interpolated condensation, and for snapshots of another one."""
     problem: ContactProblem = full.problem
+    problem.require_parts("condensation")
     if full.equilibrium is not None or not problem.varies:
         raise ReductionError(
             f"the stiffness of scene '{full.scene.name}' does not depend on parameters, or its bodies flow: "

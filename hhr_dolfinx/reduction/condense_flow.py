@@ -557,9 +557,7 @@ class _FieldModes:
         for column, mode in zip(forces.T, plastic.T, strict=True):
             stress[flowed] = np.einsum("nij,nj->ni", elastic[flowed], mode.reshape(flowed.size, -1))
             column[:] = equilibrium.operator.internal(stress)[0] * problem.free
-        with full.factors.lock:
-            full.factors.refactor(problem.own_stiffness)
-            displacements = full.factors.solve_columns(csc_matrix(forces))
+        displacements = full.stiffness.columns(csc_matrix(forces))
         cumulated = state_modes([state.cumulated[flowed] for state in states], LEFT_OUT["cumulated"])
         return cls(flowed, plastic, cumulated, displacements, np.stack([elastic[:, 0, 1], elastic[:, -1, -1]], axis=1))
 

@@ -29,6 +29,7 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
         known: statuses of the training points, (S, N_lambda).
         field: compute the displacement with each answer; without it only when it is asked for, and a query costs less.
     """
+    full.problem.require_parts("condensation")
     if full.spread.comm is not None and full.problem.rigid is not None:
         raise SceneError("contact alone holds bodies: give a full model on MPI.COMM_SELF, whose motions one rank knows")
     if full.equilibrium is not None:

@@ -486,6 +486,7 @@ def _digest_of(full: Any) -> bytes:
     """
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
     problem: ContactProblem = full.problem
+    problem.require_parts("a store of snapshots")
     others = "amplitudes parameters moduli reshaped rigid resting pins loose whole_contact friction comm".split()
     others += [] if problem.comm is None else ["stiffness_terms", "node_mass", "first"]  # the same on all ranks
     parts = [getattr(problem, item.name) for item in fields(problem) if item.name not in others]

@@ -52,6 +52,7 @@ def condense(scene: Scene | FullOrderModel, settings: Any = None, *, fields: boo
 
 def condensed(full: FullOrderModel, settings: Any = None, *, fields: bool | None = None) -> CondensedModel:
     """See :func:`condense`; without the check of strains."""
+    full.problem.require_parts("condensation")
     if full.equilibrium is not None:
         raise ReductionError(
             f"bodies of scene '{full.scene.name}' flow: a condensation of these is made of histories, "

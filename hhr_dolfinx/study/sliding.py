@@ -53,6 +53,8 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
     warn_of_idle_parameters(scene, problem.amplitudes)
     if problem.rigid is not None:
         raise SceneError(f"contact alone holds bodies of scene '{scene.name}', which slide: hold them")
+    if condensed:
+        problem.require_parts("condensation")
     if problem.varies and condensed:
         raise SceneError(
             f"moduli or shapes of scene '{scene.name}' depend on parameters: condensed models of bodies that slide are "

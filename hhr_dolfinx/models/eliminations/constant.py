@@ -77,7 +77,7 @@ class ConstantElimination(Rebuilt, Elimination):
         slack = response[: len(schur)]
         free = response[len(schur) :]
         return CondensedContact(
-            schur, slack, free, self._compliance_times, partial(self._changes, point), factored=self.equalities
+            schur, slack, free, self._compliance_times, partial(self._changes, point), factored=self
         )
 
     def _compliance_times(self, forces: np.ndarray) -> np.ndarray:

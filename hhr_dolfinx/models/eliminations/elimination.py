@@ -46,6 +46,14 @@ class Floating:
     drift: Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
+class HasEqualities(Protocol):
+    """A value with equality problems on S."""
+
+    @property
+    def equalities(self) -> SchurEqualities:
+        """See above."""
+
+
 @dataclass(eq=False)  # one for each query: a frozen one takes a microsecond more to make
 class CondensedContact:
     """The contact problem at one parameter without its primal unknown (n unknowns, m conditions).
@@ -59,7 +67,7 @@ class CondensedContact:
             (m, P), and of the unknown, (n, P).
         symmetric: whether S is symmetric.
         floating: rigid motions of bodies that contact alone holds; None without any.
-        factored: equality problems on S that other points share; None creates them on demand.
+        factored: stiffness that shares its equality problems on S with other points; None creates them on demand.
     """
 
     schur: np.ndarray
@@ -69,7 +77,7 @@ class CondensedContact:
     at_fixed_forces: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
     symmetric: bool = False
     floating: Floating | None = None
-    factored: SchurEqualities | None = None
+    factored: HasEqualities | None = None
 
     def unknown(self, forces: np.ndarray) -> np.ndarray:
         """The primal unknown under contact forces, (n,)."""
@@ -79,7 +87,7 @@ class CondensedContact:
     def equalities(self) -> SchurEqualities:
         """Equality problems on S."""
         if self.factored is not None:
-            return self.factored
+            return self.factored.equalities
         if self.symmetric:
             return SchurEqualities.symmetric(self.schur)
         return SchurEqualities.of(self.schur, LapackLU)

@@ -281,8 +281,7 @@ class Compliances(Elimination):
         """Contact problem at a point, (P,), from θ, S, free slack, (m,), and free unknown there."""
         respond = partial(self._compliance_times, found)
         changes = partial(self._changes, point, theta, found)
-        shared = found.equalities
-        return CondensedContact(found.schur, slack, free, respond, changes, self.symmetric, factored=shared)
+        return CondensedContact(found.schur, slack, free, respond, changes, self.symmetric, factored=found)
 
     def many(self, points: np.ndarray) -> ManyContacts:
         """Contact problems at many points, (n, P), by products of matrices; :attr:`together` limits their number."""

@@ -61,6 +61,7 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
             discretisation.order > 1 and discretisation.mesh.topology.cell_name() in TENSOR
         ),
         "bodies flow": any(body.law is not None for body in scene.bodies),
+        "K is that of a user's system": scene.system is not None,
         "shapes depend on parameters": bool(scene.shapes),
         "bodies are graded": any(body.grading is not None for body in scene.bodies),
         "bodies have a stress of their own": any(body.stress is not None for body in scene.bodies),

@@ -263,6 +263,7 @@ def reduce(
     _check_limits(budget, seed)
     with ranks.each_for_itself(comm, "preparing a search"):
         full = _full_model(scene)
+        full.problem.require_parts("a search for a model")
         _check_paths(full, paths)
         wish = Wish.checked(error, of, full)
         if fallback and len(wish.of) > 1:

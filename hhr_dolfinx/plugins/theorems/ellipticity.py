@@ -167,10 +167,7 @@ def _of_full(full: Any) -> Ellipticity:
     if len(full.per_force) != problem.free.size:
         raise BoundError("ranks share the factors of K, and its constants need whole columns: build on MPI.COMM_SELF")
     free = np.flatnonzero(problem.free)
-    factors = full.factors
-    with factors.lock:
-        factors.refactor(problem.own_stiffness)  # they may be those of another parameter
-        return of_stiffness(problem.stiffness[free][:, free], on_dofs(factors.solve, free, problem.free.size))
+    return of_stiffness(problem.stiffness[free][:, free], on_dofs(full.stiffness.solve, free, problem.free.size))
 
 
 def on_dofs(solve: Callable[[np.ndarray], np.ndarray], dofs: np.ndarray, size: int) -> Callable[..., np.ndarray]:

@@ -140,7 +140,7 @@ def test_coercivity_in_a_norm_of_its_own(hertz):
     """A pencil: K beside the Gram matrix of the L2 norm, through the factors of K."""
     free = np.flatnonzero(hertz.problem.free)
     stiffness, mass = (matrix[free][:, free] for matrix in (hertz.problem.stiffness, hertz.problem.mass))
-    solve = ellipticity.on_dofs(hertz.factors.solve, free, hertz.problem.free.size)
+    solve = ellipticity.on_dofs(hertz.store.first.solve, free, hertz.problem.free.size)
     expected = linalg.eigh(stiffness.toarray(), mass.toarray(), eigvals_only=True)[0]
     assert smallest_eigenvalue(stiffness, solve, mass) == pytest.approx(expected, rel=1e-8)
 
@@ -203,7 +203,7 @@ def test_formulas_are_constants_in_the_norm_of_the_strain(hertz):
     strain = hhr.FullOrderModel(dataclasses.replace(hertz.scene, bodies=bodies))
     free = np.flatnonzero(hertz.problem.free)
     own, gram = (full.problem.stiffness[free][:, free] for full in (hertz, strain))
-    solves = [ellipticity.on_dofs(full.factors.solve, free, hertz.problem.free.size) for full in (hertz, strain)]
+    solves = [ellipticity.on_dofs(full.store.first.solve, free, hertz.problem.free.size) for full in (hertz, strain)]
     moduli = Ellipticity.of_materials(hertz.scene.bodies)
     assert moduli.coercivity <= smallest_eigenvalue(own, solves[0], gram) * (1 + 1e-9)
     assert moduli.continuity >= 1 / smallest_eigenvalue(gram, solves[1], own) * (1 - 1e-9)
