@@ -14,11 +14,11 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.bounds.difference import ExactDifference, definite
-from hhr_dolfinx.models.bounds.output_difference import OutputDifference, is_read
 from hhr_dolfinx.models.field_response import FieldResponse
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
+    from hhr_dolfinx.models.bounds.output_difference import OutputDifference
 
 
 ROUND_OFF = 1e-13
@@ -261,6 +261,8 @@ def output_difference(full: Any, training: Any = None) -> OutputDifference:
 
     ``training`` are snapshots, whose outputs say what is large.
     """
+    from hhr_dolfinx.models.bounds.output_difference import OutputDifference, is_read
+
     problem = full.problem
     size = problem.free.size
     read = [item.matrix(size) for item in full.functionals.items if is_read(item, len(problem.gaps))]

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
@@ -28,8 +28,10 @@ from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.models.bounds.bound import CANCELLED, ROUND_OFF, ForceScale, driven, estimates_of, lengths
 from hhr_dolfinx.models.bounds.contact_response import ContactResponse, Outside
 from hhr_dolfinx.models.estimates import Estimates
-from hhr_dolfinx.models.gradient import Gradient
 from hhr_dolfinx.plain import Rebuilt
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.gradient import Gradient
 
 SQUARES = 1e-14
 """Part of squares that is round-off of their difference."""
