@@ -7,6 +7,7 @@ set -eu
 cd "$(dirname "$0")/.."
 root=$(pwd)
 python=$root/.venv/bin/python
+[ -x "$python" ] || sh scripts/setup.sh
 known=$(git rev-parse --verify "$(cat scripts/same_base.txt)^{commit}")
 base=$(git rev-parse --verify "${BASE:-$known}^{commit}")
 allow=${ALLOW:-}
