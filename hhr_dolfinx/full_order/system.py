@@ -69,7 +69,9 @@ class SystemAt:
         moved = problem.contact_of_rows @ free
         response = stiffness.response_to_forces
         if (rows := problem.spread).comm is not None:
-            free, moved, response = rows.whole(free), rows.sum(moved), self._response
+            free = rows.whole(free)
+            moved = rows.sum(moved)
+            response = self._response
         floating = None if problem.rigid is None else self._floating(problem.rigid)
         changes = self._at_fixed_forces
         return CondensedContact(stiffness.schur, self.gaps - moved, free, response, changes, True, floating, stiffness)

@@ -263,7 +263,6 @@ def reduce(
     _check_limits(budget, seed)
     with ranks.each_for_itself(comm, "preparing a search"):
         full = _full_model(scene)
-        full.problem.require_parts("a search for a model")
         _check_paths(full, paths)
         wish = Wish.checked(error, of, full)
         if fallback and len(wish.of) > 1:
@@ -350,12 +349,12 @@ def _free_folder(folder: str | Path, scene: str) -> Path:
 
 
 def _full_model(scene: Any) -> FullOrderModel:
-    """The full model of a scene, on one rank."""
-    if isinstance(scene, FullOrderModel):
-        return scene
-    if not isinstance(scene, Scene):
+    """The full model of a scene, on one rank, which models can be built of."""
+    if not isinstance(scene, FullOrderModel | Scene):
         raise StudyError(f"{scene!r} is no scene: give a Scene")
-    return FullOrderModel(scene, MPI.COMM_SELF)
+    full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
+    full.problem.require_parts("a search for a model")
+    return full
 
 
 def _check_paths(full: FullOrderModel, paths: Any) -> None:
