@@ -270,8 +270,8 @@ def check_output(output: Any, parameters: Bounds | None = None) -> None:
         slopes = answer.gradient[output.name]
         expected = space.differences(lambda moved: np.array([value(full, moved)]), point, STEP)[0]
         # over the box, beside the round-off of values; at kinks there are two slopes
-        sizes = np.append((slopes, expected) * (space.upper - space.lower), [np.abs(values).max()] * 2)
-        right = answer.one_sided or _near(*np.split(sizes, 2), OF_ANSWERS)
+        widths, size = np.subtract(space.upper, space.lower), np.abs(values).max()
+        right = answer.one_sided or _near([*slopes * widths, size], [*expected * widths, size], OF_ANSWERS)
         _require(right, "slopes", slopes, expected)
     kept = _saved(condensed, _classes(item))
     _require([value(kept, point) for point in points] == found, "file")
@@ -290,10 +290,10 @@ def check_system(system: Callable[..., Any], parameters: Bounds | None = None) -
         matrix = getattr(at.stiffness, "matrix", schur)  # factors read one half of it
         symmetric = abs(matrix - matrix.T).max() <= ROUND_OFF * abs(matrix).max()
         _require(symmetric and _near(schur, schur.T, ROUND_OFF) and _near(own, schur, ROUND_OFF), "schur")
-        _check_explicit(full, point, forces)  # asks for other points
-        again = full.system.at(point)
+        _, again = full.system.at(full.problem.middle), full.system.at(point)
         same = np.array_equal(at.loads, again.loads) and np.array_equal(solved, again.stiffness.solve(tried))
         _require(same, "point")
+        _check_explicit(full, point, forces)
         if parts is not None:
             weights = [modulus.value(point) for modulus in parts[0]] or [1.0]
             product = sum(weight * (part @ tried) for weight, part in zip(weights, parts[1], strict=True))

@@ -1,6 +1,6 @@
 """Conformance checks: each passes on our parts and on toys, and says what is wrong with broken variants of them."""
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import ClassVar
 
 import numpy as np
@@ -21,13 +21,12 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx import testing as suite
 from hhr_dolfinx.errors import ConformanceError, NotOfferedError, ReductionError
 from hhr_dolfinx.models.condensed import CondensedModel
-from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.testing import LOWER_SURFACE, UPPER_SURFACE
 
 UP = (0.0, 1.0)
 NODES = hhr.NodeToNode(LOWER_SURFACE, UPPER_SURFACE, UP)
-FLOOR = hhr.Obstacle(LOWER_SURFACE, UP, 0.1)
+FLOOR = hhr.Obstacle(LOWER_SURFACE, UP, 1.1)
 PUNCH = RoundPunch(LOWER_SURFACE, (1.5, 2.2), 1.0)
 WIND = WindLoad(suite.FLANK, (1.0, 0.0), 0.5, "speed")
 LOADS = {"speed": (1.0, 3.0), "height": (1.1, 1.9)}
@@ -84,7 +83,11 @@ def crossed(rows):
 
 COUNT = iter(range(100))
 PAIRINGS = [
-    (PUNCH, lambda rows: {"gap": 2 * rows.gap}, "gap 0 grows by -.* unit that surface .* and its row says -"),
+    (
+        PUNCH,
+        lambda rows: {"gap": 2 * rows.gap},
+        "gap . grows by -2 per unit that surface 121 moves outward, and its row says -1: correct one",
+    ),
     (NODES, lambda rows: {"matrix": -rows.matrix}, "correct one"),
     (FLOOR, lambda rows: {"areas": rows.areas / 2}, r"uniform pressure by .*: correct areas or rows"),
     (NODES, crossed, "pair each slave with the place where it lies"),
@@ -103,56 +106,62 @@ def test_broken_pairings(pairing, change, said):
 
 @dataclass(frozen=True)
 class Broken:
-    """Plasticity whose flow is changed by name."""
+    """Plasticity whose flow is changed by a function of the table below."""
 
-    how: str
-    rated: ClassVar[bool] = False
+    name: str
+    rated: bool = False
     hidden: ClassVar[float] = 1.0
 
     def flow(self, trial, plastic_strain, shear, dt):
         amount, slope = hhr.Plasticity(1.0, 5.0).flow(trial, plastic_strain, shear, dt)
-        given = {"amount": amount, "slope": slope, "trial": trial, "shear": shear, "dt": dt, "law": self, "np": np}
-        return tuple(eval(self.how, given))
+        return CHANGES[self.name](self, amount, slope, trial, shear, dt)
 
 
+def softening(law, amount, slope, trial, shear, dt):
+    """Perfect plasticity that returns too far."""
+    return np.maximum(trial - 1, 0) * 1.004 / (3 * shear), np.where(trial > 1, 1.004 / (3 * shear), 0.0)
+
+
+CHANGES = {
+    "wrong slope": lambda law, amount, slope, *_: (amount, 0.3 * slope),
+    "half way": lambda law, amount, slope, *_: (0.5 * amount, 0.5 * slope),
+    "by time": lambda law, amount, slope, trial, shear, dt: (amount * dt, slope * dt),
+    "by mean": lambda law, amount, slope, trial, *_: (amount * trial.mean() / 1e3, slope * trial.mean() / 1e3),
+    "always": lambda law, amount, slope, *_: (amount + 1e-9, slope),
+    "back": lambda law, amount, slope, *_: (-amount, -slope),
+    "softening": softening,
+    "never": lambda law, amount, slope, *_: (0 * amount, 0 * slope),
+    "half an answer": lambda law, amount, *_: amount,
+    "hidden": lambda law, amount, slope, *_: (law.hidden * amount, law.hidden * slope),
+}
 LAWS = {
-    "amount, 0.3 * slope": "differences give .*: return the derivative",
-    "0.5 * amount, 0.5 * slope": "a second return flows on",
-    "amount * dt, slope * dt": "depends on dt",
-    "amount * trial.mean() / 100, slope * trial.mean() / 100": "depends on other points",
-    "amount + 1e-9, slope": "flows without stress",
-    "-amount, -slope": "ConvergenceError: .* flows by -",
-    "1.004 * amount, 1.004 * slope": r"outside 0 to 1 / \(3 mu\)",
-    "0 * amount, 0 * slope": "nothing flows under strains of 0.02 with young = 200",
-    "amount": "SceneError: the law .* must return two arrays",
-    "law.hidden * amount, law.hidden * slope": "from a file answers otherwise",
+    "wrong slope": "differences give .*: return the derivative",
+    "half way": "a second return flows on",
+    "by time": "depends on dt",
+    "by mean": "depends on other points",
+    "always": "flows without stress",
+    "back": "ConvergenceError: .* flows by -",
+    "softening": r"outside 0 to 1 / \(3 mu\)",
+    "never": "nothing flows under strains of 0.02 with young = 200",
+    "half an answer": "SceneError: the law .* must return two arrays",
+    "hidden": "from a file answers otherwise",
 }
 
 
-@pytest.mark.parametrize("how", LAWS)
-def test_broken_laws(how):
-    law = Broken(how)
-    if "hidden" in how:
-        law.__dict__.update(hidden=0.9, rated=True)
-    if "1.004" in how:  # plasticity of softening 1.004 / 3 mu that its surface does not show
-        law.__dict__.update(rated=True)
-        law = replace_constants(law)
-    with pytest.raises(ConformanceError, match=f"Broken: .*{LAWS[how]}"):
+@pytest.mark.parametrize("name", LAWS)
+def test_broken_laws(name):
+    law = Broken(name, rated=name in ("softening", "hidden"))
+    law.__dict__["hidden"] = 0.9  # in no field
+    with pytest.raises(ConformanceError, match=f"Broken: .*{LAWS[name]}"):
         suite.check_law(law)
 
 
-def replace_constants(law):
-    """Without hardening, so that its slope is 1 / (3 mu)."""
-    law.__dict__["how"] = "np.maximum(trial - 1, 0) * 1.004 / (3 * shear), np.where(trial > 1, 1.004 / (3 * shear), 0)"
-    return law
-
-
 def test_a_law_that_is_no_plain_data():
-    class Open(Bingham.__mro__[-1]):
+    class Open:
         def flow(self, *given):
             return Bingham(1.0, 20.0).flow(*given)
 
-    with pytest.raises(ConformanceError, match="Open: FileContentError: .*must be a frozen dataclass"):
+    with pytest.raises(ConformanceError, match=r"Open: FileContentError: .*must be a frozen dataclass"):
         suite.check_law(Open())
 
 
@@ -172,7 +181,7 @@ class Nodal:
 @dataclass(frozen=True)
 class WrongSquare(Square):
     def derivative(self, point):
-        return self.factor * point[self.place]
+        return self.factor * point[self.place] * np.eye(point.size)[self.place]
 
 
 @dataclass(frozen=True)
@@ -210,7 +219,7 @@ LOADED = [
 
 @pytest.mark.parametrize(("load", "said"), LOADED)
 def test_broken_loads(load, said):
-    with pytest.raises(ConformanceError, match=f"{type(load).__name__}: {said}"):
+    with pytest.raises(ConformanceError, match=f"{type(load).__name__}: .*{said}"):
         suite.check_load(load, LOADS)
 
 
@@ -237,17 +246,6 @@ class Ageing(PressureNorm):
 
 
 @dataclass(frozen=True, eq=False)
-class Forceless(PressureNorm):
-    uses_forces: ClassVar[bool] = False
-
-    def value(self, state):
-        return super().value(state) if state.forces.size else float(state.point.sum())
-
-    def slopes(self, state):
-        return hhr.models.functionals.functional.Slopes(point=np.ones(state.point.size))
-
-
-@dataclass(frozen=True, eq=False)
 class Hidden(PressureNorm):
     hidden: ClassVar[float] = 1.0
 
@@ -266,7 +264,7 @@ class Odd(SmoothPeak):
 
     def prepared(self, probe):
         found = super().prepared(probe)
-        made = self.kind(**{name: getattr(found, name) for name in found.__dataclass_fields__})
+        made = self.kind(**{name: getattr(found, name) for name in (item.name for item in fields(found))})
         made.__dict__.update({"name": self.called or self.name} | ({"hidden": 2.0} if self.kind is Hidden else {}))
         return made
 
@@ -283,7 +281,7 @@ OUTPUTS = [
 
 @pytest.mark.parametrize(("output", "said"), OUTPUTS)
 def test_broken_outputs(output, said):
-    with pytest.raises(ConformanceError, match=f"{type(output).__name__}: {said}"):
+    with pytest.raises(ConformanceError, match=f"{type(output).__name__}: .*{said}"):
         suite.check_output(output)
 
 
@@ -364,16 +362,18 @@ class Softer(DenseElimination):
 
 
 @dataclass(frozen=True)
-class Rough(ExactFields):
+class Bounded(ExactFields):
+    """Not exact, and says that nothing is off."""
+
     exact = False
 
 
 @dataclass(frozen=True)
-class Bounded(Rough):
-    """Says that nothing is off."""
+class Rough(Bounded):
+    """Not exact, and says nothing of errors."""
 
     def estimate(self, answer):
-        return Estimate.exact(self.functionals)
+        return None
 
 
 @dataclass(frozen=True)
@@ -419,6 +419,6 @@ def test_broken_reductors(reductor, said):
 
 def test_a_reductor_that_promises_less_passes():
     suite.check_reductor(Variant(factor=1.001, fields=Rough), [DenseElimination, Rough])
-    with pytest.raises(ConformanceError, match="Nothing: ReductionError: .* must return a model"):
+    with pytest.raises(ConformanceError, match=r"Nothing: ReductionError: .* must return a model"):
         suite.check_reductor(type("Nothing", (), {"reduced": lambda *_: None})())
     assert issubclass(ConformanceError, AssertionError) and not issubclass(ConformanceError, ReductionError)
