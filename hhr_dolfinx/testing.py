@@ -46,7 +46,7 @@ LOWER_SURFACE, UPPER_SURFACE = two_blocks.side(LOWER_BODY, 1, True), two_blocks.
 """Facet tags of the surfaces that touch, at y = 1."""
 FLANK = two_blocks.side(UPPER_BODY, 0, True)
 """Facet tag of the side x = 2 of the upper block, on which the pressure ``load`` acts."""
-BOX = {"push": (0.005, 0.06), "slide": (-0.02, 0.02), "load": (0.0, 0.1), "gap": (0.0, 0.01)}
+BOX = {"push": (0.005, 0.06), "slide": (-0.02, 0.02), "load": (0.0, 0.1), "gap": (0.0, 0.03)}
 """Bounds of the motion of the top down and aside, of the pressure on the flank, and of the opening of the contact."""
 ROUND_OFF = 1e-8
 """Relative error of what is exact; cond(K) of the blocks is below 1e4."""

@@ -253,7 +253,7 @@ class Hidden(PressureNorm):
         return self.hidden * super().value(state)
 
     def slopes(self, state):
-        found = super().slopes(state)
+        found = super(Hidden, replace(self)).slopes(state)  # of the value that is not hidden
         return found._replace(forces=self.hidden * found.forces)
 
 
