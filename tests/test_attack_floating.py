@@ -6,6 +6,7 @@ import warnings
 import numpy as np
 import pytest
 from mpi4py import MPI
+from needs import needs
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status
@@ -183,6 +184,7 @@ def test_zero_loads():
 MORTAR = (hhr.Obstacle(side(1, 1, False), (0, -1), 0.0), hhr.Mortar(side(2, 1, False), side(1, 1, True)))
 
 
+@needs("local", "fallback")
 @pytest.mark.parametrize("how", ["node to surface", "mortar"])
 def test_small_models_of_a_stack(how, tmp_path):
     space = hhr.ParameterSpace(("p", "q"), (0.1, 0.0), (1.0, 1.0))

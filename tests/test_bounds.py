@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import sphere_on_block
 from kept_values import array, rewrite_model
+from needs import needs
 from scenes import THESIS, pressed_block, pressed_pair
 from test_outputs import small_pellet
 from test_plastic import tube
@@ -170,6 +171,7 @@ def test_what_is_not_proved_is_refused(hertz):
 # ---------------------------------------------------------------- the way back to the full model
 
 
+@needs("fallback")
 def test_outside_the_training_and_other_mistakes(hertz, hertz_snapshots, hertz_reduction):
     half = hhr.build(hertz, hertz_snapshots.take(slice(0, 12)), hhr.Recipe().as_it_is())
     model = hhr.FallbackModel(half, hertz, 1e6)
@@ -189,6 +191,7 @@ def test_outside_the_training_and_other_mistakes(hertz, hertz_snapshots, hertz_r
     assert model.asked == asked
 
 
+@needs("fallback")
 def test_the_full_model_must_be_that_of_the_scene(hertz, hertz_reduction):
     """Of another mesh, stiffness or box, or no full model at all."""
     softer = dataclasses.replace(

@@ -10,6 +10,7 @@ from pathlib import Path
 import contract
 import numpy as np
 import pytest
+from needs import needs
 from threadpoolctl import threadpool_info
 from threads import THREADS, at_once
 
@@ -154,6 +155,7 @@ def test_a_problem_that_cannot_be_made_is_no_answer(kind, error, monkeypatch):
     assert str(error) in table.status[0] and np.isnan(table.forces).all()
 
 
+@needs("fallback")
 @pytest.mark.parametrize("where", [("solve", "solve_many"), ("estimate", "estimates")])
 def test_a_model_that_fails_is_no_reason_to_have_no_answer(where, monkeypatch):
     """Whatever goes wrong in the reduced model, a model with the full one behind it answers."""

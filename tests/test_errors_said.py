@@ -11,6 +11,7 @@ import pellet_cladding as pellet_demo
 import pellet_materials as materials_demo
 import pytest
 from mpi4py import MPI
+from needs import needs
 from scenes import pressed_block
 
 import hhr_dolfinx as hhr
@@ -137,6 +138,7 @@ def test_estimates_of_parts_are_put_in_order():
     assert single.kind == "indicator" and single[1] == Estimate.indicated(0.5) and np.isinf(single.pressure[1])
 
 
+@needs("local")
 def test_local_models_measure_by_the_same_sizes(pellet, reduced):
     """Each is trained on a part, and the largest forces of all parts count."""
     local, points = pellet.local(hhr.Clusters(2), checked=False), pellet.full_order.parameters.random(30, 6)
@@ -165,6 +167,7 @@ def test_files_and_copies_say_the_same(reduced, condensed, tmp_path):
 # ---------------------------------------------------------------- where contact is lost
 
 
+@needs("fallback")
 def test_a_point_without_contact_is_not_infinitely_wrong():
     """A block above its floor: no force is exact and predicted. Its relative error was infinite."""
     full = hhr.FullOrderModel(pressed_block("plane_strain", cells=6))
@@ -183,6 +186,7 @@ def test_a_point_without_contact_is_not_infinitely_wrong():
 # ---------------------------------------------------------------- which error a safe model keeps below its tolerance
 
 
+@needs("fallback")
 def test_safe_models_keep_the_error_that_is_asked_for(pellet):
     """Of sixteen snapshots, with 0.05 allowed. Those of energies hand out nodal forces and pressures that are worse."""
     full, few = pellet.full_order, pellet.snapshots.take(slice(None, None, 3))
@@ -209,6 +213,7 @@ def test_safe_models_keep_the_error_that_is_asked_for(pellet):
     assert 0 < fallen["forces"] < fallen["pressure"] < 1 and 0 < fallen["peak"] < fallen["pressure"]
 
 
+@needs("fallback")
 def test_words_that_are_no_error(pellet, reduced, materials):
     with pytest.raises(ParameterError, match=r"'energy' is no error .* 'forces', 'pressure', 'displacement', 'peak'"):
         pellet.safe_model(of="energy")
@@ -236,6 +241,7 @@ def test_models_say_which_errors_they_know(pellet, reduced, condensed, caplog):
     assert without.known_error == "none: the recipe asks for none" and without.known_error in caplog.text
 
 
+@needs("fallback")
 @pytest.mark.filterwarnings("ignore:.*no contact resists and no load drives")
 def test_a_body_that_contact_holds_is_named_by_all_that_is_made_of_it(tmp_path, caplog):
     """Where its modulus is a parameter too; of a constant stiffness there is a bound."""

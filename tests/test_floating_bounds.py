@@ -6,6 +6,7 @@ import warnings
 
 import numpy as np
 import pytest
+from needs import needs
 from test_attack_floating import slope, stack
 from test_bounds import check, sizes_of
 from test_floating import scene
@@ -98,6 +99,7 @@ def test_files_answer_alike(model, tmp_path):
         assert mine.estimate() == theirs.estimate()
 
 
+@needs("fallback")
 def test_a_safe_model_keeps_its_word(training):
     safe = training.safe_model(0.01, checked=False)
     assert isinstance(safe, CondensedModel)

@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from mpi4py import MPI
+from needs import needs
 from test_friction import FIRST, SECOND, resultants, round_block, rubbing
 from test_reduced_friction import OUTPUTS, paths
 
@@ -215,6 +216,7 @@ def test_what_slides_far_is_told_of():
     assert len([item for item in caught if item.category is FarSlidingWarning]) == 1
 
 
+@needs("local")
 def test_what_is_not_built_in_is_refused_by_name(training, model, condensed):
     path = paths(1, 37, model.parameters)[0]
     for one in (training.full_order, model, condensed):

@@ -15,6 +15,7 @@ import pellet_cladding_plastic as plastic
 import pytest
 from bare import WAIT, arrays_of, rewrite_signed
 from kept_values import array, both, entry, node_of, put, rewrite_model
+from needs import needs, present
 from parted import CUT, REACH, by_lapack, choice, one_cut, parts_of, pellet_models, pellet_training
 from scenes import largest_difference, pressed_block
 from test_flow_moduli import path as heated
@@ -54,7 +55,8 @@ OF_CONTRACT = tuple(
         "interpolated condensation, floating",
     )
 )  # what needs no mesh
-PELLET = ("pellet", "local pellet", "condensed pellet", "flowing pellet")
+LOCAL = ("local pellet",) if present("local") else ()
+PELLET = ("pellet", *LOCAL, "condensed pellet", "flowing pellet")
 ALL = (*OF_CONTRACT, *PELLET)
 QUIET = hhr.MarchSettings(outside="ignore")
 OUTPUTS = (
@@ -70,13 +72,13 @@ def models():
     training = pellet_training()
     whole = hhr.build(training.full_order, training.snapshots, hhr.Recipe().as_it_is())
     parts = [*pellet_models(training), *parts_of(training, [(2.0, 6.1)])]
-    tree = choice([(1, CUT, 1, 2), (-1, 0), (0, 100.0, 3, 4), (-1, 2), (-1, 1)], (5.0, 0.4))
+    tree = LOCAL and choice([(1, CUT, 1, 2), (-1, 0), (0, 100.0, 3, 4), (-1, 2), (-1, 1)], (5.0, 0.4))
     full = hhr.FullOrderModel(pellet(outputs=OUTPUTS))
     known = hhr.SnapshotSet.of_histories([full.march(heated(*item)) for item in ((5.0, 160e3), (12.0, 220e3))])
     found = {kind: contract.model_of(kind) for kind in OF_CONTRACT}
     return found | {
         "pellet": whole,
-        "local pellet": hhr.LocalModels(parts, tree),
+        **{name: hhr.LocalModels(parts, tree) for name in LOCAL},
         "condensed pellet": condense_flow(full, known, CorrectionSettings(attempts=1, trust=None)),
         "flowing pellet": flowing.flowing_reduction(flowing.flowing_full()),
     }
@@ -135,7 +137,7 @@ def bits(model):
 
 def same_library(model):
     """A model as a file holds it: factored by LAPACK, which differs from PETSc in last digits."""
-    if isinstance(model, hhr.ReducedModel | hhr.LocalModels):
+    if isinstance(model, hhr.ReducedModel) or hasattr(model, "models"):
         return by_lapack(model)
     found = pickle.loads(pickle.dumps(model))
     if getattr(getattr(found, "eliminated", None), "factorise", None) is not None:
@@ -249,6 +251,7 @@ def test_zeros_are_not_stored_and_keep_their_sign(models, kept, tmp_path):
     assert size <= 16 * len(models["pellet"].fields.gaps)
 
 
+@needs("local")
 def test_what_models_share_is_kept_once(models, kept, tmp_path):
     """S, the free slack, the modes of a basis that all have."""
     stored = hhr.load_model(kept["local pellet"])
@@ -354,6 +357,7 @@ class Careless:
         return 0 * trial, 0 * trial
 
 
+@needs("local")
 def test_an_amplitude_of_a_users_own(tmp_path):
     """A load of a user's own with a term that is not affine, through the whole chain to the file, alone and in sets."""
     held = [hhr.Displacement(block.side(0, upper=upper), 0) for upper in (False, True)]
@@ -374,6 +378,7 @@ def test_an_amplitude_of_a_users_own(tmp_path):
         assert bits(hhr.load_model(own, known=[Square])) == bits(by_lapack(model))
 
 
+@needs("local")
 def test_an_indicator_stays_behind_and_is_warned_of(models, tmp_path):
     model, local = models["pellet"], models["local pellet"]
     fields = replace(model.fields, indicator=lambda answer: 0.5, bound=None, response=None,
@@ -394,6 +399,7 @@ def test_an_indicator_stays_behind_and_is_warned_of(models, tmp_path):
         stored.solve(point, outside="ignore").stress()
 
 
+@needs("local")
 def test_what_could_not_be_read_is_not_written(models, tmp_path):
     model, flow = models["pellet"], models["condensed pellet"]
     problem, local = model.problem, models["local pellet"]
@@ -774,7 +780,9 @@ REFUSED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("kind, number", [(kind, k) for kind, rows in REFUSED.items() for k in range(len(rows))])
+@pytest.mark.parametrize(
+    "kind, number", [(kind, k) for kind, rows in REFUSED.items() if kind in ALL for k in range(len(rows))]
+)
 def test_a_signed_file_of_other_content_is_refused_where_it_is_read(kind, number, file):
     why, change = REFUSED[kind][number]
     path = file(kind)
@@ -784,7 +792,7 @@ def test_a_signed_file_of_other_content_is_refused_where_it_is_read(kind, number
         hhr.load_model(path, known=[Toy])
 
 
-@pytest.mark.parametrize("kind", REFUSED)
+@pytest.mark.parametrize("kind", [kind for kind in REFUSED if kind in ALL])
 def test_a_signed_file_that_was_not_changed_is_read(kind, file):
     """Else the tests above would pass with a wrong signature."""
     path = file(kind)

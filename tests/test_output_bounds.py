@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from kept_values import array, put, rewrite_model
+from needs import needs
 from scenes import pressed_pair
 from test_outputs import small_pellet
 
@@ -74,6 +75,7 @@ def test_outputs_of_the_pellet(pellet, poor):
         assert model is not poor or min(medians[name] for name in set(medians) - {"area", "lost"}) > 1e-6
 
 
+@needs("fallback")
 def test_outputs_with_too_many_rows_have_none(pellet, monkeypatch):
     """Von Mises' stress of a large body: the exact state is not read there, and that is said."""
     monkeypatch.setattr(output_difference, "MOST_ENTRIES", 400)

@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 from mpi4py import MPI
+from needs import needs
 from scenes import pressed_pair
 from toy_system import Foundation
 
@@ -15,7 +16,6 @@ from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.plugins.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.plugins.exporters.deck import write_deck
 
 BOX = {"k": (0.0, 20.0)}
@@ -93,6 +93,12 @@ def statuses(full):
     return KnownStatuses(full.problem.middle[None], np.zeros((1, full.conditions), dtype=bool))
 
 
+def naive(full):
+    from hhr_dolfinx.plugins.baselines.naive import NaiveFullOrder
+
+    return NaiveFullOrder(full)
+
+
 READERS = {
     "condense": lambda full, path: hhr.condense(full),
     "condense a scene": lambda full, path: hhr.condense(scene()),
@@ -106,7 +112,7 @@ READERS = {
     "slide": lambda full, path: hhr.slide(scene(matching=False, openings=(), outputs=())),
     "greedy training": lambda full, path: hhr.train(scene(), hhr.Greedy(), comm=MPI.COMM_SELF),
     "study": lambda full, path: hhr.study_scene(scene(), hhr.StudySettings(training=hhr.Sobol(8)), path),
-    "naive full order": lambda full, path: NaiveFullOrder(full).solve(full.problem.middle),
+    "naive full order": lambda full, path: naive(full).solve(full.problem.middle),
     "store of snapshots": lambda full, path: hhr.SnapshotStore(path, full),
     "error of the mesh": lambda full, path: hhr.mesh_error(full, full.solve(full.problem.middle)),
     "energy": lambda full, path: energy_minimum(full.problem, full.solve(full.problem.middle).displacement(), None),
@@ -115,7 +121,18 @@ READERS = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("reader", READERS)
+OF_PLUGINS = {
+    "local models": "local",
+    "fallback": "fallback",
+    "reduce": "one_call",
+    "greedy training": "greedy",
+    "naive full order": "baselines",
+}
+
+
+@pytest.mark.parametrize(
+    "reader", [pytest.param(name, marks=needs(*[OF_PLUGINS[n] for n in [name] if n in OF_PLUGINS])) for name in READERS]
+)
 @pytest.mark.filterwarnings("ignore")
 def test_what_reads_k_refuses_it(reader, full, tmp_path):
     with pytest.raises(NotOfferedError, match="is not offered for a user-defined system without parts"):
