@@ -5,7 +5,7 @@ export OPENBLAS_NUM_THREADS = 1
 # what is said comes as it is said, into a file or a pipe too
 export PYTHONUNBUFFERED = 1
 
-.PHONY: demo hertz pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes figures lint test quick slow docs setup mutants doctor same
+.PHONY: demo hertz pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes figures lint test quick slow docs setup mutants doctor without same
 
 demo: setup
 	.venv/bin/python demos/bolted_joint.py
@@ -106,6 +106,10 @@ quick: setup
 	.venv/bin/python -m pytest -n auto --maxprocesses 2 --dist loadfile $(QUICK:%=tests/test_%.py)
 
 # what `make test` leaves out: tests that take minutes, and the dear cases of tests/slow_cases.txt; half an hour
+# all other tests, in a copy of the checkout without a plug-in: make without PLUGIN=pages
+without: setup
+	.venv/bin/python scripts/without.py $(PLUGIN)
+
 slow: setup
 	.venv/bin/python -m pytest -m slow -n auto --maxprocesses 4 --dist loadfile
 

@@ -19,9 +19,9 @@ import numpy as np
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.full_order.deck import write_deck
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.geometries.two_blocks import side, two_blocks
+from hhr_dolfinx.plugins.exporters.deck import write_deck
 from hhr_dolfinx.study import cli
 from hhr_dolfinx.study.report import report
 

@@ -26,11 +26,10 @@ import numpy as np
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.baselines.naive import NaiveFullOrder
+from hhr_dolfinx import registry
 from hhr_dolfinx.errors import NotOfferedError, OutsideTrainingError, ParameterError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.estimates import FORCES, STRESS
-from hhr_dolfinx.models.local import LEAF, Choice
 from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
 EXACT = 1e-9
@@ -185,6 +184,8 @@ def sliding(condensed: bool) -> Any:
 
 def local_set() -> Any:
     """The same model for either half of the box."""
+    from hhr_dolfinx.plugins.local.models import LEAF, Choice
+
     model = training("constant").build(AS_IT_IS)
     other = model.changed(fields=dataclasses.replace(model.fields))
     axis, inner = np.array([0, LEAF, LEAF]), np.array([1, 0, 0])
@@ -208,43 +209,62 @@ def _rubbing(name: str, make: Callable[[hhr.FullOrderModel], Any], mu: dict[str,
     return Kind(lambda: make(rubbing(name)), lambda: rubbing(name), mu)
 
 
+def naive(full: hhr.FullOrderModel) -> Any:
+    """The naive full order."""
+    from hhr_dolfinx.plugins.baselines.naive import NaiveFullOrder
+
+    return NaiveFullOrder(full)
+
+
+OF_PLUGINS = {"naive": "baselines", "local models": "local", "fallback": "fallback", "in a fallback": "fallback"}
+"""Kinds and places that plug-ins add, which may have been deleted."""
+
+
+def there(cases: dict[str, Any]) -> dict[str, Any]:
+    """Those whose plug-in is installed."""
+    known = registry.installed()
+    return {name: case for name, case in cases.items() if OF_PLUGINS.get(name, "") in ("", *known)}
+
+
 VARIED, PRESSED = {**MIDDLE, "E1": 2.5}, {"press": 0.05}
-KINDS = {
-    "full": _elastic("constant", lambda item: item.full_order, MIDDLE),
-    "naive": _elastic("constant", lambda item: NaiveFullOrder(item.full_order), MIDDLE),
-    "exact condensation": _elastic(
-        "constant", lambda item: hhr.exact_condensation(item.full_order, item.snapshots.known_statuses()), MIDDLE
-    ),
-    "exact condensation, floating": _elastic(
-        "floating", lambda item: hhr.exact_condensation(item.full_order, item.snapshots.known_statuses()), PRESSED
-    ),
-    "interpolated condensation, moduli": _elastic("moduli", lambda item: item.condense(), VARIED),
-    "interpolated condensation, shape": _elastic("shape", lambda item: item.condense(), {**MIDDLE, "crown": 0.01}),
-    "interpolated condensation, floating": _elastic(
-        "floating moduli", lambda item: item.condense(), {**PRESSED, "E1": 2.5}
-    ),
-    "HHR, constant": _elastic("constant", lambda item: item.build(AS_IT_IS), MIDDLE),
-    "HHR, moduli": _elastic("moduli", lambda item: item.build(AS_IT_IS), VARIED),
-    "HHR, floating": _elastic("floating", lambda item: item.build(AS_IT_IS), PRESSED),
-    "local models": _elastic("constant", lambda item: local_set(), MIDDLE),
-    "fallback": _elastic("constant", lambda item: item.safe_model(0.01, recipe=AS_IT_IS), MIDDLE),
-    "full, flowing": _flowing(lambda item: item.full_order),
-    "HHR, flowing": _flowing(lambda item: item.build(FLOW)),
-    "condensed, flowing": _flowing(lambda item: item.condense(CorrectionSettings(primal=1.0, dual=1.0))),
-    "full, friction": _rubbing("constant", lambda full: full, MIDDLE),
-    "exact condensation, friction": _rubbing("constant", hhr.condense, MIDDLE),
-    "exact condensation, friction and floating": _rubbing("floating", hhr.condense, PRESSED),
-    "interpolated condensation, friction": _rubbing("moduli", lambda full: hhr.condense(full, fields=True), VARIED),
-    "interpolated condensation, friction and shape": _rubbing(
-        "shape", lambda full: hhr.condense(full, fields=True), {**MIDDLE, "crown": 0.01}
-    ),
-    "HHR, friction": _rubbing("constant", hyper_reduced, MIDDLE),
-    "HHR, friction and moduli": _rubbing("moduli", hyper_reduced, VARIED),
-    "HHR, friction and floating": _rubbing("floating", hyper_reduced, PRESSED),
-    "sliding past the mesh": Kind(lambda: sliding(True), lambda: sliding(False), {"push": 0.03, "load": 0.005}),
-    "full, friction and flowing": _rubbing_flow(lambda item: item.full_order),
-    "HHR, friction and flowing": _rubbing_flow(lambda item: item.build(FLOW)),
-}
+KINDS = there(
+    {
+        "full": _elastic("constant", lambda item: item.full_order, MIDDLE),
+        "naive": _elastic("constant", lambda item: naive(item.full_order), MIDDLE),
+        "exact condensation": _elastic(
+            "constant", lambda item: hhr.exact_condensation(item.full_order, item.snapshots.known_statuses()), MIDDLE
+        ),
+        "exact condensation, floating": _elastic(
+            "floating", lambda item: hhr.exact_condensation(item.full_order, item.snapshots.known_statuses()), PRESSED
+        ),
+        "interpolated condensation, moduli": _elastic("moduli", lambda item: item.condense(), VARIED),
+        "interpolated condensation, shape": _elastic("shape", lambda item: item.condense(), {**MIDDLE, "crown": 0.01}),
+        "interpolated condensation, floating": _elastic(
+            "floating moduli", lambda item: item.condense(), {**PRESSED, "E1": 2.5}
+        ),
+        "HHR, constant": _elastic("constant", lambda item: item.build(AS_IT_IS), MIDDLE),
+        "HHR, moduli": _elastic("moduli", lambda item: item.build(AS_IT_IS), VARIED),
+        "HHR, floating": _elastic("floating", lambda item: item.build(AS_IT_IS), PRESSED),
+        "local models": _elastic("constant", lambda item: local_set(), MIDDLE),
+        "fallback": _elastic("constant", lambda item: _in_fallback("HHR, constant"), MIDDLE),
+        "full, flowing": _flowing(lambda item: item.full_order),
+        "HHR, flowing": _flowing(lambda item: item.build(FLOW)),
+        "condensed, flowing": _flowing(lambda item: item.condense(CorrectionSettings(primal=1.0, dual=1.0))),
+        "full, friction": _rubbing("constant", lambda full: full, MIDDLE),
+        "exact condensation, friction": _rubbing("constant", hhr.condense, MIDDLE),
+        "exact condensation, friction and floating": _rubbing("floating", hhr.condense, PRESSED),
+        "interpolated condensation, friction": _rubbing("moduli", lambda full: hhr.condense(full, fields=True), VARIED),
+        "interpolated condensation, friction and shape": _rubbing(
+            "shape", lambda full: hhr.condense(full, fields=True), {**MIDDLE, "crown": 0.01}
+        ),
+        "HHR, friction": _rubbing("constant", hyper_reduced, MIDDLE),
+        "HHR, friction and moduli": _rubbing("moduli", hyper_reduced, VARIED),
+        "HHR, friction and floating": _rubbing("floating", hyper_reduced, PRESSED),
+        "sliding past the mesh": Kind(lambda: sliding(True), lambda: sliding(False), {"push": 0.03, "load": 0.005}),
+        "full, friction and flowing": _rubbing_flow(lambda item: item.full_order),
+        "HHR, friction and flowing": _rubbing_flow(lambda item: item.build(FLOW)),
+    }
+)
 
 
 @cache
@@ -423,13 +443,15 @@ def _in_fallback(kind: str) -> Any:
     return hhr.FallbackModel(model, KINDS[kind].full(), 0.05, of=of)
 
 
-PLACES: dict[str, Callable[[str], Any]] = {
-    "in memory": model_of,
-    "copied": lambda kind: copy.copy(model_of(kind)),
-    "pickled": lambda kind: pickle.loads(pickle.dumps(model_of(kind))),
-    "from a file": _from_file,
-    "in a fallback": _in_fallback,
-}
+PLACES: dict[str, Callable[[str], Any]] = there(
+    {
+        "in memory": model_of,
+        "copied": lambda kind: copy.copy(model_of(kind)),
+        "pickled": lambda kind: pickle.loads(pickle.dumps(model_of(kind))),
+        "from a file": _from_file,
+        "in a fallback": _in_fallback,
+    }
+)
 
 
 def _table(kind: str) -> None:

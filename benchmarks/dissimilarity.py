@@ -25,10 +25,10 @@ from scipy import linalg
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity
+from hhr_dolfinx.plugins.theorems.theorems import ROUND_OFF, ThesisBounds
 from hhr_dolfinx.reduction.subspaces import theorem_9
 from hhr_dolfinx.study.training.train import Training
-from hhr_dolfinx.theorems.ellipticity import Ellipticity
-from hhr_dolfinx.theorems.theorems import ROUND_OFF, ThesisBounds
 
 HEIGHTS = np.array([0.5, 0.75, 1.0, 1.25, 1.5])
 """Heights h1 in mm, as many as V* has functions."""

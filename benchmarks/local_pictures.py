@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.models.local import LocalModels
+from hhr_dolfinx.plugins.local.models import LocalModels
 from hhr_dolfinx.study.measure import References
 from hhr_dolfinx.study.training.train import Training
 

@@ -29,10 +29,10 @@ from mpi4py import MPI
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block, stacked_blocks, two_blocks
 from hhr_dolfinx.geometries.two_blocks import side
+from hhr_dolfinx.plugins.one_call.bench import Bench
+from hhr_dolfinx.plugins.one_call.crew import Crew
+from hhr_dolfinx.plugins.one_call.wish import Budget, Wish
 from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.one_call.bench import Bench
-from hhr_dolfinx.study.one_call.crew import Crew
-from hhr_dolfinx.study.one_call.wish import Budget, Wish
 from hhr_dolfinx.study.report import report
 from hhr_dolfinx.study.training.train import silent
 from hhr_dolfinx.timing import timed

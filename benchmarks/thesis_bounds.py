@@ -16,9 +16,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity
+from hhr_dolfinx.plugins.theorems.theorems import THEOREMS, ThesisBounds
 from hhr_dolfinx.study.training.train import Training
-from hhr_dolfinx.theorems.ellipticity import Ellipticity
-from hhr_dolfinx.theorems.theorems import THEOREMS, ThesisBounds
 
 
 class Printed(NamedTuple):

@@ -140,7 +140,7 @@ class Case:
 
     def check(self, full: FullOrderModel, seed: int) -> Checked:
         """The full model beside an independent solver at random parameters."""
-        from hhr_dolfinx.baselines.naive import NaiveFullOrder
+        from hhr_dolfinx.plugins.baselines.naive import NaiveFullOrder
 
         naive, bodies, points = NaiveFullOrder(full), _dofs_of_pairs(full.problem), full.parameters.random(5, seed + 7)
         worst = np.max([_disagreement(full, naive, point, bodies) for point in points])

@@ -20,11 +20,11 @@ import gmsh
 import numpy as np
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.doors.fmu import write_fmu
+from hhr_dolfinx.plugins.exporters.fmu import write_fmu
+from hhr_dolfinx.plugins.pages.scenery_of import scenery_of
 from hhr_dolfinx.study import cli
 from hhr_dolfinx.study.report import report
 from hhr_dolfinx.study.report.console import shares_on
-from hhr_dolfinx.study.scene.scenery import scenery_of
 from hhr_dolfinx.timing import timed
 
 STEP = Path(__file__).parent / "meshes" / "joint.step"

@@ -1,1 +1,1 @@
-"""The physics in UFL: small strain, loads, areas of contact surfaces, and the flow that tests hold the laws against."""
+"""The physics in UFL: small strain, loads, areas of contact surfaces, and the return mapping, a reference in tests."""

@@ -1,7 +1,7 @@
 """Trace forms on a contact surface.
 
-The contact matrix B of thesis (1.27) is nodal, without weights: a row divides ∫ λ n·v by the area that belongs to its
-multiplier. That area turns a nodal force into a pressure too; it is read from the first component of a vector test
+The contact matrix B of thesis (1.27) is nodal, without weights: a row is ∫ λ n·v over the tributary area of its
+multiplier. This area also converts a nodal force to a pressure. It is read from the first component of a vector test
 function.
 """
 

@@ -1,7 +1,6 @@
 """Small-strain isotropic elasticity in 2D and 3D from one source, thesis (1.1), (1.6), (1.9).
 
-Every hypothesis works with the full 3x3 strain, so that one contraction
-``a(u, v) = ∫ σ(u) : ε(v) w dx`` serves them all:
+Every hypothesis uses the full 3x3 strain, so that all have the same form ``a(u, v) = ∫ σ(u) : ε(v) w dx``:
 
 * ``plane_strain``: ε_zz = 0, weight w = 1 (per unit depth);
 * ``plane_stress``: ε_zz = -ν/(1-ν) (ε_xx + ε_yy), which makes σ_zz = 0, weight 1;
@@ -44,9 +43,9 @@ def stress(
 ) -> Expr:
     """Stress σ(u) = λ tr(ε) I + 2μ ε, thesis (1.6), a 3x3 tensor in the unit of E.
 
-    Moduli may be constants of a form: their values are not compiled in, so that other ones take no compilation.
+    Moduli may be constants of a form: their values are not compiled in, so that new values need no compilation.
 
-    A ``dilatation`` that is given takes the place of tr(ε), a third of it on each axis.
+    A given ``dilatation`` replaces tr(ε), a third of it on each axis.
     """
     if isinstance(young, Expr) or isinstance(poisson, Expr):
         lam = young * poisson / ((1 + poisson) * (1 - 2 * poisson))
@@ -65,7 +64,7 @@ def volume_weight(mesh: ufl.Mesh, hypothesis: str) -> Expr:
 
 
 def weight_at(radius: Expr | np.ndarray, hypothesis: str) -> Expr | np.ndarray:
-    """The same at given first coordinates, symbolic or numbers."""
+    """Weight of the measures at given first coordinates, symbolic or numbers."""
     return 2 * ufl.pi * radius if hypothesis == "axisymmetric" else 1.0 + 0 * radius
 
 
@@ -78,13 +77,13 @@ def stiffness(
 
 
 def own_stiffness(u: Expr, v: Expr, stress_of: Callable[[Expr], Expr], hypothesis: str, dx: ufl.Measure) -> ufl.Form:
-    """The same for a stress that is a function of the strain, 3x3, of a user's own."""
+    """Bilinear form as :func:`stiffness` with a user-defined stress as a function of the strain, both 3x3."""
     weight = volume_weight(dx.ufl_domain(), hypothesis)
     return weight * ufl.inner(stress_of(strain(u, hypothesis)), strain(v, hypothesis)) * dx
 
 
 def isotropic_parts(strain_of_u: Expr, hypothesis: str) -> tuple[Expr, Expr]:
-    """Stress by parts: a change of volume and one of shape, whose weights are the moduli of :func:`unit_moduli`.
+    """The two parts of the stress, (tr ε) I and 2 ε, whose weights are the moduli of :func:`unit_moduli`.
 
     σ = λ' (tr ε) I + μ' 2 ε, 3x3. In plane stress ε_zz is eliminated: the tensors are those of the plane.
     """
@@ -94,14 +93,14 @@ def isotropic_parts(strain_of_u: Expr, hypothesis: str) -> tuple[Expr, Expr]:
 
 
 def in_plane(tensor: Expr, hypothesis: str) -> Expr:
-    """A 3x3 tensor without what plane stress leaves free; itself elsewhere."""
+    """The in-plane components of a 3x3 tensor in plane stress; otherwise the tensor itself."""
     if hypothesis != "plane_stress":
         return tensor
     return ufl.as_tensor([[tensor[0, 0], tensor[0, 1], 0], [tensor[1, 0], tensor[1, 1], 0], [0, 0, 0]])
 
 
 def unit_moduli(poisson: str, hypothesis: str) -> tuple[str, str]:
-    """Weights λ' and μ' of :func:`isotropic_parts` for E = 1, as formulas of a formula of Poisson's ratio."""
+    """Weights λ' and μ' of :func:`isotropic_parts` for E = 1, as formulas, from a formula of Poisson's ratio."""
     nu = f"({poisson})"
     if hypothesis == "plane_stress":
         return f"{nu} / (1 - {nu}**2)", f"0.5 / (1 + {nu})"

@@ -1,4 +1,4 @@
-"""Volume loads in UFL: forces per volume, turning bodies, strains that bodies have without any stress."""
+"""Volume loads in UFL: forces per volume, rotating bodies, eigenstrains."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ def centrifugal(v: Expr, point: Sequence[float], axis: Sequence[float], hypothes
     Args:
         v: test function.
         point: a point of the axis, (dim,).
-        axis: its unit vector, (dim,): in the plane (0, 0), which stands upright on it; in axisymmetry (0, 1).
+        axis: unit vector of the axis, (dim,): (0, 0) in the plane, for the axis normal to it; (0, 1) in axisymmetry.
         hypothesis: see :mod:`hhr_dolfinx.forms.elasticity`.
         dx: measure.
     """
@@ -54,12 +54,12 @@ def eigenstrain(strain: Sequence[Sequence[float]], field: Callable[[Any], Any] |
 
 
 def with_mean(strain: Expr, trace: Expr) -> Expr:
-    """A strain whose change of volume is replaced by another, a third of it on each axis."""
+    """A strain with its trace replaced by another, a third of it on each axis."""
     return strain + (trace - ufl.tr(strain)) / 3 * ufl.Identity(3)
 
 
 def without_third_stress(strain: Expr, poisson: Expr | float) -> Expr:
-    """A strain whose third normal component is the one that makes σ_zz = 0 in plane stress."""
+    """A strain whose third normal component gives σ_zz = 0 in plane stress."""
     plane = in_plane(strain, "plane_stress")
     third = -poisson / (1 - poisson) * ufl.tr(plane)
     return plane + third * ufl.as_tensor([[0, 0, 0], [0, 0, 0], [0, 0, 1]])

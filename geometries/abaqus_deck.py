@@ -1,7 +1,7 @@
 """Nodes, elements, sets and surfaces of an Abaqus or CalculiX deck (``.inp``).
 
-meshio reads such decks too, but knows no elements of plane strain or of revolution and no surfaces, and keeps the last
-one of several blocks of elements that name the same set.
+meshio reads such decks too, but without surfaces and without plane-strain and axisymmetric elements; of several blocks
+of elements with the same set it keeps the last one.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ _LINES = ("T2D", "T3D", "B2", "B3", "R2D2", "RAX2", "SAX1", "SAX2")
 _PLANE = ("CPE", "CPS", "CAX", "S", "M3D", "R3D")
 _NOT_PLANE = ("SPRING", "SC6", "SC8")
 _SOLID = ("C3D", "SC8", "F3D")
-"""First letters of types of elements. Lines, and plane ones in space, name facets; gmsh writes surfaces so."""
+"""First letters of types of elements. Line elements, and plane ones in space, stand for facets, as gmsh writes them."""
 _COUNTED = re.compile(r"(?:AC|DC|GK|COH|[CFMRT])[23]D(\d+)|(?:C?GAX|C?CAX|CPE|CPS|SC?)(\d+)")
-"""Types that say how many nodes they have: C3D8R."""
+"""Types whose name has the number of nodes, such as C3D8R."""
 _COUNTS = {2: {3: "triangle", 6: "triangle", 4: "quadrilateral", 8: "quadrilateral", 9: "quadrilateral"},
            3: {4: "tetrahedron", 10: "tetrahedron", 8: "hexahedron", 20: "hexahedron", 27: "hexahedron", 5: "pyramid",
                6: "prism", 15: "prism"}}  # fmt: skip
@@ -40,18 +40,18 @@ _COUNTS = {2: {3: "triangle", 6: "triangle", 4: "quadrilateral", 8: "quadrilater
 
 @dataclass
 class _Deck:
-    """What has been read so far.
+    """Contents of a deck, filled block by block.
 
     Attributes:
         nodes: coordinates by number.
         elements: kind and corners by number.
-        whole: all nodes of each of them.
-        types: types of elements as they were written, by number, of those that are not understood too.
+        whole: all nodes of each element by number.
+        types: types of all elements as written, by number, unsupported ones too.
         node_sets, element_sets: numbers by name in capitals.
-        faces: of surfaces by name in capitals: an element or a set, and a face.
-        unions: names of surfaces that make up others, by name in capitals.
-        left_out: surfaces that are not understood, by name, and why.
-        spelling: names as they were first written, by kind of set and name in capitals.
+        faces: faces of surfaces by name in capitals: an element or a set, and a face.
+        unions: names of the parts of surfaces that are unions, by name in capitals.
+        left_out: reasons for unsupported surfaces, by name.
+        spelling: names as first written, by kind of set and name in capitals.
     """
 
     nodes: dict[int, list[float]] = field(default_factory=dict)
@@ -73,10 +73,10 @@ class _Deck:
 
 
 def read_deck(path: Path) -> RawMesh:
-    """The mesh of a deck, with its includes; what is no part of a mesh is left out, with the reason.
+    """Read the mesh of a deck with its includes; other parts are left out with the reason.
 
     Raises:
-        FileContentError: for a deck without a mesh, or one that is damaged.
+        FileContentError: for a deck without a mesh, or a damaged one.
     """
     deck = _Deck()
     for line, keyword, options, rows in _blocks(path):
@@ -88,7 +88,7 @@ def read_deck(path: Path) -> RawMesh:
 
 
 def _lines(path: Path) -> Iterator[tuple[int, str]]:
-    """Lines that say something with their numbers, those of included files in their place; keywords in one line."""
+    """Lines without blanks and comments, with their numbers. Included files are inserted, keyword lines are joined."""
     text = path.read_text(encoding="utf-8-sig", errors="replace")
     kept = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1)]
     lines = iter([(number, line) for number, line in kept if line and not line.startswith("**")])
@@ -103,12 +103,12 @@ def _lines(path: Path) -> Iterator[tuple[int, str]]:
 
 
 def _words(line: str) -> list[str]:
-    """What commas part, without the quotes of names."""
+    """Words of a line between commas, without the quotes of names."""
     return [word.strip().strip('"') for word in re.findall(r'((?:"[^"]*"|[^,"])*)(?:,|$)', line)][: line.count(",") + 1]
 
 
 def _blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[str]]]]:
-    """Keyword, options and data lines of each block, and the line it begins at; included files in their place."""
+    """First line number, keyword, options and data lines of each block, with included files inserted."""
     options: dict[str, str] = {}
     rows: list[list[str]] = []
     keyword = ""
@@ -119,7 +119,7 @@ def _blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[st
         words = _words(line)
         if not line.startswith("*"):
             if more and rows and keyword == "ELEMENT" and len(rows[-1]) - 1 < nodes:
-                # a line that ends in a comma goes on in the next one, unless the element has all its nodes
+                # a line that ends in a comma continues in the next one, unless the element has all its nodes
                 rows[-1] = [*rows[-1], *(word for word in words if word)]
             else:
                 rows.append([word for word in words if word] if keyword == "ELEMENT" else words)
@@ -140,7 +140,7 @@ def _blocks(path: Path) -> Iterator[tuple[int, str, dict[str, str], list[list[st
 
 
 def _take(deck: _Deck, keyword: str, options: dict[str, str], rows: list[list[str]]) -> None:
-    """Add a block to what has been read; others than those of a mesh are passed over."""
+    """Add a block to a deck; blocks that are not part of a mesh are skipped."""
     if keyword == "NODE":
         deck.nodes |= {int(row[0]): _place(row[1:4]) for row in rows}
         if "NSET" in options:
@@ -164,18 +164,18 @@ def _take(deck: _Deck, keyword: str, options: dict[str, str], rows: list[list[st
 
 
 def _place(words: list[str]) -> list[float]:
-    """Three coordinates of a node: what is left out or blank is zero, and Fortran writes 1.0D+00."""
+    """Three coordinates of a node; missing or blank ones are zero, and 1.0D+00 of Fortran is accepted."""
     return [float(word.upper().replace("D", "E")) if word else 0.0 for word in (*words, "", "", "")[:3]]
 
 
 def _surface(deck: _Deck, options: dict[str, str], rows: list[list[str]]) -> None:
-    """Add a surface of faces or of nodes, or a union of others; others are left out."""
+    """Add a surface of faces or nodes, or a union of surfaces; other types are left out."""
     name = deck.named("surface", options["NAME"])
     kind = options.get("TYPE", "ELEMENT").upper()
     combined = options.get("COMBINE", "UNION").upper()
     if kind == "NODE":
         deck.node_sets.setdefault(deck.named("nset", options["NAME"]), []).extend(
-            # behind a node or a set there may be its area
+            # a node or a set may be followed by its area
             _members(deck.node_sets, [row[:1] for row in rows], False)
         )
     elif kind != "ELEMENT" or combined != "UNION":
@@ -188,7 +188,7 @@ def _surface(deck: _Deck, options: dict[str, str], rows: list[list[str]]) -> Non
 
 
 def _elements(deck: _Deck, options: dict[str, str], rows: list[list[str]]) -> None:
-    """Add a block of elements; of those that are no cells, lines or facets the types and sets are kept."""
+    """Add a block of elements; elements that are not cells, lines or facets keep only types and sets."""
     name = options["TYPE"].upper()
     kinds: dict[int, str] = {}
     if name.startswith(_LINES):
@@ -198,7 +198,7 @@ def _elements(deck: _Deck, options: dict[str, str], rows: list[list[str]]) -> No
     elif name.startswith(_SOLID):
         kinds = _COUNTS[3]
     if not kinds:
-        # what goes on in a further line is no number of an element, but a set of these is larger at most
+        # continuation lines may look like elements; the set then only gets more numbers
         rows = [row for row in rows if row and row[0].isdigit()]
     for row in rows:
         number, *nodes = (int(word) for word in row) if kinds else (int(row[0]),)
@@ -208,7 +208,7 @@ def _elements(deck: _Deck, options: dict[str, str], rows: list[list[str]]) -> No
         if len(nodes) not in kinds:
             raise ValueError(f"element {number} of type {name} has {len(nodes)} nodes, which is not understood")
         kind = kinds[len(nodes)]
-        # the second of three nodes on a line is that in the middle
+        # the second of three nodes on a line is the middle one
         deck.elements[number] = kind, nodes[:: len(nodes) - 1] if kind == "line" else nodes[: CORNERS.get(kind)]
         deck.whole[number] = nodes
     if "ELSET" in options:
@@ -217,7 +217,7 @@ def _elements(deck: _Deck, options: dict[str, str], rows: list[list[str]]) -> No
 
 
 def _members(sets: dict[str, list[int]], rows: list[list[str]], ranges: bool) -> list[int]:
-    """Numbers of a set: one by one, as ranges, or those of other sets."""
+    """Numbers of a set, given one by one, as ranges, or as names of other sets."""
     found: list[int] = []
     for row in rows:
         words = [word for word in row if word]
@@ -236,7 +236,7 @@ def _members(sets: dict[str, list[int]], rows: list[list[str]], ranges: bool) ->
 
 
 def _mesh_of(deck: _Deck, path: Path) -> RawMesh:
-    """Arrays of a deck: cells of the highest dimension, and sets of them."""
+    """Make the mesh of a deck: cells of the highest dimension, and sets of them."""
     dimensions = {DIMENSION.get(kind, 3) for kind, _ in deck.elements.values() if kind != "line"}
     if not dimensions:
         types = sorted(set(deck.types.values()))
@@ -292,7 +292,7 @@ def _facets(deck: _Deck, kind: str, cells: np.ndarray, node_of: dict[int, int]) 
 
 
 def _idle_elements(deck: _Deck, used: set[int]) -> dict[str | int, str]:
-    """Elements that are no cells nor sides of cells, by their sets, and by types where they are in none."""
+    """Elements that are neither cells nor sides of cells, by set, or by type if they are in none."""
     idle: dict[str, set[int]] = {}
     for number, name in deck.types.items():
         if number not in used:
@@ -310,7 +310,7 @@ def _idle_elements(deck: _Deck, used: set[int]) -> dict[str | int, str]:
 def _surfaces(
     deck: _Deck, kind: str, cells: np.ndarray, row_of: dict[int, int], facets: dict[int, np.ndarray]
 ) -> tuple[dict[str | int, np.ndarray], dict[str | int, str]]:
-    """Corners of the facets of sets of elements and of surfaces, (f, k), by name; and why others have none."""
+    """Corners of the facets of sets of elements and of surfaces, (f, k), by name, and reasons for those without."""
     found: dict[str | int, np.ndarray] = {}
     reasons: dict[str | int, str] = {}
     for name, numbers in deck.element_sets.items():
@@ -339,10 +339,10 @@ def _faces(
     deck: _Deck, item: tuple[str, str], kind: str, cells: np.ndarray, row_of: dict[int, int],
     facets: dict[int, np.ndarray], name: str,
 ) -> np.ndarray | str:  # fmt: skip
-    """Corners of the faces that an element or a set has in a surface, (f, k); or why there are none.
+    """Corners of the faces of an element or a set in a surface, (f, k), or the reason why there are none.
 
     Raises:
-        FileContentError: for a face that cells do not have.
+        FileContentError: for a face that the cells do not have.
     """
     given, face = item
     corners = np.array(FACES[kind])
@@ -355,7 +355,7 @@ def _faces(
         types = sorted({deck.types[n] for n in numbers if n in deck.types})
         return f"'{given}' has no cells of the mesh" + (f", but elements of type {', '.join(types)}" if types else "")
     if not face:
-        # all of a set that lies outside
+        # all outer faces of the set
         outer, of = outer_faces_of_cells(kind, cells)
         return outer[np.isin(of, rows)]
     number = int(face[1:]) if face.startswith("S") and face[1:].isdigit() else 0

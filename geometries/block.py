@@ -65,13 +65,13 @@ def side_tags(
     boxes: Mapping[int, Sequence[Sequence[float]]],
     name: Callable[[int, int, bool], int],
 ) -> dmesh.MeshTags:
-    """Tags of the sides of bodies that are boxes, told apart by the cells behind them.
+    """Tag the sides of bodies that are boxes; the body of a facet is that of the cell behind it.
 
     Args:
-        mesh: their mesh.
+        mesh: mesh of the bodies.
         body: cell tag of each cell of this rank.
         boxes: smallest and largest corner of each body by its cell tag.
-        name: facet tag for a body, an axis and whether the side is the upper one.
+        name: function of a body, an axis and a flag for the upper side that returns the facet tag.
     """
     dim = mesh.topology.dim
     mesh.topology.create_connectivity(dim - 1, dim)

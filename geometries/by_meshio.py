@@ -1,4 +1,4 @@
-"""Meshes as meshio reads them: blocks of elements, with sets by name and arrays of numbers."""
+"""Meshes read by meshio: blocks of elements, with sets by name and arrays of numbers."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ Groups = list[tuple[str, tuple[int, int]]]
 """Names with number and dimension."""
 
 MARKERS = ("gmsh:physical", "cell_tags", "medit:ref", "gambit:group", "su2:tag", "MaterialID")
-"""Arrays that are known to number bodies and surfaces; 0 is none."""
+"""Arrays that are known to number bodies and surfaces; 0 stands for no number."""
 NO_MARKERS = ("vtkghosttype", "vtkoriginalcellids", "globalcellid", "globalcellids", "globalelementid", "cell_ids")
-"""Arrays of whole numbers that are none of bodies, in small letters."""
+"""Arrays of integers, in small letters, that do not number bodies."""
 _ONE = np.ones(1)
 MOST = 1000
-"""Different numbers up to which an array of unknown name may be one of bodies and surfaces."""
+"""Largest count of different numbers in an array of unknown name that may number bodies and surfaces."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +37,9 @@ class Elements:
 
     Attributes:
         type: meshio's name of the kind.
-        nodes: of each, (b, K).
+        nodes: nodes of each element, (b, K).
         numbers: arrays of numbers of the elements, (b,), by name.
-        sets: places of elements, by name.
+        sets: indices of elements, by name of the set.
     """
 
     type: str
@@ -49,16 +49,16 @@ class Elements:
 
     @property
     def kind(self) -> str:
-        """Kind of cells; an empty text for what is none."""
+        """Kind of cells; empty for elements that are no cells."""
         return KINDS.get(self.type) or next((kind for start, kind in OTHERS.items() if self.type.startswith(start)), "")
 
 
 def read_by_meshio(path: Path) -> RawMesh:
-    """The mesh of a file that meshio reads; raises FileContentError for others."""
+    """Read a mesh file by meshio; raise FileContentError if meshio cannot read it."""
     with extra("mesh", f"the mesh file {path}"):
         import meshio
     said = StringIO()
-    # it says on the console what it cannot read, and ends the program
+    # meshio prints errors on the console and ends the program
     try:
         with redirect_stdout(said), redirect_stderr(said):
             mesh = meshio.read(path)
@@ -78,7 +78,7 @@ def read_by_meshio(path: Path) -> RawMesh:
 
 
 def _arrays(data: Mapping[str, Sequence[np.ndarray]], k: int) -> dict[str, np.ndarray]:
-    """Whole numbers that the arrays of a mesh give the elements of a block, (b,), by name."""
+    """Integers of the elements of a block in the arrays of a mesh, (b,), by name."""
     found = {}
     for name, blocks in data.items():
         values = np.asarray(blocks[k])
@@ -88,7 +88,7 @@ def _arrays(data: Mapping[str, Sequence[np.ndarray]], k: int) -> dict[str, np.nd
 
 
 def whole_numbers(values: np.ndarray) -> np.ndarray | None:
-    """The array as integers; None where some of its values are none."""
+    """The array as integers; None if any of its values is no integer."""
     if np.issubdtype(values.dtype, np.integer):
         return values.astype(np.int64)
     finite = np.issubdtype(values.dtype, np.floating) and bool((np.abs(values) < 2**31).all())
@@ -96,7 +96,7 @@ def whole_numbers(values: np.ndarray) -> np.ndarray | None:
 
 
 def _places(sets: Mapping[str, Sequence[Any]], k: int) -> dict[str, np.ndarray]:
-    """Places of the elements of a block in each of the named sets of meshio."""
+    """Indices of the elements of a block in each of the named sets of meshio."""
     return {
         name.strip(): np.asarray(parts[k], dtype=np.int64)
         for name, parts in sets.items()
@@ -105,7 +105,7 @@ def _places(sets: Mapping[str, Sequence[Any]], k: int) -> dict[str, np.ndarray]:
 
 
 def _physical_names(path: Path) -> Groups:
-    """Names of gmsh with number and dimension: a body and a surface may share one, of which meshio keeps the last."""
+    """Names of gmsh with number and dimension: if a body and a surface have the same name, meshio keeps the last."""
     if path.suffix.lower() != ".msh":
         return []
     text = path.read_bytes().partition(b"$PhysicalNames")[2].partition(b"$EndPhysicalNames")[0]
@@ -114,7 +114,7 @@ def _physical_names(path: Path) -> Groups:
 
 
 def _names_of_fields(fields: Mapping[str, Any]) -> Groups:
-    """Names with number and dimension, as meshio keeps them."""
+    """Names with number and dimension from the field data of meshio."""
     found: Groups = []
     for name, group in fields.items():
         with suppress(TypeError, ValueError, IndexError):
@@ -123,7 +123,7 @@ def _names_of_fields(fields: Mapping[str, Any]) -> Groups:
 
 
 def _markers_of_su2(path: Path) -> Groups:
-    """Names of the markers of SU2, which meshio numbers: a text has the last number and one more."""
+    """Names of the markers of SU2 with meshio's numbers: a text gets the last number plus one."""
     if path.suffix.lower() != ".su2":
         return []
     text = path.read_text(errors="replace")
@@ -147,18 +147,18 @@ def raw_mesh(
     nodes: Mapping[str, np.ndarray] | None = None,
     left_out: Mapping[str | int, str] | None = None,
 ) -> RawMesh:
-    """The mesh of blocks of elements: cells of the highest dimension, their facets, and the sets of both.
+    """Make a mesh of blocks of elements: cells of the highest dimension, their facets, and the sets of both.
 
     Args:
-        points: (n, 2 or 3).
-        elements: of all kinds.
-        path: for messages.
-        names: of numbers, with their dimension, or -1 for all.
+        points: coordinates, (n, 2 or 3).
+        elements: blocks of all kinds of elements.
+        path: path of the file, for messages.
+        names: names of numbers, with their dimension, or -1 for all.
         nodes: sets of nodes by name.
-        left_out: by the reader, by name, and why.
+        left_out: reasons of the reader for names that are left out.
 
     Raises:
-        FileContentError: for elements of which no mesh can be made.
+        FileContentError: for elements that do not form a mesh.
     """
     there = [block for block in elements if block.kind]
     if not there:
@@ -182,7 +182,7 @@ def raw_mesh(
     if not any(bodies) or (
         len(bodies) == 1 and not any(block.numbers.get("gmsh:physical", _ONE).any() for block in own)
     ):
-        # none has a number, or 0, or all that of the one entity that gmsh made
+        # elements have no number, or 0, or all have that of the only entity of gmsh
         bodies = {1: np.arange(len(cells)), **bodies}
     surfaces = {name: facets[rows] for name, rows in found.items()}
     return RawMesh(points, kind, cells, bodies, surfaces, nodes or {}, order, reasons)
@@ -196,7 +196,7 @@ def _corners(blocks: Iterable[Elements], count: int) -> np.ndarray:
 def _sets(
     blocks: Sequence[Elements], dim: int, names: Iterable[tuple[str, tuple[int, int]]]
 ) -> tuple[Sets, dict[str | int, str]]:
-    """Places in some blocks, one after another, by name or number; and numbers that are left out."""
+    """Sets of indices in the concatenated blocks, by name or number, and reasons for numbers that are left out."""
     starts = np.cumsum([0, *(len(block.nodes) for block in blocks)])
     found: dict[str | int, list[np.ndarray]] = {}
     for start, block in zip(starts, blocks, strict=False):
@@ -216,7 +216,7 @@ def _sets(
 
 
 def _whole_arrays(blocks: Sequence[Elements], starts: np.ndarray) -> dict[str, tuple[np.ndarray, np.ndarray]]:
-    """Places and numbers of the arrays that may be of bodies or surfaces: known ones, else gmsh's, else others."""
+    """Indices and values of the arrays that may number bodies or surfaces: known ones, else gmsh's, else others."""
     parts: dict[str, list[tuple[np.ndarray, np.ndarray]]] = {}
     for start, block in zip(starts, blocks, strict=False):
         for name, values in block.numbers.items():
@@ -235,7 +235,7 @@ def _whole_arrays(blocks: Sequence[Elements], starts: np.ndarray) -> dict[str, t
 
 
 def _numbered(arrays: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> tuple[Sets, dict[str | int, str]]:
-    """Places by number; of several arrays also by ``array:number``, alone where several have the number."""
+    """Indices by number. With several arrays also by ``array:number``, the only name of a number in several arrays."""
     found: Sets = {}
     left_out: dict[str | int, str] = {}
     holders: dict[int, list[str]] = {}
@@ -257,7 +257,7 @@ def _numbered(arrays: Mapping[str, tuple[np.ndarray, np.ndarray]]) -> tuple[Sets
 
 
 def _smaller(blocks: Iterable[Elements], names: Iterable[tuple[str, tuple[int, int]]]) -> dict[str | int, str]:
-    """Named sets of elements that are too small to be facets, such as lines in space, and why they are left out."""
+    """Reasons for named sets of elements of too low a dimension for facets, such as lines in space."""
     found: dict[str | int, str] = {}
     for block in blocks:
         dim = {"vertex": 0, "line": 1, "line3": 1}.get(block.type, 2)

@@ -1,4 +1,4 @@
-"""Kinds of cells by their names in mesh files: corners, faces, and the order in which DOLFINx lists nodes."""
+"""Kinds of cells by their names in mesh files: corners, faces, and the order of nodes in DOLFINx."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ FACES = {
     "tetrahedron": ((0, 1, 2), (0, 1, 3), (1, 2, 3), (2, 0, 3)),
     "hexahedron": ((0, 1, 2, 3), (4, 5, 6, 7), (0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7)),
 }
-"""Corners of the faces of a cell, in the order of Abaqus' and Exodus' faces 1, 2, ... of plane cells and of Abaqus' in
-space; nodes as most formats list them."""
+"""Corners of the faces of a cell: plane cells in the order of faces 1, 2, ... of Abaqus and Exodus, cells in space in
+that of Abaqus. Nodes have the order of most formats."""
 CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
 DIMENSION = {"triangle": 2, "quadrilateral": 2, "tetrahedron": 3, "hexahedron": 3}
 KINDS = {
@@ -25,23 +25,23 @@ KINDS = {
     "tetra": "tetrahedron", "tetra10": "tetrahedron",
     "hexahedron": "hexahedron", "hexahedron20": "hexahedron", "hexahedron27": "hexahedron",
 }  # fmt: skip
-"""Kinds of cells that are understood, by meshio's names."""
+"""Supported kinds of cells, by meshio's names."""
 OTHERS = {"wedge": "prism", "pyramid": "pyramid"}
-"""Cells of bodies in space that are not supported: how meshio's names of them begin, and their own names."""
+"""Unsupported cells in space, by the beginning of meshio's names."""
 OF_CORNERS = {4: "tetrahedron", 5: "pyramid", 6: "prism", 8: "hexahedron"}
 """Cells in space by their number of corners."""
 PLURAL = {"triangle": "triangles", "quadrilateral": "quadrilaterals", "tetrahedron": "tetrahedra",
           "hexahedron": "hexahedra", "prism": "prisms", "pyramid": "pyramids"}  # fmt: skip
-"""Names of several cells of a kind."""
+"""Plurals of the names of cells."""
 _ONE_KIND = {
     2: "in gmsh without 'Recombine Surface' and with Mesh.RecombineAll = 0 for triangles, or recombined and with "
     "Mesh.SubdivisionAlgorithm = 1 for quadrilaterals",
     3: "in gmsh without 'Recombine' and layers of extrusions for tetrahedra, or with Mesh.SubdivisionAlgorithm = 2 for "
     "hexahedra",
 }
-"""How cells of one kind are asked for, by dimension."""
+"""Instructions for cells of one kind, by dimension."""
 FACET_KINDS = {"line": 2, "line3": 2, "triangle": 3, "triangle6": 3, "triangle7": 3, "quad": 4, "quad8": 4, "quad9": 4}
-"""Corners of what facets may be."""
+"""Number of corners of the elements that may be facets, by meshio's names."""
 EDGES = {
     "triangle": ((0, 1), (1, 2), (2, 0)),
     "quadrilateral": ((0, 1), (1, 2), (2, 3), (3, 0)),
@@ -63,23 +63,23 @@ EDGE_ORDERS: dict[str, dict[str, tuple[tuple[int, int], ...]]] = {
         ),
     },
 }  # fmt: skip
-"""The same where a format has another order."""
+"""Corners of edges as :data:`EDGES`, for formats with another order."""
 WHOLE = {"triangle": (7,), "quadrilateral": (9,), "hexahedron": (27,)}
-"""Numbers of nodes of cells with nodes in the middle of their faces and of themselves too."""
+"""Numbers of nodes of cells that also have nodes in the middle of their faces and of the cell."""
 TENSOR = {"quadrilateral": [0, 1, 3, 2], "hexahedron": [0, 1, 3, 2, 4, 5, 7, 6]}
-"""Places of the nodes of a cell in the order that DOLFINx wants."""
+"""Indices of the nodes of a cell in the order of DOLFINx."""
 TENSOR_FACET = [0, 1, 3, 2]
 
 
 def one_kind(blocks: Iterable[tuple[str, np.ndarray]], path: Path) -> tuple[str, dict[str | int, str]]:
-    """Kind of the cells of a file, and those of other kinds that are left out, with the reason.
+    """Kind of the cells of a file, and reasons for cells of other kinds that are left out.
 
-    Prisms and pyramids are left out if they touch no cell of a supported kind: they are bodies of their own, which a
-    scene need not have. Else the mesh without them would have holes.
+    Prisms and pyramids are left out if they touch no cell of a supported kind: they are then separate bodies, which a
+    scene need not have. Otherwise the mesh without them would have holes.
 
     Args:
         blocks: kind and nodes, (b, K), of all cells of the highest dimension.
-        path: for messages.
+        path: path of the file, for messages.
 
     Raises:
         FileContentError: for several kinds, or one that is not supported.
@@ -107,18 +107,18 @@ def one_kind(blocks: Iterable[tuple[str, np.ndarray]], path: Path) -> tuple[str,
 
 
 def sides_of(kind: str, cells: Iterable[np.ndarray], path: Path, order: str = "vtk") -> np.ndarray | None:
-    """Nodes on the edges of cells of second order, (c, edges) as :data:`EDGES` has them; None of first order.
+    """Nodes on the edges of cells of second order, (c, edges), in the order of :data:`EDGES`; None at first order.
 
-    Nodes in the middle of faces and cells are passed over: they follow from those of the edges.
+    Nodes in the middle of faces and cells are skipped: they follow from those of the edges.
 
     Args:
-        kind: of all cells.
-        cells: their nodes by blocks, (b, K) each.
-        path: for messages.
-        order: in which a file lists nodes, of :data:`EDGE_ORDERS`.
+        kind: kind of all cells.
+        cells: nodes of the cells by blocks, (b, K) each.
+        path: path of the file, for messages.
+        order: order of nodes in the file, a key of :data:`EDGE_ORDERS`.
 
     Raises:
-        FileContentError: for cells of several orders, or of one that is not understood.
+        FileContentError: for cells of several orders, or of one that is not supported.
     """
     blocks = [np.asarray(block) for block in cells if len(block)]
     counts = sorted({block.shape[1] for block in blocks})
@@ -153,7 +153,7 @@ def outer_faces(kind: str, cells: np.ndarray) -> np.ndarray:
 
 
 def outer_faces_of_cells(kind: str, cells: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """The same, and the cell of each, (f,)."""
+    """Corners of the faces that belong to one cell only, (f, k), and this cell, (f,)."""
     every = faces(kind, cells)
     flat = every.reshape(-1, every.shape[-1])
     _, first, count = np.unique(np.sort(flat, axis=1), axis=0, return_index=True, return_counts=True)
@@ -162,7 +162,7 @@ def outer_faces_of_cells(kind: str, cells: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def are_sides(kind: str, cells: np.ndarray, facets: np.ndarray) -> np.ndarray:
-    """Whether facets, (f, k), are sides of some cells, by their corners, (f,)."""
+    """Mask of the facets, (f, k), that are sides of some cells, by their corners, (f,) bool."""
     # few nodes of a mesh in space are on facets, and sorting all of its sides takes seconds
     wanted = np.zeros(max(cells.max(initial=0), facets.max(initial=0)) + 1, dtype=bool)
     wanted[facets] = True

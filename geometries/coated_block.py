@@ -43,11 +43,11 @@ def coated_block(
     """Build the mesh of all bodies on all ranks of ``comm``.
 
     Args:
-        radius: of the sphere, in the unit of length of the scene.
+        radius: radius of the sphere, in the unit of length of the scene.
         width: radius of the modelled column, and the height of both bodies.
-        thickness: of the coating.
+        thickness: thickness of the coating.
         cells: cells of each body along the radius and along the axis.
-        layers: cells of the block along the axis that are coating.
+        layers: cells of the coating along the axis, among those of the block.
         grading: 0 for even cells; cells grow from the origin like the slope of sinh over [0, grading].
     """
     if not 0 < width < radius or not 0 < thickness < width or not 0 < layers < cells[1]:

@@ -1,6 +1,6 @@
-"""Cells that fit each other: no corner twice in a cell, one node for both cells of a side, facets that are sides.
+"""Checks of conforming cells: distinct corners in a cell, one node for both cells of a side, facets that are sides.
 
-DOLFINx takes all of this for granted: where it does not hold it ends the process, or writes where it must not.
+DOLFINx assumes all of this; otherwise it aborts the process, or corrupts memory.
 """
 
 from __future__ import annotations
@@ -17,14 +17,14 @@ if TYPE_CHECKING:
     from hhr_dolfinx.geometries.raw_mesh import RawMesh
 
 COINCIDE = 1e-5
-"""Distance of two nodes over the length of their side below which they are one: files keep 7 digits or so."""
+"""Distance of two nodes over the length of their side below which they coincide: files have about 7 digits."""
 
 
 def conforming(raw: RawMesh) -> RawMesh:
-    """The mesh with one node in the middle of each side, and surfaces without facets that are no side of a cell.
+    """The mesh with one node in the middle of each side, and with surfaces whose facets are all sides of cells.
 
     Raises:
-        FileContentError: for cells that have a node twice, or sides that have several nodes at different places.
+        FileContentError: for cells that have a node twice, or sides with several middle nodes at different positions.
     """
     _check_distinct(raw)
     joined = raw if raw.sides is None else _joined(raw, raw.sides)
@@ -32,7 +32,7 @@ def conforming(raw: RawMesh) -> RawMesh:
 
 
 def _check_distinct(raw: RawMesh) -> None:
-    """Refuse cells in which a node is twice, as wedges are written as hexahedra."""
+    """Refuse cells that have a node twice, such as wedges written as hexahedra."""
     order = np.sort(raw.cells, axis=1)
     twice = (order[:, 1:] == order[:, :-1]).any(axis=1)
     if twice.any():
@@ -44,7 +44,7 @@ def _check_distinct(raw: RawMesh) -> None:
 
 
 def _joined(raw: RawMesh, sides: np.ndarray) -> RawMesh:
-    """The mesh with one of the nodes of each side that coincide."""
+    """The mesh with one of the coincident middle nodes of each side."""
     ends = np.sort(raw.cells[:, np.array(EDGES[raw.kind])].reshape(-1, 2), axis=1)
     _, first, which = np.unique(ends, axis=0, return_index=True, return_inverse=True)
     flat = sides.ravel()
@@ -78,7 +78,7 @@ def _refuse(raw: RawMesh, ends: np.ndarray, what: str) -> None:
 
 
 def _with_sides_only(raw: RawMesh) -> RawMesh:
-    """The mesh whose surfaces hold sides of its cells only; facets that are left out are counted."""
+    """The mesh with surfaces of sides of its cells only; ``left_out`` counts the other facets."""
     names = [name for name, facets in raw.surfaces.items() if len(facets)]
     if not names:
         return raw
@@ -91,7 +91,7 @@ def _with_sides_only(raw: RawMesh) -> RawMesh:
     reasons = {
         name: f"{what} of it belong to no cell: there are no shells, membranes or bars" for name, what in lost.items()
     }
-    # what the reader says knows more of the file
+    # the reasons of the reader are more specific
     return replace(raw, surfaces={**raw.surfaces, **kept}, left_out={**reasons, **raw.left_out})
 
 

@@ -1,4 +1,4 @@
-"""Exodus files: blocks, side sets and node sets by name, which meshio reads in part only."""
+"""Exodus files: blocks, side sets and node sets by name, which meshio reads only in part."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ _KINDS = {"TRI": "triangle", "QUA": "quadrilateral", "TET": "tetrahedron", "HEX"
 _HEX_SIDES = ((0, 1, 5, 4), (1, 2, 6, 5), (2, 3, 7, 6), (3, 0, 4, 7), (0, 1, 2, 3), (4, 5, 6, 7))
 _TET_SIDES = ((0, 1, 3), (1, 2, 3), (0, 2, 3), (0, 1, 2))
 _SIDES = FACES | {"hexahedron": _HEX_SIDES, "tetrahedron": _TET_SIDES}
-"""Corners of the sides 1, 2, ... as Exodus counts them."""
+"""Corners of the sides 1, 2, ... of Exodus."""
 
 
 def read_exodus(path: Path) -> RawMesh:
-    """The mesh of an Exodus file; raises FileContentError for one of several kinds of cells."""
+    """Read the mesh of an Exodus file; raise FileContentError for several kinds of cells."""
     with netcdf4(f"the mesh file {path}").Dataset(path) as data:
         data.set_auto_mask(False)
         return _read(data, path)
@@ -68,12 +68,12 @@ class _Block:
     """Elements of one type.
 
     Attributes:
-        type: as the file calls it.
-        kind: of cells; an empty text for what is none.
-        corners: of an element; 0 where that is not known.
+        type: name of the type in the file.
+        kind: kind of cells; empty for elements that are no cells.
+        corners: number of corners of an element; 0 if it is unknown.
         nodes: rows of all nodes, (b, K).
-        first: element of the file that is the first of them.
-        names: number, and name where it has one.
+        first: number in the file of the first element.
+        names: number of the block, and its name if it has one.
     """
 
     type: str
@@ -105,7 +105,7 @@ class _Block:
 
 
 def _kind(type_: str, count: int, dim: int) -> str:
-    """Kind of cells of a type; an empty text for one that is none. Some writers call lines of plane meshes shells."""
+    """Kind of cells of a type; empty for other elements. Some writers name the lines of plane meshes shells."""
     if type_.startswith("SHE"):
         return "" if dim == 2 else "triangle" if count in (3, 6) else "quadrilateral"
     return _KINDS.get(type_[:3], "")
@@ -121,12 +121,12 @@ def _points(data: Any) -> np.ndarray:
 def _side_sets(
     data: Any, kind: str, cells: np.ndarray, row_of: np.ndarray
 ) -> tuple[dict[str | int, np.ndarray], dict[str | int, str]]:
-    """Corners of the facets of side sets; and those with sides of other elements, which are left out."""
+    """Corners of the facets of side sets, and reasons for side sets of other elements, which are left out."""
     found: dict[str | int, np.ndarray] = {}
     reasons: dict[str | int, str] = {}
     count = len(data.dimensions["num_side_sets"]) if "num_side_sets" in data.dimensions else 0
     for k, (number, name) in enumerate(_labels(data, "ss", count), start=1):
-        # of empty ones there is no variable
+        # an empty set has no variable
         if f"elem_ss{k}" not in data.variables:
             continue
         elements, sides = (
@@ -151,7 +151,7 @@ def _node_sets(data: Any) -> dict[str, np.ndarray]:
 
 
 def _labels(data: Any, kind: str, count: int) -> list[tuple[int, str]]:
-    """Number and name of the blocks or sets of a kind; an empty text where there is no name."""
+    """Number and name of the blocks or sets of a kind; empty if there is no name."""
     if not count:
         return []
     numbers = np.asarray(data.variables[f"{kind}_prop1"][:], dtype=np.int64).tolist()

@@ -1,4 +1,4 @@
-"""Meshes made by gmsh, which is one for the whole process: a session and models of the user's stay as they were."""
+"""Meshes made by gmsh, whose state is global to the process: session and models of the user are restored."""
 
 from __future__ import annotations
 
@@ -31,13 +31,14 @@ _OPTIONS = {"General.Terminal": 0.0, "General.AbortOnError": 2.0}  # silent, and
 
 
 def mesh_of(make: Callable[[], None], comm: Comm, dim: int, options: Mapping[str, float] | None = None) -> TaggedMesh:
-    """Let gmsh mesh a model of its own on the first rank and share it out.
+    """Mesh a new gmsh model on the first rank and distribute the mesh.
 
     Args:
-        make: fills and meshes the current model of gmsh, on the first rank; what model is current then is shared.
+        make: function that fills and meshes the current model of gmsh, on the first rank; the model that is current
+            afterwards is distributed.
         comm: MPI communicator.
         dim: dimension of the mesh, and of its points.
-        options: of gmsh, as long as the model lives.
+        options: options of gmsh during this call.
 
     Raises:
         SceneError: for facets that do not belong to the cells.
@@ -55,10 +56,10 @@ def mesh_of(make: Callable[[], None], comm: Comm, dim: int, options: Mapping[str
 
 
 def _check_that_it_meshes() -> None:
-    """Mesh a line in the current model, which stays empty.
+    """Mesh a line in the current model as a test, and remove it.
 
     Raises:
-        SceneError: where nothing is meshed: up to 4.13 gmsh stays locked behind a mesh that failed.
+        SceneError: if nothing is meshed: up to 4.13 gmsh stays locked after a mesh that failed.
     """
     line = gmsh.model.geo.addLine(gmsh.model.geo.addPoint(0, 0, 0), gmsh.model.geo.addPoint(1, 0, 0))
     gmsh.model.geo.synchronize()
@@ -75,13 +76,13 @@ def _check_that_it_meshes() -> None:
 
 
 def knows_med() -> bool:
-    """Whether this gmsh reads and writes MED: that of Debian does not."""
+    """True if this gmsh reads and writes MED; the package of Debian does not."""
     with _session(_OPTIONS):
         return "Med" in gmsh.option.getString("General.BuildOptions").split()
 
 
 def _facets_without_cells() -> bool:
-    """Whether facets of physical groups of the current model have nodes that no cell of one has."""
+    """True if facets of physical groups in the current model have nodes that belong to no cell of such groups."""
     groups = gmsh.model.getPhysicalGroups()
     dim = max((group[0] for group in groups), default=0)
 
@@ -100,12 +101,12 @@ class Entity:
     """Elements of one kind of a geometrical entity.
 
     Attributes:
-        dim: of the elements.
+        dim: dimension of the elements.
         corners: rows of the nodes of their corners, (n, k).
         nodes: rows of all their nodes, (n, K).
-        groups: number and name of the physical groups that it is in; an empty text where there is no name.
+        groups: number and name of the physical groups of the entity; empty if there is no name.
         tag: number of the entity.
-        numbers: of its elements, (n,).
+        numbers: numbers of the elements, (n,).
     """
 
     dim: int
@@ -117,7 +118,7 @@ class Entity:
 
 
 def entities_of(path: Path) -> tuple[np.ndarray, np.ndarray, list[Entity]]:
-    """Contents of a mesh file as gmsh reads it: points, (n, 3), their numbers, (n,), and elements."""
+    """Read a mesh file by gmsh: points, (n, 3), their numbers, (n,), and elements."""
     with _session(_OPTIONS):
         gmsh.merge(str(path))
         numbers, places, _ = gmsh.model.mesh.getNodes()
@@ -137,7 +138,7 @@ def entities_of(path: Path) -> tuple[np.ndarray, np.ndarray, list[Entity]]:
 
 @contextmanager
 def _session(options: Mapping[str, float]) -> Iterator[None]:
-    """A new model that is current; whoever uses gmsh already gets back options, models and the current one."""
+    """Make a new model current; at the end restore options, models and the current model of other users of gmsh."""
     if not gmsh.isInitialized():
         _initialised()
         try:
@@ -154,7 +155,7 @@ def _session(options: Mapping[str, float]) -> Iterator[None]:
             _set(options)
             yield
         finally:
-            # new models are added behind those that are there
+            # gmsh appends new models to its list
             for name in gmsh.model.list()[len(others) :]:
                 gmsh.model.setCurrent(name)
                 gmsh.model.remove()
@@ -163,12 +164,12 @@ def _session(options: Mapping[str, float]) -> Iterator[None]:
 
 @contextmanager
 def _default_options() -> Iterator[None]:
-    """All options as gmsh has them at its start: whatever a user has set makes other meshes. It comes back after."""
+    """Reset all options to their defaults, as others change meshes; restore those of the user at the end."""
     before = {name: gmsh.option.getNumber(name) for name in _OPTIONS}
     with tempfile.TemporaryDirectory() as folder:
         own = str(Path(folder) / "of_the_user.opt")
         _set(_OPTIONS)
-        gmsh.write(own)  # what differs from the default, a few lines
+        gmsh.write(own)  # options that differ from the defaults, a few lines
         gmsh.option.restoreDefaults()
         try:
             yield
@@ -180,7 +181,7 @@ def _default_options() -> Iterator[None]:
 
 
 def _initialised() -> None:
-    """Start gmsh, which takes Ctrl-C for itself: what answered it before keeps it."""
+    """Start gmsh, and restore the handler of Ctrl-C that it replaces."""
     main = threading.current_thread() is threading.main_thread()
     before = signal.getsignal(signal.SIGINT) if main else None
     gmsh.initialize()

@@ -1,4 +1,4 @@
-"""Groups that gmsh passes over: those of I-DEAS' .unv in all of their data sets, and groups of nodes of MED."""
+"""Groups that gmsh does not read: those of .unv files of I-DEAS in all data sets, and groups of nodes of MED."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ import numpy as np
 from hhr_dolfinx.compat import netcdf4
 
 UNV_GROUPS = {"2429": 4, "2430": 4, "2432": 4, "2435": 2, "2452": 2, "2467": 2, "2477": 2}
-"""Data sets of groups, with the number of members in a line: of older ones without two more numbers each."""
+"""Data sets of groups, with the number of values for a member: older ones lack two of them."""
 _NODES = 7
 _ELEMENTS = 8
-"""Codes of members."""
+"""Codes of the types of members."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -28,7 +28,7 @@ class Group:
 
 
 def groups_of_unv(path: Path) -> dict[str, Group]:
-    """Groups of a file by name; empty where it has none."""
+    """Groups of a file by name; empty without any."""
     found: dict[str, Group] = {}
     lines = iter(path.read_text(errors="replace").splitlines())
     for line in lines:
@@ -52,7 +52,7 @@ def _data_set(lines: Iterator[str]) -> list[str]:
 
 
 def _groups(rows: list[str], width: int) -> Iterator[tuple[str, Group]]:
-    """Names and members of a data set of groups: a head that ends in their count, a name, and their lines."""
+    """Names and members in a data set of groups, each with a head that ends in the count, a name, and members."""
     place = 0
     while place + 1 < len(rows):
         head = rows[place].split()
@@ -68,13 +68,13 @@ def _groups(rows: list[str], width: int) -> Iterator[tuple[str, Group]]:
 def groups_of_nodes(path: Path, points: np.ndarray, numbers: np.ndarray) -> dict[str, np.ndarray]:
     """Nodes of the groups of nodes of a MED file, by name.
 
-    The names of groups are texts that netCDF4 does not read. A family of nodes in one group is named for it by Salome,
-    ``FAM_3_name``; others keep the name of the family.
+    netCDF4 does not read the names of groups. Salome names a family of nodes after its group if there is only one,
+    ``FAM_3_name``; other groups have the name of the family.
 
     Args:
-        path: of the file.
-        points: as gmsh reads them, (n, 3).
-        numbers: that gmsh gives them, (n,), one after another in the file.
+        path: path of the file.
+        points: points as read by gmsh, (n, 3).
+        numbers: numbers of the points in gmsh, (n,), in the order of the file.
     """
     netcdf = netcdf4(f"groups of nodes of {path}")
     with warnings.catch_warnings():
@@ -93,7 +93,7 @@ def groups_of_nodes(path: Path, points: np.ndarray, numbers: np.ndarray) -> dict
 def _families_of_nodes(data: Any, points: np.ndarray) -> dict[str, np.ndarray]:
     meshes = data["ENS_MAA"].groups if "ENS_MAA" in data.groups else {}
     for name, mesh in meshes.items():
-        # one of one time, or one for each
+        # a mesh without or with time steps
         step = mesh if "NOE" in mesh.groups else next(iter(mesh.groups.values()), mesh)
         nodes = step.groups.get("NOE")
         families = data["FAS"].groups.get(name) if "FAS" in data.groups else None
@@ -108,7 +108,7 @@ def _families_of_nodes(data: Any, points: np.ndarray) -> dict[str, np.ndarray]:
 
 
 def _name_of(family: str) -> str:
-    """Name of the group that a family is named for."""
+    """Name of the group after which a family is named."""
     head, _, rest = family.partition("_")
     number, _, name = rest.partition("_")
     return name if head == "FAM" and number.lstrip("-").isdigit() and name else family

@@ -1,8 +1,8 @@
 """Two elastic half-discs that face each other across a gap, thesis section 1.5.1.
 
-The lower body is meshed by gmsh and mirrored at y = 0, so that every node of one arc faces
-a node of the other along e_y. With 56 arc and 14 flat segments per body the two meshes have
-2 x 339 nodes and 55 facing pairs away from the flat edges.
+gmsh meshes the lower body, which is mirrored at y = 0, so that every node of one arc faces a node of the other along
+e_y. With 56 arc and 14 flat segments per body the two meshes have 2 x 339 nodes and 55 facing pairs away from the flat
+edges.
 """
 
 from __future__ import annotations
@@ -86,7 +86,7 @@ def _mesh_lower_half(radius: float, gap: float, arc_segments: int, flat_segments
 
 
 def _mirror() -> None:
-    """Replace the model by one that holds the current mesh and its mirror image at y = 0."""
+    """Replace the model by one with the current mesh and its mirror image at y = 0."""
     tags, points, _ = gmsh.model.mesh.getNodes()
     cells = {name: _connectivity(dim, name) for dim, name in ((2, LOWER), (1, LOWER_ARC), (1, LOWER_FLAT))}
     used = np.unique(cells[LOWER])  # gmsh also lists the centre of the arcs
@@ -94,7 +94,7 @@ def _mirror() -> None:
     cells = {name: np.searchsorted(used, nodes) for name, nodes in cells.items()}
     gmsh.model.add("half_discs")
     _add_body((LOWER, LOWER_ARC, LOWER_FLAT), points, cells, first_node=1)
-    # a mirror image turns the other way round: reverse each element to keep its orientation
+    # mirroring changes the orientation of elements: reverse their nodes
     flipped = {name: nodes[:, ::-1] for name, nodes in cells.items()}
     _add_body((UPPER, UPPER_ARC, UPPER_FLAT), points * [1, -1, 1], flipped, first_node=1 + used.size)
 

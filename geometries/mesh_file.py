@@ -1,7 +1,7 @@
-"""Meshes from files: gmsh's ``.msh``, Abaqus' ``.inp``, Exodus, MED, XDMF, and whatever else meshio reads.
+"""Meshes from files: gmsh's ``.msh``, Abaqus' ``.inp``, Exodus, MED, XDMF, and other formats of meshio.
 
-Bodies and surfaces have the names that the file gives them: physical groups of gmsh, sets and surfaces of Abaqus,
-blocks and side sets of Exodus, groups of MED. A set of nodes stands for the outer facets that it holds wholly.
+Bodies and surfaces have their names in the file: physical groups of gmsh, sets and surfaces of Abaqus, blocks and side
+sets of Exodus, groups of MED. A set of nodes stands for the outer facets whose nodes are all in the set.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.geometries.gmsh_model import Entity
 
 BY_GMSH = (".med", ".unv", ".bdf", ".nas", ".cgns")
-"""Endings of files that are read by gmsh: meshio reads MED by h5py, which does not get on with the HDF5 of DOLFINx."""
+"""Endings of files that gmsh reads: meshio reads MED by h5py, which is incompatible with the HDF5 of DOLFINx."""
 
 ENDINGS = (".msh", ".inp", ".e", ".xdmf", ".vtk", ".vtu", *BY_GMSH)
 """Endings of the usual formats, for messages."""
@@ -38,11 +38,11 @@ ENDINGS = (".msh", ".inp", ".e", ".xdmf", ".vtk", ".vtu", *BY_GMSH)
 
 @dataclass(frozen=True)
 class MeshFile:
-    """A geometry: the mesh of a file, whose bodies and surfaces are known by their names.
+    """A geometry: the mesh of a file, with its bodies and surfaces by name.
 
     Attributes:
-        path: the file.
-        scale: what its coordinates are multiplied by: 1e-3 for a file in mm and a scene in m.
+        path: path of the file.
+        scale: factor of the coordinates, for example 1e-3 for a file in mm and a scene in m.
     """
 
     path: Path | str
@@ -55,10 +55,10 @@ class MeshFile:
             raise SceneError(f"the scale {self.scale!r} of mesh file {self.path} must be a positive number")
 
     def __call__(self, comm: Comm) -> NamedMesh:
-        """Read on the first rank, shared out among all.
+        """Read the file on the first rank and distribute the mesh.
 
         Raises:
-            FileContentError: for a file that cannot be read, or holds no mesh of one kind of cells.
+            FileContentError: for a file that cannot be read, or has no mesh of one kind of cells.
         """
         raw = None
         error = None
@@ -74,7 +74,7 @@ class MeshFile:
         return _shared(raw, comm, self.scale, comm.bcast(summary))
 
     def read(self) -> RawMesh:
-        """What the file holds, before it is shared out."""
+        """Contents of the file, before the mesh is distributed."""
         path = Path(self.path)
         if path.is_dir():
             raise FileContentError(
@@ -87,14 +87,14 @@ class MeshFile:
         except HHRError:
             raise
         except Exception as error:
-            # readers of other people's files fail in many ways
+            # readers raise many kinds of errors for damaged files
             raise FileContentError(
                 f"mesh file {path} cannot be read: {type(error).__name__}: {error} {_advice(path)}"
             ) from error
 
 
 def _found_instead(path: Path) -> str:
-    """What there is where a file is not: those of its name or ending."""
+    """Message for a missing file, with the files of the same name or ending in its folder."""
     if not path.parent.is_dir():
         return f"there is no folder {path.parent.absolute()}. Give the path from where the command is run"
     beside = [item.name for item in path.parent.iterdir() if path.stem == item.stem or path.suffix == item.suffix]
@@ -104,14 +104,14 @@ def _found_instead(path: Path) -> str:
 
 
 def _advice(path: Path) -> str:
-    """What to do with a file that no reader takes."""
+    """Advice for a file that no reader can read."""
     if path.suffix.lower() in (".step", ".stp", ".iges", ".igs", ".brep", ".geo", ".stl"):
         return f"{path.suffix} is geometry and no mesh: mesh its volumes in gmsh, and save them as .msh"
     return f"Write it again, or in another format: {', '.join(ENDINGS)}"
 
 
 def _reader(path: Path) -> Any:
-    """What reads a file, by its ending; decks of Abaqus by their first word too, which cgx calls .msh."""
+    """Reader of a file by its ending; decks of Abaqus also by their first word, as cgx names them .msh."""
     ending = path.suffix.lower()
     if ending == ".inp" or _begins_as_deck(path):
         from hhr_dolfinx.geometries.abaqus_deck import read_deck
@@ -129,17 +129,17 @@ def _reader(path: Path) -> Any:
 
 
 def _begins_as_deck(path: Path) -> bool:
-    """Whether the first line of a file is one of Abaqus': ``*NODE``, ``*HEADING`` or a comment."""
+    """True if the first line of a file is one of an Abaqus deck: ``*NODE``, ``*HEADING`` or a comment."""
     with path.open("rb") as file:
         start = file.read(4096).lstrip().upper()
     return start.startswith((b"**", b"*NODE", b"*HEADING", b"*INCLUDE", b"*PART"))
 
 
 def _version(path: Path) -> float:
-    """Of gmsh's own format; 0 for a file of another one.
+    """Version of gmsh's format; 0 for a file of another format.
 
-    From version 4 on groups are of entities, which may be in several, and meshio keeps the first of them. Before, they
-    are of elements, each of which is in the file once for each group; gmsh would add them to whole entities.
+    From version 4 on groups consist of entities, which may be in several groups; meshio keeps the first one. In earlier
+    versions they consist of elements, which are in the file once for each group; gmsh would add whole entities.
     """
     if path.suffix.lower() != ".msh":
         return 0.0
@@ -151,7 +151,7 @@ def _version(path: Path) -> float:
 
 
 def read_by_gmsh(path: Path) -> RawMesh:
-    """What gmsh reads and names better than meshio."""
+    """Read a file of a format that gmsh supports better than meshio."""
     from hhr_dolfinx.geometries.gmsh_model import entities_of
 
     try:
@@ -159,7 +159,7 @@ def read_by_gmsh(path: Path) -> RawMesh:
     except Exception as error:
         if "compiled" not in str(error):
             raise
-        # that of Debian has no MED; meshio may read it, or say why not
+        # the gmsh of Debian has no MED; meshio may read the file, or explain why not
         return read_by_meshio(path)
     kinds = {(DIMENSION[kind], CORNERS[kind]): kind for kind in CORNERS}
     there = {(entity.dim, entity.corners.shape[1]) for entity in entities}
@@ -195,7 +195,7 @@ def _joined(
 ) -> tuple[np.ndarray, dict[str | int, np.ndarray]]:
     """Corners of all elements, (n, width), and rows of each group by its number and by its name.
 
-    Where no group has any of them the numbers are those of the entities: lines of a .geo, properties of Nastran.
+    If no group has any elements, the numbers are those of the entities: lines of a .geo, properties of Nastran.
     """
     starts = np.cumsum([0, *(len(entity.corners) for entity in entities)])
     found: dict[str | int, list[np.ndarray]] = {}
@@ -221,7 +221,7 @@ def _joined(
 
 
 def _arrays(raw: RawMesh, scale: float) -> tuple[tuple[np.ndarray, ...], Any]:
-    """Points, cells, tagged cells and facets, the tags of both; and the names of tags."""
+    """Points, cells, tagged cells and facets with their tags, and the names of tags."""
     bodies = Numbers.of(raw.bodies, len(raw.cells))
     facets, surfaces = facets_by_number(raw)
     points, whole = raw.whole()
@@ -232,7 +232,7 @@ def _arrays(raw: RawMesh, scale: float) -> tuple[tuple[np.ndarray, ...], Any]:
 
 
 def _shared(raw: RawMesh | None, comm: Comm, scale: float, summary: Summary | None) -> NamedMesh:
-    """The mesh of the first rank, shared out."""
+    """Distribute the mesh of the first rank."""
     arrays, groups = ((), None) if raw is None else _arrays(raw, scale)
     kind, groups, shapes = comm.bcast(raw and (raw.kind, groups, [array.shape[1:] for array in arrays]))
     points, cells, *tagged = arrays or (np.zeros((0, *shape)) for shape in shapes)

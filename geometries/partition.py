@@ -1,9 +1,8 @@
-"""Cells of a mesh shared out: each body over all ranks, cut by planes along coordinates.
+"""Partition of the cells of a mesh: each body over all ranks, cut by planes along coordinates.
 
-What ranks eliminate by themselves costs more than in proportion to its size, and what they have in common is dense, see
-:mod:`linear.substructures`: shares are alike where each rank has its part of every body, and cuts small where they are
-flat. A sphere on a block with 92,514 dofs, on two ranks: 3.5e10 and 6.3e10 operations with the partition of a graph,
-whose parts were as large as each other.
+The cost of the interior of a rank grows faster than its size, and the matrix of the border between ranks is dense, see
+:mod:`linear.substructures`. Ranks have equal costs if each has a part of every body, and flat cuts are small. For a
+sphere on a block with 92,514 dofs on two ranks a graph partition with equal sizes took 3.5e10 and 6.3e10 operations.
 """
 
 from __future__ import annotations
@@ -14,12 +13,12 @@ from scipy.sparse.csgraph import connected_components
 
 
 def shares(points: np.ndarray, cells: np.ndarray, count: int) -> np.ndarray:
-    """Which of ``count`` parts each cell belongs to, (n,).
+    """Number of the part, of ``count``, that each cell belongs to, (n,).
 
     Args:
-        points: of the mesh, (p, dim).
-        cells: numbers of their corners, (n, k).
-        count: of parts, at least 1.
+        points: points of the mesh, (p, dim).
+        cells: point numbers of the corners of the cells, (n, k).
+        count: number of parts, at least 1.
     """
     found = np.zeros(len(cells), dtype=np.int32)
     middles = points[cells].mean(axis=1)
@@ -30,7 +29,7 @@ def shares(points: np.ndarray, cells: np.ndarray, count: int) -> np.ndarray:
     order = np.argsort(body_of, kind="stable")
     held = np.zeros(count, dtype=np.int64)
     for body in np.split(order, np.flatnonzero(np.diff(body_of[order])) + 1):
-        if body.size < count:  # too few to cut: all of it where there is least so far
+        if body.size < count:  # too few cells to cut: the whole body goes to the smallest part
             found[body] = np.argmin(held)
         else:
             _cut(body, middles, cells, count, found)
@@ -39,7 +38,7 @@ def shares(points: np.ndarray, cells: np.ndarray, count: int) -> np.ndarray:
 
 
 def _cut(body: np.ndarray, middles: np.ndarray, cells: np.ndarray, count: int, found: np.ndarray) -> None:
-    """Number the parts of some cells, at least as many, in place: halves, and halves of these."""
+    """Bisect some cells recursively into ``count`` parts, and write the numbers of these in place."""
     if count == 1:
         return
     first = count // 2

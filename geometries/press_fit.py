@@ -1,7 +1,7 @@
 """A hub on a hollow shaft, one quarter and the upper half of both: meshes that differ along the axis only.
 
-Structured hexahedra in polar coordinates. Around the axis both have the same cells, so that their flat facets lie on
-each other and the gap between them is not one of the mesh.
+Structured hexahedra in polar coordinates. Both bodies have the same cells around the axis, so that their flat facets
+lie on each other and the mesh adds nothing to the gap.
 """
 
 from __future__ import annotations
@@ -43,12 +43,12 @@ def press_fit(
     """Build the mesh of both bodies on all ranks of ``comm``.
 
     Args:
-        radius: of the surfaces in contact, in the unit of length of the scene.
+        radius: radius of the surfaces in contact, in the unit of length of the scene.
         wall: thickness of the hub.
         bore: radius of the hole in the shaft.
         half_length: half the length of the hub.
-        overhang: by how much each end of the shaft is longer.
-        around: cells of both in a quarter of a turn.
+        overhang: length by which each end of the shaft extends beyond the hub.
+        around: cells of both bodies in a quarter of a turn.
         hub_cells, shaft_cells: cells along the radius and along half the axis.
     """
     if not 0 < bore < radius or min(wall, half_length, overhang) <= 0:

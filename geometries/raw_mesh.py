@@ -1,4 +1,4 @@
-"""A mesh as files have it: nodes, cells of one kind, and named sets that may overlap."""
+"""A mesh in the form of files: nodes, cells of one kind, and named sets that may overlap."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.geometries.cells import CORNERS, DIMENSION, EDGES, FACES, TENSOR, TENSOR_FACET, outer_faces
 
 FAR_OFF = 0.4
-"""Part of the length of an edge by which the node on it may lie off its middle: an arc of 140 degrees."""
+"""Largest distance of an edge's node from the middle over the length of the edge: that of an arc of 140 degrees."""
 
 
 @dataclass(frozen=True)
@@ -20,14 +20,14 @@ class RawMesh:
     """Nodes, cells of one kind, and sets of them.
 
     Attributes:
-        points: (nodes, 2 or 3).
-        kind: of the cells: ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
-        cells: corners, (c, k), as most formats list them.
+        points: coordinates, (nodes, 2 or 3).
+        kind: kind of the cells: ``triangle``, ``quadrilateral``, ``tetrahedron`` or ``hexahedron``.
+        cells: corners, (c, k), in the order of most formats.
         bodies: rows of ``cells`` by name or number.
         surfaces: corners of facets, (f, k), by name or number.
         nodes: sets of nodes by name; their facets are the outer ones whose corners all belong to the set.
-        sides: nodes on the edges of cells of second order, (c, edges); None of first order.
-        left_out: what the file has and the mesh has not, by name or in words, and why.
+        sides: nodes on the edges of cells of second order, (c, edges); None at first order.
+        left_out: reasons for parts of the file that are not in the mesh, by name or description.
     """
 
     points: np.ndarray
@@ -40,7 +40,7 @@ class RawMesh:
     left_out: Mapping[str | int, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Refuse what is no mesh."""
+        """Refuse invalid meshes."""
         if not len(self.cells):
             raise FileContentError("no triangles, quadrilaterals, tetrahedra or hexahedra are in this file")
         named = self.cells if self.sides is None else np.hstack([self.cells, self.sides])
@@ -53,11 +53,11 @@ class RawMesh:
 
     @property
     def dim(self) -> int:
-        """Of the cells."""
+        """Dimension of the cells."""
         return DIMENSION[self.kind]
 
     def all_surfaces(self) -> dict[str | int, np.ndarray]:
-        """Corners of facets by name or number, those of sets of nodes too."""
+        """Corners of facets by name or number, including those of sets of nodes."""
         found = {name: facets for name, facets in self.surfaces.items() if len(facets)}
         wanted = {name: nodes for name, nodes in self.nodes.items() if name not in found}
         if wanted:
@@ -70,7 +70,7 @@ class RawMesh:
         return found
 
     def once(self) -> RawMesh:
-        """The same with each cell once: files of gmsh before version 4 have it once for each group that it is in."""
+        """The mesh with each cell once: files of gmsh before version 4 have a cell once for each of its groups."""
         _, first, which = np.unique(np.sort(self.cells, axis=1), axis=0, return_index=True, return_inverse=True)
         if first.size == len(self.cells):
             return self
@@ -82,7 +82,7 @@ class RawMesh:
         return replace(self, cells=self.cells[kept], bodies=bodies, sides=sides)
 
     def compact(self) -> RawMesh:
-        """The same without nodes that no cell has; in the plane without a coordinate that is always the same."""
+        """The mesh without nodes that belong to no cell; in the plane without a coordinate that is constant."""
         used = np.unique(self.cells if self.sides is None else np.hstack([self.cells, self.sides]))
         numbers = np.full(len(self.points), -1)
         numbers[used] = np.arange(used.size)
@@ -98,11 +98,11 @@ class RawMesh:
         return replace(self, points=points, cells=cells, surfaces=surfaces, nodes=nodes, sides=sides)
 
     def ordered(self) -> np.ndarray:
-        """Corners of the cells in the order that DOLFINx wants."""
+        """Corners of the cells in the order of DOLFINx."""
         return self.cells[:, TENSOR[self.kind]] if self.kind in TENSOR else self.cells
 
     def whole(self) -> tuple[np.ndarray, np.ndarray]:
-        """Points, (nodes, dim), and all nodes of the cells in the order that DOLFINx wants, (c, K)."""
+        """Points, (nodes, dim), and all nodes of the cells in the order of DOLFINx, (c, K)."""
         if self.sides is None:
             return self.points, self.ordered()
         self._check_sides(self.sides)
@@ -118,14 +118,14 @@ class RawMesh:
         if self.kind == "hexahedron":
             points, middles = _middles_of_faces(points, corners, sides, edges, faces)
             cells = np.hstack([cells, middles])
-        # functions of cells without a node in the middle, there: of 8 nodes -1/4 and 1/2, of 20 -1/4 and 1/4
+        # serendipity functions at the middle of a cell: -1/4 at corners, 1/2 (8 nodes) or 1/4 (20 nodes) on edges
         weight = 0.5 if self.kind == "quadrilateral" else 0.25
         middle = weight * points[sides].sum(axis=1) - 0.25 * points[corners].sum(axis=1)
         last = len(points) + np.arange(len(cells))
         return np.concatenate([points, middle]), np.hstack([cells, last[:, None]])
 
     def _check_sides(self, sides: np.ndarray) -> None:
-        """Raise FileContentError for nodes that do not lie near the middles of the edges to which they belong."""
+        """Raise FileContentError for nodes of edges that lie far from the middle of their edge."""
         ends = self.points[self.cells[:, np.array(EDGES[self.kind])]]
         off = np.linalg.norm(self.points[sides] - ends.mean(axis=2), axis=2)
         far = off > FAR_OFF * np.linalg.norm(ends[:, :, 1] - ends[:, :, 0], axis=2)
@@ -141,7 +141,7 @@ class RawMesh:
 def _middles_of_faces(
     points: np.ndarray, corners: np.ndarray, sides: np.ndarray, edges: list, faces: list
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Points with those in the middle of the faces of hexahedra behind them, and their numbers, (c, 6)."""
+    """Points followed by the middles of the faces of hexahedra, and the numbers of these middles, (c, 6)."""
     on_faces = [[k for k, edge in enumerate(edges) if set(edge) <= set(face)] for face in faces]
     every = np.stack([np.sort(corners[:, face], axis=1) for face in faces], axis=1).reshape(-1, 4)
     _, first, which = np.unique(every, axis=0, return_index=True, return_inverse=True)
@@ -155,12 +155,12 @@ def _middles_of_faces(
 
 @dataclass(frozen=True)
 class Numbers:
-    """A number for each item that is in some set, and what numbers make up each set.
+    """A number for each item that is in some set, and the numbers of each set.
 
     Attributes:
-        items: places of the items, (n,).
-        values: their numbers, (n,).
-        sets: numbers of each set, by its name or number.
+        items: indices of the items, (n,).
+        values: number of each item, (n,).
+        sets: numbers of each set, by name or number of the set.
     """
 
     items: np.ndarray
@@ -169,9 +169,9 @@ class Numbers:
 
     @classmethod
     def of(cls, sets: Mapping[str | int, np.ndarray], count: int) -> Numbers:
-        """Of sets of places among ``count`` items: items that are in the same sets have the same number.
+        """Number the items of sets of indices among ``count`` items: items that are in the same sets share a number.
 
-        An item in one set only, which has a number, keeps it.
+        Items that are in one set only have its number, if the set has one.
         """
         names = list(sets)
         inside = np.zeros((count, len(names)), dtype=bool)
@@ -179,8 +179,8 @@ class Numbers:
             inside[sets[name], column] = True
         items = np.flatnonzero(inside.any(axis=1))
         patterns, which = np.unique(inside[items], axis=0, return_inverse=True)
-        taken = {name for name in names if isinstance(name, int)}
-        fresh = iter(n for n in range(1, len(patterns) + len(taken) + 1) if n not in taken)
+        used = {name for name in names if isinstance(name, int)}
+        fresh = iter(n for n in range(1, len(patterns) + len(used) + 1) if n not in used)
         numbers = []
         for pattern in patterns:
             own = [names[k] for k in np.flatnonzero(pattern)]
@@ -194,13 +194,13 @@ class Numbers:
 
 
 def _same(sets: Mapping[str | int, np.ndarray], names: Iterable[str | int]) -> bool:
-    """Whether sets hold the same items: a number and its name."""
+    """True if sets have the same items, as those of a number and its name."""
     first, *others = (np.unique(sets[name]) for name in names)
     return all(np.array_equal(first, other) for other in others)
 
 
 def facets_by_number(raw: RawMesh) -> tuple[np.ndarray, Numbers]:
-    """All facets of sets, each once, (f, k) in the order that DOLFINx wants, and their numbers."""
+    """All facets of sets, each once, (f, k) in the order of DOLFINx, and their numbers."""
     surfaces = raw.all_surfaces()
     width = len(FACES[raw.kind][0])
     if not surfaces:

@@ -44,11 +44,11 @@ def sphere_on_block(
 
     Args:
         radius: radius R of the sphere, in the unit of length of the scene.
-        width: width of the modelled square over R, at most 0.7, of the sphere; the block has the same.
-        depth: depth of the block over R; the flat top of the sphere is as far above the point of contact.
+        width: width over R, at most 0.7, of the modelled square of the sphere and the block.
+        depth: depth of the block over R, and height over R of the flat top of the sphere above the point of contact.
         gap: distance of sphere and block at the origin.
         sphere_cells: cells of the sphere along x and y, and along z.
-        block_cells: cells of the block likewise.
+        block_cells: cells of the block along x and y, and along z.
         grading: 0 for even cells; cells grow from the origin like the slope of sinh over [0, grading].
     """
     if radius <= 0 or not 0 < width <= 0.7 or grading < 0:
@@ -70,10 +70,10 @@ def sphere_on_block(
 
 
 def indentation_cells(count: int) -> dict[str, tuple[int, int]]:
-    """Cells for a soft block under a stiffer sphere, by one number: those of the block along x and y.
+    """Cells for a soft block under a stiffer sphere, from one number, the cells of the block along x and y.
 
-    The block takes finer cells than the sphere, since it bears the larger strains. With ``count`` in (10, 14, 19, 25,
-    33) both have 3500, 8200, 20,000, 44,000 and 97,000 unknowns, and the block (count + 1)^2 nodes on its top.
+    The block has finer cells than the sphere, since its strains are larger. With ``count`` in (10, 14, 19, 25, 33) the
+    bodies have 3500, 8200, 20,000, 44,000 and 97,000 unknowns, and the block (count + 1)^2 nodes on its top.
 
     Returns:
         The options ``sphere_cells`` and ``block_cells`` of :func:`sphere_on_block`.

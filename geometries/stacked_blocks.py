@@ -1,4 +1,4 @@
-"""Two stacked blocks of edge 1 with meshes of their own: patch tests, turned scenes, curved gaps."""
+"""Two stacked blocks of edge 1 with independent meshes: patch tests, rotated scenes, curved gaps."""
 
 from __future__ import annotations
 
@@ -31,7 +31,7 @@ def outer_end(body: int, dim: int) -> int:
 
 
 def rotation(dim: int, angle: float) -> np.ndarray:
-    """Matrix of a turn by an angle, in space about the diagonal, (dim, dim)."""
+    """Rotation matrix of an angle, in space about the diagonal, (dim, dim)."""
     axis = np.array([0.0, 0.0, 1.0]) if dim == 2 else np.ones(3) / 3**0.5
     return Rotation.from_rotvec(angle * axis).as_matrix()[:dim, :dim]
 
@@ -50,10 +50,10 @@ def stacked_blocks(
 
     Args:
         lower: cells of the lower block along each axis.
-        upper: cells of the upper block likewise.
-        angle: turns everything.
+        upper: cells of the upper block along each axis.
+        angle: rotation of both blocks, as in :func:`rotation`.
         bulge: height of the curved gap between the blocks, at their sides.
-        shift: moves the upper block sideways, beyond the edge of the lower.
+        shift: displacement of the upper block sideways, beyond the edge of the lower one.
         simplices: triangles or tetrahedra instead of quadrilaterals or hexahedra.
     """
     up = len(lower) - 1

@@ -1,4 +1,4 @@
-"""Contents of a mesh file in words: cells, bodies, surfaces and sets with sizes and places, and what is left out."""
+"""Summary of a mesh file: cells, bodies, surfaces and sets with sizes and positions, and the parts left out."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class Summary:
 
     Attributes:
         head: file, nodes, cells and extent.
-        parts: bodies, surfaces and so on: names and what they are, by title.
-        reasons: why a name that the file has is no body or surface, by name.
-        left_out: those of what is no part of the mesh.
+        parts: names and descriptions of bodies, surfaces and so on, by title.
+        reasons: reasons why names of the file are no bodies or surfaces, by name.
+        left_out: the reasons for parts of the file that are not in the mesh.
     """
 
     head: str = ""
@@ -32,7 +32,7 @@ class Summary:
     left_out: Mapping[str | int, str] = field(default_factory=dict)
 
     def text(self, most: int = 12) -> str:
-        """All of it, with so many lines of each part."""
+        """The whole summary, with at most ``most`` lines for each part."""
         rows = [self.head]
         for title, lines in self.parts.items():
             rows.append(f"  {title}:")
@@ -44,7 +44,7 @@ class Summary:
 
 
 def summary_of(raw: RawMesh, path: Path, scale: float = 1.0) -> Summary:
-    """Contents of a file that was read."""
+    """Summarise a file that was read."""
     points = raw.points * scale
     surfaces = raw.all_surfaces()
     order = "first" if raw.sides is None else "second"
@@ -73,7 +73,7 @@ def summary_of(raw: RawMesh, path: Path, scale: float = 1.0) -> Summary:
 
 
 def _lines(sets: Mapping[str | int, tuple[int, np.ndarray]], dim: int, points: np.ndarray) -> Lines:
-    """Names, counts and places of sets, given by counts and nodes."""
+    """Names, counts and positions of sets, given by counts and nodes."""
     return tuple(
         (str(name), f"{counted(count, dim)}, {_extent(points[np.unique(nodes)])}")
         for name, (count, nodes) in sets.items()

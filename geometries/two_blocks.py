@@ -1,6 +1,6 @@
-"""Two rectangular or cuboid blocks with meshes of their own: non-matching contact, press fits, patch tests.
+"""Two rectangular or cuboid blocks with independent meshes: non-matching contact, press fits, patch tests.
 
-In axisymmetry two rectangles in (r, z) are two thick cylinders.
+In axisymmetry two rectangles in (r, z) are two thick-walled cylinders.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 Box = tuple[Sequence[float], Sequence[float], Sequence[int]]
 """Two corners of a block, and the cells along each axis."""
 Warp = Callable[[np.ndarray, int], np.ndarray]
-"""Maps the coordinates of all nodes of a body, (n, dim), and its tag to new ones."""
+"""Map of the coordinates of all nodes of a body, (n, dim), and its tag to new coordinates."""
 
 FIRST = 1
 SECOND = 2
@@ -49,10 +49,11 @@ def two_blocks(
 
     Args:
         first: ``(lower, upper, cells)`` of the first block: two corners and the cells along each axis.
-        second: the same of the second block.
+        second: ``(lower, upper, cells)`` of the second block.
         simplices: triangles or tetrahedra instead of quadrilaterals or hexahedra.
-        warp: maps the coordinates of all nodes of a body and its tag to new ones, ``((n, dim), tag) -> (n, dim)``,
-            for instance to grade a mesh, to bend a surface or to turn both; None leaves the blocks as they are.
+        warp: map of the coordinates of all nodes of a body and its tag to new coordinates,
+            ``((n, dim), tag) -> (n, dim)``, for instance to grade a mesh, to bend a surface or to rotate both blocks;
+            None leaves the blocks as they are.
         closed: axis along which the last cells of both blocks end where the first begin, for a warp to rings.
     """
     shapes = {FIRST: first, SECOND: second}
@@ -83,7 +84,7 @@ def two_blocks(
 
 
 def _check_closed(box: Box, axis: int) -> None:
-    """Raise ValueError where a block does not close along an axis: two cells would have the same corners."""
+    """Raise ValueError if a block cannot close along an axis, since two cells would have the same corners."""
     cells = box[2]
     if isinstance(axis, bool) or axis not in range(len(cells)) or cells[axis] < 3:
         raise ValueError(
@@ -110,6 +111,6 @@ def _grid(box: Box, simplices: bool, closed: int | None) -> tuple[np.ndarray, np
     boxes = np.stack(corners, axis=1)
     if not simplices:
         return points, boxes
-    # paths along the edges from the first corner to the last: they fit together across neighbours
+    # paths along the edges from the first corner to the last, which conform across neighbours
     paths = [np.cumsum([0, *(1 << axis for axis in order)]) for order in permutations(range(dim))]
     return points, np.concatenate([boxes[:, path] for path in paths])

@@ -1,7 +1,7 @@
-"""Meshes and tags of XDMF files: of DOLFINx, meshio, ParaView and others; their grids have numbers and no names.
+"""Meshes and tags of XDMF files of DOLFINx, meshio, ParaView and others; their grids have numbers and no names.
 
 All grids of a file are read, so that tags may be in several of them, and points in another one. Numbers are in the file
-itself, in raw files or in HDF5, which netCDF4 reads: that of DOLFINx's wheel has no compression.
+itself, in raw files or in HDF5. netCDF4 reads the latter, since the HDF5 of DOLFINx's wheel has no compression.
 """
 
 from __future__ import annotations
@@ -28,16 +28,16 @@ _TYPES = {
     "hexahedron_20": "hexahedron20", "hex_20": "hexahedron20",
     "hexahedron_27": "hexahedron27", "hex_27": "hexahedron27",
 }  # fmt: skip
-"""Kinds of elements by their names in small letters, as meshio calls them."""
+"""Meshio's names of kinds of elements, by their XDMF names in small letters."""
 _RAW = {"int": "i", "uint": "u", "char": "i", "uchar": "u", "float": "f"}
 Grid = ElementTree.Element
 
 
 def read_xdmf(path: Path) -> RawMesh:
-    """The mesh of all grids of a file.
+    """Read the mesh of all grids of a file.
 
     Raises:
-        FileContentError: for a file without a mesh, or one whose numbers are not there.
+        FileContentError: for a file without a mesh, or with missing numbers.
     """
     try:
         root = ElementTree.parse(path).getroot()
@@ -67,7 +67,7 @@ def read_xdmf(path: Path) -> RawMesh:
 
 
 def _grids(root: Grid) -> list[Grid]:
-    """Grids that hold numbers; of those of several times the first."""
+    """Grids with numbers; of a time series the first."""
     later = {
         step
         for grid in root.iter("Grid")
@@ -78,7 +78,7 @@ def _grids(root: Grid) -> list[Grid]:
 
 
 def _geometry(root: Grid, grid: Grid) -> Grid | None:
-    """Points of a grid: its own, or those that it names or refers to."""
+    """Points of a grid, in the grid itself or in one that it refers to."""
     own = grid.find("Geometry")
     if own is not None:
         return own
@@ -90,7 +90,7 @@ def _geometry(root: Grid, grid: Grid) -> Grid | None:
 
 
 def _elements(reader: _Numbers, grid: Grid, topology: Grid, start: int, path: Path) -> list[Elements]:
-    """Elements of a grid with the numbers that its attributes give them."""
+    """Elements of a grid with the numbers in its attributes."""
     name = (topology.get("TopologyType") or topology.get("Type") or "").lower()
     nodes = reader.array(topology)
     blocks: list[tuple[str, np.ndarray]]
@@ -118,7 +118,7 @@ def _elements(reader: _Numbers, grid: Grid, topology: Grid, start: int, path: Pa
 
 
 class _Numbers:
-    """Arrays that an XDMF file holds or refers to."""
+    """Arrays in an XDMF file, or in files that it refers to."""
 
     def __init__(self, path: Path, root: Grid):
         self._path = path
@@ -160,7 +160,7 @@ class _Numbers:
         return (self._hdf(text) if kind == "HDF" else self._raw(item, text)).reshape(shape)
 
     def _beside(self, name: str) -> Path:
-        """A file that this one names, in its folder."""
+        """Path of a referenced file in the folder of this one."""
         found = self._path.parent / name.strip()
         if not found.is_file():
             raise FileContentError(
@@ -173,7 +173,7 @@ class _Numbers:
         name, _, place = text.rpartition(":")
         file = self._beside(name)
         netcdf = netcdf4(f"the mesh file {self._path}")
-        # it warns of what else is in the file
+        # netCDF4 warns of other contents of the file
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             with netcdf.Dataset(file) as data:

@@ -1,9 +1,12 @@
 """Hybrid hyper-reduction of parametric contact problems with Lagrange multipliers.
 
-The public names stand in ``__init__.pyi``, for type checkers too. They are loaded when they are first used, so that a
-reduced model read from a file (``load_model``) needs neither DOLFINx nor gmsh.
+Public names are loaded when they are first used, so that a reduced model read from a file (``load_model``) needs
+neither DOLFINx nor gmsh. Those of plug-ins stand in their manifests. ``__init__.pyi`` has all of them for type
+checkers, and is written by ``scripts/stubs.py``.
 """
 
+import importlib
+import importlib.util
 import logging
 
 import lazy_loader
@@ -13,12 +16,76 @@ from hhr_dolfinx import compat as _compat
 # silent unless a user configures logging
 logging.getLogger(__name__).addHandler(logging.NullHandler())
 
-_loaded, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+PUBLIC = {
+    "amplitudes": "Amplitude",
+    "body": "Body",
+    "certify.trust": "TrustLimits",
+    "contact.friction": "Coulomb Tresca",
+    "errors": "HHRError",
+    "full_order.full": "FullOrderModel",
+    "full_order.mesh_error": "MeshError mesh_error",
+    "geometries.mesh_file": "MeshFile",
+    "loads": "PartialPressure Pressure Term Traction",
+    "materials.laws": "Norton Plasticity",
+    "models.answer": "Answer History",
+    "models.histories.equilibrium": "MarchSettings",
+    "models.reduced": "ReducedModel",
+    "online.batch": "answer_points",
+    "online.frames": "to_pandas to_xarray",
+    "online.matrices": "condense_matrices",
+    "online.model_file": "load_model save_model",
+    "online.tables": "answer_table read_points write_answers",
+    "outputs": "ContactForce ContactMoment ContactWidth DisplacementAt DissipatedWork ElasticEnergy FrictionForce "
+    "GapAt LargestPressure LargestSlip LargestWear LinearForm LostContact SlipArea StickArea Torque VonMises",
+    "pairings.mortar": "Mortar",
+    "pairings.node_to_node": "NodeToNode",
+    "pairings.node_to_surface": "DoublePass NodeToSurface",
+    "pairings.obstacle": "Obstacle",
+    "parameters": "ParameterSpace",
+    "path_families": "Leg NamedPath PathFamily",
+    "reduction.build": "build",
+    "reduction.exact": "exact_condensation",
+    "reduction.recipe": "Deim Enrich FlowDeim ForceDeim LoadNodes Pod Recipe Rid StressDeim Tangents Zone",
+    "sampling": "LatinHypercube Lattice Sobol",
+    "scene": "Displacement Opening Scene",
+    "shapes": "Shape",
+    "snapshots.records": "SnapshotSet compute_snapshots spread_snapshots",
+    "snapshots.store": "SnapshotStore",
+    "study.condensing": "condense",
+    "study.report.fields": "write_fields",
+    "study.report.view": "View",
+    "study.sliding": "slide",
+    "study.study": "Rival StudySettings run_study study_scene",
+    "study.training.train": "train",
+    "units": "Units",
+    "version": "__version__",
+    "volume_loads": "BodyForce Centrifugal Eigenstrain ThermalExpansion",
+}
+"""Public names of the core by module."""
+_of_core, _, _names = lazy_loader.attach(__name__, submod_attrs={at: names.split() for at, names in PUBLIC.items()})
+
+
+def _of_plugins() -> dict[str, str]:
+    """Places of the public names of plug-ins."""
+    return importlib.import_module("hhr_dolfinx.registry").named("public")
+
+
+def __dir__() -> list[str]:
+    return sorted({*_names, *_of_plugins()})
 
 
 def __getattr__(name: str) -> object:
-    """A public name, whose module is loaded now; where DOLFINx is missing the error says how to get it."""
+    """Public name, imported at first use; if DOLFINx is missing, the error explains how to install it."""
     try:
-        return _loaded(name)
+        if name == "__all__":
+            return __dir__()
+        # a scan of plug-ins takes milliseconds, and asking for a sub-module leads here first
+        if name in _names or name.startswith("_") or importlib.util.find_spec(f"{__name__}.{name}"):
+            return _of_core(name)
+        if name not in (places := _of_plugins()):
+            raise AttributeError(f"module '{__name__}' has no attribute '{name}'")
+        module, _, attribute = places[name].partition(":")
+        globals()[name] = found = getattr(importlib.import_module(module), attribute)
+        return found
     except ModuleNotFoundError as error:
         raise _compat.explained(error) from error

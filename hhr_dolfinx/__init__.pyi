@@ -1,7 +1,6 @@
-"""The public names; each is loaded from its module when it is first used."""
+"""Public names for type checkers; written by scripts/stubs.py."""
 
 from .amplitudes import Amplitude as Amplitude
-from .baselines.condensation import exact_condensation as exact_condensation
 from .body import Body as Body
 from .certify.trust import TrustLimits as TrustLimits
 from .contact.friction import Coulomb as Coulomb
@@ -19,9 +18,7 @@ from .materials.laws import Norton as Norton
 from .materials.laws import Plasticity as Plasticity
 from .models.answer import Answer as Answer
 from .models.answer import History as History
-from .models.fallback import FallbackModel as FallbackModel
 from .models.histories.equilibrium import MarchSettings as MarchSettings
-from .models.local import LocalModels as LocalModels
 from .models.reduced import ReducedModel as ReducedModel
 from .online.batch import answer_points as answer_points
 from .online.frames import to_pandas as to_pandas
@@ -49,8 +46,6 @@ from .outputs import SlipArea as SlipArea
 from .outputs import StickArea as StickArea
 from .outputs import Torque as Torque
 from .outputs import VonMises as VonMises
-from .pages.page import write_model_page as write_model_page
-from .pages.scenery import Scenery as Scenery
 from .pairings.mortar import Mortar as Mortar
 from .pairings.node_to_node import NodeToNode as NodeToNode
 from .pairings.node_to_surface import DoublePass as DoublePass
@@ -60,7 +55,23 @@ from .parameters import ParameterSpace as ParameterSpace
 from .path_families import Leg as Leg
 from .path_families import NamedPath as NamedPath
 from .path_families import PathFamily as PathFamily
+from .plugins.fallback.model import FallbackModel as FallbackModel
+from .plugins.greedy.greedy import Greedy as Greedy
+from .plugins.greedy.indicators import Eta as Eta
+from .plugins.greedy.indicators import Eta2 as Eta2
+from .plugins.greedy.indicators import ForceError as ForceError
+from .plugins.greedy.indicators import LargestEstimate as LargestEstimate
+from .plugins.local.clustered import Clusters as Clusters
+from .plugins.local.models import LocalModels as LocalModels
+from .plugins.local.splitting import Splitting as Splitting
+from .plugins.one_call.search import Reduction as Reduction
+from .plugins.one_call.search import reduce as reduce
+from .plugins.one_call.wish import Budget as Budget
+from .plugins.pages.page import write_model_page as write_model_page
+from .plugins.pages.scenery import Scenery as Scenery
+from .plugins.pages.scenery_of import scenery_of as scenery_of
 from .reduction.build import build as build
+from .reduction.exact import exact_condensation as exact_condensation
 from .reduction.recipe import Deim as Deim
 from .reduction.recipe import Enrich as Enrich
 from .reduction.recipe import FlowDeim as FlowDeim
@@ -84,24 +95,13 @@ from .snapshots.records import compute_snapshots as compute_snapshots
 from .snapshots.records import spread_snapshots as spread_snapshots
 from .snapshots.store import SnapshotStore as SnapshotStore
 from .study.condensing import condense as condense
-from .study.one_call.search import Reduction as Reduction
-from .study.one_call.search import reduce as reduce
-from .study.one_call.wish import Budget as Budget
 from .study.report.fields import write_fields as write_fields
 from .study.report.view import View as View
-from .study.scene.scenery import scenery_of as scenery_of
 from .study.sliding import slide as slide
 from .study.study import Rival as Rival
 from .study.study import StudySettings as StudySettings
 from .study.study import run_study as run_study
 from .study.study import study_scene as study_scene
-from .study.training.greedy import Greedy as Greedy
-from .study.training.indicators import Eta as Eta
-from .study.training.indicators import Eta2 as Eta2
-from .study.training.indicators import ForceError as ForceError
-from .study.training.indicators import LargestEstimate as LargestEstimate
-from .study.training.local_training import Clusters as Clusters
-from .study.training.splitting import Splitting as Splitting
 from .study.training.train import train as train
 from .units import Units as Units
 from .version import __version__ as __version__

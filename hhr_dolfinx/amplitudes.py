@@ -1,8 +1,8 @@
-"""Amplitudes of what drives a scene, as plain data.
+"""Amplitudes of the loads of a scene, as plain data.
 
 Every load of a scene is a sum of terms, each an amplitude times a fixed shape. The amplitudes
-theta(mu) = (1, theta_1(mu), ..., theta_T(mu)) are affine in the parameters, or values that say by numbers what they
-are, so a model on disk is data only and nothing that is loaded is ever executed.
+theta(mu) = (1, theta_1(mu), ..., theta_T(mu)) are affine in the parameters, or dataclasses of numbers. A model on disk
+is thus only data, and nothing that is loaded is ever executed.
 """
 
 from __future__ import annotations
@@ -50,9 +50,9 @@ class Amplitude:
 
 
 def check_amplitude(item: Any, what: str, *, formulas: bool = False) -> None:
-    """Turn a number that is the amplitude of a frozen item into a constant one; SceneError for what is neither.
+    """Convert the amplitude of a frozen item in place: a number to a constant one; SceneError if it is invalid.
 
-    A text becomes a :class:`~hhr_dolfinx.formulas.Formula` where the item takes any.
+    A text becomes a :class:`~hhr_dolfinx.formulas.Formula` if the item accepts formulas.
     """
     if is_number(item.amplitude):
         object.__setattr__(item, "amplitude", Amplitude(item.amplitude))
@@ -82,11 +82,11 @@ def check_formula(amplitude: Formula, space: ParameterSpace, what: str) -> None:
 
 
 def bound(amplitude: Any, space: ParameterSpace) -> Any:
-    """A formula as an amplitude of the parameters of a scene; anything else as it is.
+    """Bind a formula to the parameters of a scene, as an amplitude; return anything else unchanged.
 
     A single number or name becomes affine: models tabulate answers of affine scenes.
     """
-    # asking for what a formula has imports no formulas
+    # a test of the attribute does not import the module of formulas
     if not hasattr(amplitude, "variables"):
         return amplitude
     from hhr_dolfinx.formulas import Scalar
@@ -105,12 +105,12 @@ class Theta:
     columns of non-zero terms and is fastest on dense matrices in Fortran order and on sparse ones by columns (csc).
 
     Attributes:
-        terms: numbers of the terms that are given, each once; a slice for all.
-        values: their amplitudes.
+        terms: numbers of the given terms, each once; a slice for all.
+        values: amplitudes of these terms.
     """
 
     __slots__ = ("terms", "values")
-    __array_ufunc__ = None  # lets ndarray @ Theta come here; sparse matrices leave to it what they do not know
+    __array_ufunc__ = None  # makes ndarray @ Theta call __rmatmul__, as sparse matrices do for unknown types
 
     def __init__(self, terms: slice | np.ndarray, values: np.ndarray):
         self.terms = terms
@@ -135,22 +135,22 @@ class Theta:
 class NonAffine(Protocol):
     """Amplitudes of several columns of a load that are not affine in the parameters; a frozen dataclass of numbers.
 
-    Files and fingerprints of problems know it by its class and its fields.
+    Files and fingerprints of problems identify it by its class and its fields.
 
     Attributes:
-        count: number of its columns.
+        count: number of columns.
     """
 
     @property
     def count(self) -> int:
-        """See above."""
+        """Number of columns."""
 
     def __call__(self, point: np.ndarray) -> tuple[Sequence[int], Sequence[float]]:
-        """Numbers among its own columns, each once, and the amplitudes of those that act at a point (P,)."""
+        """Numbers, each once, and amplitudes of the columns that act at a point, (P,)."""
 
 
 def checked_count(amplitude: Any, space: ParameterSpace, owner: object) -> int:
-    """Number of columns of an amplitude that is not affine, tried in the middle of the box of its ``owner``."""
+    """Number of columns of a non-affine amplitude of a load ``owner``, checked in the middle of the box."""
     if isinstance(amplitude, type) or not callable(amplitude) or not hasattr(amplitude, "__dataclass_fields__"):
         raise SceneError(
             f"the amplitude {amplitude!r} of {owner!r} must be an Amplitude, or a frozen dataclass with a count that "
@@ -173,19 +173,19 @@ def checked_count(amplitude: Any, space: ParameterSpace, owner: object) -> int:
 
 
 DIFFERENCE = 1e-5
-"""Part of the box by which amplitudes are differenced that do not know their derivative: its square is off, 1e-10, and
-so is what round-off of their values leaves of it, 1e-11."""
+"""Step over the size of the box in differences of amplitudes without a derivative: the truncation error is its square,
+1e-10, and that of round-off is 1e-11."""
 
 
 def _derivative(amplitude: NonAffine, point: np.ndarray, space: ParameterSpace | None) -> np.ndarray:
-    """Derivatives of the amplitudes that act at a point along the parameters, (k, P): its own, or by differences."""
+    """Derivatives along the parameters of the amplitudes that act at a point, (k, P), exact or by differences."""
     own = getattr(amplitude, "derivative", None)
     columns, values = amplitude(point)
     if own is not None:
         return np.reshape(own(point), (len(values), point.size))
 
-    def acting(moved: np.ndarray) -> np.ndarray:
-        there = dict(zip(*amplitude(moved), strict=True))
+    def acting(nearby: np.ndarray) -> np.ndarray:
+        there = dict(zip(*amplitude(nearby), strict=True))
         return np.array([there.get(column, 0.0) for column in columns])
 
     if space is None:
@@ -200,7 +200,10 @@ def _shapes(degree: int, s: float) -> tuple[float, ...]:
 
 
 def edge_integrals(degree: int, s: Any) -> tuple[Any, ...]:
-    """Their integrals from 0 to s, a number or an array; no arrays are made of numbers, as each query asks."""
+    """Integrals of the shape functions of an edge from 0 to s, a number or an array.
+
+    Numbers are not converted to arrays, since every query calls this.
+    """
     if degree == 1:
         return s - s * s / 2, s * s / 2
     cube = 2 * s * s * s / 3
@@ -209,19 +212,19 @@ def edge_integrals(degree: int, s: Any) -> tuple[Any, ...]:
 
 @dataclass(frozen=True)
 class Coverage:
-    """Amplitudes of a pressure on the part of a straight line up to a parameter, exact for cells of its degree.
+    """Amplitudes of a pressure on the part of a straight line up to a parameter, exact for cells of the given degree.
 
     A line of n nodes at increasing positions has E edges of 1 + degree nodes each. It has E columns for whole edges
-    from its start (column e is the load on all edges before edge e) and n columns for its nodes. With the end of the
-    pressure in edge e, at the fraction s of its length L, the load is column e, plus L times the integral of its shape
-    function up to s on each of its nodes.
+    from its start (column e is the load on all edges before edge e) and n columns for its nodes. If the pressure ends
+    in edge e, at the fraction s of its length L, the load is column e plus, for each node of the edge, L times the
+    integral of its shape function up to s.
 
     Attributes:
         positions: coordinates of the nodes along the line, increasing, (n,).
         extent: index of the parameter up to which the pressure acts.
         constant: amplitude at mu = 0.
         slopes: slopes of the amplitude, (P,).
-        degree: of the cells; of second order every other node lies in the middle of an edge.
+        degree: degree of the cells; at second order every other node lies in the middle of an edge.
     """
 
     positions: Annotated[Floats, "nodes"]
@@ -272,7 +275,7 @@ class Coverage:
         return [edge, *range(first, first + self.degree + 1)], weights
 
     def rows(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same at many points, (n, P): numbers and amplitudes, (n, 2 + degree) each."""
+        """Numbers and amplitudes of the columns that act at many points, (n, P): (n, 2 + degree) each."""
         ends = self._ends
         edge = np.clip(ends.searchsorted(points[:, self.extent]) - 1, 0, self.edges - 1)
         lengths = np.diff(ends)[edge]
@@ -296,19 +299,19 @@ class Coverage:
 
 
 RANGES = {"young": (0.0, math.inf), "poisson": (-1.0, 0.5)}
-"""Open intervals in which constants of an isotropic elastic body lie, by the name of the constant."""
+"""Open intervals of the constants of an isotropic elastic body, by name."""
 
 
 @dataclass(frozen=True)
 class Limits:
-    """An elastic constant that is a formula, and must stay possible wherever a problem is solved.
+    """An elastic constant that is a formula, and must be in its interval at every point that is solved.
 
-    Its box was tried at points only, and a model that interpolates between points never evaluates the formula.
+    The box is checked at points only, and a model that interpolates between points never evaluates the formula.
 
     Attributes:
         constant: ``young`` or ``poisson``, see :data:`RANGES`.
         text: the formula.
-        names: of the parameters, in the order of a point.
+        names: names of the parameters, in the order of a point.
     """
 
     constant: str
@@ -321,25 +324,25 @@ class Limits:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """The open interval in which the constant must lie."""
+        """Open interval of the constant."""
         return RANGES[self.constant]
 
     @cached_property
     def scalar(self) -> Scalar:
-        """The formula, to be evaluated."""
+        """The formula, bound to the parameters."""
         from hhr_dolfinx.formulas import Scalar
 
         return Scalar(self.text, self.names)
 
     def check(self, point: np.ndarray) -> None:
-        """Raise NotSolvableError for a constant that is impossible at a point, (P,)."""
+        """Raise NotSolvableError for a constant outside its interval at a point, (P,)."""
         low, high = self.ends
         value = self.scalar.value(point)
         if not low < value < high:
             raise NotSolvableError(self._refused(value, point))
 
     def check_many(self, points: np.ndarray) -> None:
-        """Raise NotSolvableError for a constant that is impossible at one of many points, (n, P)."""
+        """Raise NotSolvableError for a constant outside its interval at any of many points, (n, P)."""
         low, high = self.ends
         values = self.scalar.values(points)
         bad = np.flatnonzero(~((values > low) & (values < high)))
@@ -355,14 +358,14 @@ class Limits:
 
 @dataclass(frozen=True)
 class Amplitudes:
-    """All amplitudes of a scene: affine ones, constant + slopes @ mu, then those that are not.
+    """All amplitudes of a scene: affine ones, constant + slopes @ mu, then non-affine ones.
 
     Attributes:
-        constant: (1 + T0,), whose first entry is the 1 of the parameter-free part.
-        slopes: (1 + T0, P).
-        nonaffine: amplitudes of several terms each, one after another.
-        limits: elastic constants that must be possible at each point at which theta is evaluated.
-        space: the box, in which amplitudes are differenced that do not know their derivative; None if all do.
+        constant: constants of the affine ones, (1 + T0,); the first is the 1 of the parameter-free part.
+        slopes: slopes of the affine ones, (1 + T0, P).
+        nonaffine: non-affine amplitudes in their order, of several terms each.
+        limits: elastic constants that are checked at each point at which theta is evaluated.
+        space: parameter box for differences of amplitudes without a derivative; None if all have one.
     """
 
     constant: Annotated[Floats, "affine"]
@@ -372,7 +375,7 @@ class Amplitudes:
     space: ParameterSpace | None = None
 
     def faults_for(self, space: ParameterSpace, terms: int) -> Iterator[str]:
-        """What is wrong with amplitudes that a file holds for these parameters and loads, (1 + T)."""
+        """Faults of amplitudes from a file for given parameters and number of terms, 1 + T."""
         if self.constant[0] != 1 or self.slopes[0].any():
             yield "the first amplitude must be the constant 1"
         if any(getattr(value, "names", space.names) != space.names for value in self.nonaffine):
@@ -390,7 +393,7 @@ class Amplitudes:
         space: ParameterSpace,
         limits: tuple[Limits, ...] = (),
     ) -> Amplitudes:
-        """Stack affine ones behind the leading constant 1, and behind these the others, each in their order."""
+        """Stack the leading constant 1, the affine amplitudes, and the non-affine ones, each in their order."""
         given = [bound(amplitude, space) for amplitude in amplitudes]
         affine = [amplitude for amplitude in given if isinstance(amplitude, Amplitude)]
         others = tuple(amplitude for amplitude in given if not isinstance(amplitude, Amplitude))
@@ -401,15 +404,15 @@ class Amplitudes:
 
     @cached_property
     def firsts(self) -> list[int]:
-        """Number of the first term of each amplitude that is not affine, and behind them that of all terms."""
+        """Number of the first term of each non-affine amplitude, followed by the number of all terms."""
         return np.cumsum([self.constant.size, *(amplitude.count for amplitude in self.nonaffine)]).tolist()
 
     def __call__(self, point: np.ndarray) -> Theta:
         """Evaluate theta at a checked point.
 
         Raises:
-            SceneError: if an amplitude that is not affine answers with columns of others.
-            NotSolvableError: if an elastic constant is impossible there.
+            SceneError: if a non-affine amplitude returns columns of other amplitudes.
+            NotSolvableError: if an elastic constant is outside its interval there.
         """
         for limit in self.limits:
             limit.check(point)
@@ -418,7 +421,7 @@ class Amplitudes:
             return Theta(slice(None), affine)
         terms = list(range(affine.size))
         values = affine.tolist()
-        for first, amplitude in zip(self.firsts, self.nonaffine):  # noqa: B905 (hot path; the last is their end)
+        for first, amplitude in zip(self.firsts, self.nonaffine):  # noqa: B905 (hot path; the last is the end)
             columns, weights = amplitude(point)
             if len(columns) != len(weights) or not all(0 <= column < amplitude.count for column in columns):
                 raise SceneError(
@@ -430,7 +433,7 @@ class Amplitudes:
         return Theta(np.array(terms), np.array(values, dtype=float))
 
     def of_many(self, points: np.ndarray) -> np.ndarray | csr_matrix:
-        """θ at every point, (n, 1 + T); sparse where most terms may be zero."""
+        """θ at every point, (n, 1 + T); sparse if most terms may be zero."""
         from scipy.sparse import csr_matrix
 
         for limit in self.limits:
@@ -460,7 +463,7 @@ class Amplitudes:
         return np.stack([matrix @ self(point) for point in points], axis=1)
 
     def slopes_at(self, point: np.ndarray) -> tuple[slice | np.ndarray, np.ndarray]:
-        """Terms that act at a checked point, and the derivatives of their amplitudes along the parameters, (k, P)."""
+        """Terms that act at a checked point, and derivatives of their amplitudes along the parameters, (k, P)."""
         if not self.nonaffine:
             return slice(None), self.slopes
         terms = list(range(len(self.slopes)))
@@ -472,7 +475,7 @@ class Amplitudes:
         return np.array(terms), np.vstack(values)
 
     def idle(self, space: ParameterSpace) -> tuple[str, ...]:
-        """Names of parameters on which no amplitude depends; those that are not affine are tried at random points."""
+        """Names of parameters on which no amplitude depends; non-affine ones are evaluated at random points."""
         used = self.slopes.any(axis=0)
         points = space.random(64, seed=0)
         for place in np.flatnonzero(~used):

@@ -1,4 +1,4 @@
-"""Body: the material of the cells of a tag."""
+"""Body: the material of the cells with one tag."""
 
 from __future__ import annotations
 
@@ -18,20 +18,20 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Body:
-    """A body, elastic or with a flow.
+    """A body, elastic or inelastic.
 
     Attributes:
         tag: cell tag.
         young: Young's modulus E, in the unit of stress of the scene: a number, or a formula of the parameters as text,
-            ``"E1"`` or ``"200e3 * (1 - 2e-4 * T)"``, see :mod:`hhr_dolfinx.formulas`. Where bodies flow it may differ
-            from history to history, but not along one.
-        poisson: Poisson's ratio, likewise; a number where bodies flow.
-        law: how it flows, a :class:`~hhr_dolfinx.materials.laws.Flow`; None for an elastic body.
-        grading: of a body that is graded or layered: what its modulus is multiplied by, as a function of the
-            coordinates, UFL to UFL; None for 1.
-        stress: linear elasticity of your own in UFL, such as that of wood: a function of the strain, 3x3, that returns
-            the stress, 3x3, with a symmetric stiffness. ``young`` and ``poisson`` are typical sizes then, of which
-            nothing is computed. None for Hooke's law.
+            ``"E1"`` or ``"200e3 * (1 - 2e-4 * T)"``, see :mod:`hhr_dolfinx.formulas`. In scenes with inelastic bodies
+            it may differ between histories, but not along one.
+        poisson: Poisson's ratio, a number or a formula; a number in scenes with inelastic bodies.
+        law: law of plasticity or creep, a :class:`~hhr_dolfinx.materials.laws.Flow`; None for an elastic body.
+        grading: factor of the modulus of a graded or layered body, as a function of the coordinates, UFL to UFL; None
+            for 1.
+        stress: user-defined linear elasticity in UFL, such as that of wood: a function of the strain, 3x3, that returns
+            the stress, 3x3, with a symmetric stiffness. ``young`` and ``poisson`` are then typical values that do not
+            enter the stiffness. None for Hooke's law.
     """
 
     tag: Tag
@@ -80,12 +80,12 @@ class Body:
 
     @classmethod
     def of(cls, tag: Tag, material: str, units: Units, **more: Any) -> Body:
-        """A body of a material by name, such as ``steel``, see :mod:`hhr_dolfinx.materials.elasticity`.
+        """Make a body of a material by name, such as ``steel``, see :mod:`hhr_dolfinx.materials.elasticity`.
 
         Args:
             tag: cell tag.
             material: name of the material.
-            units: of the scene.
+            units: units of the scene.
             more: further attributes.
         """
         from hhr_dolfinx.materials.elasticity import elastic
@@ -98,21 +98,21 @@ class Body:
 
     @property
     def varies(self) -> bool:
-        """Whether its elasticity depends on parameters."""
+        """True if the elasticity depends on parameters."""
         return isinstance(self.young, str) or isinstance(self.poisson, str)
 
     @property
     def uneven(self) -> bool:
-        """Whether more of its elasticity than a factor that all of it has depends on parameters or on the place."""
+        """True if more of the elasticity than a common factor depends on parameters or on position."""
         return isinstance(self.poisson, str) or self.grading is not None
 
     def limits(self, names: tuple[str, ...]) -> tuple[Limits, ...]:
-        """Elastic constants that are formulas of parameters of these names."""
+        """Elastic constants that are formulas, bound to the names of the parameters."""
         constants = {"young": self.young, "poisson": self.poisson}
         return tuple(Limits(name, text, names) for name, text in constants.items() if isinstance(text, str))
 
     def check(self, parameters: ParameterSpace) -> None:
-        """Raise SceneError for a modulus or a ratio that is impossible somewhere in the box."""
+        """Raise SceneError for a modulus or a ratio that is invalid somewhere in the box."""
         from hhr_dolfinx.formulas import Scalar, check_over_box
 
         ratio = "keep Poisson's ratio in (-1, 0.5), or narrow the box"
@@ -130,7 +130,7 @@ class Body:
 
 
 def _remedy_of_constants(young: float | str, poisson: float | str) -> str:
-    """What to write instead of constants that are impossible."""
+    """Advice for invalid elastic constants, for messages."""
     if not isinstance(young, str) and not (is_number(young) and young > 0):
         return ". Give E in the unit of stress of the scene, 210e3 for steel in MPa"
     if isinstance(poisson, str) or not poisson >= 0.5:

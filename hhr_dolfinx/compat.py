@@ -1,9 +1,8 @@
-"""What differs between DOLFINx distributions and versions, in one place.
+"""Differences between DOLFINx distributions and versions, in one place.
 
-The wheel ``dolfinx-solver-real`` wants ``import dolfinx_solver`` before dolfinx, mpi4py or petsc4py; conda and apt have
-no such module. The package imports this module before any other, which sees to that by :mod:`solver_first`, so the rest
-of it need not know. Nothing heavy is imported at the top. What is optional is imported inside
-:func:`extra`.
+The wheel ``dolfinx-solver-real`` needs ``import dolfinx_solver`` before dolfinx, mpi4py or petsc4py; conda and apt have
+no such module. The package imports this module before any other, and :mod:`solver_first` ensures the order, so that
+other modules need not. Nothing heavy is imported at the top. Optional packages are imported inside :func:`extra`.
 """
 
 from __future__ import annotations
@@ -31,7 +30,7 @@ if TYPE_CHECKING:
 
     Shares = Callable[[np.ndarray, np.ndarray, int], np.ndarray]
     TaggedMesh = tuple[Mesh, MeshTags, MeshTags]
-    """What a geometry returns: the mesh, the tags of its cells and of its facets; a :class:`NamedMesh` is one."""
+    """Result of a geometry: the mesh, the tags of its cells and of its facets; a :class:`NamedMesh` is one."""
     Groups = list[tuple[str | int, tuple[int, int | tuple[int, ...]]]]
 
 _log = logging.getLogger(__name__)
@@ -43,19 +42,19 @@ if "dolfinx_solver" not in sys.modules:
 
 
 class NamedMesh(tuple):
-    """A mesh, the tags of its cells and of its facets, as a geometry returns them, that knows the names of its tags.
+    """Result of a geometry with the names of its tags: a mesh, the tags of its cells and of its facets.
 
     Attributes:
-        physical_groups: name, dimension and number or numbers of each; a body and a surface may have one name. Meshes
-            of DOLFINx know theirs from 0.10 on.
-        summary: contents of the file that it was read from, a ``geometries.summary.Summary``; None of no file.
+        physical_groups: name, dimension and number or numbers of each group; a body and a surface may have the same
+            name. Meshes of DOLFINx have them from 0.10 on.
+        summary: summary of the mesh file, a ``geometries.summary.Summary``; None without a file.
     """
 
     physical_groups: Groups
     summary: Any
 
     def __new__(cls, mesh: Mesh, cells: MeshTags, facets: MeshTags, groups: Groups, summary: Any = None) -> NamedMesh:
-        """A tuple of three."""
+        """Make the tuple of mesh and tags."""
         found = super().__new__(cls, (mesh, cells, facets))
         found.physical_groups = groups
         found.summary = summary
@@ -64,7 +63,7 @@ class NamedMesh(tuple):
 
 @contextmanager
 def extra(name: str, what: str) -> Iterator[None]:
-    """A block that imports what ``what`` needs; where a package is missing the error says which extra brings it."""
+    """Block of the imports for ``what``; if a package is missing, the error names the extra to install."""
     try:
         yield
     except ModuleNotFoundError as error:
@@ -74,10 +73,10 @@ def extra(name: str, what: str) -> Iterator[None]:
 
 
 def netcdf4(what: str) -> Any:
-    """The package netCDF4, for ``what``.
+    """Import the package netCDF4, for ``what``.
 
-    Its HDF5 is another one than DOLFINx's, whose symbols are global once PETSc is loaded: unless each library looks for
-    its own first, files that are HDF5 cannot be opened ("NetCDF: HDF error").
+    Its HDF5 differs from that of DOLFINx, whose symbols are global once PETSc is loaded. Unless each library resolves
+    its symbols locally first, HDF5 files cannot be opened ("NetCDF: HDF error").
     """
     given = sys.getdlopenflags() if hasattr(sys, "getdlopenflags") else None
     if given is not None:
@@ -93,15 +92,15 @@ def netcdf4(what: str) -> Any:
 
 
 def drawn(value: Any, path: Any, *parts: Any) -> Any:
-    """Figure of a scene or an answer, by the module that draws, which is loaded when it is asked for.
+    """Figure of a scene or an answer; the module that draws it is imported at the first call.
 
-    Methods ``plot`` of values stand below all that draws: this is the only call upwards, and it is by name.
+    Methods ``plot`` belong to lower layers than the modules that draw: this is the only call upwards, by name.
     """
     return importlib.import_module("hhr_dolfinx.study.report.drawing").figure_of(value, path, *parts)
 
 
 SOLVER = frozenset({"dolfinx", "ufl", "basix", "petsc4py", "slepc4py", "mpi4py"})
-"""Packages that come together: with conda or a distribution, or as the wheel of the extra ``solver``."""
+"""Packages that are installed as a set: by conda, by a distribution, or by the wheel of the extra ``solver``."""
 GET_DOLFINX = (
     "Install it with `pip install hhr_dolfinx[solver]` (x86-64 Linux, Python >= 3.12), or from conda-forge "
     "(`fenics-dolfinx`) or your distribution."
@@ -109,7 +108,7 @@ GET_DOLFINX = (
 
 
 def explained(error: ModuleNotFoundError) -> ModuleNotFoundError | MissingPackageError:
-    """An import that failed, in words where it is one of DOLFINx; models in files answer without."""
+    """Explain a failed import if it is one of DOLFINx's packages; models in files do not need them."""
     if (error.name or "").split(".")[0] not in SOLVER:
         return error
     return MissingPackageError(
@@ -119,11 +118,11 @@ def explained(error: ModuleNotFoundError) -> ModuleNotFoundError | MissingPackag
 
 
 def require_dolfinx() -> None:
-    """Check that DOLFINx is there and recent enough, and PETSc built with real numbers.
+    """Check that DOLFINx is installed and recent enough, and that PETSc uses real numbers.
 
     Raises:
-        MissingPackageError: with what to install.
-        ImportError: if it is there and cannot be used.
+        MissingPackageError: if DOLFINx is missing, with the packages to install.
+        ImportError: if it is installed and cannot be used.
     """
     try:
         import dolfinx
@@ -143,12 +142,12 @@ def require_dolfinx() -> None:
             "this PETSc was built with complex numbers, and contact is a problem in real ones: install a real build, "
             "`petsc=*=real*` with conda or `petsc-real` with apt, or set PETSC_DIR and PETSC_ARCH to one"
         )
-    # where one rank alone starts SLEPc, as when it alone reduces, the run never ends: the end of PETSc waits for all
+    # if only one rank initialises SLEPc, as in a reduction on one rank, PETSc waits forever for the others at the end
     from slepc4py import SLEPc  # noqa: F401
 
 
 def versions() -> dict[str, str]:
-    """Versions of what numbers depend on, by name, for reports."""
+    """Versions of the packages that affect numbers, by name, for reports."""
     import dolfinx
     import numpy as np
     import petsc4py
@@ -164,10 +163,10 @@ def versions() -> dict[str, str]:
 
 
 def gmsh_to_mesh(model: Any, comm: Comm, gdim: int, shares: Shares | None = None) -> NamedMesh:
-    """Turn a gmsh model held by rank 0 into ``(mesh, cell_tags, facet_tags)``, with the names of physical groups.
+    """Convert a gmsh model on rank 0 to ``(mesh, cell_tags, facet_tags)``, with the names of physical groups.
 
-    ``shares`` says which rank gets which cells, for points, the corners of cells, and the number of ranks; by default
-    DOLFINx decides. The module is ``dolfinx.io.gmshio`` up to 0.9 and ``dolfinx.io.gmsh`` from 0.10 on,
+    ``shares`` returns the rank of each cell from points, the corners of cells, and the number of ranks; by default
+    DOLFINx partitions the mesh. The module is ``dolfinx.io.gmshio`` up to 0.9 and ``dolfinx.io.gmsh`` from 0.10 on,
     where the result is a named tuple with more fields.
     """
     try:
@@ -176,7 +175,7 @@ def gmsh_to_mesh(model: Any, comm: Comm, gdim: int, shares: Shares | None = None
         module = importlib.import_module("dolfinx.io.gmshio")
     try:
         kinds = _kinds_of_cells(model) if comm.rank == 0 else set()
-        if comm.bcast(len(kinds)) > 1:  # 0.9 says nothing where they are mixed, and 0.11 makes a mesh without tags
+        if comm.bcast(len(kinds)) > 1:  # 0.9 accepts mixed kinds silently, and 0.11 makes a mesh without tags
             raise RuntimeError("they are of several kinds")
         points = None if comm.rank > 0 or comm.size == 1 else module.extract_geometry(model)[:, :gdim]
         partitioner = _partitioner(comm, points, shares)
@@ -212,11 +211,11 @@ def interpolation_points(element: FiniteElement) -> np.ndarray:
 def linear_mesh(
     comm: Comm, points: np.ndarray, cells: np.ndarray, kind: str, degree: int = 1, shares: Shares | None = None
 ) -> Mesh:
-    """Mesh in the plane or in space, linear unless said; the arguments of ``create_mesh`` changed their order in 0.10.
+    """Make a mesh in the plane or in space; the arguments of ``create_mesh`` changed their order in 0.10.
 
     Points, (n, dim), and the nodes of cells of a kind (``interval``, ``triangle``, ``quadrilateral``, ``tetrahedron``
-    or ``hexahedron``), tensor-ordered where there is a choice, are those on all ranks together; ``shares`` is that of
-    :func:`gmsh_to_mesh`, for those of the first rank alone.
+    or ``hexahedron``), in tensor order if there is a choice, are the union of those on all ranks. ``shares`` is as in
+    :func:`gmsh_to_mesh`, for meshes on the first rank only.
     """
     import basix.ufl
     import ufl
@@ -228,7 +227,7 @@ def linear_mesh(
 
 
 def _partitioner(comm: Comm, points: np.ndarray | None, shares: Shares | None) -> Callable | None:
-    """What shares out a mesh that is on the first rank, with points there, (n, dim), as DOLFINx asks for it."""
+    """Partitioner for DOLFINx of a mesh on the first rank, with points there, (n, dim); None without ``shares``."""
     if comm.size == 1 or shares is None:
         return None
     import numpy as np
@@ -246,9 +245,9 @@ def _partitioner(comm: Comm, points: np.ndarray | None, shares: Shares | None) -
 
 
 def tags_of(mesh: Mesh, dim: int, entities: np.ndarray, values: np.ndarray) -> MeshTags:
-    """Tags of entities of a dimension, given by their nodes in the numbering that the mesh was made from.
+    """Tags of entities of a dimension, given by their nodes in the numbering of the input of the mesh.
 
-    Entities, (n, k), and their tags, (n,), are those on all ranks together.
+    Entities, (n, k), and their tags, (n,), are the union of those on all ranks.
     """
     from dolfinx import graph, io
     from dolfinx.mesh import meshtags_from_entities
@@ -260,19 +259,19 @@ def tags_of(mesh: Mesh, dim: int, entities: np.ndarray, values: np.ndarray) -> M
 
 
 def geometry_dofmap(mesh: Mesh) -> np.ndarray:
-    """Nodes of each cell in ``mesh.geometry.x``; ``dofmap`` is on its way out from 0.11 on."""
+    """Nodes of each cell in ``mesh.geometry.x``; ``dofmap`` is deprecated from 0.11 on."""
     geometry = mesh.geometry
     return geometry.dofmaps[0] if hasattr(geometry, "dofmaps") else geometry.dofmap
 
 
 def degree_of(mesh: Mesh) -> int:
-    """Degree of the cells of a mesh; ``cmap`` is on its way out from 0.11 on."""
+    """Degree of the cells of a mesh; ``cmap`` is deprecated from 0.11 on."""
     geometry = mesh.geometry
     return (geometry.cmaps[0] if hasattr(geometry, "cmaps") else geometry.cmap).degree
 
 
 def quadrature(cell: str, degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Points and weights of DOLFINx's rule of a degree on a reference cell, given by its name."""
+    """Points and weights of DOLFINx's quadrature rule of a degree on a reference cell, given by name."""
     import basix
 
     return basix.make_quadrature(basix.CellType[cell], degree)
@@ -300,7 +299,7 @@ def nodes_of_cell(cell: str, degree: int) -> np.ndarray:
 
 
 def _lagrange(cell: str, degree: int) -> Any:
-    """The element of DOLFINx's default: up to degree 2 its nodes are where those of all variants are."""
+    """The default Lagrange element of DOLFINx: up to degree 2 all variants have the same nodes."""
     import basix
 
     variant = basix.LagrangeVariant.gll_warped
@@ -308,16 +307,16 @@ def _lagrange(cell: str, degree: int) -> Any:
 
 
 def compiled(*, inner: bool = False, dear: str | None = None, **options: Any) -> Callable[[Callable], Callable]:
-    """numba's ``njit`` with a cache on disk, or without one where no place can be written.
+    """numba's ``njit`` with a cache on disk, or without a cache if no folder is writable.
 
-    Where neither the package nor the user's own cache can be written, as in an image that is mounted read-only, the
-    cache is in a folder of the user's own among temporary files; ``NUMBA_CACHE_DIR`` names another one.
+    If neither the package nor the user's cache folder is writable, as in a read-only image, the cache is in a private
+    folder of the user among temporary files; ``NUMBA_CACHE_DIR`` sets another one.
 
     Args:
-        inner: only other compiled functions call it: it needs no way in from Python, which takes a second or two to
-            compile where arguments hold dozens of arrays.
-        dear: what it does, for the log, where it takes long to compile: whoever waits for it is told why.
-        options: of numba.
+        inner: only compiled functions call the function. It then has no Python wrapper, which takes a second or two to
+            compile if arguments have dozens of arrays.
+        dear: description of a function that takes long to compile, which the log reports.
+        options: options of numba.
     """
     with extra("flow", "a scene with bodies that flow or are nearly incompressible"):
         from numba import njit
@@ -326,7 +325,7 @@ def compiled(*, inner: bool = False, dear: str | None = None, **options: Any) ->
 
     def decorate(function: Callable) -> Callable:
         if dear is not None:
-            _tell_of(function, dear)
+            _report_compilation(function, dear)
         for cache in (nullcontext, _private_cache):
             try:
                 with cache():
@@ -340,10 +339,10 @@ def compiled(*, inner: bool = False, dear: str | None = None, **options: Any) ->
 
 @contextmanager
 def _private_cache() -> Iterator[None]:
-    """Compiled functions go to a folder that is the user's alone: what lies there is executed.
+    """Cache compiled functions in a folder that only the user can write to, since its contents are executed.
 
     Raises:
-        RuntimeError: if there is none.
+        RuntimeError: without such a folder.
     """
     from numba.core import config
 
@@ -366,14 +365,14 @@ def _private_cache() -> Iterator[None]:
 
 
 _DEAR: dict[Callable, str] = {}
-"""Functions that take long to compile, and what they do."""
+"""Descriptions of functions that take long to compile."""
 
 
-def _tell_of(function: Callable, what: str) -> None:
-    """Say once, when a function is compiled, that this is what takes so long."""
+def _report_compilation(function: Callable, what: str) -> None:
+    """Log once, at the start of the compilation of a function, that this takes long."""
     from numba.core import event
 
-    class Told(event.Listener):
+    class Report(event.Listener):
         def on_start(self, event: Any) -> None:
             dispatcher = event.data.get("dispatcher")
             done = None if dispatcher is None else _DEAR.pop(dispatcher.py_func, None)
@@ -386,5 +385,5 @@ def _tell_of(function: Callable, what: str) -> None:
             pass
 
     if not _DEAR:
-        event.register("numba:compile", Told())
+        event.register("numba:compile", Report())
     _DEAR[function] = what

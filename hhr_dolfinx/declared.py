@@ -1,9 +1,9 @@
-"""What the annotations of a frozen dataclass declare: types of its fields, kinds and sizes of its arrays.
+"""Declarations in the annotations of a frozen dataclass: types of its fields, kinds and sizes of its arrays.
 
 ``stiffness: Annotated[Floats, "ell", "ell"]`` is a square array of floating-point numbers. The same name is the same
-size everywhere in an object, and in all of a model if it is one of :data:`SHARED`; ``"points * components"`` is a
-product of sizes. ``Annotated[Integers, "m", "< N"]`` holds indices from 0 to N - 1, and ``Annotated[Size, "N"]`` is
-itself the size. What else is annotated says nothing of sizes. Files are laid out and checked by these declarations, see
+size everywhere in an object, and in a whole model if it is one of :data:`SHARED`; ``"points * components"`` is a
+product of sizes. ``Annotated[Integers, "m", "< N"]`` has indices from 0 to N - 1, and ``Annotated[Size, "N"]`` is
+itself the size. Other annotations declare no sizes. Files are written and checked by these declarations, see
 :mod:`hhr_dolfinx.plain`.
 """
 
@@ -25,7 +25,7 @@ from hhr_dolfinx.errors import FileContentError
 Floats = np.ndarray
 """Array of float64, in annotations."""
 Integers = np.ndarray
-"""Array of int64; four bytes are widened when a file is read, since compiled loops multiply indices."""
+"""Array of int64; int32 is converted when a file is read, since compiled loops multiply indices."""
 Booleans = np.ndarray
 """Array of bool."""
 
@@ -34,12 +34,12 @@ Size = int
 
 TYPES = {"Floats": np.dtype(np.float64), "Integers": np.dtype(np.int64), "Booleans": np.dtype(np.bool_)}
 SHARED = frozenset({"N", "N_lambda", "m", "ell", "terms", "P", "components", "gauss points"})
-"""Sizes that all parts of a model have in common: dofs, conditions on the whole surface and of the model, modes, terms
-of θ (1 + T), parameters, components of a strain, and Gauss points of the full model."""
+"""Sizes that all parts of a model share: dofs, conditions on the whole surface and of the model, modes, terms of θ
+(1 + T), parameters, components of a strain, and Gauss points of the full model."""
 
 
 class DeclaredArray(NamedTuple):
-    """Kind and sizes of an array; ``below`` names the size that its indices must not reach."""
+    """Kind and sizes of an array; ``below`` names the size that its indices must be less than."""
 
     kind: str
     sizes: tuple[str, ...]
@@ -48,7 +48,7 @@ class DeclaredArray(NamedTuple):
 
 @cache
 def annotations_of(kind: type) -> Mapping[str, ast.expr]:
-    """What a file keeps of a value of a class, by name: annotations of fields, or of arguments named in ``kept``."""
+    """Annotations of the values that a file keeps of a class, by name: of fields, or of arguments named in ``kept``."""
     if dataclasses.is_dataclass(kind):
         fields = [item for item in dataclasses.fields(kind) if item.init and item.metadata.get("kept", True)]
         return {item.name: _parsed(item.type) for item in fields}
@@ -60,24 +60,24 @@ def annotations_of(kind: type) -> Mapping[str, ast.expr]:
 def _text(text: str) -> ast.expr:
     try:
         return ast.parse(text, mode="eval").body
-    except SyntaxError:  # of a user's own, not written in Python's way
+    except SyntaxError:  # a user-defined annotation that is no Python expression
         return ast.Name("Any")
 
 
 def _parsed(annotation: Any) -> ast.expr:
-    """An annotation as a tree; one that cannot be read declares nothing."""
+    """An annotation as a tree; an unreadable one declares nothing."""
     if isinstance(annotation, str):
         return _text(annotation)
     return _text(annotation.__name__ if isinstance(annotation, type) and not get_args(annotation) else repr(annotation))
 
 
 def shown(node: ast.expr) -> str:
-    """An annotation as it was written, for messages."""
+    """An annotation as written, for messages."""
     return ast.unparse(node)
 
 
 def _alternatives(node: ast.expr) -> Iterator[ast.expr]:
-    """Members of a union; the annotation itself where it is none."""
+    """Members of a union, or the annotation itself."""
     if isinstance(node, ast.BinOp):
         yield from _alternatives(node.left)
         yield from _alternatives(node.right)
@@ -102,12 +102,12 @@ def _items(node: ast.Subscript) -> list[ast.expr]:
 
 
 def fits(value: object, node: ast.expr, kinds: Mapping[str, type]) -> bool:
-    """Whether a value is of its declared type.
+    """True if a value has its declared type.
 
     Args:
-        value: of a field.
-        node: its annotation.
-        kinds: classes that are told by their names; other names, of protocols and aliases, let everything pass.
+        value: value of a field.
+        node: annotation of the field.
+        kinds: known classes by name; other names, of protocols and aliases, accept every value.
     """
     return any(_fits(value, item, kinds) for item in _alternatives(node))
 
@@ -141,7 +141,7 @@ def _tuple_fits(value: tuple, items: list[ast.expr], kinds: Mapping[str, type]) 
 
 
 def declared_array(node: ast.expr) -> DeclaredArray | None:
-    """Kind and sizes that an annotation declares; None where it declares none."""
+    """Kind and sizes that an annotation declares; None without any."""
     for item in _alternatives(node):
         if isinstance(item, ast.Subscript) and _name(item.value) == "Annotated":
             kind, *labels = _items(item)
@@ -155,14 +155,14 @@ def declared_array(node: ast.expr) -> DeclaredArray | None:
 
 
 def _has_sizes(kind: ast.expr) -> bool:
-    """Whether what is annotated is an array, a size, or a tuple of any length."""
+    """True for annotations of an array, a size, or a tuple of any length."""
     if isinstance(kind, ast.Subscript):
         return _name(kind.value) == "tuple" and isinstance(_items(kind)[-1], ast.Constant)
     return _name(kind) in (*TYPES, "ndarray", "Size")
 
 
 class Sizes:
-    """Sizes by name, found one after another while the parts of a model are read; see :data:`SHARED`."""
+    """Sizes by name, collected while the parts of a model are read; see :data:`SHARED`."""
 
     def __init__(self, whole: bool = False):
         self.shared: dict[str, int] = {}
@@ -171,7 +171,7 @@ class Sizes:
         self._waiting: list[tuple[Sizes, str, str, Any]] = []
 
     def of_part(self) -> Sizes:
-        """Those of a part: of a model, ``whole``, what is shared is the same; of other values nothing is."""
+        """Sizes of a part: in a model, ``whole``, shared sizes are the same; in other values none are."""
         part = Sizes(self._whole)
         if self._whole:
             part.shared = self.shared
@@ -179,10 +179,10 @@ class Sizes:
         return part
 
     def claim(self, path: str, declared: DeclaredArray, value: Any) -> None:
-        """Take the sizes of an array, a tuple, or a number that is a size.
+        """Record the sizes of an array, a tuple, or a number that is a size.
 
         Raises:
-            FileContentError: if it has other dimensions, or a size that is known is another one.
+            FileContentError: for other dimensions, or sizes that differ from known ones.
         """
         found = (value,) if isinstance(value, int) else (len(value),) if isinstance(value, tuple) else value.shape
         if len(found) != len(declared.sizes) or not all(
@@ -195,7 +195,7 @@ class Sizes:
             self._waiting.append((self, path, declared.below, (int(value.min()), int(value.max()))))
 
     def _agrees(self, path: str, label: str, size: int) -> bool:
-        """Whether a size is that of its name, which it sets if it is the first one."""
+        """True if a size agrees with the known one of its name, or is the first one, which is recorded."""
         if label.isdigit():
             return size == int(label)
         if "*" in label:
@@ -210,10 +210,10 @@ class Sizes:
         return None if None in known else math.prod(known)  # type: ignore[arg-type]
 
     def check_known(self, last: bool = False) -> None:
-        """Check products and indices whose sizes are known by now; at the end of a model all are.
+        """Check products and indices whose sizes are known; at the end of a model all are.
 
         Raises:
-            FileContentError: names the array whose indices lie outside, or whose size is another one.
+            FileContentError: naming the array with indices outside their range, or with a wrong size.
         """
         waiting = list(self._waiting)
         self._waiting[:] = []

@@ -1,4 +1,4 @@
-"""What is installed of what full models stand on, and what it lacks: ``python -m hhr_dolfinx.doctor``."""
+"""Check of the packages that full models need, and of their missing features: ``python -m hhr_dolfinx.doctor``."""
 
 from __future__ import annotations
 
@@ -21,9 +21,9 @@ class Found:
     """A library or a program.
 
     Attributes:
-        name: of it.
-        version: empty where it is not there.
-        lacks: what it cannot do, and what follows from that; empty where it is complete.
+        name: name of the library or program.
+        version: version, empty if it is missing.
+        lacks: missing features and their consequences, empty if it is complete.
     """
 
     name: str
@@ -36,7 +36,7 @@ class Found:
 
 
 def dolfinx() -> Found:
-    """DOLFINx, and whether it and its PETSc can be used."""
+    """Check DOLFINx and its PETSc."""
     try:
         compat.require_dolfinx()
     except ImportError as error:
@@ -45,7 +45,7 @@ def dolfinx() -> Found:
 
 
 def petsc() -> Found:
-    """PETSc with SLEPc."""
+    """Check PETSc and SLEPc."""
     if dolfinx().lacks:
         return Found("PETSc", "", "comes with DOLFINx")
     found = compat.versions()
@@ -76,10 +76,10 @@ pc.setUp()
 
 
 def mumps() -> Found:
-    """MUMPS, asked in a process of its own: it says its version on the console, and may be missing."""
+    """Check MUMPS in a separate process: it prints its version on the console, and may be missing."""
     if dolfinx().lacks:
         return Found("MUMPS", "", "comes with PETSc")
-    run = _asked([sys.executable, "-c", _FACTORS])
+    run = _output_of([sys.executable, "-c", _FACTORS])
     lacks = re.search(r"^lacks (.*)$", run, re.MULTILINE)
     if lacks is None:
         return Found("MUMPS", "", "large models and several ranks need it: take a PETSc that was built with MUMPS")
@@ -95,8 +95,8 @@ print("gmsh", gmsh.GMSH_API_VERSION, knows_med())
 
 
 def gmsh() -> Found:
-    """gmsh, asked in a process of its own: where a library of the system is missing it does not load."""
-    run = _asked([sys.executable, "-c", _GMSH])
+    """Check gmsh in a separate process: it fails to load if a system library is missing."""
+    run = _output_of([sys.executable, "-c", _GMSH])
     said = re.search(r"^gmsh (\S+) (\w+)$", run, re.MULTILINE)
     if said is None:
         why = run.strip().splitlines()[-1:] or ["no word"]
@@ -105,12 +105,12 @@ def gmsh() -> Found:
 
 
 def program(name: str, commands: tuple[str, ...], use: str) -> Callable[[], Found]:
-    """A check of a program, by the first of some commands that is there."""
+    """Check of a program by the first of some commands that exists."""
 
     def found() -> Found:
         beside = os.pathsep.join([str(Path(sys.executable).parent), os.environ.get("PATH", os.defpath)])
         for command in filter(None, (shutil.which(one, path=beside) for one in commands)):
-            version = re.search(r"\d+(\.\d+)+", _asked([command, "--version"]))
+            version = re.search(r"\d+(\.\d+)+", _output_of([command, "--version"]))
             return Found(name, version[0] if version else "of unknown version")
         return Found(name, "", use)
 
@@ -127,12 +127,12 @@ CHECKS: tuple[Callable[[], Found], ...] = (
 
 
 def examined() -> list[Found]:
-    """All of them."""
+    """Results of all checks."""
     return [check() for check in CHECKS]
 
 
-def _asked(command: list[str]) -> str:
-    """What a command says; what went wrong where it does not run."""
+def _output_of(command: list[str]) -> str:
+    """Output of a command, or the error if it does not run."""
     try:
         run = subprocess.run(command, capture_output=True, text=True, timeout=SECONDS, check=False)
     except (OSError, subprocess.TimeoutExpired) as error:

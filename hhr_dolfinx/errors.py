@@ -10,7 +10,7 @@ class SceneError(HHRError, ValueError):
 
 
 class NeverFacingError(SceneError):
-    """Surfaces that are a contact pair do not face each other where they lie."""
+    """The surfaces of a contact pair do not face each other at their positions."""
 
 
 class StudyError(HHRError, ValueError):
@@ -26,11 +26,11 @@ class ShapeError(ParameterError):
 
 
 class OutsideTrainingError(ParameterError):
-    """A query lies outside what a reduced model was trained on, and ``outside`` is ``refuse``."""
+    """A query lies outside the training range of a reduced model, and ``outside`` is ``refuse``."""
 
 
 class NotOfferedError(HHRError, TypeError):
-    """A kind of model does not offer what it is asked for; the message says why, and which one does."""
+    """A kind of model does not offer a request; the message gives the reason and a model that does."""
 
 
 class ReductionError(HHRError, ValueError):
@@ -38,7 +38,7 @@ class ReductionError(HHRError, ValueError):
 
 
 class UnseenLoadError(ReductionError):
-    """A load does not act on the reduced integration domain, which more layers of cells may cure."""
+    """A load does not act on the reduced integration domain; more layers of cells may help."""
 
 
 class NotSolvableError(HHRError):
@@ -46,35 +46,35 @@ class NotSolvableError(HHRError):
 
 
 class SingularError(NotSolvableError):
-    """A matrix is singular, where the caller may know why."""
+    """A matrix is singular; the caller may know the reason."""
 
 
 class UnstableModelError(HHRError):
-    """A stability constant says that the model must not be trusted."""
+    """A stability constant shows that the model is not reliable."""
 
 
 class BoundError(NotOfferedError):
-    """A hypothesis of a bound fails, so that none is offered: nothing is proved here."""
+    """A hypothesis of an error bound fails, so that no bound is offered."""
 
 
 class ConvergenceError(HHRError):
-    """The statuses did not settle; no solution is handed out."""
+    """The statuses did not converge; no solution is returned."""
 
 
 class RankError(HHRError):
-    """Another rank failed with an error that is none of this package's."""
+    """Another rank failed with an error that is not one of this package."""
 
 
 class MissingPackageError(HHRError, ImportError):
-    """An optional package is not installed that this scene, model or picture needs."""
+    """An optional package that this scene, model or picture needs is not installed."""
 
 
 class FileError(HHRError, OSError):
-    """A file or folder cannot be written: no space, no permission, a file in the place of a folder."""
+    """A file or folder cannot be written: no space, no permission, or a file instead of a folder."""
 
 
 class FileContentError(HHRError, ValueError):
-    """A file cannot be read, is damaged, or holds something else."""
+    """A file cannot be read, is damaged, or has other content."""
 
 
 class ModelFileError(FileContentError):
@@ -82,11 +82,11 @@ class ModelFileError(FileContentError):
 
 
 class StabilityWarning(UserWarning):
-    """A stability constant is outside the range seen in trustworthy models."""
+    """A stability constant is outside the range of reliable models."""
 
 
 class TrainingWarning(StabilityWarning):
-    """The training as a whole does not show what a model is asked for: no check of the model can make it good."""
+    """The training lacks information that the model needs: no check of the model can make up for it."""
 
 
 class PairingWarning(UserWarning):
@@ -94,27 +94,31 @@ class PairingWarning(UserWarning):
 
 
 class BudgetWarning(UserWarning):
-    """What chooses its own training spent its budget before its wish was met."""
+    """An adaptive training spent its budget before it reached its target accuracy."""
 
 
 class NoBoundWarning(UserWarning):
-    """Nothing is known of the errors of a model's answers, so that wrong ones are silent."""
+    """A model has no error estimate, so that wrong answers are silent."""
 
 
 class OutsideTrainingWarning(UserWarning):
-    """A reduced model answers what it was not trained on: its errors are unknown."""
+    """A reduced model answers outside its training range: its errors are unknown."""
 
 
 class UncheckedWarning(UserWarning):
-    """A reduced model was not compared with solutions kept out of its training."""
+    """A reduced model was not compared with held-out solutions."""
 
 
 class LocalModelWarning(UserWarning):
-    """Some of several local models are larger, or less exact, than was wished."""
+    """Some local models are larger, or less accurate, than the target."""
 
 
 class UndeterminedWarning(UserWarning):
-    """Contact does not determine a rigid motion of a body: of all answers that of least motion is given."""
+    """Contact does not determine a rigid-body motion: the answer is the one of least motion."""
+
+
+class PluginWarning(UserWarning):
+    """A plug-in is installed and is left out: it cannot be loaded, or needs another one."""
 
 
 class SceneWarning(UserWarning):
@@ -122,27 +126,27 @@ class SceneWarning(UserWarning):
 
 
 class SnapshotFileWarning(UserWarning):
-    """A stored solution is damaged or belongs elsewhere; it is solved anew and its file replaced."""
+    """A stored solution is damaged or belongs to another problem; it is solved again and its file replaced."""
 
 
 class ModelFileWarning(UserWarning):
-    """A part of a model is code, and stays out of its file."""
+    """A part of a model is code, which its file omits."""
 
 
 class LockingWarning(UserWarning):
-    """A body that keeps its volume is meshed with cells that are too stiff for it: linear triangles or tetrahedra."""
+    """A nearly incompressible body is meshed with cells that are too stiff for it: linear triangles or tetrahedra."""
 
 
 class SmallStrainWarning(UserWarning):
-    """Strains or rotations are so large that a theory of small strains says little of them."""
+    """Strains or rotations are too large for the small-strain theory."""
 
 
 class FarSlidingWarning(UserWarning):
-    """Surfaces have slid farther than the cells that they were paired on."""
+    """Surfaces have slid farther than the cells on which they were paired."""
 
 
 class LawWarning(UserWarning):
-    """A law answers with a slope that is not the derivative of its flow."""
+    """A law returns a slope that is not the derivative of its flow."""
 
 
 class TimeStepWarning(UserWarning):

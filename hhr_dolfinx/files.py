@@ -1,14 +1,13 @@
-"""Files that are whole or not there: one place where files are written, and one where arrays are read back.
+"""Atomic files: one function that writes files, and one that reads arrays back.
 
-Writing: the content goes to a temporary file beside the target, is forced to the disk, and takes the name of the
-target in one step, so that whoever reads the target sees the old file or the new one. The temporary file is locked
-(``flock``) as long as its process lives; one that can be locked by another process was left behind by a killed one
-and is removed by the next run. Locks, unlike process numbers and ages, also tell the living from the dead across
-containers and machines that share a folder.
+Writing: the content goes to a temporary file next to the target, is synced to the disk, and is renamed to the target in
+one step, so that readers see the old file or the new one. The temporary file is locked (``flock``) as long as its
+process lives. If another process can lock it, its process was killed, and the next run removes it. Unlike process
+numbers and ages, locks work across containers and machines that share a folder.
 
-Reading: arrays are kept as an uncompressed ``.npz`` file with a header (JSON) that holds a checksum of everything.
-Nothing is allocated before its size is known to fit into the file on the disk, no pickle and no Python literal is
-evaluated, and whatever is wrong with the file ends in one error, :class:`FileContentError`.
+Reading: arrays are an uncompressed ``.npz`` file with a header (JSON) that has a checksum of everything. Nothing is
+allocated before its size is known to fit into the file on disk, no pickle and no Python literal is evaluated, and any
+fault of the file raises the same error, :class:`FileContentError`.
 """
 
 from __future__ import annotations
@@ -34,15 +33,15 @@ from hhr_dolfinx.errors import FileContentError, FileError, HHRError
 
 try:
     import resource
-except ImportError:  # no Unix
+except ImportError:  # not Unix
     resource = None  # type: ignore[assignment]
 
 MOST_BYTES = 16 * 2**30
-"""Size beyond which a file is not read: a sparse file may claim any size and take no room on the disk."""
+"""Size beyond which a file is not read: a sparse file may claim any size without using the disk."""
 
 MAPPED = 2**20
-"""Bytes from which on arrays may be left on the disk: less is not worth a page of memory and a mapping."""
-_CHUNK = 2**20  # bytes read at once; our directories of a few dozen members take some kilobytes
+"""Bytes from which on arrays may be mapped from disk: smaller ones are not worth a page of memory and a mapping."""
+_CHUNK = 2**20  # bytes read at once; the directories of a few dozen members take some kilobytes
 
 _LEFTOVER = re.compile(r".+\.[0-9a-f]{16}\.part")
 
@@ -56,10 +55,10 @@ _REMEDIES = {
 
 
 def make_folder(folder: str | Path) -> Path:
-    """Make a folder and those above it where they are missing.
+    """Make a folder and its missing parents.
 
     Raises:
-        FileError: if it cannot be made.
+        FileError: if the folder cannot be made.
     """
     folder = _named(folder)
     with _explained(folder, "made"):
@@ -69,15 +68,15 @@ def make_folder(folder: str | Path) -> Path:
 
 @contextmanager
 def replacing(path: str | Path, *, text: bool = False, tidy: bool = True) -> Iterator[IO[Any]]:
-    """A file to write to, which becomes ``path`` when the block ends; if anything fails, ``path`` stays as it was.
+    """Open a file that becomes ``path`` at the end of the block; after any failure ``path`` is unchanged.
 
     Args:
-        path: the target; its folder is made if missing. A link stays one: what it points to is replaced.
-        text: UTF-8 text rather than bytes; ends of lines stay as they are written.
-        tidy: remove what killed processes left in the folder; for many files it is enough to do so once.
+        path: the target; its folder is made if missing. If it is a link, the file that it points to is replaced.
+        text: UTF-8 text instead of bytes, without conversion of line ends.
+        tidy: remove temporary files of killed processes in the folder; once is enough for many files.
 
     Raises:
-        FileError: if the file cannot be written, or something stands there that is no file.
+        FileError: if the file cannot be written, or ``path`` is not a regular file.
     """
     path = _target(_named(path))
     folder = make_folder(path.parent)
@@ -85,7 +84,7 @@ def replacing(path: str | Path, *, text: bool = False, tidy: bool = True) -> Ite
         clear_leftovers(folder)
     with _explained(path, "written"):
         temporary = path.with_name(f"{path.name}.{secrets.token_hex(8)}.part")
-        try:  # from before the file is there: an interrupt may come at any time
+        try:  # starts before the file exists: an interrupt may come at any time
             with _opened(temporary, text) as file:
                 yield file
                 file.flush()
@@ -98,17 +97,17 @@ def replacing(path: str | Path, *, text: bool = False, tidy: bool = True) -> Ite
 
 
 def clear_leftovers(folder: str | Path) -> None:
-    """Remove temporary files of processes that are no longer there; those that are being written stay."""
+    """Remove temporary files of processes that have ended; files that are being written stay."""
     for path in Path(folder).glob("*.part"):
         if _LEFTOVER.fullmatch(path.name):
-            # gone meanwhile, or another user's: not ours to complain about
+            # already removed, or owned by another user: no reason to fail
             with suppress(OSError), open(path, "r+b") as file:
                 if _lock(file, wait=False):
                     path.unlink(missing_ok=True)
 
 
 LONGEST_HEADER = 9_999_999
-"""Characters of a header that are read back."""
+"""Largest number of characters of a header."""
 
 
 def write_arrays(
@@ -116,7 +115,7 @@ def write_arrays(
 ) -> None:
     """Write arrays of finite numbers or booleans with a header and a checksum over both; see :func:`replacing`.
 
-    The header is what JSON can hold, with ``format`` and ``version``, by which :func:`read_arrays` knows the file.
+    The header is JSON data with ``format`` and ``version``, by which :func:`read_arrays` identifies the file.
 
     Raises:
         FileError: if the file cannot be written.
@@ -141,21 +140,21 @@ def write_arrays(
 def read_arrays(
     path: str | Path, kind: str, version: int, *, mapped: bool = False
 ) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """Header and arrays of a file written by :func:`write_arrays`; memory stays near the size of the file.
+    """Read header and arrays of a file from :func:`write_arrays`; memory stays near the size of the file.
 
     Args:
-        path: of the file.
-        kind, version: its format.
-        mapped: leave arrays of a megabyte and more on the disk, as long as half of the descriptors allowed are free;
-            they may begin at any byte. The file can be replaced meanwhile, but must not be written into.
+        path: path of the file.
+        kind, version: expected format.
+        mapped: map arrays of a megabyte and more from disk, as long as half of the allowed descriptors are free; they
+            may start at any byte. The file may be replaced meanwhile, but must not be modified in place.
 
     Raises:
-        FileNotFoundError: if there is no such file; the caller knows what that means.
-        FileContentError: if it cannot be read, is damaged, or names another ``format`` or ``version``.
+        FileNotFoundError: if there is no such file, for the caller to handle.
+        FileContentError: if the file cannot be read, is damaged, or has another ``format`` or ``version``.
     """
     path = Path(path)
     with _own_errors(path):
-        os.stat(path)  # says why, where is_file would only say no
+        os.stat(path)  # raises with the reason, which is_file would hide
         if not path.is_file():
             raise _Damage("it is no regular file")
         arrays = _members(path, MAPPED if mapped else MOST_BYTES + 1)
@@ -179,7 +178,7 @@ def read_arrays(
 
 _KIND_OF = {"<f8": "float", "<i8": "int", "<i4": "int", "|b1": "bool"}
 _UTF8 = 0x800
-"""Flag of members of archives whose names are no ASCII."""
+"""Flag of members of archives with names that are not ASCII."""
 _DESCRIPTION = re.compile(
     rb"\{'descr': '(<f8|<i8|<i4|\|b1|[<|][SU][0-9]{1,7})', 'fortran_order': (True|False), "
     rb"'shape': \(([0-9, ]{0,80})\), \} *\n"
@@ -189,15 +188,15 @@ _DESCRIPTION = re.compile(
 def check_layout(
     arrays: Mapping[str, np.ndarray], layout: Mapping[str, Sequence[str]], sizes: Mapping[str, int]
 ) -> dict[str, int]:
-    """Check that arrays are those of a table, with sizes that agree among them; returns all sizes by name.
+    """Check that arrays have a given layout with consistent sizes; return all sizes by name.
 
     Args:
-        arrays: by name.
-        layout: for each name the kind (``float``, ``int`` or ``bool``) and the names of its sizes.
-        sizes: sizes that are known beforehand.
+        arrays: arrays by name.
+        layout: for each name the kind (``float``, ``int`` or ``bool``) and the names of the sizes.
+        sizes: known sizes.
 
     Raises:
-        FileContentError: names the array that is missing, unknown, or of another kind or shape.
+        FileContentError: naming the array that is missing, unknown, or of another kind or shape.
     """
     if arrays.keys() != layout.keys():
         missing = sorted(layout.keys() - arrays.keys())
@@ -208,7 +207,7 @@ def check_layout(
         array = arrays[name]
         if _KIND_OF.get(array.dtype.str) != kind:
             raise FileContentError(f"{name} has type {array.dtype}, it must be {kind}")
-        # the first array with a size sets it for the others
+        # the first array with an unknown size sets it for the others
         known = array.ndim == len(dimensions) and all(
             found.setdefault(label, size) == size for label, size in zip(dimensions, array.shape, strict=True)
         )
@@ -220,7 +219,7 @@ def check_layout(
 
 @contextmanager
 def _explained(path: Path, what: str) -> Iterator[None]:
-    """Turn what the system says into an error that names the file and says what to do."""
+    """Convert errors of the system to a FileError with the name of the file and advice."""
     try:
         yield
     except FileError:
@@ -231,20 +230,20 @@ def _explained(path: Path, what: str) -> Iterator[None]:
 
 
 def _named(path: str | Path) -> Path:
-    """A path that a system can be asked about."""
+    """A path that is valid for the system; FileError for others."""
     if "\0" in str(path):
         raise FileError(f"{str(path)!r} has a zero byte, which no name may have: choose another name")
     return Path(path)
 
 
 def _target(path: Path) -> Path:
-    """Where a file is to be replaced, behind links; never a device or a pipe, which root would lose by it."""
+    """File to replace, with links resolved; never a device or a pipe, which root could destroy."""
     if not path.name:
         raise FileError(f"'{path}' names a folder: add the name of a file")
     with _explained(path, "written"):
         try:
             kind = os.stat(path).st_mode
-        except (FileNotFoundError, NotADirectoryError):  # make_folder says more
+        except (FileNotFoundError, NotADirectoryError):  # make_folder raises a better error
             kind = stat.S_IFREG
         if not (stat.S_ISREG(kind) or stat.S_ISDIR(kind)):
             raise FileError(f"{path} is a device or a pipe, and no file that could be replaced: choose another name")
@@ -252,28 +251,28 @@ def _target(path: Path) -> Path:
 
 
 def _opened(temporary: Path, text: bool) -> IO[Any]:
-    """A new file, locked by this process."""
+    """Open a new file that this process locks."""
     while True:
         file = open(temporary, "x", encoding="utf-8", newline="") if text else open(temporary, "xb")
         _lock(file, wait=True)
         if os.fstat(file.fileno()).st_nlink:
             return file
-        file.close()  # another process took it for a leftover before it was locked
+        file.close()  # another process removed it as a leftover before it was locked
 
 
 def _lock(file: IO[Any], wait: bool) -> bool:
-    """Lock a file until it is closed; whether that was possible."""
+    """Lock a file until it is closed; False if that is impossible."""
     try:
         import fcntl
 
         fcntl.flock(file, fcntl.LOCK_EX | (0 if wait else fcntl.LOCK_NB))
-    except (ImportError, OSError):  # held by a living process, or a system without locks
+    except (ImportError, OSError):  # locked by a running process, or a system without locks
         return False
     return True
 
 
 def _sync_folder(folder: Path) -> None:
-    """Force the new name to the disk; systems that cannot do so for folders say so, and nothing is lost by it."""
+    """Sync the new name to the disk; errors of systems that cannot sync folders are ignored."""
     with suppress(OSError):
         descriptor = os.open(folder, os.O_RDONLY)
         try:
@@ -283,12 +282,12 @@ def _sync_folder(folder: Path) -> None:
 
 
 class _Damage(Exception):
-    """What is wrong with a file; :func:`_own_errors` adds its name."""
+    """Fault of a file; :func:`_own_errors` adds the name of the file."""
 
 
 @contextmanager
 def _own_errors(path: Path) -> Iterator[None]:
-    """Turn whatever reading raises into :class:`FileContentError`."""
+    """Convert any error of reading to :class:`FileContentError`."""
     try:
         yield
     except (HHRError, FileNotFoundError):
@@ -303,7 +302,7 @@ def _own_errors(path: Path) -> Iterator[None]:
 
 
 class _Pieces(io.FileIO):
-    """A file that is read in small pieces: zipfile reads the directory of an archive at once, however long it is."""
+    """A file that is read in small pieces, since zipfile reads the whole directory of an archive, of any length."""
 
     def read(self, size: int | None = -1) -> bytes:
         if size is None or size < 0:
@@ -314,7 +313,7 @@ class _Pieces(io.FileIO):
 
 
 def _descriptors_left() -> bool:
-    """Whether half of the descriptors that this process may have are free; no where the system does not say."""
+    """True if half of the descriptors allowed for this process are free; False if the system does not report it."""
     try:
         return resource is not None and len(os.listdir("/dev/fd")) < resource.getrlimit(resource.RLIMIT_NOFILE)[0] // 2
     except OSError:
@@ -322,7 +321,7 @@ def _descriptors_left() -> bool:
 
 
 def _members(path: Path, mapped: int) -> dict[str, np.ndarray]:
-    """Arrays of an uncompressed archive by name, those of so many bytes and more left on the disk."""
+    """Arrays of an uncompressed archive by name; those of at least ``mapped`` bytes are mapped from disk."""
     arrays = {}
     whole = None
     with _Pieces(path) as file, zipfile.ZipFile(file) as archive:
@@ -340,7 +339,7 @@ def _members(path: Path, mapped: int) -> dict[str, np.ndarray]:
                 or info.compress_size != info.file_size
             ):
                 raise _Damage(f"{name} is compressed or encrypted")
-            # all together, as members of a hostile archive may share their bytes
+            # the sum of all members, as those of a hostile archive may share their bytes
             size -= info.file_size
             if size < 0:
                 raise _Damage("its directory promises more bytes than it has")
@@ -349,7 +348,7 @@ def _members(path: Path, mapped: int) -> dict[str, np.ndarray]:
             with archive.open(info) as stream:
                 member = None
                 if info.file_size >= mapped:
-                    # copies on writing: an answer is no way to change a file
+                    # copy on write: changes of an answer must not change the file
                     whole = np.asarray(np.memmap(path, np.uint8, "c")) if whole is None else whole
                     member = _bytes_of(whole, info)
                 arrays[name] = _array(cast(io.BufferedIOBase, stream), info, member)
@@ -357,17 +356,17 @@ def _members(path: Path, mapped: int) -> dict[str, np.ndarray]:
 
 
 def _bytes_of(whole: np.ndarray, info: zipfile.ZipInfo) -> np.ndarray:
-    """Bytes of a member: its own header may be longer than that in the directory."""
+    """Bytes of a member; its local header may be longer than the one in the directory."""
     header = whole[info.header_offset : info.header_offset + 30]
     start = info.header_offset + 30 + sum(int.from_bytes(header[k : k + 2].tobytes(), "little") for k in (26, 28))
     return whole[start : start + info.file_size]
 
 
 def _array(stream: io.BufferedIOBase, info: zipfile.ZipInfo, member: np.ndarray | None) -> np.ndarray:
-    """One array, whose description must match its size before anything is allocated.
+    """Read one array, whose description must match its size before anything is allocated.
 
-    The description is compared with the one form in which numpy writes it, rather than evaluated. Of an array that is
-    left on the disk the bytes of its member are given, (bytes,).
+    The description is compared with the only form that numpy writes, and never evaluated. For a mapped array ``member``
+    has its bytes, (bytes,).
     """
     start = stream.read(10)
     description = stream.read(int.from_bytes(start[8:], "little"))
@@ -394,7 +393,7 @@ def _fill(flat: np.ndarray, stream: io.BufferedIOBase, info: zipfile.ZipInfo) ->
         if not read:
             raise _Damage(f"{info.filename} ends early")
         filled += read
-    stream.read(1)  # at the end zipfile compares its own checksum
+    stream.read(1)  # at the end zipfile compares its checksum
 
 
 def _contiguous(array: np.ndarray) -> bool:
@@ -402,7 +401,7 @@ def _contiguous(array: np.ndarray) -> bool:
 
 
 def _check_numbers(name: str, array: np.ndarray) -> None:
-    """Raise for kinds of numbers that no file holds, numbers that are not finite, booleans that are neither 0 nor 1."""
+    """Raise for unsupported kinds of numbers, non-finite numbers, and booleans that are neither 0 nor 1."""
     if array.dtype.str not in _KIND_OF:
         raise _Damage(f"{name} has type {array.dtype}")
     if array.dtype.kind == "f" and not np.isfinite(array).all():
@@ -412,9 +411,9 @@ def _check_numbers(name: str, array: np.ndarray) -> None:
 
 
 def _checksum(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> str:
-    """Checksum over the header and every array with name, type, shape and order in memory.
+    """Checksum of the header and every array with name, type, shape and order in memory.
 
-    The order counts since the last digits of sums depend on it.
+    The order is included since the last digits of sums depend on it.
     """
     digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
     for name in sorted(arrays):

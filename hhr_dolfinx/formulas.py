@@ -1,8 +1,8 @@
 """Functions of the parameters written as text: ``"E0 * (1 - 2e-4 * T)"``.
 
-A formula is read once, checked, and kept as data; nothing of it is ever executed as code. It knows numbers, names,
+A formula is parsed once, checked, and stored as data; it is never executed as code. Its grammar has numbers, names,
 ``+ - * / **``, ``pi``, the functions of :data:`FUNCTIONS`, and ``table(x, x0, y0, x1, y1, ...)``, which is linear
-between its points and refuses to be asked beyond them.
+between its points and raises an error beyond them.
 """
 
 from __future__ import annotations
@@ -21,24 +21,24 @@ from hhr_dolfinx.parameters import ParameterSpace, is_number
 from hhr_dolfinx.plain import Rebuilt
 
 Values = Mapping[str, Any]
-"""Numbers or arrays by name; complex ones carry a derivative in their imaginary part."""
+"""Numbers or arrays by name; complex ones have a derivative in the imaginary part."""
 _Evaluate = Callable[[Values], Any]
 
 STEP = 1e-30
 """Imaginary step of a derivative: f(x + i h) = f(x) + i h f'(x) has no cancellation, so that h may be this small."""
 LONGEST = 20_000
-"""Characters of a formula; what is longer is no formula of a person."""
+"""Largest number of characters of a formula."""
 DEEPEST = 400
-"""Operations within each other, a sum of 400 terms for one: each takes a frame of Python's own, which has 1000."""
+"""Largest depth of nested operations, such as a sum of 400 terms: each takes a frame of Python, which allows 1000."""
 
 
 def _absolute(x: Any) -> Any:
-    """|x|, with the slope of its real part: that of complex numbers would lose the derivative."""
+    """|x| with the derivative of the real part, which the modulus of complex numbers would lose."""
     return np.where(np.real(x) < 0, -x, x)
 
 
 def _chosen(choose: Callable) -> Callable[..., Any]:
-    """Smallest or largest by real parts."""
+    """Minimum or maximum by real parts."""
     return lambda x, y: np.where(choose(np.real(x), np.real(y)), x, y)
 
 
@@ -48,14 +48,14 @@ FUNCTIONS: Mapping[str, tuple[int, Callable[..., Any]]] = {
     "min": (2, _chosen(np.less)),
     "max": (2, _chosen(np.greater)),
 }
-"""Functions that a formula may call: number of arguments, and what they do; ``table`` besides."""
+"""Functions that a formula may call, in addition to ``table``: number of arguments, and implementation."""
 
 
 def _power(a: Any, b: Any) -> Any:
-    """a ** b.
+    """Power a ** b.
 
-    Python makes a complex number of the root of a negative one, which has no value here; and it takes large powers of
-    complex numbers by their angle, which says nothing of a derivative beside a negative real part.
+    Python returns a complex number for the root of a negative one, which has no value here. It also computes large
+    powers of complex numbers by their angle, which loses the derivative at a negative real part.
     """
     if np.iscomplexobj(a) and not np.any(np.imag(b)):
         base = np.asarray(np.real(a))
@@ -81,10 +81,10 @@ class Formula(Rebuilt):
     """A function of named numbers, as text.
 
     Attributes:
-        text: in the grammar of this module.
+        text: text in the grammar of this module.
 
     Raises:
-        SceneError: for what is no such text, with the place.
+        SceneError: for other text, with the position of the fault.
 
     Example:
         >>> formula = Formula("E * (1 - 2e-4 * T)")
@@ -97,9 +97,9 @@ class Formula(Rebuilt):
     def __post_init__(self) -> None:
         if not isinstance(self.text, str) or not 0 < len(self.text) <= LONGEST:
             raise SceneError(f"a formula must be a text, such as '2 * E', and is {str(self.text)[:60]!r}")
-        if "#" in self.text:  # would hide what stands behind it, in a product say
+        if "#" in self.text:  # would hide the text after it, for example in a product
             raise SceneError(f"the formula {self.text[:80]!r} holds a comment: write it beside the formula")
-        self._parsed  # noqa: B018 (what cannot be read is refused where it is written)
+        self._parsed  # noqa: B018 (faults are reported where the formula is written)
 
     @cached_property
     def _parsed(self) -> tuple[_Evaluate, tuple[str, ...]]:
@@ -123,16 +123,16 @@ class Formula(Rebuilt):
 
     @cached_property
     def _calls(self) -> bool:
-        """Whether it calls functions, which warn where they are not defined."""
+        """True if the formula calls functions, which may warn outside their domain."""
         return "(" in self.text and any(name in self.text for name in (*FUNCTIONS, "table"))
 
     @property
     def variables(self) -> tuple[str, ...]:
-        """Names that it depends on, in their order."""
+        """Names in the formula, in their order."""
         return self._parsed[1]
 
     def __call__(self, values: Values) -> Any:
-        """Its value for numbers or arrays by name.
+        """Value for numbers or arrays by name.
 
         Raises:
             ParameterError: beyond the ends of a table.
@@ -151,7 +151,7 @@ class Formula(Rebuilt):
 
 
 def formula_of(value: Any, what: str) -> Formula:
-    """A number or a text as a formula; SceneError for anything else, naming ``what`` it was to be."""
+    """A number or a text as a formula; SceneError for anything else, naming its purpose ``what``."""
     if is_number(value):
         return Formula(repr(float(value)))
     if isinstance(value, Formula):
@@ -168,11 +168,11 @@ def formula_of(value: Any, what: str) -> Formula:
 
 @dataclass(frozen=True)
 class Scalar(Rebuilt):
-    """A formula of the parameters of a scene: an amplitude of a single column, and what K is made of.
+    """A formula of the parameters of a scene: an amplitude of a single column, or a factor in K.
 
     Attributes:
         text: the formula.
-        names: of the parameters, in the order of a point.
+        names: names of the parameters, in the order of a point.
     """
 
     text: str
@@ -192,7 +192,7 @@ class Scalar(Rebuilt):
 
     @cached_property
     def formula(self) -> Formula:
-        """The text, read."""
+        """The parsed formula."""
         return Formula(self.text)
 
     @cached_property
@@ -200,19 +200,19 @@ class Scalar(Rebuilt):
         return tuple((name, self.names.index(name)) for name in self.formula.variables)
 
     def value(self, point: np.ndarray) -> float:
-        """At a point, (P,); NaN where it is not defined."""
-        # Python's own numbers are several times as fast as numpy's, and complex where numpy's are NaN
+        """Value at a point, (P,); NaN outside its domain."""
+        # numbers of Python are several times as fast as those of numpy, and complex where numpy returns NaN
         value = self.formula({name: float(point[place]) for name, place in self._places})
         return math.nan if isinstance(value, complex) else float(value)
 
     def values(self, points: np.ndarray) -> np.ndarray:
-        """At many points, (n, P), all at once: (n,); NaN where it is not defined."""
+        """Values at many points, (n, P): (n,); NaN outside its domain."""
         with np.errstate(all="ignore"):
             found = self.formula({name: points[:, place] for name, place in self._places})
         return np.broadcast_to(np.asarray(found, dtype=float), len(points))
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
-        """Its derivatives along the parameters at a point, exact to round-off, (P,)."""
+        """Derivatives along the parameters at a point, exact to round-off, (P,)."""
         found = np.zeros(len(self.names))
         values = {name: complex(point[place]) for name, place in self._places}
         for name, place in self._places:
@@ -221,18 +221,18 @@ class Scalar(Rebuilt):
         return found
 
     def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:
-        """As an amplitude that is not affine, see :class:`~hhr_dolfinx.amplitudes.NonAffine`."""
+        """Column and value as a non-affine amplitude, see :class:`~hhr_dolfinx.amplitudes.NonAffine`."""
         return [0], [self.value(point)]
 
 
 @dataclass(frozen=True)
 class Modulus(Rebuilt):
-    """Amplitude of one part of a stiffness: the factor that the whole body has, times what is left.
+    """Amplitude of one part of a stiffness: a common factor of the body times a factor of this part.
 
     Attributes:
         factor: formula that all parts of a body share, its Young's modulus.
         rest: formula of this part alone.
-        names: of the parameters, in the order of a point.
+        names: names of the parameters, in the order of a point.
     """
 
     factor: str
@@ -240,7 +240,7 @@ class Modulus(Rebuilt):
     names: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        self._parts  # noqa: B018 (unknown names are refused where they are written)
+        self._parts  # noqa: B018 (unknown names are reported where they are written)
 
     @cached_property
     def _parts(self) -> tuple[Scalar, Scalar]:
@@ -248,12 +248,12 @@ class Modulus(Rebuilt):
 
     @property
     def factor_scalar(self) -> Scalar:
-        """The factor, to be evaluated."""
+        """The common factor, bound to the parameters."""
         return self._parts[0]
 
     @property
     def rest_scalar(self) -> Scalar:
-        """The rest, to be evaluated."""
+        """The factor of this part, bound to the parameters."""
         return self._parts[1]
 
     def value(self, point: np.ndarray) -> float:
@@ -267,7 +267,7 @@ class Modulus(Rebuilt):
         return factor.values(points) * rest.values(points)
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
-        """Its derivatives along the parameters, (P,)."""
+        """Derivatives along the parameters, (P,)."""
         factor, rest = self._parts
         return factor.value(point) * rest.derivative(point) + rest.value(point) * factor.derivative(point)
 
@@ -275,7 +275,7 @@ class Modulus(Rebuilt):
 def check_over_box(scalar: Scalar, space: ParameterSpace, what: str, low: float, high: float, remedy: str) -> None:
     """Raise SceneError for a scalar that is not finite or leaves (low, high) anywhere in the box.
 
-    It is tried in the corners, as far as these are few, on 256 points between, and densely along its own parameters.
+    The check takes the corners, unless there are too many, 256 points between, and dense lines along its parameters.
     """
     for point in (*box_samples(space), *_doubtful(scalar, space, low, high)):
         try:
@@ -289,7 +289,7 @@ def check_over_box(scalar: Scalar, space: ParameterSpace, what: str, low: float,
 
 
 def box_samples(space: ParameterSpace, count: int = 256) -> np.ndarray:
-    """Corners of the box, its middle, and random points, on which what must hold everywhere is tried, (n, P)."""
+    """Corners of the box, its middle, and random points, for checks over the whole box, (n, P)."""
     ends = np.array([space.lower, space.upper], dtype=float)
     dimension = len(space.names)
     bits = np.arange(2 ** min(dimension, 10))
@@ -298,17 +298,17 @@ def box_samples(space: ParameterSpace, count: int = 256) -> np.ndarray:
 
 
 def _doubtful(scalar: Scalar, space: ParameterSpace, low: float, high: float) -> np.ndarray:
-    """The first of many points along its own parameters at which a scalar leaves (low, high), at most (1, P)."""
+    """First of many points along its parameters at which a scalar leaves (low, high), (1, P), or (0, P) without one."""
     points = space.lines([space.names.index(name) for name in scalar.formula.variables])
     try:
         values = scalar.values(points)
-    except ParameterError:  # beyond a table: which point it is shows one by one
+    except ParameterError:  # a point beyond a table: the caller finds it one by one
         return points
     return points[~((low < values) & (values < high))][:1]
 
 
 def _depth(tree: ast.expr) -> int:
-    """Levels of a tree, counted up to what is too deep anyway."""
+    """Levels of a tree, counted up to the limit."""
     level = 0
     nodes = [tree]
     while nodes and level <= DEEPEST:
@@ -318,7 +318,7 @@ def _depth(tree: ast.expr) -> int:
 
 
 def _compiled(node: ast.expr, names: dict[str, None], text: str) -> _Evaluate:
-    """A node as a function of values by name; SceneError for what a formula does not know."""
+    """A node as a function of values by name; SceneError for syntax that formulas do not have."""
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and is_number(node.value):
         number = float(node.value)
         return lambda values: number
@@ -363,7 +363,7 @@ def _called(name: str, arguments: Sequence[ast.expr], names: dict[str, None], te
 
 
 def _table(inner: list[_Evaluate], text: str) -> _Evaluate:
-    """Linear between given points."""
+    """A table that is linear between given points."""
     try:
         with np.errstate(all="ignore"):
             numbers = [float(item({})) for item in inner[1:]]

@@ -1,6 +1,6 @@
-"""Loads: what drives a scene from outside; each says which vectors it adds to F, and with which amplitudes.
+"""Loads of a scene: each returns the vectors that it adds to F, and their amplitudes.
 
-A load of a user's own is one class with a method ``terms``, see :class:`Load`; nothing behind it knows which it was.
+A user-defined load is one class with a method ``terms``, see :class:`Load`; other code depends on the terms only.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Term:
-    """Columns of F and the amplitudes they are multiplied by.
+    """Columns of F with their amplitudes.
 
     Attributes:
         amplitude: affine or a formula, of a single column, or a :class:`~hhr_dolfinx.amplitudes.NonAffine` of several.
@@ -39,20 +39,20 @@ class Term:
 
 @dataclass(frozen=True)
 class Assembler:
-    """What a load may ask of the finite element model; on several ranks all of them ask together.
+    """Interface of the finite element model for loads; calls are collective on several ranks.
 
     Attributes:
         test: UFL test function v, a vector.
         hypothesis: ``plane_strain``, ``plane_stress``, ``axisymmetric`` or ``solid``: forms in axisymmetry need the
             weight :func:`hhr_dolfinx.forms.elasticity.volume_weight`.
-        parameters: the box of the parameters.
+        parameters: box of the parameters.
         size: N, number of dofs; those of node n are ``dim n`` to ``dim n + dim - 1``.
-        ds: measure of the outer facets with a tag; refuses tags that are not there and facets inside the mesh.
+        ds: measure of the outer facets with a tag; refuses missing tags and facets inside the mesh.
         dx: measure of the cells with a tag.
-        vector: assembles a UFL form that is linear in v, (N,); refuses any other.
+        vector: assembles a UFL form that is linear in v, (N,); refuses other forms.
         surface: nodes of the facets with a tag, their coordinates and measures.
-        eigenstress: nodal forces of a strain, a UFL tensor 3x3, that the body with a tag takes without stress: pairs of
-            a modulus, which is a formula of the parameters, and the forces for the modulus 1, (N,).
+        eigenstress: nodal forces of an eigenstrain, a UFL tensor 3x3, of the body with a tag: pairs of a modulus, which
+            is a formula of the parameters, and the forces for the modulus 1, (N,).
     """
 
     test: ufl.Argument
@@ -67,15 +67,15 @@ class Assembler:
 
 
 class Load(Protocol):
-    """A load.
+    """Interface of a load.
 
-    A scene checks that an ``amplitude`` of it, if affine or a formula, names parameters of the box, and calls its
-    method ``check(parameters)``, if it has one, to raise SceneError for anything else. A load that is a strain has a
-    method ``eigenstrain_of(tag, mesh)`` for stresses to leave it out, as those of ``volume_loads`` have.
+    A scene checks that an affine ``amplitude``, or one that is a formula, names parameters of the box, and calls the
+    method ``check(parameters)``, if there is one, for other checks, which raises SceneError. A load that is an
+    eigenstrain has a method ``eigenstrain_of(tag, mesh)``, which stresses subtract; see ``volume_loads``.
     """
 
     def terms(self, assembler: Assembler) -> Sequence[Term]:
-        """What it adds to F."""
+        """Terms that the load adds to F."""
 
 
 @dataclass(frozen=True)
@@ -125,13 +125,13 @@ class Pressure:
 class PartialPressure:
     """Pressure on the part of a straight line with coordinate up to a parameter, in two dimensions.
 
-    Integrated exactly over the partly covered edge, and evaluated online from few columns. A line of n nodes takes
-    about n^2 / 2 numbers.
+    It is integrated exactly over the partly covered edge, and evaluated online from few columns. A line of n nodes
+    needs about n^2 / 2 numbers.
 
     Attributes:
         tag: facet tag of the line, which runs along an axis.
         amplitude: the pressure.
-        extent: name of the parameter up to which it acts.
+        extent: name of the parameter up to which the pressure acts.
         axis: coordinate along the line.
     """
 
@@ -155,7 +155,7 @@ class PartialPressure:
             )
 
     def terms(self, assembler: Assembler) -> list[Term]:
-        """Columns as :class:`~hhr_dolfinx.amplitudes.Coverage` counts them."""
+        """Columns in the order of :class:`~hhr_dolfinx.amplitudes.Coverage`."""
         whole = _unit_pressure(assembler, self.tag)
         line = assembler.surface(self.tag)
         degree = 1 if line.quadratic is None else 2
@@ -174,7 +174,7 @@ class PartialPressure:
         force = whole.sum(axis=0) / nodal.sum()
         if np.abs(whole - nodal[:, None] * force).max() > 1e-9 * np.abs(whole).max():
             ends = positions[[0, -1]]
-            start, end = np.where(np.abs(ends) > 1e-12 * np.abs(ends).max(), ends, 0.0)  # no round-off of a mesher
+            start, end = np.where(np.abs(ends) > 1e-12 * np.abs(ends).max(), ends, 0.0)  # drops round-off of a mesher
             raise SceneError(
                 f"the line tagged {self.tag} under a partial pressure is not in one piece from {start:g} to "
                 f"{end:g} along axis {self.axis}: give each piece a tag and a pressure of its own"
@@ -190,7 +190,7 @@ class PartialPressure:
         return [Term(coverage, hstack([before, at_nodes]))]
 
     def _check_line(self, points: np.ndarray, hypothesis: str) -> None:
-        """Raise SceneError for nodes, (n, dim), that form no straight line along the axis in the plane."""
+        """Raise SceneError unless nodes, (n, dim), form a straight line along the axis in the plane."""
         what = f"the partial pressure on tag {self.tag}"
         if points.shape[1] != 2:
             raise SceneError(f"{what} needs a mesh in the plane: in space, write a load of your own with terms")
@@ -214,7 +214,7 @@ def _unit_pressure(assembler: Assembler, tag: Tag) -> np.ndarray:
 
 
 def checked_terms(load: Load, assembler: Assembler) -> list[Term]:
-    """Terms of a load with columns in the format csc, without zeros; raises SceneError for an invalid one."""
+    """Terms of a load with columns in the format csc, without zeros; raise SceneError for an invalid one."""
     terms = load.terms(assembler)
     if not isinstance(terms, Sequence) or not all(isinstance(term, Term) for term in terms):
         raise SceneError(f"the terms of {load!r} must be a list of Term, and are {terms!r}")
@@ -223,30 +223,30 @@ def checked_terms(load: Load, assembler: Assembler) -> list[Term]:
 
 
 def parted(terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
-    """Terms with affine amplitudes, which θ counts first, and the others, each in their order."""
+    """Terms with affine amplitudes, which come first in θ, and the others, each in their order."""
     affine = [term for term in terms if isinstance(term.amplitude, Amplitude)]
     return affine, [term for term in terms if not isinstance(term.amplitude, Amplitude)]
 
 
 def first_load(scene: Any) -> int:
-    """Place in θ of the first load of a scene.
+    """Index in θ of the first load of a scene.
 
-    It counts 1, affine displacements, openings, affine loads, other loads, other displacements.
+    The order of θ is 1, affine displacements, openings, affine loads, other loads, other displacements.
     """
-    moved = [bound(item.amplitude, scene.parameters) for item in scene.displacements]
-    affine = sum(isinstance(amplitude, Amplitude) and amplitude != Amplitude() for amplitude in moved)
+    amplitudes = [bound(item.amplitude, scene.parameters) for item in scene.displacements]
+    affine = sum(isinstance(amplitude, Amplitude) and amplitude != Amplitude() for amplitude in amplitudes)
     return 1 + affine + len(scene.openings)
 
 
 def placed(terms: Sequence[Term], first: int, shape: tuple[int, int]) -> csc_matrix:
-    """Columns of terms one after another from the place ``first`` on, zero elsewhere, in the format csc."""
+    """Concatenated columns of terms from the column ``first`` on, zero elsewhere, in the format csc."""
     parts = [csc_matrix((shape[0], first)), *(term.columns for term in terms)]
     parts.append(csc_matrix((shape[0], shape[1] - sum(part.shape[1] for part in parts))))
     return csc_matrix(hstack(parts))
 
 
 def _checked_columns(load, term, assembler) -> csc_matrix:
-    """Columns of a term whose amplitude and sizes are as they must be."""
+    """Columns of a term, after a check of its amplitude and sizes."""
     amplitude = term.amplitude
     columns = term.columns
     count = 1 if isinstance(amplitude, Amplitude) else checked_count(amplitude, assembler.parameters, load)

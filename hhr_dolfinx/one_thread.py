@@ -1,4 +1,4 @@
-"""BLAS and OpenMP on one thread of the process, for as long as any thread of the package asks for it."""
+"""BLAS and OpenMP on one thread of the process, as long as any thread of the package requires it."""
 
 from __future__ import annotations
 
@@ -9,9 +9,9 @@ from threadpoolctl import threadpool_limits
 
 
 class _OneThread(ContextDecorator):
-    """The number of threads is one for the whole process: the first block sets it, the last one restores it.
+    """Limit to one thread for the whole process: the first block sets the limit, the last one removes it.
 
-    Two limits that are set and restored by themselves leave that of the other behind where their blocks overlap.
+    Independent limits of overlapping blocks would restore the limit of the other block and keep it for good.
     """
 
     def __init__(self) -> None:

@@ -1,8 +1,8 @@
-"""Outputs: numbers that a scene is asked for, by name; each says how it is read from forces and displacement.
+"""Outputs of a scene: numbers by name, each with the rule to compute it from forces and displacement.
 
-An output of a user's own is one class with a name, a unit and a method ``prepared``, see :class:`Output`. Forces and
-areas are those of the whole turn in axisymmetry, and per unit depth in the plane. Where shapes depend on parameters,
-places and boxes are those of the mesh in the middle of the parameters' box: an output stays with its nodes and cells.
+A user-defined output is one class with a name, a unit and a method ``prepared``, see :class:`Output`. Forces and areas
+are those of the whole turn in axisymmetry, and per unit depth in the plane. If shapes depend on parameters, positions
+and boxes refer to the mesh in the middle of the parameter box: an output stays with its nodes and cells.
 """
 
 from __future__ import annotations
@@ -29,28 +29,28 @@ _NOTHING = np.zeros(0)
 
 
 class Output(Protocol):
-    """An output; its name, its unit, and what it is made of.
+    """Interface of an output.
 
     Attributes:
-        name: by which it is read.
-        unit: of its value, as text.
+        name: name of the output.
+        unit: unit of its value, as text.
     """
 
     name: str
     unit: str
 
     def prepared(self, probe: Any) -> Functional:
-        """As plain data; SceneError for what the model does not have."""
+        """The output as plain data; SceneError if the model lacks a contact, a body or a node of it."""
 
 
 @dataclass(frozen=True)
 class _Output:
-    """What outputs have in common.
+    """Base class of outputs.
 
     Attributes:
-        name: by which it is read.
-        unit: of its value, as text.
-        vectors: names of fields that hold coordinates or components.
+        name: name of the output.
+        unit: unit of its value, as text.
+        vectors: names of fields with coordinates or components.
     """
 
     vectors: ClassVar[tuple[str, ...]] = ()
@@ -74,10 +74,10 @@ class _Output:
 
 @dataclass(frozen=True)
 class _OfContact(_Output):
-    """What outputs of a contact have in common.
+    """Base class of outputs of a contact.
 
     Attributes:
-        contact: place of the pair in ``Scene.contacts``.
+        contact: index of the pair in ``Scene.contacts``.
     """
 
     contact: int
@@ -95,7 +95,7 @@ class LargestPressure(_OfContact):
     """Largest contact pressure of a contact: force over tributary area."""
 
     def prepared(self, probe: Any) -> Functional:
-        """See :class:`Output`."""
+        """Functional of this output, see :class:`Output`."""
         return Largest(self.name, self.unit, *_no_rows(), *probe.loaded(self))
 
 
@@ -104,7 +104,7 @@ class ContactForce(_OfContact):
     """Component of the resultant of a contact on the body of its first surface, the slave.
 
     Attributes:
-        direction: of the component; its length does not matter. In axisymmetry the first component sums radial forces
+        direction: direction of the component, of any length. In axisymmetry the first component sums radial forces
             around the whole turn.
     """
 
@@ -113,7 +113,7 @@ class ContactForce(_OfContact):
     direction: tuple[float, ...]
 
     def prepared(self, probe: Any) -> Functional:
-        """See :class:`Output`."""
+        """Functional of this output, see :class:`Output`."""
         conditions, points, forces = probe.nodal_forces(self)
         along = np.tile(_unit(self, "direction", probe.dimension), len(points))
         return Linear.of(self.name, self.unit, conditions, forces @ along)
@@ -124,8 +124,8 @@ class ContactMoment(_OfContact):
     """Component of the moment of a contact on the body of its first surface, the slave.
 
     Attributes:
-        about: the point about which it turns.
-        axis: of the component in space; None in the plane, where it points out of it.
+        about: reference point of the moment.
+        axis: axis of the component in space; None in the plane, for the normal of the plane.
     """
 
     vectors: ClassVar[tuple[str, ...]] = ("about", "axis")
@@ -134,7 +134,7 @@ class ContactMoment(_OfContact):
     axis: tuple[float, ...] | None = None
 
     def prepared(self, probe: Any) -> Functional:
-        """See :class:`Output`."""
+        """Functional of this output, see :class:`Output`."""
         if probe.scene.hypothesis == "axisymmetric":
             raise SceneError(
                 f"output '{self.name}': the moment of an axisymmetric contact without friction vanishes. Ask for the "
@@ -152,12 +152,12 @@ class ContactMoment(_OfContact):
 
 @dataclass(frozen=True)
 class Torque(_OfContact):
-    """Torque about an axis that friction can bear: friction times the sum of forces times distances to the axis.
+    """Torque about an axis that friction can bear: its coefficient times the sum of force times distance to the axis.
 
     Attributes:
         friction: coefficient of friction.
-        origin: a point of the axis; None in axisymmetry, where the axis is that of the scene.
-        axis: its direction in space; None in the plane, where it points out of it.
+        origin: a point of the axis; None in axisymmetry, for the axis of the scene.
+        axis: direction of the axis in space; None in the plane, for the normal of the plane.
     """
 
     vectors: ClassVar[tuple[str, ...]] = ("origin", "axis")
@@ -172,7 +172,7 @@ class Torque(_OfContact):
             raise SceneError(f"output '{self.name}': the friction {self.friction!r} must be a number, not negative")
 
     def prepared(self, probe: Any) -> Functional:
-        """See :class:`Output`."""
+        """Functional of this output, see :class:`Output`."""
         conditions = probe.conditions(self)
         dim = probe.dimension
         points = probe.problem.contact_points[conditions]
@@ -196,7 +196,7 @@ class FrictionForce(_OfContact):
     """Component of the resultant of the tangential forces of a contact on the body of its first surface, the slave.
 
     Attributes:
-        direction: of the component, see :class:`ContactForce`, which holds pressures and friction together.
+        direction: direction of the component, see :class:`ContactForce`, which is the sum of pressures and friction.
     """
 
     vectors: ClassVar[tuple[str, ...]] = ("direction",)
@@ -204,7 +204,7 @@ class FrictionForce(_OfContact):
     direction: tuple[float, ...]
 
     def prepared(self, probe: Any) -> Functional:
-        """See :class:`Output`."""
+        """Functional of this output, see :class:`Output`."""
         _, friction = probe.sliding(self)
         conditions, points, forces = probe.nodal_forces(self)
         own = np.isin(conditions, friction.tangential)
@@ -214,27 +214,27 @@ class FrictionForce(_OfContact):
 
 @dataclass(frozen=True)
 class LargestSlip(_OfContact):
-    """Largest length that a node of a contact has slipped up to now, back and forth added up."""
+    """Largest accumulated slip of a node of a contact."""
 
     def prepared(self, probe: Any) -> Functional:
-        """See :class:`Output`."""
+        """Functional of this output, see :class:`Output`."""
         return _remembered(self, probe, "path", largest=True)
 
 
 @dataclass(frozen=True)
 class DissipatedWork(_OfContact):
-    """Energy that friction of a contact has dissipated up to now."""
+    """Accumulated energy dissipated by friction of a contact."""
 
     def prepared(self, probe: Any) -> Functional:
-        """See :class:`Output`."""
+        """Functional of this output, see :class:`Output`."""
         return _remembered(self, probe, "work", largest=False)
 
 
 @dataclass(frozen=True)
 class LargestWear(_OfContact):
-    """Largest depth of wear up to now by Archard's law: a constant times the pressure along the length slipped.
+    """Largest accumulated wear depth by Archard's law: a constant times the integral of the pressure over the slip.
 
-    It is a number beside the answer: gaps do not grow by it.
+    It is an output only: gaps do not change with it.
 
     Attributes:
         constant: wear depth per pressure and length.
@@ -248,7 +248,7 @@ class LargestWear(_OfContact):
             raise SceneError(f"output '{self.name}': the constant {self.constant!r} must be a number, not negative")
 
     def prepared(self, probe: Any) -> Functional:
-        """See :class:`Output`."""
+        """Functional of this output, see :class:`Output`."""
         return _remembered(self, probe, "wear", largest=True, factor=float(self.constant))
 
 
@@ -259,7 +259,7 @@ class StickArea(_OfContact):
     sticks: ClassVar[bool] = True
 
     def prepared(self, probe: Any) -> Functional:
-        """See :class:`Output`."""
+        """Functional of this output, see :class:`Output`."""
         from hhr_dolfinx.models.functionals.friction import StatusArea
 
         own, friction = probe.sliding(self)
@@ -274,7 +274,7 @@ class SlipArea(StickArea):
 
 
 def _remembered(output: Any, probe: Any, quantity: str, *, largest: bool, factor: float = 1.0) -> Functional:
-    """What friction remembers of the contact of an output."""
+    """Functional of an accumulated quantity of friction in the contact of an output."""
     from hhr_dolfinx.models.functionals.friction import Remembered
 
     own, _ = probe.sliding(output)
@@ -285,32 +285,32 @@ def _remembered(output: Any, probe: Any, quantity: str, *, largest: bool, factor
 class ContactWidth(_OfContact):
     """Area under load of a contact: a width per unit depth in the plane, the area of the whole turn in axisymmetry.
 
-    What bears less than a thousandth of the largest pressure of the contact does not count. It changes by steps of a
-    cell, and its derivatives are zero but for those of the shape of the cells.
+    Nodes with less than a thousandth of the largest pressure of the contact do not count. The area changes by steps of
+    a cell; its derivatives are zero except for those of the shape of the cells.
     """
 
     def prepared(self, probe: Any) -> Functional:
-        """See :class:`Output`."""
+        """Functional of this output, see :class:`Output`."""
         conditions, areas = probe.loaded(self)
         return Loaded(self.name, self.unit, *_no_rows(), conditions, areas, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
 class LostContact(_OfContact):
-    """Share of the area of a contact that is not under load, from 0 to 1; see :class:`ContactWidth`."""
+    """Fraction of the area of a contact that is not under load, from 0 to 1; see :class:`ContactWidth`."""
 
     def prepared(self, probe: Any) -> Functional:
-        """See :class:`Output`."""
+        """Functional of this output, see :class:`Output`."""
         conditions, areas = probe.loaded(self)
         return Loaded(self.name, self.unit, *_no_rows(), conditions, areas, 1.0, -1.0 / float(areas.sum()))
 
 
 @dataclass(frozen=True)
 class GapAt(_OfContact):
-    """Gap of the contact condition nearest to a place; zero where it touches.
+    """Gap of the contact condition nearest to a point; zero in contact.
 
     Attributes:
-        place: coordinates.
+        place: coordinates of the point.
     """
 
     vectors: ClassVar[tuple[str, ...]] = ("place",)
@@ -318,12 +318,12 @@ class GapAt(_OfContact):
     place: tuple[float, ...]
 
     def prepared(self, probe: Any) -> Functional:
-        """See :class:`Output`."""
+        """Functional of this output, see :class:`Output`."""
         conditions = probe.conditions(self)
         problem = probe.problem
         nearest = conditions[probe.at_place(self, probe.base.contact_points[conditions])[0]]
         row = problem.contact[[nearest]]
-        # gaps are those that lifts leave, and the row reads them in the displacement too where bodies are lifted whole
+        # gaps of a problem have the lifts subtracted, and the row subtracts them again with the displacement
         gaps = problem.gaps[nearest] + (row @ problem.lifts).toarray()[0]
         terms = probe.terms(gaps)
         return Linear.of(self.name, self.unit, row=-row, terms=terms, coefficients=gaps[terms])
@@ -331,12 +331,12 @@ class GapAt(_OfContact):
 
 @dataclass(frozen=True)
 class DisplacementAt(_Output):
-    """Component of the displacement of the node nearest to a place.
+    """Component of the displacement of the node nearest to a point.
 
     Attributes:
-        place: coordinates.
+        place: coordinates of the point.
         component: 0, 1 or 2.
-        tag: cell tag of the body that is meant, where nodes of several lie at the place.
+        tag: cell tag of the body, if several bodies have nodes at the point.
     """
 
     vectors: ClassVar[tuple[str, ...]] = ("place",)
@@ -351,7 +351,7 @@ class DisplacementAt(_Output):
             raise SceneError(f"output '{self.name}': the component {self.component!r} must be 0, 1 or 2")
 
     def prepared(self, probe: Any) -> Functional:
-        """See :class:`Output`."""
+        """Functional of this output, see :class:`Output`."""
         problem = probe.problem
         dim = probe.dimension
         if self.component >= dim:
@@ -360,7 +360,7 @@ class DisplacementAt(_Output):
         points = probe.base.points[nodes]
         found = nodes[probe.at_place(self, points)]
         if found.size > 1:
-            # bodies in contact have nodes at one place, which move apart
+            # bodies in contact have nodes at the same point, which may separate
             tags = [body.tag for body in probe.scene.bodies if np.isin(found, probe.nodes(body.tag)).any()]
             node = probe.base.points[found[0]][:dim]
             near = tuple(
@@ -377,12 +377,12 @@ class DisplacementAt(_Output):
 
 @dataclass(frozen=True)
 class VonMises(_Output):
-    """Von Mises' equivalent stress of a body: in the middles of its cells, or at their Gauss points where bodies flow.
+    """Von Mises equivalent stress of a body: in the middles of its cells, or at Gauss points with inelastic bodies.
 
     Attributes:
         tag: cell tag of the body.
         kind: ``max``, or ``mean`` over the volume.
-        where: two corners of a box; cells whose middle lies inside count. None for the whole body.
+        where: two corners of a box, for the cells whose middle lies inside; None for the whole body.
     """
 
     tag: Tag
@@ -402,19 +402,19 @@ class VonMises(_Output):
             object.__setattr__(self, "where", tuple(box))
 
     def prepared(self, probe: Any) -> Functional:
-        """See :class:`Output`."""
+        """Functional of this output, see :class:`Output`."""
         return probe.mises(self)
 
 
 @dataclass(frozen=True)
 class ElasticEnergy(_Output):
-    """Elastic energy of all bodies, by the work of all forces; where nothing flows.
+    """Elastic energy of all bodies, from the work of all forces; for elastic scenes only.
 
-    A reduced model has it with the errors of its forces and displacement.
+    In a reduced model it has the errors of forces and displacement.
     """
 
     def prepared(self, probe: Any) -> Functional:
-        """See :class:`Output`."""
+        """Functional of this output, see :class:`Output`."""
         return probe.energy(self)
 
 
@@ -423,8 +423,8 @@ class LinearForm(_Output):
     """A form that is linear in the displacement, such as its mean over a surface.
 
     Attributes:
-        form: function of an :class:`~hhr_dolfinx.loads.Assembler` that returns a UFL form, linear in its ``test``,
-            which stands for the displacement: ``lambda a: a.test[0] * a.ds(TAG)``. In axisymmetry give it the weight
+        form: function of an :class:`~hhr_dolfinx.loads.Assembler` that returns a UFL form, linear in ``test``, which
+            stands for the displacement: ``lambda a: a.test[0] * a.ds(TAG)``. In axisymmetry multiply it by the weight
             :func:`hhr_dolfinx.forms.elasticity.volume_weight`.
     """
 
@@ -436,7 +436,7 @@ class LinearForm(_Output):
             raise SceneError(f"output '{self.name}': the form {self.form!r} must be a function of an Assembler")
 
     def prepared(self, probe: Any) -> Functional:
-        """See :class:`Output`."""
+        """Functional of this output, see :class:`Output`."""
         vector = probe.assembler.vector(self.form(probe.assembler))
         return Linear.of(self.name, self.unit, row=csr_matrix(vector[None]))
 
@@ -450,7 +450,7 @@ def _place(output: Any, name: str, dim: int) -> np.ndarray:
 
 
 def _unit(output: Any, name: str, dim: int) -> np.ndarray:
-    """A vector of an output, with the length 1."""
+    """A vector of an output, normalised to length 1."""
     vector = _place(output, name, dim)
     length = np.linalg.norm(vector)
     if length == 0:

@@ -1,4 +1,4 @@
-"""The parameters of a scene: the box in which it is solved, and what counts as a number, a name or a tag."""
+"""The parameters of a scene: the box in which it is solved, and checks of numbers, names and tags."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ import numpy as np
 from hhr_dolfinx.errors import ParameterError, SceneError
 
 LINE = 2001
-"""Points along a parameter at which formulas are looked at: a spike a thousandth of the box wide holds two of them."""
+"""Points along a parameter at which formulas are checked: a spike a thousandth of the box wide has two of them."""
 
 
 def is_number(value: Any) -> bool:
-    """Whether a value is a finite real number; text and truth values are none."""
+    """True for a finite real number; text and booleans are none."""
     if not isinstance(value, Real) or isinstance(value, bool | np.bool_):
         return False
     try:
@@ -27,23 +27,23 @@ def is_number(value: Any) -> bool:
 
 
 def is_whole(value: Any, least: int) -> bool:
-    """Whether a value is an integer of at least ``least``; 2.0 and True are none."""
+    """True for an integer of at least ``least``; 2.0 and True are none."""
     return isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= least
 
 
 def as_tuple(name: str, value: Any) -> tuple:
-    """A tuple of a list or an array; raises SceneError for a single item."""
+    """Convert a list or an array to a tuple; raise SceneError for a single item."""
     if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
         raise SceneError(f"{name} must be a tuple, and is {value!r}: write ({type(value).__name__}(...),) for one item")
     return tuple(value.tolist() if isinstance(value, np.ndarray) else value)
 
 
 Tag = int | str
-"""Of cells or facets: its number in the mesh, or its name where the mesh has names."""
+"""Tag of cells or facets: a number in the mesh, or a name if the mesh has names."""
 
 
 def check_tag(what: str, tag: Any) -> None:
-    """Raise SceneError for what is no tag of a mesh."""
+    """Raise SceneError for an invalid tag of a mesh."""
     if not is_whole(tag, 0) and not (isinstance(tag, str) and tag.strip()):
         raise SceneError(f"the tag {tag!r} of a {what} must be an integer or a name, as in the mesh")
 
@@ -95,7 +95,7 @@ class ParameterSpace:
 
     @cached_property
     def _box(self) -> list[tuple[float, float]]:
-        """Bounds with room for round-off in grids that end on them."""
+        """Bounds with a margin for round-off in grids that end on them."""
         bounds = np.array([self.lower, self.upper], dtype=float)
         slack = 1e-12 * (bounds[1] - bounds[0])
         return list(zip((bounds[0] - slack).tolist(), (bounds[1] + slack).tolist(), strict=True))
@@ -109,28 +109,28 @@ class ParameterSpace:
     ) -> np.ndarray:
         """Derivatives of (n,) values along the parameters by differences inside the box, (n, axes).
 
-        They are central; nearer than a step to an end of the box they are one-sided, by three points. The error of both
+        They are central, or one-sided with three points if an end of the box is nearer than a step. The error of both
         is of second order in the step.
 
         Args:
-            value: maps a point, (P,), to (n,) values.
-            point: (P,).
-            part: of the box by which the point is moved.
-            axes: places of the parameters; None for all.
+            value: function of a point, (P,), with (n,) values.
+            point: point of the box, (P,).
+            part: step over the size of the box.
+            axes: indices of the parameters; None for all.
         """
         columns = []
         for place in range(point.size) if axes is None else axes:
             step = part * (self.upper[place] - self.lower[place])
             total: Any = 0.0
             for steps, weight in self._weights(point[place], step, place):
-                moved = point.copy()
-                moved[place] += steps * step
-                total = total + weight * value(moved)
+                nearby = point.copy()
+                nearby[place] += steps * step
+                total = total + weight * value(nearby)
             columns.append(total / step)
         return np.stack(columns, axis=1)
 
     def _weights(self, here: float, step: float, place: int) -> tuple[tuple[float, float], ...]:
-        """Steps and weights of the parabola through points inside the box, whose slope at the first is sought."""
+        """Steps and weights of the derivative, at ``here``, of the parabola through points inside the box."""
         if here - step < self.lower[place]:
             return ((0, -1.5), (1, 2.0), (2, -0.5))
         if here + step > self.upper[place]:
@@ -139,16 +139,16 @@ class ParameterSpace:
 
     @property
     def middle(self) -> np.ndarray:
-        """The middle of the box, (P,), for the caller to change."""
+        """Middle of the box, (P,), a new array."""
         return np.mean([self.lower, self.upper], axis=0)
 
     def point(self, mu: Any) -> np.ndarray:
-        """Turn a number, a sequence or a mapping by name into a checked point, shape (P,).
+        """Convert a number, a sequence or a mapping by name to a checked point, (P,).
 
         Raises:
             ParameterError: for a wrong length, a missing name, NaN, or a value outside the box.
         """
-        if not isinstance(mu, np.ndarray) and isinstance(mu, Mapping):  # the second question takes its time
+        if not isinstance(mu, np.ndarray) and isinstance(mu, Mapping):  # the second test is slow
             if set(self.names) ^ set(mu):
                 raise ParameterError(self._misnamed(mu))
             mu = [mu[name] for name in self.names]
@@ -166,11 +166,11 @@ class ParameterSpace:
         return point
 
     def _misnamed(self, given: Mapping) -> str:
-        """What is missing and what is too much of values by name."""
+        """Message of missing and unknown names."""
         missing = [f"{name!r} is missing" for name in self.names if name not in given]
         unknown = [f"{name!r} is unknown" for name in sorted(given, key=str) if name not in self.names]
-        told = ", ".join(missing + unknown)
-        return f"{told}: the names do not match {self.names}: give each of these a value, and no other"
+        faults = ", ".join(missing + unknown)
+        return f"{faults}: the names do not match {self.names}: give each of these a value, and no other"
 
     def _complaint(self, point):
         strange = [f"{name} = {value:g}" for name, value in zip(self.names, point, strict=True)
@@ -194,10 +194,10 @@ class ParameterSpace:
         return ", ".join(f"{name} = {value:g}" for name, value in zip(self.names, point, strict=True))
 
     def points(self, table: Any) -> np.ndarray:
-        """Turn a table with one row per point into checked points, (S, P); with one parameter (S,) will do.
+        """Convert a table with one row per point to checked points, (S, P); with one parameter also (S,).
 
         Raises:
-            ParameterError: for another shape, what is no number, or a value outside the box.
+            ParameterError: for another shape, values that are no numbers, or a value outside the box.
         """
         try:
             points = np.array(table, dtype=float)
@@ -211,14 +211,14 @@ class ParameterSpace:
                 f"points have the shape {points.shape}: give one row per point and one column for each of {self.names}"
             )
         low, high = np.transpose(self._box)
-        inside = ((points >= low) & (points <= high)).all(axis=1)  # NaN is not
+        inside = ((points >= low) & (points <= high)).all(axis=1)  # False for NaN
         if not inside.all():
             row = int((~inside).argmax())
             raise ParameterError(f"row {row}: {self._complaint(points[row])}")
         return points
 
     def grid(self, counts: Sequence[int]) -> np.ndarray:
-        """Regular grid with ``counts`` points along each parameter, shape (prod(counts), P).
+        """Regular grid with ``counts`` points along each parameter, (prod(counts), P).
 
         Raises:
             ParameterError: if there is not one positive count for each parameter.
@@ -232,7 +232,7 @@ class ParameterSpace:
         return np.stack([axis.ravel() for axis in np.meshgrid(*axes, indexing="ij")], axis=1)
 
     def random(self, count: int, seed: int) -> np.ndarray:
-        """Uniform random points of the box, shape (count, P), the same for the same seed.
+        """Uniform random points of the box, (count, P), the same for the same seed.
 
         Raises:
             ParameterError: if the count is not positive or the seed negative.
@@ -245,9 +245,9 @@ class ParameterSpace:
         return np.random.default_rng(seed).uniform(self.lower, self.upper, (count, len(self.names)))
 
     def lines(self, places: Sequence[int], count: int = 3) -> np.ndarray:
-        """Points on lines along some parameters, by which formulas are held against what is read into them, (n, P).
+        """Points on lines along some parameters, at which formulas are checked, (n, P).
 
-        There are ``LINE`` points on each; the first of ``count`` lines runs through the middle, others lie anywhere.
+        Each line has ``LINE`` points; the first of ``count`` lines runs through the middle, the others are random.
         """
         ends = np.array([self.lower, self.upper], dtype=float)
         middle = ends.mean(axis=0)

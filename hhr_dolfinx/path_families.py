@@ -1,7 +1,7 @@
-"""Families of paths: histories as values with a name and parameters of their own, drawn from a sampling like points.
+"""Families of load paths with a name and family parameters, drawn from a sampling like points.
 
-A family says where its paths start and by which legs they go on. What it says are formulas of its own parameters, such
-as a height, a hold, a pace: texts that are parsed and never executed, see :mod:`hhr_dolfinx.formulas`.
+A family defines the start of its paths and their legs by formulas of the family parameters, such as a load level, a
+hold time or a rate. Formulas are texts that are parsed and never executed, see :mod:`hhr_dolfinx.formulas`.
 """
 
 from __future__ import annotations
@@ -20,29 +20,29 @@ from hhr_dolfinx.formulas import Scalar, box_samples, formula_of
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 
 Targets = Mapping[str, float | str] | tuple[tuple[str, float | str], ...]
-"""Numbers or formulas of the own parameters, by the names of parameters of the scene."""
+"""Numbers or formulas of the family parameters, by the names of parameters of the scene."""
 
 NOTHING = 1e-12
-"""Fraction of the longest leg, and of a parameter's range, that is round-off of a formula that was to be zero."""
+"""Fraction of the longest leg, and of a parameter's range, below which the value of a formula counts as zero."""
 MOST_STEPS = 100_000
 LEAST_PART = 0.1
-"""Smallest share of a load that training looks at."""
+"""Smallest fraction of a load in training paths."""
 
 
 @runtime_checkable
 class Sampling(Protocol):
-    """What paths are drawn from: ``Sobol``, ``LatinHypercube``, or an object of your own."""
+    """Interface of a sampling: ``Sobol``, ``LatinHypercube``, or a user-defined object."""
 
     def points(self, space: ParameterSpace) -> np.ndarray:
         """Points of a box, (n, P)."""
 
 
 class NamedPath(list[tuple[float, np.ndarray]]):
-    """A path, a list of times in s and parameters (P,), that knows what it is called and where it was drawn.
+    """A load path, a list of times in s and parameters, (P,), with a name and its family parameters.
 
     Attributes:
-        name: of its family, with the values; it labels the path in reports.
-        values: own parameters of the family by name.
+        name: name of the family, with the values; it labels the path in reports.
+        values: family parameters by name.
     """
 
     def __init__(self, pairs: Iterable[tuple[float, np.ndarray]], name: str, values: Mapping[str, float]):
@@ -52,7 +52,7 @@ class NamedPath(list[tuple[float, np.ndarray]]):
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, NamedPath):
-            return False  # a list would compare arrays as truth values
+            return False  # a list would use comparisons of arrays as booleans
         alike = (self.name, self.values, len(self)) == (other.name, other.values, len(other))
         return alike and all(
             time == there and np.array_equal(point, target)
@@ -73,13 +73,13 @@ class Leg:
     """A part of a path along which parameters of the scene change linearly in time.
 
     Attributes:
-        to: where it ends, by the names of parameters of the scene: numbers or formulas of the family's own parameters.
-            What is not named stays as it is.
-        seconds: how long it takes, a number or a formula. A leg that takes no time is left out.
-        steps: of equal length; the value of a formula is rounded, and at least one.
+        to: values at its end, by the names of parameters of the scene: numbers or formulas of the family parameters.
+            Other parameters do not change.
+        seconds: duration in s, a number or a formula. A leg of no duration is left out.
+        steps: number of equal steps; the value of a formula is rounded, and at least one.
 
     Raises:
-        SceneError: for what is neither a number nor a formula, negative seconds, and invalid steps.
+        SceneError: for values that are neither numbers nor formulas, negative seconds, and invalid steps.
     """
 
     to: Targets
@@ -101,19 +101,19 @@ class Leg:
 
 @dataclass(frozen=True)
 class PathFamily:
-    """Paths of one kind, a value for each point of a box of their own parameters.
+    """Load paths of one kind, one for each point of a box of family parameters.
 
     Attributes:
-        name: of the family.
-        space: parameters of the scene, ``scene.parameters``, in whose order points of a path are.
-        own: the family's own parameters; formulas may name these and no others.
-        start: where paths start, at time 0: every parameter of the scene, as a number or a formula.
-        legs: how they go on, one behind the other.
+        name: name of the family.
+        space: parameters of the scene, ``scene.parameters``, which define the order of a path's points.
+        own: family parameters; formulas may name these and no others.
+        start: values of all parameters of the scene at time 0, numbers or formulas.
+        legs: legs of the paths in their order.
 
     Raises:
-        SceneError: for an unknown name, a parameter of the scene without a start, a formula that names what is no own
-            parameter, and where a path somewhere in the box of the own parameters is none: a point outside the box of
-            the scene, a negative duration, what is not finite.
+        SceneError: for an unknown name, a parameter of the scene without a start, a formula of unknown names, and an
+            invalid path anywhere in the box of the family parameters: a point outside the box of the scene, a negative
+            duration, a value that is not finite.
 
     Example:
         >>> space = ParameterSpace(("load", "gap"), (0.0, 0.0), (450.0, 0.02))
@@ -143,12 +143,12 @@ class PathFamily:
         if not legs or not all(isinstance(leg, Leg) for leg in legs):
             raise SceneError(f"legs = {self.legs!r} of the family '{self.name}' must be a tuple of one Leg or more")
         object.__setattr__(self, "legs", legs)
-        with _said_of(self._title):
+        with _naming(self._title):
             object.__setattr__(self, "start", _targets("the start", self.start))
             missing = [name for name in self.space.names if name not in dict(self.start)]
             if missing:
                 raise SceneError(f"the start says nothing of {', '.join(missing)}: give a value of each parameter")
-            self._formulas  # noqa: B018 (unknown names are refused where they are written)
+            self._formulas  # noqa: B018 (unknown names are reported where they are written)
         for point in box_samples(self.own):
             try:
                 self._corners(point)
@@ -156,13 +156,13 @@ class PathFamily:
                 raise SceneError(f"{error}; or narrow the box of the family's own parameters") from None
 
     def path(self, point: Any) -> NamedPath:
-        """The path of a point of the own parameters: a sequence, (P_own,), or a mapping by name.
+        """Path of a point of the family parameters, a sequence, (P_own,), or a mapping by name.
 
         Raises:
-            ParameterError: for a point outside the family's own box, or where the path leaves the box of the scene or
-                its times do not increase.
+            ParameterError: for a point outside the box of the family, or a path that leaves the box of the scene or
+                whose times do not increase.
         """
-        with _said_of(self._title):
+        with _naming(self._title):
             values = self.own.point(point)
         start, *ends = self._corners(values)
         time = 0.0
@@ -176,7 +176,7 @@ class PathFamily:
                     f"path '{self._called(values)}': times must increase, and {end.steps} steps in {end.seconds:g} s "
                     f"are lost behind {time:g} s. Make the legs more alike"
                 )
-            # what does not change stays the same to the last bit, and each leg ends where the next begins
+            # constant values stay the same to the last bit, and each leg ends exactly at the start of the next one
             targets = [here + (end.target - here) * share for share in shares[:-1]] + [end.target]
             pairs += zip(times.tolist(), targets, strict=True)
             time = float(times[-1])
@@ -184,12 +184,12 @@ class PathFamily:
         return NamedPath(pairs, self._called(values), dict(zip(self.own.names, values.tolist(), strict=True)))
 
     def paths(self, drawn: Sampling | np.ndarray) -> list[NamedPath]:
-        """Paths of a sampling, such as ``Sobol(12)``, or of points of the own parameters, (n, P_own).
+        """Paths of a sampling, such as ``Sobol(12)``, or of points of the family parameters, (n, P_own).
 
         Raises:
-            ParameterError: as :meth:`path` does, and for what is neither.
+            ParameterError: as :meth:`path`, and for other objects.
         """
-        with _said_of(self._title):
+        with _naming(self._title):
             table = drawn
             if isinstance(drawn, Sampling) and not isinstance(drawn, type):
                 table = drawn.points(self.own)
@@ -197,19 +197,19 @@ class PathFamily:
         return [self.path(point) for point in points]
 
     def training(self, count: int, seed: int = 1) -> list[NamedPath]:
-        """Paths to train on: corners of the own parameters first, then points inside, every other one at a part load.
+        """Training paths: corners of the family parameters, then points inside, every other one at a part load.
 
-        What flows most does so at corners, which points inside never reach: on two rollers 5 % of all paths, with
-        forces 31 to 46 % wrong, were one corner. And what stays when a part of a load is gone is no part of what stays
-        behind the whole: a model that knows full loads alone is wrong by half. Up to half of the paths are corners:
-        all of them, or as many as there is room for, in which each parameter is about as often at either end.
-        Part loads are shares of the way from the start, from 0.1 on, evenly in their logarithm, at whole loads' paces.
+        The largest plastic strains occur at corners, which points inside never reach: on two rollers 5 % of all paths,
+        with errors of forces of 31 to 46 %, were near one corner. Residual states after a part load are not fractions
+        of those after the full load: a model trained on full loads alone has errors of 50 %. Up to half of the paths
+        are corners: all of them, or as many as fit, with each parameter about equally often at either end. Part loads
+        are fractions of the way from the start, from 0.1 on, uniform in their logarithm, at the rates of full loads.
 
-        To test on, draw from a sampling: ``family.paths(Sobol(20, seed=2))``.
+        For tests, draw from a sampling: ``family.paths(Sobol(20, seed=2))``.
 
         Args:
             count: number of paths; powers of 2 are best.
-            seed: of what is drawn.
+            seed: seed of the sampling.
 
         Raises:
             ParameterError: for an invalid count or seed, and as :meth:`path`.
@@ -234,10 +234,10 @@ class PathFamily:
 
     @cached_property
     def _formulas(self) -> tuple[_Formulas, ...]:
-        """Of the start, then of each leg."""
+        """Formulas of the start, then of each leg."""
 
         def scalar(what: str, value: float | str) -> Scalar:
-            with _said_of(what):
+            with _naming(what):
                 return Scalar(formula_of(value, what).text, self.own.names)
 
         def formulas(what: str, to: Targets, seconds: float | str, steps: int | str) -> _Formulas:
@@ -251,8 +251,8 @@ class PathFamily:
         return formulas("the start", self.start, 0.0, 1), *legs
 
     def _corners(self, values: np.ndarray) -> list[_Corner]:
-        """The start and the ends of the legs that take time, for own parameters (P_own,)."""
-        with _said_of(f"path '{self._called(values)}'"):
+        """The start, and the ends of legs with a duration, for family parameters, (P_own,)."""
+        with _naming(f"path '{self._called(values)}'"):
             return list(self._corners_of(values))
 
     def _corners_of(self, values: np.ndarray) -> Iterator[_Corner]:
@@ -280,9 +280,9 @@ class PathFamily:
                 raise ParameterError(f"leg {k} takes no time and changes {changed}: give it a duration")
 
     def _target(self, where: str, leg: _Formulas, values: np.ndarray, before: Mapping[str, float]) -> np.ndarray:
-        """The point of the scene where a leg ends, (P,); what it does not name is as before."""
+        """Point of the scene at the end of a leg, (P,); parameters that it does not name are as before."""
         found = {name: _value(f"{name} at {where}", scalar, values) for name, scalar in leg.to.items()}
-        with _said_of(f"{where} is outside the box of the scene"):
+        with _naming(f"{where} is outside the box of the scene"):
             return self.space.point({**before, **found})
 
     @property
@@ -297,19 +297,19 @@ def _drawn(dimension: int, count: int, seed: int) -> np.ndarray:
     """Scrambled Sobol points of the unit cube, (count, dimension)."""
     from scipy.stats import qmc
 
-    whole = 1 << (count - 1).bit_length()  # balanced; other counts take the first of them
+    whole = 1 << (count - 1).bit_length()  # a power of 2 is balanced; other counts take its first points
     return qmc.Sobol(dimension, seed=seed).random(whole)[:count]
 
 
 def _part_of(path: NamedPath, share: float) -> NamedPath:
-    """A path that goes a share of its way from the start, at the same paces."""
+    """Path over a fraction of the way from the start, at the same rates."""
     time, start = path[0]
     pairs = [(time + share * (there - time), start + share * (point - start)) for there, point in path]
     return NamedPath(pairs, f"{share:.2g} of {path.name}", {**path.values, "part": share})
 
 
 class _Formulas(NamedTuple):
-    """Where a leg ends by names, its seconds and its steps."""
+    """Formulas of a leg: values at its end by name, its seconds and its steps."""
 
     to: dict[str, Scalar]
     seconds: Scalar
@@ -317,7 +317,7 @@ class _Formulas(NamedTuple):
 
 
 class _Corner(NamedTuple):
-    """Where a leg ends, (P,), its seconds and its steps."""
+    """End of a leg, (P,), with its seconds and its steps."""
 
     target: np.ndarray
     seconds: float
@@ -325,8 +325,8 @@ class _Corner(NamedTuple):
 
 
 @contextmanager
-def _said_of(what: str) -> Iterator[None]:
-    """Put what errors are about before them."""
+def _naming(what: str) -> Iterator[None]:
+    """Prefix the messages of errors with their subject."""
     try:
         yield
     except (ParameterError, SceneError) as error:
@@ -334,8 +334,8 @@ def _said_of(what: str) -> Iterator[None]:
 
 
 def _value(what: str, scalar: Scalar, values: np.ndarray) -> float:
-    """A formula at a point; ParameterError where it is not finite."""
-    with _said_of(f"{what} = {scalar.text}"):
+    """Value of a formula at a point; ParameterError if it is not finite."""
+    with _naming(f"{what} = {scalar.text}"):
         found = scalar.value(values)
         if not math.isfinite(found):
             raise ParameterError(f"is {found:g}, and must be finite: correct the formula")
@@ -343,12 +343,12 @@ def _value(what: str, scalar: Scalar, values: np.ndarray) -> float:
 
 
 def _kept(what: str, value: Any) -> float | str:
-    """A number or the text of a formula; SceneError for what is neither."""
+    """A number or the text of a formula; SceneError for other values."""
     return float(value) if is_number(value) else formula_of(value, what).text
 
 
 def _targets(what: str, given: Any) -> tuple[tuple[str, float | str], ...]:
-    """Pairs of names and values of a mapping, or of such pairs."""
+    """Pairs of names and values, from a mapping or from such pairs."""
     try:
         pairs = tuple((name, value) for name, value in (given.items() if isinstance(given, Mapping) else given))
     except (TypeError, ValueError):

@@ -1,14 +1,14 @@
-"""Values as plain data: how models, laws and outputs, a user's own too, are kept in files that execute nothing.
+"""Values as plain data: models, laws and outputs, user-defined ones too, in files that execute nothing.
 
-A value is a frozen dataclass, or a model that names what it is made of in ``kept``, of numbers, strings, truth values,
-arrays, sparse matrices, tuples and other such values. It becomes a tree that JSON can hold, in which each value is the
-name of its class and its fields, and arrays by their paths in this tree. Whoever reads says which classes may come
-out; fields must be of the types, arrays of the sizes that these classes declare, see :mod:`hhr_dolfinx.declared`.
-Equal arrays come back as one: they are not to be written into.
+A value is a frozen dataclass, or a model that names its parts in ``kept``, of numbers, strings, booleans, arrays,
+sparse matrices, tuples and other such values. It becomes a JSON tree, in which each value is the name of its class and
+its fields, and arrays by their paths in this tree. The reader gives the classes that a file may contain. Fields must
+have the types, and arrays the sizes, that these classes declare, see :mod:`hhr_dolfinx.declared`. Equal arrays are
+restored as one object and must not be modified.
 
-A class may have ``faults(sizes)``, which yields what is wrong with a value beyond that, given the sizes of its model
-by name, and ``from_file(**fields)``, by which it is made in the place of its constructor. One that ``has_own_sizes`` is
-a model, whose sizes are not those of what it is part of.
+A class may have ``faults(sizes)``, which yields further faults of a value, given the sizes of its model by name, and
+``from_file(**fields)``, which replaces the constructor. A class with ``has_own_sizes`` is a model whose sizes are
+independent of the object that contains it.
 """
 
 from __future__ import annotations
@@ -27,17 +27,17 @@ from hhr_dolfinx.declared import TYPES, Sizes, annotations_of, declared_array, f
 from hhr_dolfinx.errors import FileContentError, MissingPackageError, ModelFileError
 
 ARRAY_TYPES = (np.dtype("<f8"), np.dtype("<i8"), np.dtype("<i4"), np.dtype("?"))
-"""Kinds of numbers that arrays in files have."""
+"""Kinds of numbers of arrays in files."""
 DEEPEST = 16
-"""Levels of tuples and values within each other: damaged files must not exhaust the stack."""
+"""Largest depth of nested tuples and values: damaged files must not exhaust the stack."""
 SPARSE = {"csc": csc_matrix, "csr": csr_matrix}
 SMALL = 64
-"""Entries of an array below which it is not worth looking whether most are zero."""
+"""Number of entries below which an array is not checked for zeros."""
 MOST_DIMENSIONS = 32
-"""Of an array, as numpy had them for long."""
+"""Largest number of dimensions of an array, as in numpy 1."""
 ZEROS_PER_ENTRY = 100
 FREE_ZEROS = 2**24
-"""How many zeros a file may leave out, for each entry that it holds and in all: no small file fills the memory."""
+"""Largest number of omitted zeros, per stored entry and in total, so that no small file fills the memory."""
 
 _REMEDY = (
     "what goes into a file must be a frozen dataclass, `@dataclass(frozen=True)`, whose fields are finite numbers, "
@@ -49,13 +49,13 @@ _SHOWN = 60
 
 _NO_KINDS: Mapping[str, type] = MappingProxyType({})
 CODE = MappingProxyType({"kept": False})
-"""Metadata of a field that is code, which no file holds: it has a default."""
+"""Metadata of a field that is code, which files omit: it has a default."""
 OF_THE_MESH = MappingProxyType({"kept": False, "copied": False})
-"""Metadata of a field that needs a mesh, which belongs to one process: copies do not have it either."""
+"""Metadata of a field that needs a mesh, which belongs to one process: files and copies omit it."""
 
 
 class Rebuilt:
-    """A dataclass whose values are copied and pickled by their fields: caches, factors and locks stay behind."""
+    """A dataclass that is copied and pickled by its fields, without caches, factors and locks."""
 
     def __reduce__(self) -> tuple:
         fields = [item for item in dataclasses.fields(self) if item.init and item.metadata.get("copied", True)]  # type: ignore[arg-type]
@@ -63,23 +63,23 @@ class Rebuilt:
 
 
 def rebuilt(kind: Any, arguments: Mapping[str, Any]) -> Any:
-    """A value made of its arguments again."""
+    """Make a value from its arguments."""
     return kind(**arguments)
 
 
 def as_plain(value: object, known: Mapping[str, type] = _NO_KINDS) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """A value as a tree that JSON can hold, and its arrays by path.
+    """A value as a JSON tree, and its arrays by path.
 
-    It is rebuilt once, so that what is written can be read back as the same value. Equal arrays are kept once, and of
-    arrays that are mostly zero what is not.
+    The value is rebuilt once, as a check that the written data restore the same value. Equal arrays are stored once;
+    sparse arrays are stored without zeros.
 
     Args:
-        value: what to keep.
-        known: classes that whoever reads knows by their names anyway, which no other class may have.
+        value: value to store.
+        known: classes that every reader has, by name; no other class may have these names.
 
     Raises:
-        ModelFileError: for two classes of one name.
-        FileContentError: for what is no such value, or what its class would not take back, with what to do.
+        ModelFileError: for two classes of the same name.
+        FileContentError: for other objects, or values that their class would not accept again, with advice.
     """
     if not _is_kind(type(value)):
         raise FileContentError(f"{_shown(value)} cannot be kept: {_REMEDY}")
@@ -100,23 +100,24 @@ def as_plain(value: object, known: Mapping[str, type] = _NO_KINDS) -> tuple[dict
 
 
 def restored(tree: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type]) -> Any:
-    """Build a value from what :func:`as_plain` returned; tuples may have become lists, as in JSON.
+    """Build a value from the result of :func:`as_plain`; tuples may have become lists, as in JSON.
 
-    Nothing that the tree names is looked up anywhere but in ``kinds``, the classes that may be built by name.
+    Names in the tree are looked up in ``kinds`` only, the classes by name.
 
     Raises:
-        ModelFileError: if a class is unknown, with what to do.
+        ModelFileError: if a class is unknown, with advice.
         FileContentError: for fields that are missing, unknown, of the wrong type or size, not finite, or refused by
-            their class, and for arrays that nothing names.
+            their class, and for arrays without a field.
     """
     return _Reader(arrays, kinds).whole(tree)
 
 
 def by_name(classes: Iterable[type]) -> dict[str, type]:
-    """Classes by their names, as :func:`restored` wants them.
+    """Classes by name, for :func:`restored`.
 
     Raises:
-        ModelFileError: for what is no dataclass, and for two classes of one name, which no file could tell apart.
+        ModelFileError: for an object that is no dataclass, and for two classes of the same name, which a file cannot
+            distinguish.
     """
     named: dict[str, type] = {}
     for kind in classes:
@@ -127,10 +128,10 @@ def by_name(classes: Iterable[type]) -> dict[str, type]:
 
 
 def add_kind(named: dict[str, type], kind: type) -> None:
-    """Add a class to those that may come out of a file.
+    """Add a class to those that a file may contain.
 
     Raises:
-        ModelFileError: if another one has its name.
+        ModelFileError: if another class has its name.
     """
     if (other := named.setdefault(kind.__name__, kind)) is not kind:
         raise ModelFileError(
@@ -140,21 +141,21 @@ def add_kind(named: dict[str, type], kind: type) -> None:
 
 
 def _is_kind(kind: Any) -> bool:
-    """Whether a class is a frozen dataclass, or names what its values are made of."""
+    """True for a frozen dataclass, and for a class that names its parts in ``kept``."""
     parameters = getattr(kind, "__dataclass_params__", None)
     frozen = parameters is not None and parameters.frozen
     return isinstance(kind, type) and (frozen or bool(getattr(kind, "kept", ())))
 
 
 def _same(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> bool:
-    """Whether arrays are the same to the last bit."""
+    """True if arrays are equal to the last bit."""
     return one.keys() == other.keys() and all(
         array.dtype == other[name].dtype and np.array_equal(array, other[name]) for name, array in one.items()
     )
 
 
 class _Writer:
-    """Takes a value apart; its arrays by path, and the classes of what it holds by name."""
+    """Conversion of a value to a tree, with its arrays by path and its classes by name."""
 
     def __init__(self, known: Mapping[str, type]) -> None:
         self._known = known
@@ -163,7 +164,7 @@ class _Writer:
         self._first: dict[tuple, str] = {}
 
     def tree(self, value: Any, path: str, depth: int, declared: Any = None) -> Any:
-        """A value as what JSON can hold."""
+        """A value as JSON data."""
         _check_depth(path, depth)
         if isinstance(value, np.ndarray):
             return self._array(path, value, declared)
@@ -185,7 +186,7 @@ class _Writer:
         return {"kind": kind.__name__, "fields": fields}
 
     def _array(self, path: str, array: np.ndarray, declared: Any = None) -> dict[str, Any]:
-        """Where an array lies: its own path, or that of the first one that is the same."""
+        """Reference to an array: its path, or that of the first equal one."""
         array = _of_type(path, _checked_array(path, array), declared)
         if not (array.flags.c_contiguous or array.flags.f_contiguous):
             array = array.copy()
@@ -198,7 +199,7 @@ class _Writer:
         if first == path:
             if dense:
                 self.arrays[path] = array
-            else:  # zeros with a sign are kept too
+            else:  # negative zeros are stored too
                 places = np.flatnonzero(flat.view(np.int64))
                 self.arrays |= {f"{path}.places": places, f"{path}.values": flat[places]}
         return {"array": first} if dense else {"array": first, "shape": list(array.shape), "order": order}
@@ -209,7 +210,7 @@ _PARTS = ("data", "indices", "indptr")
 
 
 class _Reader:
-    """Puts values together from a tree, arrays and the classes that may come out."""
+    """Construction of values from a tree, arrays and the classes that the file may contain."""
 
     def __init__(self, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type]):
         self.arrays = arrays
@@ -219,7 +220,7 @@ class _Reader:
         self._used: set[str] = set()
 
     def whole(self, tree: Any) -> Any:
-        """The value of a tree, which must name all arrays."""
+        """Value of a tree, which must refer to all arrays."""
         if not (isinstance(tree, Mapping) and "kind" in tree):
             raise FileContentError(f"{_shown(tree)} must have a kind and fields")
         sizes = Sizes()
@@ -229,7 +230,7 @@ class _Reader:
         return value
 
     def value(self, data: Any, path: str, sizes: Sizes, depth: int) -> Any:
-        """The value of a part of the tree."""
+        """Value of a part of the tree."""
         _check_depth(path, depth)
         if isinstance(data, list | tuple):
             return tuple(self.value(item, f"{path}.{k}", sizes, depth + 1) for k, item in enumerate(data))
@@ -246,7 +247,7 @@ class _Reader:
         raise FileContentError(f"{path or 'the value'} is {_shown(data)}, which must have a kind and fields")
 
     def _object(self, name: Any, given: Mapping, path: str, sizes: Sizes, depth: int) -> Any:
-        """A value of a class, from its fields."""
+        """Value of a class, from its fields."""
         kind = self._kind(name)
         whole = getattr(kind, "has_own_sizes", False)
         own = Sizes(whole=True) if whole else sizes.of_part()
@@ -264,9 +265,9 @@ class _Reader:
         try:
             made = getattr(kind, "from_file", kind)(**fields)
             faults = list(made.faults(own.shared)) if hasattr(kind, "faults") else []
-        except MissingPackageError:  # nothing is wrong with the file
+        except MissingPackageError:  # the file is valid
             raise
-        except Exception as error:  # a class of a user's own may raise anything
+        except Exception as error:  # a user-defined class may raise anything
             why = f"{name} refuses {_shown(fields)} with {type(error).__name__}: {error}"
             raise FileContentError(f"{path or 'the value'}: {why}") from error
         if faults:
@@ -284,7 +285,7 @@ class _Reader:
         return self.kinds[name]
 
     def _field(self, value: Any, name: str, path: str, node: Any, sizes: Sizes) -> Any:
-        """A field that is of its declared type, kind and size."""
+        """Value of a field, checked for its declared type, kind and size."""
         if not fits(value, node, self.kinds):
             formula = isinstance(value, str) and shown(node) == "float"
             remedy = ": declare it float | str, if it may be a formula" if formula else ""
@@ -304,7 +305,7 @@ class _Reader:
         return _checked_array(key, self.arrays[key])
 
     def _with_zeros(self, key: Any, shape: Any, order: Any) -> np.ndarray:
-        """An array of which a file keeps what is not zero; the same one wherever it is named again."""
+        """Array that a file stores without zeros; every reference gives the same object."""
         places = self._array(f"{key}.places")
         values = self._array(f"{key}.values")
         if not _is_shape(shape) or order not in ("C", "F"):
@@ -333,7 +334,7 @@ class _Reader:
         if not _is_shape(shape) or len(shape) != 2 or form not in SPARSE or kinds != "fii":
             raise FileContentError(f"{path} is no sparse matrix of floating-point numbers")
         values, indices, starts = parts
-        # scipy looks at the last of the starts alone before it follows them all
+        # scipy checks only the last of the starts before it uses all of them
         if not (
             starts.size
             and starts[0] == 0
@@ -350,7 +351,7 @@ class _Reader:
 
 
 def _of_type(path: str, array: np.ndarray, declared: Any) -> np.ndarray:
-    """An array of the kind that is declared for it."""
+    """An array converted to its declared kind."""
     wanted = TYPES.get(declared.kind) if declared is not None else None
     if wanted is None or array.dtype == wanted:
         return array
@@ -360,7 +361,7 @@ def _of_type(path: str, array: np.ndarray, declared: Any) -> np.ndarray:
 
 
 def _checked_array(path: str, array: np.ndarray) -> np.ndarray:
-    """An array that a file may hold."""
+    """An array, checked for use in a file."""
     if type(array) is not np.ndarray or array.dtype not in ARRAY_TYPES or not np.isfinite(array).all():
         kind = getattr(array, "dtype", type(array).__name__)
         raise FileContentError(f"{path} has the type {kind} or is not finite: {_REMEDY}")
@@ -368,7 +369,7 @@ def _checked_array(path: str, array: np.ndarray) -> np.ndarray:
 
 
 def _is_shape(shape: Any) -> bool:
-    """Whether it is one of an array."""
+    """True for a valid shape of an array."""
     return (
         isinstance(shape, list | tuple)
         and len(shape) <= MOST_DIMENSIONS
@@ -377,13 +378,13 @@ def _is_shape(shape: Any) -> bool:
 
 
 def _check_depth(path: str, depth: int) -> None:
-    """Refuse what nests too deep."""
+    """Refuse values that are nested too deep."""
     if depth > DEEPEST:
         raise FileContentError(f"{path[:_SHOWN]} nests more than {DEEPEST} tuples or values")
 
 
 def _scalar(path: str, value: object) -> bool | int | float | str | None:
-    """A number, string, truth value or None; numbers of numpy become Python's own."""
+    """A number, string, boolean or None; numbers of numpy become those of Python."""
     plain: Any = value.item() if isinstance(value, np.generic) else value
     if plain is None or type(plain) in (bool, str) or (type(plain) is float and math.isfinite(plain)):
         return plain
@@ -393,9 +394,9 @@ def _scalar(path: str, value: object) -> bool | int | float | str | None:
 
 
 def _shown(value: object) -> str:
-    """Begin of a value, for messages."""
+    """Beginning of a value, for messages."""
     try:
         text = " ".join(repr(value).split())
-    except Exception:  # of a class of a user's own, or nested too deep
+    except Exception:  # a user-defined class, or too deep nesting
         text = f"a {type(value).__name__}"
     return text if len(text) <= _SHOWN else text[:_SHOWN] + "..."

@@ -1,8 +1,8 @@
-"""Failures on several ranks: no rank waits for one that is gone.
+"""Failures on several ranks: no rank waits for one that has failed.
 
-A rank that raises leaves the section in which the others wait for it. Where each rank works for itself, the failures
-are shared behind the section, and all ranks raise. Where the ranks work together the others may be blocked in MPI
-already; then the reason is printed and the whole run ended.
+A rank that raises leaves the section in which the others wait for it. If each rank works independently, the failures
+are exchanged after the section, and all ranks raise. If the section is collective, the other ranks may already be
+blocked in MPI; then the reason is printed and the whole run is aborted.
 """
 
 from __future__ import annotations
@@ -21,18 +21,18 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
 PATIENCE = 3.0
-"""Seconds for which a rank that failed in common work waits for the others to fail as well."""
+"""Seconds for which a rank that failed in a collective section waits for the others to fail as well."""
 
 _POLL = 0.02
 _FORWARDED = 1.0
 
 
 _LAUNCHERS = ("PMI_SIZE", "PMIX_RANK", "OMPI_COMM_WORLD_SIZE", "MPI_LOCALNRANKS", "SLURM_STEP_NUM_TASKS")
-"""Variables of the environment by which launchers tell their processes that there are several."""
+"""Environment variables that launchers set for their processes."""
 
 
 def world() -> Comm | None:
-    """All ranks that a launcher started; None for a process by itself, which needs no MPI and does not load it."""
+    """Communicator of all ranks that a launcher started; None for a single process, which does not load MPI."""
     if "mpi4py.MPI" not in sys.modules and not any(name in os.environ for name in _LAUNCHERS):
         return None
     try:
@@ -43,7 +43,7 @@ def world() -> Comm | None:
 
 
 def share(count: int, number: int, parts: int) -> range:
-    """Places that one of several workers takes of ``count``, neighbours together; its number counts from 0."""
+    """Contiguous share of ``count`` indices for one of ``parts`` workers, with numbers from 0."""
     each, more = divmod(count, parts)
     first = number * each + min(number, more)
     return range(first, first + each + (number < more))
@@ -51,19 +51,19 @@ def share(count: int, number: int, parts: int) -> range:
 
 @contextmanager
 def each_for_itself(comm: Comm, task: str) -> Iterator[None]:
-    """Run a block that each rank works through alone; if it fails on any rank, all ranks raise.
+    """Run a block that each rank executes independently; if it fails on any rank, all ranks raise.
 
-    The rank that failed raises its own exception. The others raise one of the same class if that is one of this
-    package's, and :class:`errors.RankError` if not. Exceptions are told as text: not all of them can be pickled.
+    The rank that failed raises its exception. The others raise one of the same class if it belongs to this package,
+    else :class:`errors.RankError`. Exceptions are exchanged as text, since not all of them can be pickled.
     """
     failure = None
     try:
         yield
-    except BaseException as error:  # an exit too would leave the others waiting
+    except BaseException as error:  # SystemExit too would leave the others waiting
         failure = error
     if comm.size > 1:
-        told = comm.allgather(None if failure is None else (type(failure).__name__, _text(failure)))
-        failed = [(rank, *words) for rank, words in enumerate(told) if words is not None]
+        failures = comm.allgather(None if failure is None else (type(failure).__name__, _text(failure)))
+        failed = [(rank, *words) for rank, words in enumerate(failures) if words is not None]
     if failure is not None:
         raise failure
     if comm.size > 1 and failed:
@@ -72,10 +72,10 @@ def each_for_itself(comm: Comm, task: str) -> Iterator[None]:
 
 
 def shared_out(comm: Comm, count: int, work: Callable[[int], Any], task: str) -> list[Any]:
-    """What the ranks make of so many pieces of work, a part of them each; all of it on every rank. Collective.
+    """Distribute ``count`` tasks over the ranks and gather all results on every rank. Collective.
 
     Raises:
-        HHRError: on all ranks, if a piece failed on one of them, see :func:`each_for_itself`.
+        HHRError: on all ranks, if a task failed on one of them, see :func:`each_for_itself`.
     """
     if comm.size == 1:
         return [work(number) for number in range(count)]
@@ -86,14 +86,14 @@ def shared_out(comm: Comm, count: int, work: Callable[[int], Any], task: str) ->
 
 @contextmanager
 def together(comm: Comm, task: str) -> Iterator[None]:
-    """Run a block in which the ranks wait for each other; if it fails on some ranks only, end the run on all.
+    """Run a collective block; if it fails on some ranks only, abort the run on all.
 
-    What fails on every rank alike, a scene that cannot be built for instance, is raised on every rank.
+    An error on every rank, for instance of a scene that cannot be built, is raised on every rank.
     """
     if comm.size == 1:
         yield
         return
-    # votes must not meet what the block itself sends
+    # a separate communicator, so that votes do not mix with messages of the block
     votes = comm.Dup()
     try:
         yield
@@ -104,7 +104,7 @@ def together(comm: Comm, task: str) -> Iterator[None]:
                 f"on all ranks. {type(error).__name__}: {_text(error)}"
             )
             print(f"{reason}\n{traceback.format_exc()}{reason}", file=sys.stderr, flush=True)
-            # a launcher forwards what is printed a little later, and forgets it once the run is ended
+            # a launcher forwards output with a delay, and drops it when the run is aborted
             Event().wait(_FORWARDED)
             comm.Abort(1)
         votes.Free()
@@ -113,7 +113,7 @@ def together(comm: Comm, task: str) -> Iterator[None]:
 
 
 def _all_arrive(votes: Comm) -> bool:
-    """Whether every rank comes here within :data:`PATIENCE`."""
+    """True if every rank arrives within :data:`PATIENCE`."""
     arrival = votes.Ibarrier()
     pause = Event()
     for _ in range(int(PATIENCE / _POLL)):
@@ -124,13 +124,13 @@ def _all_arrive(votes: Comm) -> bool:
 
 
 def class_of(name: str) -> type[errors.HHRError]:
-    """The class of this package's errors with a name, or the one for all others."""
+    """Error class of this package with a name, or :class:`errors.RankError`."""
     kind = getattr(errors, name, None)
     return kind if isinstance(kind, type) and issubclass(kind, errors.HHRError) else errors.RankError
 
 
 def _text(error: BaseException) -> str:
-    """What an exception says, even if it cannot say it."""
+    """Message of an exception, or a substitute if the message itself fails."""
     try:
         return str(error)
     except Exception:

@@ -1,4 +1,4 @@
-"""Where to train: points of a box that fill it, by scipy's quasi-random sequences."""
+"""Samplings of training points: space-filling points of a box, by scipy's quasi-random sequences."""
 
 from __future__ import annotations
 
@@ -12,12 +12,12 @@ from hhr_dolfinx.parameters import ParameterSpace, is_whole
 
 @dataclass(frozen=True)
 class _Sampling:
-    """What a sampling is told.
+    """Base class of samplings.
 
     Attributes:
         count: number of points.
-        seed: of the scrambling; the same points for the same seed.
-        corners: whether the corners of the box come first, beside ``count``; up to ten parameters.
+        seed: seed of the scrambling; the same points for the same seed.
+        corners: add the corners of the box before the ``count`` points; up to ten parameters.
     """
 
     count: int
@@ -34,7 +34,7 @@ class _Sampling:
             raise ParameterError(f"corners = {self.corners!r} of {type(self).__name__} must be True or False")
 
     def points(self, space: ParameterSpace) -> np.ndarray:
-        """The points, (count, P), behind the corners if these were asked for.
+        """The corners, if requested, followed by the points, (count, P).
 
         Raises:
             ParameterError: for the corners of a box of more than ten parameters.
@@ -54,19 +54,19 @@ class _Sampling:
 
 @dataclass(frozen=True)
 class Sobol(_Sampling):
-    """Scrambled Sobol points: even in all projections; counts that are powers of 2 are best."""
+    """Scrambled Sobol points: uniform in all projections; counts that are powers of 2 are best."""
 
     def _unit(self, dimension: int) -> np.ndarray:
         from scipy.stats import qmc
 
-        # SciPy warns of counts that are no power of 2, which lose balance: no training needs it
+        # SciPy warns of counts that are no power of 2, which lose balance; training does not need it
         whole = 1 << (self.count - 1).bit_length()
         return qmc.Sobol(dimension, seed=self.seed).random(whole)[: self.count]
 
 
 @dataclass(frozen=True)
 class LatinHypercube(_Sampling):
-    """A Latin hypercube: each parameter is even by itself, whatever the count."""
+    """A Latin hypercube: each single parameter is uniform, for any count."""
 
     def _unit(self, dimension: int) -> np.ndarray:
         from scipy.stats import qmc
@@ -76,15 +76,15 @@ class LatinHypercube(_Sampling):
 
 @dataclass(frozen=True)
 class Lattice:
-    """Points of a regular grid, evenly drawn from all of them: they share their coordinates, and many lie on the sides.
+    """Points drawn uniformly from a regular grid: they share coordinates, and many lie on the sides of the box.
 
-    A field that a load causes by itself is then common to many answers, whose differences are those of the contact. On
-    the pellet 150 answers on a grid span what takes 500 elsewhere; so greedy trainings choose from such points.
+    Many answers then have the field of a load in common and differ by contact only. On the pellet 150 answers on a grid
+    span a space that takes 500 answers elsewhere, so that greedy trainings choose from such points.
 
     Attributes:
-        count: number of points, all of the grid if it has fewer.
-        levels: values of each parameter, the bounds among them: one number for all, or one for each.
-        seed: of the drawing.
+        count: number of points, or all of the grid if it has fewer.
+        levels: number of values of each parameter, including the bounds: one number for all, or one for each.
+        seed: seed of the drawing.
     """
 
     count: int
@@ -92,7 +92,7 @@ class Lattice:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        """Refuse invalid counts, with ParameterError."""
+        """Raise ParameterError for invalid counts."""
         levels = self.levels if isinstance(self.levels, tuple) else (self.levels,)
         if not is_whole(self.count, 1) or not is_whole(self.seed, 0) or not all(is_whole(item, 2) for item in levels):
             raise ParameterError(
@@ -101,10 +101,10 @@ class Lattice:
             )
 
     def points(self, space: ParameterSpace) -> np.ndarray:
-        """The points, the corners of the box first as far as there is room for all of them, (n, P).
+        """The points, (n, P), with the corners of the box first if all of them fit.
 
         Raises:
-            ParameterError: for levels of another number of parameters.
+            ParameterError: if ``levels`` has another number of parameters.
         """
         size = len(space.names)
         levels = np.array(self.levels if isinstance(self.levels, tuple) else (self.levels,) * size)
@@ -121,7 +121,7 @@ class Lattice:
         corners = np.zeros((0, levels.size), dtype=np.int64)
         if 2.0**levels.size <= self.count / 4:
             corners = np.indices((2,) * levels.size).reshape(levels.size, -1).T * (levels - 1)
-        # some fall on the same point of the grid
+        # more than needed, since some fall on the same point of the grid
         unit = Sobol(4 * self.count, seed=self.seed)._unit(levels.size)
         drawn = np.vstack([corners, np.minimum((unit * levels).astype(np.int64), levels - 1)])
         _, first = np.unique(drawn, axis=0, return_index=True)

@@ -1,4 +1,4 @@
-"""Scene: geometry, materials, contact pairs, loads and parameter space; the one thing a user writes."""
+"""Scene: geometry, materials, contact pairs, loads and parameter space, the input of a user."""
 
 from __future__ import annotations
 
@@ -35,12 +35,12 @@ class Displacement:
     """Imposed displacement of one component on tagged facets: ``u[component] = amplitude(mu) field(x)``.
 
     Attributes:
-        tag: of the facets.
+        tag: tag of the facets.
         component: 0, 1 or 2.
         amplitude: a number, an :class:`Amplitude`, or a formula of the parameters as text, ``"lift * sin(angle)"``.
-        field: formula of the coordinates as text, named x, y, z, in axisymmetry r, z; None for 1. Those of the mesh as
-            it is given, before any shape moves it. A turn about the axis z is ``Displacement(tag, 0, angle, "-y")`` and
-            ``Displacement(tag, 1, angle, "x")``.
+        field: formula of the coordinates as text, named x, y, z, in axisymmetry r, z; None for 1. Coordinates are those
+            of the given mesh, before any change of shape. A rotation about the axis z is
+            ``Displacement(tag, 0, angle, "-y")`` and ``Displacement(tag, 1, angle, "x")``.
     """
 
     tag: Tag
@@ -66,7 +66,7 @@ class Displacement:
         """Values of the field at points, (n, dim).
 
         Raises:
-            SceneError: for a field that names what is no coordinate, or is not finite somewhere.
+            SceneError: for a field of unknown coordinates, or one that is not finite somewhere.
         """
         assert self.field is not None
         from hhr_dolfinx.shapes import coordinate_names
@@ -85,7 +85,7 @@ class Displacement:
 
     @classmethod
     def clamp(cls, tag: Tag, dimension: int) -> tuple[Displacement, ...]:
-        """All components of the displacement held, of a mesh of a dimension."""
+        """Fix all components of the displacement of a tag, for a mesh of a dimension."""
         return tuple(cls(tag, component) for component in range(dimension))
 
 
@@ -94,8 +94,8 @@ class Opening:
     """An initial gap that depends on parameters: ``amplitude(mu)`` is added to all gaps of a contact pair.
 
     Attributes:
-        contact: place of the pair in ``Scene.contacts``.
-        amplitude: the gap added.
+        contact: index of the pair in ``Scene.contacts``.
+        amplitude: added gap.
     """
 
     contact: int
@@ -111,24 +111,26 @@ class Opening:
 
 @dataclass(frozen=True)
 class Scene:
-    """All that defines one parametric contact problem.
+    """Definition of a parametric contact problem.
 
     Attributes:
-        name: used for files and for the prefix of PETSc options, ``hhr_<name>_``.
+        name: name for files and for the prefix of PETSc options, ``hhr_<name>_``.
         geometry: function of a communicator that returns ``(mesh, cell_tags, facet_tags)``.
         hypothesis: ``plane_strain``, ``plane_stress``, ``axisymmetric`` or ``solid``.
-        bodies: one per cell tag.
+        bodies: bodies, one per cell tag.
         contacts: contact pairs, each a :class:`~hhr_dolfinx.pairings.Pairing`.
         displacements: imposed displacements.
-        loads: each a :class:`~hhr_dolfinx.loads.Load`, such as a pressure, or your own.
-        parameters: the box of the parameters.
+        loads: loads, each a :class:`~hhr_dolfinx.loads.Load`, such as a pressure, or user-defined.
+        parameters: box of the parameters.
         openings: initial gaps that depend on parameters.
         shapes: bodies whose shape depends on parameters, each a :class:`~hhr_dolfinx.shapes.Shape`.
-        outputs: numbers that every model of the scene answers by name, see :mod:`hhr_dolfinx.outputs`.
-        units: of lengths and stresses, for labels and materials by name; None where they are not said.
+        outputs: numbers that every model of the scene returns by name, see :mod:`hhr_dolfinx.outputs`.
+        units: units of lengths and stresses, for labels and materials by name; None if they are not given.
         order: degree of the displacement, 1 or 2; None takes that of the cells of the mesh. With 2 on a mesh of first
             order sides stay straight.
-        parameter_units: units of parameters by name, for labels: ``{"push": "MPa"}``; of others they mean nothing.
+        system: makes a user-defined :class:`~hhr_dolfinx.full_order.system.System` of the arguments of one, for elastic
+            bodies without shapes; None for the elasticity of the bodies. Reductions that cannot read its K refuse it.
+        parameter_units: units of parameters by name, for labels: ``{"push": "MPa"}``; other names are ignored.
     """
 
     name: str
@@ -144,6 +146,7 @@ class Scene:
     outputs: tuple[Output, ...] = ()
     units: Units | None = None
     order: int | None = None
+    system: Callable[..., Any] | None = None
     parameter_units: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self):
@@ -181,6 +184,9 @@ class Scene:
         for body in self.bodies:
             if body.varies:
                 body.check(self.parameters)
+        others = self.shapes or any(body.law is not None for body in self.bodies)
+        if self.system is not None and (not callable(self.system) or others):
+            raise SceneError(f"system = {self.system!r} must make a System, of bodies without laws and shapes")
         self._check_flow()
         self._check_shapes()
         if not self.contacts:
@@ -193,12 +199,12 @@ class Scene:
         self._check_friction()
 
     def _check_parameter_units(self) -> None:
-        """Raise SceneError for units that are no texts, and for misspelt names."""
+        """Raise SceneError for units that are not texts, and for misspelt names."""
         given = self.parameter_units
         if not isinstance(given, Mapping) or not all(isinstance(unit, str) for unit in given.values()):
             raise SceneError(f"parameter_units = {given!r} must be texts by the names of parameters, {{'push': 'MPa'}}")
         bare = [name for name in self.parameters.names if name not in given]
-        for name in given:  # a scene with other parameters than the one that it was made of may have units left over
+        for name in given:  # a copy of a scene with other parameters may have additional units
             near = [] if name in self.parameters.names else difflib.get_close_matches(str(name), bare, n=1)
             if near:
                 raise SceneError(f"parameter_units name '{name}', which is no parameter: is '{near[0]}' meant?")
@@ -225,19 +231,19 @@ class Scene:
         return "\n".join(lines)
 
     def plot(self, path: Any = None) -> Any:
-        """Picture of bodies, contact surfaces, supports and loads, as a figure of matplotlib; nothing is solved.
+        """Plot bodies, contact surfaces, supports and loads, as a figure of matplotlib; nothing is solved.
 
         Args:
-            path: where to save it besides; None for nowhere.
+            path: file to save the figure to; None for none.
 
         Raises:
-            SceneError: if its mesh cannot be made.
+            SceneError: if the mesh cannot be made.
             MissingPackageError: without matplotlib.
         """
         return drawn(self, path)
 
     def opened(self, contact: int, point: np.ndarray) -> float:
-        """What openings add to the gaps of a contact pair, by its place, at a point, (P,)."""
+        """Gap that openings add to a contact pair, given by its index, at a point, (P,)."""
         own = [item.amplitude for item in self.openings if item.contact == contact]
         return sum(amplitude.constant + float(amplitude.row(self.parameters) @ point) for amplitude in own)
 
@@ -252,7 +258,7 @@ class Scene:
         return tuple(law_of(item, f"contact {place} of scene '{self.name}'") for place, item in enumerate(given))
 
     def _check_friction(self) -> None:
-        """Raise SceneError for laws of friction that are none, or leave what they may be somewhere in the box."""
+        """Raise SceneError for invalid laws of friction, and for laws with invalid values somewhere in the box."""
         laws = [(place, law) for place, law in enumerate(self.friction) if law is not None]
         if not laws:
             return
@@ -267,7 +273,7 @@ class Scene:
             )
 
     def _check_flow(self) -> None:
-        """Raise SceneError where bodies flow and more than moduli depends on parameters, or anything on the place."""
+        """Raise SceneError for inelastic bodies with elasticity that varies in space or a ratio that is a formula."""
         others = [body.tag for body in self.bodies if body.uneven]
         if others and any(body.law is not None for body in self.bodies):
             raise SceneError(
@@ -277,7 +283,7 @@ class Scene:
             )
 
     def _check_shapes(self) -> None:
-        """Raise SceneError for shapes of no body, or two of one, and of bodies that flow."""
+        """Raise SceneError for shapes without a body, two shapes of one body, and shapes with inelastic bodies."""
         tags = {body.tag: body for body in self.bodies}
         for place, shape in enumerate(self.shapes):
             shape.check(self.parameters, self.hypothesis)
@@ -298,7 +304,7 @@ class Scene:
 
     @property
     def named(self) -> set[str]:
-        """Parameters that bodies and laws of friction name, beside those of what drives the scene."""
+        """Parameters that bodies and laws of friction name, in addition to those of loads."""
         found: set[str] = set().union(*(shape.variables for shape in self.shapes))
         texts = [text for body in self.bodies for text in (body.young, body.poisson) if isinstance(text, str)]
         laws = [law for law in self.friction if law is not None]
@@ -310,7 +316,7 @@ class Scene:
         return found | {name for text in texts for name in Formula(text).variables}
 
     def _check_places(self):
-        """Raise SceneError for what is listed twice, and for openings of pairs that are missing."""
+        """Raise SceneError for duplicate items, and for openings of missing pairs."""
         seen: dict[Tag, int] = {}
         for place, body in enumerate(self.bodies):
             if seen.setdefault(body.tag, place) != place:
@@ -345,7 +351,7 @@ class Scene:
                 )
 
     def _check_names(self):
-        """Raise SceneError for names of parameters that the box does not have."""
+        """Raise SceneError for unknown names of parameters."""
         driven: tuple[Any, ...] = (*self.displacements, *self.openings, *self.loads)
         for item in driven:
             amplitude: Any = getattr(item, "amplitude", None)
@@ -365,13 +371,13 @@ def _law_of(body: Body) -> str:
 
 
 def _named_in_short(item: Any) -> str:
-    """A support, load or shape by its kind and its tag."""
+    """Kind and tag of a support, load or shape, as text."""
     tag = getattr(item, "tag", None)
     return type(item).__name__ if tag is None else f"{type(item).__name__} of {tag}"
 
 
 def _has(*names):
-    """Test for an object that is no class and has some attributes."""
+    """Make a test for objects that are no classes and have some attributes."""
     return lambda item: not isinstance(item, type) and all(hasattr(item, name) for name in names)
 
 
@@ -384,16 +390,16 @@ _PARTS = (
     ("shapes", "a Shape", _has("coordinates", "moved")),
     ("outputs", "an output with name, unit and prepared, such as LargestPressure", _has("name", "unit", "prepared")),
 )
-"""Fields of a scene that hold several items, what each item must be, and how that is seen."""
+"""Fields of a scene with several items, a description of each item, and its test."""
 
 
 def _holds(item: Any, fits: Callable[[Any], bool]) -> bool:
-    """Whether an item is a list of what is meant, such as all displacements of a clamp."""
+    """True if an item is itself a list of valid items, such as all displacements of a clamp."""
     return isinstance(item, tuple | list) and len(item) > 0 and all(fits(one) for one in item)
 
 
 def _same_pair(one, other) -> bool:
-    """Whether two contact pairs say the same: the same surfaces, and no normals that tell them apart."""
+    """True if two contact pairs are redundant: the same surfaces, and no distinct normals."""
     if set(one.tags) != set(other.tags):
         return False
     first, second = (_direction(getattr(pair, "normal", None)) for pair in (one, other))
@@ -407,7 +413,7 @@ def _same_pair(one, other) -> bool:
 
 
 def _equal(one, other) -> bool:
-    """Equality that pairings with arrays survive."""
+    """Equality that is safe for pairings with arrays."""
     try:
         return one is other or bool(one == other)
     except ValueError:
@@ -415,7 +421,7 @@ def _equal(one, other) -> bool:
 
 
 def _direction(normal) -> np.ndarray | None:
-    """Unit vector of a normal, or None for what is none; pairings complain of these."""
+    """Unit vector of a normal, or None for an invalid one, which the pairing reports."""
     try:
         vector = np.asarray(normal, dtype=float)
     except (TypeError, ValueError):

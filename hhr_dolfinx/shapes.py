@@ -1,7 +1,7 @@
 """Bodies whose shape depends on parameters: a smooth map of a fixed mesh, as formulas of coordinates and parameters.
 
-The mesh keeps its nodes, cells and tags; only coordinates move. What a map does is data, so that a reduced model can
-move its own nodes without a mesh.
+The mesh keeps its nodes, cells and tags; only coordinates change. A map is data, so that a reduced model can map its
+nodes without a mesh.
 """
 
 from __future__ import annotations
@@ -16,12 +16,12 @@ from hhr_dolfinx.formulas import Formula, formula_of
 from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag
 
 NAMES = {"axisymmetric": ("r", "z"), "solid": ("x", "y", "z")}
-"""Names of the coordinates in formulas; elsewhere x and y."""
+"""Names of the coordinates in formulas by hypothesis; x and y for others."""
 
 
 @dataclass(frozen=True)
 class Shape:
-    """How the mesh of one body moves: its new coordinates as formulas of the old ones and of parameters.
+    """Map of the mesh of one body: new coordinates as formulas of the old ones and of parameters.
 
     Attributes:
         tag: cell tag of the body.
@@ -43,7 +43,7 @@ class Shape:
         object.__setattr__(self, "coordinates", formulas)
 
     def check(self, parameters: ParameterSpace, hypothesis: str) -> None:
-        """Raise SceneError for formulas that are too few or name what is neither a parameter nor a coordinate."""
+        """Raise SceneError for missing formulas, and for names that are neither parameters nor coordinates."""
         names = coordinate_names(hypothesis)
         if len(self.coordinates) != len(names):
             raise SceneError(
@@ -61,13 +61,13 @@ class Shape:
 
     @property
     def variables(self) -> set[str]:
-        """All that its formulas name."""
+        """All names in the formulas."""
         return {name for formula in self.coordinates for name in formula.variables}
 
     def moved(self, points: np.ndarray, names: Sequence[str], values: dict[str, float]) -> np.ndarray:
         """New coordinates of points, (n, dim), for parameters by name."""
         given = {**values, **dict(zip(names, points.T, strict=True))}
-        with np.errstate(all="ignore"):  # what is not finite is refused where the mesh is known
+        with np.errstate(all="ignore"):  # the check of the mesh refuses non-finite coordinates
             columns = [np.broadcast_to(formula(given), len(points)) for formula in self.coordinates]
         return np.stack(columns, axis=1).astype(float)
 

@@ -1,9 +1,10 @@
-"""Import ``dolfinx_solver`` before the first import of dolfinx, mpi4py, petsc4py or slepc4py, by whoever it is.
+"""Import ``dolfinx_solver`` before the first import of dolfinx, mpi4py, petsc4py or slepc4py in a process.
 
-The wheel ``dolfinx-solver-real`` has its MPI in its own folder: ``from dolfinx import mesh`` as the first line of a
-program ends with "libmpi.so.12: cannot open shared object file". This package sees to the order once it is imported;
-``python -m hhr_dolfinx.solver_first`` makes an environment see to it always, by a ``.pth`` file and a copy of this one.
-Without the wheel, as with conda and apt, nothing happens. Only Python's own modules are imported: each start runs this.
+The wheel ``dolfinx-solver-real`` has its MPI in its folder: ``from dolfinx import mesh`` as the first line of a program
+fails with "libmpi.so.12: cannot open shared object file". This package ensures the order once it is imported.
+``python -m hhr_dolfinx.solver_first`` ensures it in an environment for every program, by a ``.pth`` file and a copy of
+this file. Without the wheel, as with conda and apt, nothing happens. Only modules of Python are imported, since every
+start of Python runs this.
 """
 
 from __future__ import annotations
@@ -21,9 +22,9 @@ COPY = "hhr_dolfinx_solver_first"
 
 
 class _Loaded:
-    """Hands out a module that was loaded while it was being looked for.
+    """Loader of a module that was already loaded during the search for it.
 
-    The import system would load a second one where the module has a specification, so that it has none meanwhile.
+    The import system would load a module with a specification a second time, so that the module has none meanwhile.
     """
 
     def __init__(self, module: ModuleType):
@@ -36,36 +37,37 @@ class _Loaded:
         return self._module
 
     def exec_module(self, module: ModuleType) -> None:
-        """Nothing but its own specification again: it was executed before."""
+        """Restore the specification; the module was executed before."""
         module.__spec__ = self._own
 
 
 class SolverFirst:
-    """Imports ``dolfinx_solver`` before the first import of what it must come before.
+    """Import hook that imports ``dolfinx_solver`` before the first of the packages that need it.
 
-    A model that is read from a file needs none of these, and starting MPI takes longer than reading the model.
+    It does not import it earlier: a model from a file needs none of these, and starting MPI takes longer than reading
+    the model.
     """
 
     NAMES = frozenset({"dolfinx", "mpi4py", "petsc4py", "slepc4py"})
 
     def find_spec(self, fullname: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
-        """None, so that others find the module; or what is there since ``dolfinx_solver`` has loaded it."""
+        """None, so that other finders continue, or the module if ``dolfinx_solver`` has loaded it."""
         if fullname not in self.NAMES or importlib.util.find_spec("dolfinx_solver") is None:
             return None
-        # returns at once where its own imports come here
+        # returns at once for imports of dolfinx_solver itself
         importlib.import_module("dolfinx_solver")
         module = sys.modules.get(fullname)
         return None if module is None else ModuleSpec(fullname, _Loaded(module), origin=module.__file__)  # type: ignore[arg-type]
 
 
 def install() -> None:
-    """See to the order from now on, in this process."""
+    """Ensure the order in this process."""
     if not any(type(finder).__name__ == SolverFirst.__name__ for finder in sys.meta_path):
         sys.meta_path.insert(0, SolverFirst())
 
 
 def install_for_all(folder: Path) -> Path:
-    """See to the order in each start of the Python whose packages lie in a folder; returns the ``.pth`` file."""
+    """Ensure the order in every start of the Python whose packages are in a folder; return the ``.pth`` file."""
     (folder / f"{COPY}.py").write_text(Path(__file__).read_text(encoding="utf-8"), encoding="utf-8")
     start = folder / f"{COPY}.pth"
     start.write_text(f"import {COPY}; {COPY}.install()\n", encoding="utf-8")

@@ -1,4 +1,4 @@
-"""The only clock of the house: seconds of stages and of queries. The mathematics never reads the time."""
+"""The only clock of the package: seconds of stages and of queries. The mathematics never reads the time."""
 
 from __future__ import annotations
 
@@ -26,25 +26,24 @@ def today() -> str:
 
 
 Announce = Callable[[str, float], None]
-"""Receives the name of a stage and the share of it that is done, 0 when it begins; it may raise to stop the run."""
+"""Function of the name of a stage and the fraction that is done, 0 at the start; it may raise to stop the run."""
 
 
 def unannounced(stage: str, share: float) -> None:
-    """Nobody listens."""
+    """Default of announcements: do nothing."""
 
 
 WARM_UP = 5
-"""Queries before the clock runs."""
+"""Queries before the measurement."""
 FEWEST = 3
-"""Queries of which a median is taken at least, where each takes long."""
+"""Smallest number of long queries for a median."""
 
 
 @dataclass
 class StageLog:
-    """Times of the stages of a run, in seconds; what was left out; attempts that a check refused.
+    """Times of the stages of a run, in seconds, skipped stages, and attempts that a check refused.
 
-    What enters it is told to the logger ``hhr_dolfinx.timing`` too: stages and refusals as INFO, what was left out
-    as DEBUG.
+    Entries also go to the logger ``hhr_dolfinx.timing``: stages and refusals as INFO, skipped stages as DEBUG.
     """
 
     times: dict[str, float] = field(default_factory=dict)
@@ -53,7 +52,7 @@ class StageLog:
 
     @contextmanager
     def stage(self, name: str, announce: Announce = unannounced) -> Iterator[None]:
-        """Time the block under a name, and announce that it begins."""
+        """Time the block under a name, and announce its start."""
         logger.info("%s begins", name)
         announce(name, 0.0)
         start = time.perf_counter()
@@ -65,11 +64,11 @@ class StageLog:
             logger.info("%s ends after %.3g s", name, seconds)
 
     def say(self, what: str) -> None:
-        """Tell the logger what was made."""
+        """Log a result."""
         logger.info("%s", what)
 
     def skip(self, stage: str, why: str) -> None:
-        """Record a stage that this scene does not need."""
+        """Record a stage that is not needed."""
         self.skipped.append({"stage": stage, "why": why})
         logger.debug("%s is left out: %s", stage, why)
 
@@ -81,23 +80,23 @@ class StageLog:
 
 
 class Stopwatch:
-    """Seconds since it was made."""
+    """Clock of the seconds since its construction."""
 
     def __init__(self) -> None:
         self._start = time.perf_counter()
 
     @property
     def seconds(self) -> float:
-        """How many have gone."""
+        """Elapsed seconds."""
         return time.perf_counter() - self._start
 
 
 class ShareLines:
-    """Writes a line for each stage of a long run, and then how much of the stage is done.
+    """Progress as lines: one for each stage of a long run, then the fraction of the stage that is done.
 
     Args:
-        write: takes a line.
-        quiet: seconds in which nothing is written: a short run needs no progress.
+        write: function that writes a line.
+        quiet: seconds without output at the start, since a short run needs no progress.
         every: seconds between two lines of one stage.
     """
 
@@ -109,7 +108,7 @@ class ShareLines:
         self._last: dict[str, float] = {}
 
     def __call__(self, stage: str, share: float) -> None:
-        """Write what is due, see :data:`Announce`."""
+        """Write a line if one is due, see :data:`Announce`."""
         now = self._clock.seconds
         if now < self._quiet:
             return
@@ -119,7 +118,7 @@ class ShareLines:
 
 
 def timed(call: Callable[[], Any], repetitions: int = 1) -> tuple[Any, float]:
-    """The last result of a call, and its seconds on average, on one thread."""
+    """Last result of a call, and its mean time in seconds, on one thread."""
     with one_thread:
         start = time.perf_counter()
         for _ in range(repetitions):
@@ -129,7 +128,7 @@ def timed(call: Callable[[], Any], repetitions: int = 1) -> tuple[Any, float]:
 
 @contextmanager
 def _settled_memory() -> Iterator[None]:
-    """What is there already is not looked through for garbage again, which takes 0.1 s for each block."""
+    """Exclude existing objects from garbage collection in a block, which would take 0.1 s for each measurement."""
     gc.collect()
     gc.freeze()
     try:
@@ -139,11 +138,10 @@ def _settled_memory() -> Iterator[None]:
 
 
 def time_queries(models: dict[str, Callable[[np.ndarray], Any]], points: np.ndarray) -> dict[str, np.ndarray]:
-    """Seconds per query of each model at every point, (len(points) less a warm-up,), on one thread.
+    """Seconds per query of each model at every point, (len(points) minus a warm-up,), on one thread.
 
-    No point comes twice, so that nothing kept from an earlier query helps more than it would in use. The
-    models take turns in blocks, so that a disturbance of the machine hits all of them. A query without an answer
-    counts with the time it took.
+    No point is repeated, so that caches help no more than in use. The models alternate in blocks, so that a disturbance
+    of the machine affects all of them. A query without an answer counts with its time.
     """
     if len(points) <= WARM_UP:
         raise StudyError(f"{len(points)} points cannot be timed: {WARM_UP} are a warm-up, give more")
@@ -169,9 +167,9 @@ def time_queries(models: dict[str, Callable[[np.ndarray], Any]], points: np.ndar
 
 
 def median_time(solve: Callable[[np.ndarray], Any], points: np.ndarray, most: float) -> float:
-    """Median of the seconds of queries, on one thread, behind a warm-up: of as many points as take ``most`` seconds.
+    """Median of the seconds of queries on one thread after a warm-up, for as many points as take ``most`` seconds.
 
-    For a rough figure, which takes no longer itself than what it is asked for: a warm-up of long queries is one of few.
+    A rough figure in a limited time: the warm-up of long queries is shorter.
     """
     times: list[float] = []
     warm = 0

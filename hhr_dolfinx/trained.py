@@ -1,7 +1,7 @@
-"""What a reduced model was trained on, kept with it as numbers, and the check of queries against it.
+"""Training range of a reduced model, stored with it as numbers, and the check of queries against it.
 
-Inside the box of a scene a model may still never have seen a parameter, a pace or a direction. Reduced histories were
-up to 200 % wrong on paths that were not trained, without any sign in their convergence; their imbalance tells.
+Even inside the box of a scene a parameter, a rate or a direction of loading may be outside the training. On such paths
+reduced histories had errors of up to 200 %, which convergence does not show; their imbalance does.
 """
 
 from __future__ import annotations
@@ -20,46 +20,47 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.warn import warn
 
 USUAL = "usual"
-"""What a kind of model does outside of what was trained unless a query says otherwise."""
+"""Default of ``outside``: each kind of model has its reaction to queries outside the training range."""
 OUTSIDE = ("warn", "refuse", "ignore")
-"""What may happen to a query outside what was trained."""
+"""Reactions to a query outside the training range."""
 
 MARGIN = 0.05
-"""Part of the spread of a parameter by which a query may lie outside it: slight extrapolation was found harmless."""
+"""Fraction of the range of a parameter by which a query may lie outside it: slight extrapolation was found harmless."""
 PACE = 1.5
 """Factor by which a rate may lie outside the trained ones."""
 FACTOR = 3.0
-"""Factor over the largest imbalance or depth of the known histories. On the flowing pellet 20 paths inside the training
-stayed below 1.2 times its imbalance, and 40 outside, with errors of the displacement from 2 %, were above 3."""
+"""Factor over the largest imbalance or depth of the training histories. On the inelastic pellet 20 paths inside the
+training stayed below 1.2 times its imbalance, and 40 outside, with errors of displacements from 2 %, were above 3."""
 SMALL = 1e-3
-"""Part of the forces, or of the gaps and motions, that is small whatever training showed: where a model reproduces its
-training to round-off, any other answer would seem far outside."""
+"""Fraction of the forces, or of the gaps and motions, that counts as small for any training: if a model reproduces its
+training to round-off, any other answer would exceed the factor."""
 EXPLAINED = 0.01
-"""Part of the stress of a step that counts as explained by its modes whatever training showed, for the same reason."""
-TOLD = 0.05
-"""Estimate from which on a step is told, unless training showed nearly as much: an error that nobody wants."""
+"""Fraction of the stress of a step that counts as explained by modes for any training, for the same reason."""
+UNACCEPTABLE = 0.05
+"""Estimate from which on a step is reported, unless the training had nearly as much: an unacceptable error."""
 POOR = 1.2
-"""Factor over the estimates of training that passes where that is more: of a poor model, which a build warns of."""
+"""Factor over the estimates of the training that is always allowed, even above UNACCEPTABLE: such a model is poor,
+and the build warns of it."""
 NOTHING = 1e-4
-"""Part of the largest stress known below which that of a step is none: steps are solved to 1e-5 of forces, and a body
-that moves freely before it touches has a stress of 3e-5 by the round-off of its modes."""
+"""Fraction of the largest training stress below which the stress of a step counts as zero: steps are solved to 1e-5 of
+forces, and a body that moves freely before it touches has a stress of 3e-5 by the round-off of its modes."""
 SMALL_STEP = 1e-2
-"""Part of the largest stress known below which a trained step sets no limit: relative to itself its stress is wrong,
-and as a limit it would let pass all that is wrong at full loads."""
+"""Fraction of the largest training stress below which a training step sets no limit: its relative error is large, and
+as a limit it would accept all errors at full loads."""
 
 
 def check_outside(outside: Any) -> None:
-    """Refuse a word that says nothing, before it is needed.
+    """Check the word ``outside`` before it is needed.
 
     Raises:
-        ParameterError: if ``outside`` is none of :data:`OUTSIDE`.
+        ParameterError: if ``outside`` is not one of :data:`OUTSIDE`.
     """
     if outside not in OUTSIDE:
         raise ParameterError(f"outside = {outside!r} is unknown, one of {', '.join(OUTSIDE)}")
 
 
 def announce(message: str, outside: str) -> None:
-    """Warn of a query outside what was trained, refuse it, or let it pass; ``outside`` is one of :data:`OUTSIDE`."""
+    """Warn of a query outside the training range, refuse it, or ignore it; ``outside`` is one of :data:`OUTSIDE`."""
     check_outside(outside)
     if outside == "refuse":
         raise OutsideTrainingError(message)
@@ -72,8 +73,8 @@ class TrainedRange:
     """Smallest and largest trained value of each parameter, with a margin.
 
     Attributes:
-        names: of the parameters.
-        lower, upper: (P,).
+        names: names of the parameters.
+        lower, upper: bounds of the range, (P,).
     """
 
     names: Annotated[tuple[str, ...], "P"]
@@ -81,7 +82,7 @@ class TrainedRange:
     upper: Annotated[Floats, "P"]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """A range that ends below its start."""
+        """Faults of a range that ends below its start."""
         if not (self.lower <= self.upper).all():
             yield "the trained range ends below its start"
 
@@ -94,11 +95,11 @@ class TrainedRange:
         return cls(tuple(space.names), lower - margin, upper + margin)
 
     def covers(self, space: ParameterSpace) -> bool:
-        """Whether no point of the box can lie outside."""
+        """True if the range contains the whole box."""
         return bool((self.lower <= space.lower).all() and (self.upper >= space.upper).all())
 
     def complaint(self, point: np.ndarray) -> str:
-        """What of a point, (P,), was never trained, in words; empty if nothing."""
+        """Report of the values of a point, (P,), outside the range; empty if all are inside."""
         if ((self.lower <= point) & (point <= self.upper)).all():
             return ""
         outside = [
@@ -109,28 +110,29 @@ class TrainedRange:
         return ", ".join(outside)
 
     def check(self, point: np.ndarray, outside: str) -> None:
-        """Hold a point against the range; see :func:`announce`."""
+        """Check a point against the range; see :func:`announce`."""
         complaint = self.complaint(point)
         if complaint:
             announce(f"outside what was trained: {complaint}. Train there, or take the full model", outside)
 
 
 def share_of_stress(misfit: float, stress: float) -> float:
-    """A misfit over the stress: 0 of bodies without stress, infinite of stress that is no number."""
+    """Misfit over stress: 0 for zero stress, infinite for non-finite stress."""
     if not math.isfinite(stress):
         return math.inf
     return misfit / stress if stress > 0 else 0.0
 
 
 class Signs(NamedTuple):
-    """What shows at a solved step whether a reduced model still knows what it does.
+    """Error indicators of a reduced model at a solved step.
 
     Attributes:
-        imbalance: norm of the forces left on the reduced domain before they are projected, in the unit of force.
-        size: norm of what these forces are made of.
-        depth: deepest violation of a gap anywhere on the contact surface, in the unit of length, 0 if none.
-        what: which imbalance that is, in words.
-        misfit: what no mode of training explains of the stress where laws are evaluated, in the unit of stress.
+        imbalance: norm of the residual forces on the reduced domain before projection, in the unit of force.
+        size: norm of the contributions to these forces.
+        depth: largest violation of a gap on the whole contact surface, in the unit of length, 0 if none.
+        what: description of the imbalance, for messages.
+        misfit: norm of the part of the stress that no mode of the training explains, where laws are evaluated, in the
+            unit of stress.
         stress: norm of this stress.
     """
 
@@ -143,16 +145,16 @@ class Signs(NamedTuple):
 
     @property
     def estimate(self) -> float:
-        """Misfit over stress, what :meth:`Answer.estimate` says of a step of bodies that flow; 0 without stress."""
+        """Misfit over stress, the estimate of :meth:`Answer.estimate` for inelastic bodies; 0 without stress."""
         return share_of_stress(self.misfit, self.stress)
 
 
 class Known(NamedTuple):
-    """What a reduced model showed on the histories of its training, each a list of signs, one for each step.
+    """Error indicators of a reduced model on its training histories, each a list with one entry for each step.
 
     Attributes:
-        signs: along trained histories.
-        onsets: along first steps of trained histories in small parts, which any finer path passes through.
+        signs: indicators along training histories.
+        onsets: indicators along small parts of their first steps, which every path with finer steps passes.
         length: largest gap or relative motion of contact surfaces in training.
     """
 
@@ -163,20 +165,20 @@ class Known(NamedTuple):
 
 @dataclass(frozen=True)
 class TrainedPaths:
-    """What a reduced model of histories was trained on.
+    """Training range of a reduced model of histories.
 
     Attributes:
-        parameters: values along all trained paths.
-        slowest, fastest: smallest and largest rate of each parameter in any step, per second, (P,). Of laws without
-            rates, which know directions only, its change while that which changes most, as a part of its trained
-            range, goes through all of it.
-        steps: shortest and longest trained step, in seconds; kept to be read, since only rates decide.
-        rated: whether any law has rates.
-        imbalance: largest imbalance of the known histories, solved by the reduced model, in the unit of force.
-        depth: largest depth of the known histories, or what counts as none.
-        stress: largest norm of the stress in the known histories.
-        estimate: largest estimate of any of their steps, or what counts as none.
-        begun: smallest norm of the stress behind the first step of any of them: below, a history has hardly begun.
+        parameters: range of values along all training paths.
+        slowest, fastest: smallest and largest rate of each parameter in any step, per second, (P,). For
+            rate-independent laws only directions matter: the change of the parameter while the one that changes most,
+            relative to its trained range, goes through its whole range.
+        steps: shortest and longest training step, in seconds, for information: only rates are checked.
+        rated: True if any law depends on rates.
+        imbalance: largest imbalance of the training histories, solved by the reduced model, in the unit of force.
+        depth: largest depth of the training histories, or the value that counts as zero.
+        stress: largest norm of the stress in the training histories.
+        estimate: largest estimate at any of their steps, or the value that counts as zero.
+        begun: smallest norm of the stress after the first step of any of them; below it a history is in its first step.
         onset: largest estimate of small parts of these first steps, at least ``estimate``.
     """
 
@@ -194,11 +196,11 @@ class TrainedPaths:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the parameters."""
+        """Names of the parameters."""
         return self.parameters.names
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Rates, steps and signs that are impossible."""
+        """Faults of rates, steps and indicators."""
         if not (self.slowest <= self.fastest).all() or not 0 < self.steps[0] <= self.steps[1]:
             yield f"trained steps take {self.steps} s, or rates end below their start, which is no range"
         signs = self.imbalance, self.depth, self.stress, self.estimate, self.begun, self.onset
@@ -213,13 +215,13 @@ class TrainedPaths:
         known: Known,
         rated: bool = True,
     ) -> TrainedPaths:
-        """From trained paths and what the reduced model showed on all histories that are known.
+        """Training range from training paths and indicators of the reduced model on the training histories.
 
         Args:
-            paths: of training, each a list of times and parameters with the start first.
-            space: the box of the parameters.
-            known: signs of known histories.
-            rated: whether any law has rates.
+            paths: training paths, each a list of times and parameters with the start first.
+            space: box of the parameters.
+            known: indicators of the training histories.
+            rated: True if any law depends on rates.
         """
         times = [np.array([time for time, _ in path]) for path in paths]
         points = [np.array([point for _, point in path]) for path in paths]
@@ -229,7 +231,7 @@ class TrainedPaths:
         rates = changes / steps[:, None] if rated else np.array([_direction(item, range_) for item in changes])
         every = [sign for signs in known.signs for sign in signs]
         largest = max(sign.stress for sign in every)
-        # as steps are held against it: of no stress to speak of nothing is explained, which says nothing
+        # steps of little stress are left out, as in the check: their relative misfit has no meaning
         estimate = max([EXPLAINED, *(sign.estimate for sign in every if sign.stress > SMALL_STEP * largest)])
         begun = [next((sign.stress for sign in signs if sign.stress > NOTHING * largest), 0.0) for signs in known.signs]
         return cls(
@@ -248,13 +250,13 @@ class TrainedPaths:
 
     @cached_property
     def _paces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Smallest and largest rates that pass, and changes that are round-off, (P,) each."""
+        """Smallest and largest rates allowed, and changes of the size of round-off, (P,) each."""
         low = np.where(self.slowest > 0, self.slowest / PACE, self.slowest * PACE)
         high = np.where(self.fastest > 0, self.fastest * PACE, self.fastest / PACE)
         return low, high, 1e-9 * (self.parameters.upper - self.parameters.lower)
 
     def complaint(self, step: float, before: np.ndarray, after: np.ndarray) -> str:
-        """What of a step, in seconds, between two parameters, (P,), was never trained; empty if nothing."""
+        """Report of a step, in seconds, between two parameters, (P,), outside the training; empty if it is inside."""
         place = self.parameters.complaint(before) or self.parameters.complaint(after)
         if place:
             return place
@@ -267,7 +269,7 @@ class TrainedPaths:
         else:
             rate = _direction(change, self.parameters)
             per = "whole range of what changes most"
-            if not rate.any():  # nothing changes, and nothing flows
+            if not rate.any():  # no change of the load, and no plastic strain
                 return ""
         wrong = (rate < low - noise) | (rate > high + noise)
         if not wrong.any():
@@ -281,26 +283,26 @@ class TrainedPaths:
         )
 
     def shown(self, largest: float) -> float:
-        """Largest estimate that training showed, for a history with a largest norm of the stress up to then."""
+        """Largest estimate in training, for a history with a given largest norm of the stress so far."""
         return self.estimate if largest >= self.begun else self.onset
 
     def allowed(self, largest: float) -> float:
-        """Largest estimate of a step that passes, in such a history."""
+        """Largest estimate allowed for a step of such a history."""
         shown = self.shown(largest)
-        return max(min(FACTOR * shown, TOLD), POOR * shown)
+        return max(min(FACTOR * shown, UNACCEPTABLE), POOR * shown)
 
 
 def _direction(change: np.ndarray, trained: TrainedRange) -> np.ndarray:
-    """A change over the largest part of a trained range that it goes through, (P,); 0 for one that is round-off."""
+    """A change over its largest fraction of a trained range, (P,); 0 for round-off."""
     largest = float(np.abs(change / (trained.upper - trained.lower)).max())
     return change / largest if largest > 1e-9 else np.zeros_like(change)
 
 
 class Watch:
-    """Holds the steps of one history against what was trained; each kind of complaint is given once.
+    """Check of the steps of one history against the training range; each kind of report is given once.
 
     Args:
-        trained: None lets everything pass, as for a full model.
+        trained: training range; None disables the check, as for a full model.
         outside: see :func:`announce`.
     """
 
@@ -312,14 +314,14 @@ class Watch:
         self._largest = 0.0
 
     def before(self, number: int, start: float, end: float, here: np.ndarray, there: np.ndarray) -> None:
-        """A step that is about to be solved, from one time and parameter to another."""
+        """Check a step before its solution, from one time and parameter to another."""
         if self._trained is not None:
             complaint = self._trained.complaint(end - start, here, there)
             if complaint:
                 self._say("path", f"step {number}, to t = {end:g} s, is outside what was trained: {complaint}")
 
     def after(self, number: int, time: float, signs: Signs) -> None:
-        """A step that was solved, with its signs."""
+        """Check a solved step by its indicators."""
         trained = self._trained
         if trained is None:
             return
@@ -336,7 +338,7 @@ class Watch:
                 f"in training by {trained.depth:.2g} at most",
             )
         self._largest = max(self._largest, signs.stress)
-        # of its own size: what stays behind a small load is small, and may be wrong as a whole
+        # relative to the stress of this step: residual stress after a small load is small, and may be totally wrong
         if not signs.stress <= NOTHING * trained.stress and not signs.estimate <= trained.allowed(self._largest):
             self._say(
                 "misfit",

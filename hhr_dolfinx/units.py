@@ -1,4 +1,4 @@
-"""Units of a scene, stated once: for labels, and for materials that are taken by name."""
+"""Units of a scene, stated once: for labels, and for materials by name."""
 
 from __future__ import annotations
 
@@ -31,17 +31,17 @@ class Units:
 
     @property
     def force(self) -> str:
-        """Unit of force, in words."""
+        """Unit of force, as text."""
         return {"mm MPa": "N", "m Pa": "N", "in psi": "lbf"}.get(
             f"{self.length} {self.stress}", f"{self.stress} {self.length}²"
         )
 
     def force_in(self, hypothesis: str) -> str:
-        """Unit of the forces of a hypothesis, in words: per unit depth in the plane."""
+        """Unit of the forces of a hypothesis, as text: per unit depth in the plane."""
         return f"{self.force}/{self.length}" if hypothesis.startswith("plane") else self.force
 
     def work_in(self, hypothesis: str) -> str:
-        """Unit of their work, in words."""
+        """Unit of the work of these forces, as text."""
         return self.force if hypothesis.startswith("plane") else f"{self.force} {self.length}"
 
     def stress_of(self, pascals: float) -> float:

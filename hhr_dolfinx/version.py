@@ -1,4 +1,4 @@
-"""Version of this package, as its installation tells it."""
+"""Version of this package, from its installation."""
 
 from __future__ import annotations
 
@@ -6,5 +6,5 @@ from importlib.metadata import PackageNotFoundError, version
 
 try:
     __version__ = version("hhr_dolfinx")
-except PackageNotFoundError:  # run from a copy of the sources that was not installed
+except PackageNotFoundError:  # sources that are not installed
     __version__ = "0+unknown"

@@ -1,4 +1,4 @@
-"""Loads on whole bodies: forces per volume, turning, temperature, swelling; those on surfaces are in ``loads``."""
+"""Loads on whole bodies: forces per volume, rotation, temperature, swelling; loads on surfaces are in ``loads``."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     import ufl
 
 ISOTROPIC = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-"""Strain 1 along each axis."""
+"""Isotropic strain of 1 along each axis."""
 
 
 @dataclass(frozen=True)
@@ -54,13 +54,13 @@ class BodyForce:
 
 @dataclass(frozen=True)
 class Centrifugal:
-    """Force ``amplitude(mu) * d`` per volume of a body that turns, d the vector from the axis.
+    """Force ``amplitude(mu) * d`` per volume of a rotating body, with the vector d from the axis.
 
     Attributes:
         tag: cell tag of the body.
         amplitude: density times the square of the angular velocity, ``"rho * omega**2"``.
         axis_point: a point of the axis, (dim,); None for the origin. In axisymmetry the axis is that of the scene.
-        axis_direction: of the axis in space, (3,); in the plane, where it stands upright, and in axisymmetry None.
+        axis_direction: direction of the axis in space, (3,); None in axisymmetry, and in the plane, for its normal.
     """
 
     tag: Tag
@@ -103,16 +103,15 @@ class Centrifugal:
 
 @dataclass(frozen=True)
 class Eigenstrain:
-    """A strain ``amplitude(mu) * field(x) * strain`` that a body takes without stress, such as swelling.
+    """A strain ``amplitude(mu) * field(x) * strain`` that causes no stress by itself, such as swelling.
 
-    Stresses are those of what is left, σ = C (ε - ε0), which laws of flow see. The nodal forces follow moduli that
-    depend on parameters.
+    The stress is σ = C (ε - ε0), and inelastic laws use ε - ε0. The nodal forces depend on parameters if moduli do.
 
     Attributes:
         tag: cell tag of the body.
         amplitude: number, :class:`Amplitude`, or a formula of the parameters as text.
-        strain: symmetric 3x3 tensor in the axes of the scene, (r, z, θ) in axisymmetry; a number for the same
-            along each axis. In the plane too it has its third axis.
+        strain: symmetric 3x3 tensor in the axes of the scene, (r, z, θ) in axisymmetry, with the third axis also in the
+            plane; a number for the same strain along each axis.
         field: function of the UFL coordinates that returns a UFL scalar; None for 1.
     """
 
@@ -129,7 +128,7 @@ class Eigenstrain:
         check_amplitude(self, what, formulas=True)
 
     def terms(self, assembler: Assembler) -> list[Term]:
-        """A vector for each part of the stiffness of the body."""
+        """One vector for each part of the stiffness of the body."""
         if assembler.hypothesis != "solid" and (self.strain[0][2] or self.strain[1][2]):
             raise SceneError(
                 f"the eigenstrain {self.strain} of body {self.tag} shears out of the plane, which a scene in "
@@ -139,20 +138,20 @@ class Eigenstrain:
         return [_times(self.amplitude, *part) for part in assembler.eigenstress(self.tag, strain)]
 
     def eigenstrain_of(self, tag: Tag, mesh: ufl.Mesh) -> tuple[Amplitude | Formula, Any] | None:
-        """Its amplitude and what it multiplies, a UFL tensor 3x3; None for another body. Stresses ask for it."""
+        """Amplitude, and strain for amplitude 1, a UFL tensor 3x3, which stresses subtract; None for another body."""
         return (self.amplitude, volume.eigenstrain(self.strain, self.field, mesh)) if tag == self.tag else None
 
 
 @dataclass(frozen=True)
 class ThermalExpansion:
-    """The isotropic strain ``expansion(mu) * temperature(mu) * field(x)`` of a body that is heated.
+    """The isotropic strain ``expansion(mu) * temperature(mu) * field(x)`` of a heated body.
 
     Attributes:
         tag: cell tag of the body.
-        expansion: coefficient of linear expansion: number, :class:`Amplitude`, or formula of the parameters as text;
-            one that depends on temperature is a table, ``"table(T, 0, 1e-5, 500, 1.2e-5)"``.
-        temperature: above that at which the body is free of stress; likewise.
-        field: where it is hot, a function of the UFL coordinates that returns a UFL scalar; None for 1.
+        expansion: coefficient of linear expansion: number, :class:`Amplitude`, or formula of the parameters as text.
+            A coefficient that depends on temperature is a table, ``"table(T, 0, 1e-5, 500, 1.2e-5)"``.
+        temperature: temperature above the stress-free one: number, :class:`Amplitude`, or formula as text.
+        field: distribution of the temperature, a function of the UFL coordinates that returns a UFL scalar; None for 1.
     """
 
     tag: Tag
@@ -169,7 +168,7 @@ class ThermalExpansion:
 
     @cached_property
     def amplitude(self) -> Amplitude | Formula:
-        """Strain where the field is 1."""
+        """Strain for the field 1."""
         return self.expansion.times(self.temperature)
 
     @cached_property
@@ -177,16 +176,16 @@ class ThermalExpansion:
         return Eigenstrain(self.tag, self.amplitude, field=self.field)
 
     def terms(self, assembler: Assembler) -> list[Term]:
-        """See :meth:`Eigenstrain.terms`."""
+        """Terms of the eigenstrain, see :meth:`Eigenstrain.terms`."""
         return self._eigenstrain.terms(assembler)
 
     def eigenstrain_of(self, tag: Tag, mesh: ufl.Mesh) -> tuple[Amplitude | Formula, Any] | None:
-        """See :meth:`Eigenstrain.eigenstrain_of`."""
+        """Amplitude and strain for amplitude 1, see :meth:`Eigenstrain.eigenstrain_of`."""
         return self._eigenstrain.eigenstrain_of(tag, mesh)
 
 
 def _times(amplitude: Amplitude | Formula, modulus: Formula, forces: np.ndarray) -> Term:
-    """Nodal forces for the modulus 1, (N,), under an amplitude; a constant modulus leaves an affine one as it is."""
+    """Term of nodal forces for the modulus 1, (N,); with a constant modulus an affine amplitude stays affine."""
     if not modulus.variables:
         return Term(amplitude, float(modulus({})) * forces)
     return Term(modulus.times(_formula(amplitude, "an amplitude")), forces)

@@ -1,8 +1,8 @@
 """Warnings of the package, which a block of one thread may ignore or collect.
 
-``warnings.catch_warnings`` replaces the filters of the whole process until Python 3.14: two threads that leave such
-blocks in another order than they entered them leave the filters of one behind for good. Here the handlers belong to
-the context of a thread, and the filters stay what the user made them.
+Until Python 3.14 ``warnings.catch_warnings`` replaces the filters of the whole process: if two threads leave such
+blocks in another order than they entered them, the filters of one of them stay for good. Here the handlers belong to
+the context of a thread, and the filters of the user do not change.
 """
 
 from __future__ import annotations
@@ -19,9 +19,9 @@ class Warned(NamedTuple):
     """A warning that was collected.
 
     Attributes:
-        message: the sentence.
-        category: its class.
-        filename, lineno: the line that it is reported for.
+        message: text of the warning.
+        category: class of the warning.
+        filename, lineno: line that is reported.
     """
 
     message: str
@@ -31,17 +31,17 @@ class Warned(NamedTuple):
 
 
 _Handler = Callable[[Warned], bool]
-"""Takes a warning, or returns False and leaves it to the handler around it."""
+"""Function that handles a warning, or returns False to pass it to the enclosing handler."""
 _HANDLERS: ContextVar[tuple[_Handler, ...]] = ContextVar("handlers of warnings", default=())
 
 
 def warn(message: str, category: type[Warning], stacklevel: int = 1) -> None:
-    """Warn as ``warnings.warn`` does, unless a block around it ignores or collects the warning.
+    """Warn as ``warnings.warn``, unless an enclosing block ignores or collects the warning.
 
     Args:
-        message: the sentence.
-        category: its class.
-        stacklevel: frames above this call to the line that the warning is about; 1 is the caller.
+        message: text of the warning.
+        category: class of the warning.
+        stacklevel: frames above this call to the reported line; 1 is the caller.
     """
     try:
         frame = sys._getframe(stacklevel)
@@ -51,7 +51,7 @@ def warn(message: str, category: type[Warning], stacklevel: int = 1) -> None:
 
 
 def repeat(collected: Iterable[Warned]) -> None:
-    """Warn of what was collected, for the lines that it was about."""
+    """Issue collected warnings again, for their lines."""
     for item in collected:
         _repeat(item, None)
 
@@ -77,7 +77,7 @@ def _handled(handler: _Handler) -> Iterator[None]:
 
 @contextmanager
 def ignored(*categories: type[Warning], about: str = "") -> Iterator[None]:
-    """Ignore warnings of some classes in a block of this thread; of those whose sentence holds ``about``."""
+    """Ignore warnings of some classes in a block of this thread, if their text contains ``about``."""
     with _handled(lambda item: issubclass(item.category, categories) and about in item.message):
         yield
 

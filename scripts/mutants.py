@@ -2,7 +2,7 @@
 
     python scripts/mutants.py                     # the decisions below, and 40 random mutants of study and certify
     python scripts/mutants.py --count 200 --seed 2
-    python scripts/mutants.py --count 10 hhr_dolfinx/study/one_call/search.py
+    python scripts/mutants.py --count 10 hhr_dolfinx/plugins/one_call/search.py
 
 Random mutants exchange comparisons, ``and`` and ``or``, ``min`` and ``max``, ``+`` and ``-``, negate conditions and
 double numbers. A survivor is a rule that no test holds, or a change without an effect, which a reader must tell apart:
@@ -28,11 +28,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = ("hhr_dolfinx/study", "hhr_dolfinx/certify")
+FOLDERS = ("hhr_dolfinx/study", "hhr_dolfinx/certify", "hhr_dolfinx/plugins/one_call")
 MOST_TESTS = 3
 """Test files that are run for one mutant, those with the fewest lines of all that name its file."""
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "out", "__pycache__", ".mypy_cache", ".pytest_cache", ".ruff_cache")
-ONE_CALL = "hhr_dolfinx/study/one_call"
+ONE_CALL = "hhr_dolfinx/plugins/one_call"
 REPORT = "hhr_dolfinx/study/report"
 DECISIONS = (
     ("the worst error counts once", f"{ONE_CALL}/search.py", "ROOM = 2.0", "ROOM = 1.0"),
@@ -141,7 +141,7 @@ def tests_of(path: str) -> list[str]:
     module = Path(path).with_suffix("")
     dotted, package = re.escape(".".join(module.parts)), re.escape(".".join(module.parent.parts))
     named = re.compile(rf"\b{dotted}\b|from {package} import [^#\n]*\b{module.name}\b")
-    found = [file for file in (ROOT / "tests").glob("test_*.py") if named.search(file.read_text(encoding="utf-8"))]
+    found = [file for file in (ROOT / "tests").rglob("test_*.py") if named.search(file.read_text(encoding="utf-8"))]
     found.sort(key=lambda file: file.stat().st_size)
     return [str(file.relative_to(ROOT)) for file in found]
 

@@ -118,7 +118,8 @@ if [ -e "$venv" ] && [ ! -e "$venv/pip.log" ]; then
     say "$PWD/$venv was not made by this set-up, which would have to remove it: move it elsewhere, or remove it"
     exit 1
 fi
-rm -rf "$venv"
+# metadata that an earlier set-up left beside the sources would hide the plug-ins of this one
+rm -rf "$venv" hhr_dolfinx.egg-info
 mkdir "$venv"
 : >"$venv/pip.log" # its mark, from the start
 if [ -n "$system_python" ]; then

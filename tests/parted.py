@@ -9,7 +9,6 @@ from scenes import pressed_pair
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.linear.dense import LapackLU
-from hhr_dolfinx.models.local import Choice, SeveralModels
 
 AS_IT_IS = hhr.Recipe().as_it_is()
 OUTPUTS = (hhr.LargestPressure("peak", 0, unit="MPa"), hhr.ContactForce("force", 0, (0.0, 1.0)))
@@ -22,6 +21,8 @@ VARIED = {"E1": (1.0, 6.0)}
 def choice(nodes, reach):
     """A choice of rows (axis, cut, low, high) of cuts, and (-1, model) of regions."""
     rows = np.array([(axis, *rest, 0) if axis >= 0 else (-1, 0.0, 0, 0, *rest) for axis, *rest in nodes])
+    from hhr_dolfinx.plugins.local.models import Choice
+
     axis, low, high, label = (rows[:, k].astype(np.int64) for k in (0, 2, 3, 4))
     return Choice(axis, rows[:, 1].copy(), low, high, label, np.array(reach, dtype=float))
 
@@ -59,7 +60,7 @@ def varying_set():
 
 def by_lapack(model):
     """A model as a file holds it: factored by LAPACK, which differs from PETSc in last digits."""
-    if isinstance(model, SeveralModels):
+    if not isinstance(model, hhr.ReducedModel):
         return model.changed(models=tuple(by_lapack(part) for part in model.models))
     return model.changed(factorise=LapackLU)
 

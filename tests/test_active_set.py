@@ -12,8 +12,6 @@ from scenes import pressed_block, whole_domain
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.baselines.condensation import exact_condensation
-from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
 from hhr_dolfinx.contact.problem import joined
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, SingularError
@@ -27,6 +25,7 @@ from hhr_dolfinx.models.reduced import ADVICE, ReducedModel, ReducedProblem
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.reduction.completion import Completion
+from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.reduction.flow import project_flow
 from hhr_dolfinx.reduction.projection import project
 
@@ -247,7 +246,7 @@ def unlike():
     return tuple(hhr.FullOrderModel(two_blocks_of_unlike_stiffness(law)) for law in (never, None))
 
 
-@pytest.mark.parametrize("kind", ["full", "naive", "condensed", "reduced", "flow", "reduced flow"])
+@pytest.mark.parametrize("kind", ["full", "condensed", "reduced", "flow", "reduced flow"])
 def test_every_model_keeps_its_pairs_apart(kind, unlike):
     """Forces 1e12 apart: started with both blocks on their obstacles, the soft one is let go."""
     flow, full = unlike
@@ -258,9 +257,8 @@ def test_every_model_keeps_its_pairs_apart(kind, unlike):
     basis = np.zeros((problem.free.size, free.size))
     basis[free, np.arange(free.size)] = 1.0
     sets = whole_domain(problem)
-    if kind in ("full", "naive"):
-        model = full if kind == "full" else NaiveFullOrder(full)
-        forces = model.solve(point, start=everything).forces()
+    if kind == "full":
+        forces = full.solve(point, start=everything).forces()
     elif kind in ("condensed", "reduced"):
         fields = Completion.of(problem, hhr.SnapshotSet.of_answers([full.solve(point)])).reconstruction(
             problem, basis, sets
@@ -399,10 +397,9 @@ class Twice:
         return joined([self.once.rows(surfaces, dofs)] * 2)
 
 
-@pytest.mark.parametrize("kind", [lambda full: full, NaiveFullOrder])
-def test_a_pair_listed_twice_is_named_in_a_full_model(kind):
+def test_a_pair_listed_twice_is_named_in_a_full_model():
     scene = pressed_block("plane_strain")
-    model = kind(hhr.FullOrderModel(dataclasses.replace(scene, contacts=(Twice(scene.contacts[0]),))))
+    model = hhr.FullOrderModel(dataclasses.replace(scene, contacts=(Twice(scene.contacts[0]),)))
     with pytest.raises(NotSolvableError, match="list each contact pair once") as caught:
         model.solve(0.05)
     assert not any(word in str(caught.value) for word in ("RID", "modes", "basis"))

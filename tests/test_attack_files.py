@@ -1,16 +1,12 @@
 """Mesh files and decks, attacked: groups that overlap, shared names, odd decks, sides of hexahedra, CalculiX."""
 
-import dataclasses
 import json
-import shutil
-import subprocess
 from pathlib import Path
 
 import gmsh
 import numpy as np
 import pytest
 import ufl
-from bare import WAIT
 from dolfinx import fem
 from libraries import MED, needs_med
 from mpi4py import MPI
@@ -19,9 +15,6 @@ from test_mpi import launch
 import hhr_dolfinx as hhr
 from hhr_dolfinx.compat import netcdf4
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.full_order.deck import write_deck
-from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.geometries.two_blocks import side, two_blocks
 
 
 def size_of(found, name, dim):
@@ -197,68 +190,3 @@ def test_ranks_have_the_same_surfaces(folder):
     program = PROGRAM.format(tests=str(Path(__file__).parent), path=str(folder / "2.2_1.msh"))
     (names, one), (others, three) = (json.loads(launch(n, ["-c", program]).splitlines()[-1]) for n in (1, 3))
     assert names == others and three == pytest.approx(one, rel=1e-12)
-
-
-def pressed(hypothesis, simplices):
-    """Two blocks, the lower clamped, the upper pressed on its top and its side."""
-    dim = 3 if hypothesis == "solid" else 2
-    up = dim - 1
-    cells = (3,) * dim
-    low, high = ((1.0,) + (0.0,) * up, (2.0,) + (1.0,) * up)
-    second = ((1.0,) + (0.0,) * (up - 1) + (1.0,), (2.0,) + (1.0,) * (up - 1) + (2.0,), cells)
-    inner = side(2, 0, False)
-    return hhr.Scene(
-        name="pressed",
-        geometry=lambda comm: two_blocks(comm, first=(low, high, cells), second=second, simplices=simplices),
-        hypothesis=hypothesis,
-        bodies=(hhr.Body(1, 1000.0, 0.3), hhr.Body(2, 2000.0, 0.2)),
-        contacts=(hhr.NodeToSurface(side(1, up, True), side(2, up, False)),),
-        displacements=(*hhr.Displacement.clamp(side(1, up, False), dim),
-                       *(hhr.Displacement(inner, k) for k in range(dim - 1))),
-        loads=(hhr.Pressure(side(2, up, True), hhr.Amplitude(slopes={"p": 1.0})),
-               hhr.Pressure(side(2, 0, True), hhr.Amplitude(slopes={"p": 0.5}))),
-        parameters=hhr.ParameterSpace(("p",), (0.0,), (10.0,)),
-    )  # fmt: skip
-
-
-def by_calculix(path, count, dim):
-    subprocess.run(["ccx", path.stem], cwd=path.parent, capture_output=True, check=True, timeout=WAIT)
-    moved, time = np.zeros((count, dim)), 0.0
-    for line in path.with_suffix(".dat").read_text().splitlines():
-        words = line.split()
-        if "displacements" in line:
-            time = float(words[-1])
-        elif len(words) == 4 and words[0].isdigit() and int(words[0]) <= count:
-            moved[int(words[0]) - 1] = [float(word) for word in words[1 : 1 + dim]]
-    assert time == 1.0
-    return moved
-
-
-KINDS = [("plane_strain", True), ("plane_strain", False), ("axisymmetric", False), ("solid", True), ("solid", False)]
-
-
-# of second order simplices alone: the others have nodes in the middle of faces, which decks have no elements for
-@pytest.mark.parametrize(
-    ("hypothesis", "simplices", "order"), [(*kind, 1) for kind in KINDS] + [(*kind, 2) for kind in KINDS if kind[1]]
-)
-def test_a_deck_is_the_scene_again_and_calculix_agrees(hypothesis, simplices, order, tmp_path):
-    scene = dataclasses.replace(pressed(hypothesis, simplices), order=order)
-    model = hhr.FullOrderModel(scene, MPI.COMM_SELF)
-    answer = model.solve(5.0)
-    path = tmp_path / "deck.inp"
-    write_deck(path, Discretisation(scene, MPI.COMM_SELF), 5.0)
-
-    def named(items):
-        return tuple(dataclasses.replace(item, tag=f"tag_{item.tag}") for item in items)
-
-    contacts = (hhr.NodeToSurface(*(f"tag_{tag}" for tag in scene.contacts[0].tags)),)
-    parts = {what: named(getattr(scene, what)) for what in ("bodies", "displacements", "loads")}
-    read = dataclasses.replace(scene, geometry=hhr.MeshFile(path), contacts=contacts, order=None, **parts)
-    again = hhr.FullOrderModel(read, MPI.COMM_SELF)
-    orders = [np.lexsort(one.problem.contact_points.round(8).T) for one in (model, again)]
-    found = again.solve(5.0).forces()[orders[1]]
-    np.testing.assert_allclose(found, answer.forces()[orders[0]], atol=1e-10 * answer.forces().max())
-    if shutil.which("ccx"):
-        dim = model.problem.block_size
-        moved, own = by_calculix(path, len(model.problem.points), dim), answer.displacement().reshape(-1, dim)
-        assert np.linalg.norm(moved - own) < 5e-3 * np.linalg.norm(own)  # of penalty and of large displacements

@@ -6,13 +6,14 @@ import warnings
 import numpy as np
 import pytest
 from mpi4py import MPI
+from needs import needs
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import NotSolvableError, SceneWarning
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import side, two_blocks
+from hhr_dolfinx.reduction.exact import exact_condensation
 
 FLOOR = hhr.Obstacle(block.side(1, False), (0.0, -1.0), 0.0)
 CEILING = hhr.Obstacle(block.side(1, True), (0.0, 1.0), 1.0)
@@ -183,6 +184,7 @@ def test_zero_loads():
 MORTAR = (hhr.Obstacle(side(1, 1, False), (0, -1), 0.0), hhr.Mortar(side(2, 1, False), side(1, 1, True)))
 
 
+@needs("local", "fallback")
 @pytest.mark.parametrize("how", ["node to surface", "mortar"])
 def test_small_models_of_a_stack(how, tmp_path):
     space = hhr.ParameterSpace(("p", "q"), (0.1, 0.0), (1.0, 1.0))
@@ -194,7 +196,7 @@ def test_small_models_of_a_stack(how, tmp_path):
         hhr.save_model(tmp_path / f"{number}.npz", model)
         models.append(hhr.load_model(tmp_path / f"{number}.npz"))
     assert all(model.solve((0.5, 0.5)).estimate().dual_relative < 1e-8 for model in models)
-    safe = training.safe_model(tolerance=0.01)
+    safe = hhr.FallbackModel(models[0], full, 0.01)
     assert not safe.fell_back(safe.solve((0.5, 0.5)))
     models.append(exact_condensation(full, training.snapshots.known_statuses()))
     for point in full.parameters.random(6, seed=5):

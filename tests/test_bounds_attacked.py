@@ -3,6 +3,7 @@
 import dolfinx
 import numpy as np
 import pytest
+from needs import needs
 from scenes import pressed_pair
 
 import hhr_dolfinx as hhr
@@ -24,6 +25,7 @@ def test_a_product_of_parameters_is_seen_by_the_interpolation(poisson):
         assert estimate is None or np.sqrt(off @ (stiffness @ off)) <= estimate.primal
 
 
+@needs("fallback")
 def test_a_full_model_with_other_loads_is_that_of_another_scene():
     flank, models = two_blocks.side(two_blocks.SECOND, 0, True), []
     for slope in (1.0, 5.0):

@@ -10,6 +10,7 @@ from pathlib import Path
 import contract
 import numpy as np
 import pytest
+from needs import needs
 from threadpoolctl import threadpool_info
 from threads import THREADS, at_once
 
@@ -19,8 +20,6 @@ from hhr_dolfinx.errors import NotOfferedError, ParameterError, SingularError
 from hhr_dolfinx.models.eliminations.elimination import Elimination
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.one_thread import one_thread
-from hhr_dolfinx.pages.page import write_model_page
-from hhr_dolfinx.study.scene.scenery import scenery_of
 
 ROOT = Path(__file__).parent.parent
 
@@ -156,6 +155,7 @@ def test_a_problem_that_cannot_be_made_is_no_answer(kind, error, monkeypatch):
     assert str(error) in table.status[0] and np.isnan(table.forces).all()
 
 
+@needs("fallback")
 @pytest.mark.parametrize("where", [("solve", "solve_many"), ("estimate", "estimates")])
 def test_a_model_that_fails_is_no_reason_to_have_no_answer(where, monkeypatch):
     """Whatever goes wrong in the reduced model, a model with the full one behind it answers."""
@@ -241,21 +241,6 @@ def test_eight_threads_give_the_bits_of_one_and_leave_the_process_alone(kind, tm
     assert at_once(jobs) == expected
     assert warnings.filters == filters
     assert threadpool_info() == pools
-
-
-@pytest.mark.usefixtures("restless")
-def test_a_page_is_written_by_eight_threads(tmp_path):
-    """The same page by each, whatever the others ask the model."""
-    model = contract.model_of("interpolated condensation, moduli")
-    scenery = scenery_of(contract.KINDS["interpolated condensation, moduli"].full())
-    filters, pools = list(warnings.filters), threadpool_info()
-
-    def page(k):
-        return write_model_page(tmp_path / f"{k}.html", model, scenery).read_text()
-
-    pages = at_once([lambda k=k: page(k) for k in range(THREADS)])
-    assert len(set(pages)) == 1
-    assert warnings.filters == filters and threadpool_info() == pools
 
 
 def test_blocks_that_overlap_restore_threads_of_blas():

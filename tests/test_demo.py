@@ -52,7 +52,7 @@ def quick(tmp_path_factory):
 def test_report(quick):
     report = json.loads((quick / "report.json").read_text())
     keys = "scene seed versions machine sizes stability errors times ratios work_precision active_set skipped"
-    keys += " recipe refused_before advice advised kkt break_even models fallback units materials parameters date"
+    keys += " recipe refused_before advice advised kkt break_even models units materials parameters date"
     keys += " discretisation samples"
     assert set(report) == set(keys.split())
     assert report["recipe"]["basis"]["tolerance"] == 1e-13 and report["recipe"]["domain"]["layers"] == 2

@@ -131,7 +131,7 @@ def test_without_the_functions_of_petsc_answers_are_the_same(monkeypatch):
     with monkeypatch.context() as patch:
         patch.setattr(schur, "_library", lambda: None)
         without = hhr.FullOrderModel(make(), MPI.COMM_SELF)
-    assert with_them._solver.last is not None and without._solver.last is None
+    assert with_them.store.first.last is not None and without.store.first.last is None
     for point in with_them.parameters.random(3, 0):
         one, other = (full.solve(point, gradient=True) for full in (with_them, without))
         for pick in (

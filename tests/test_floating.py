@@ -15,7 +15,6 @@ from scipy.optimize import minimize, nnls
 from test_mpi import launch
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.floating import FloatingEqualities, _nearest, floating_set
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SceneWarning, UndeterminedWarning
@@ -23,6 +22,7 @@ from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import stacked_blocks as blocks
 from hhr_dolfinx.geometries.gmsh_model import mesh_of
 from hhr_dolfinx.geometries.two_blocks import side
+from hhr_dolfinx.reduction.exact import exact_condensation
 
 LOWER, UPPER = blocks.LOWER, blocks.UPPER
 LEFT = side(UPPER, 0, False)

@@ -54,7 +54,7 @@ def full():
 
 def test_a_history_is_that_of_the_scene_with_the_number(full):
     """With factors of the middle of the box alone, since each body has a modulus of its own."""
-    assert full.equilibrium._only_part is not None
+    assert full.system.bodies is not None
     with pytest.warns(hhr.errors.SceneWarning, match="E"):
         numbers = hhr.FullOrderModel(pellet((200e3, 78e3 * 1.1)))
     for settings in (QUIET, hhr.MarchSettings("elastic", outside="ignore", iterations=300)):
@@ -119,7 +119,7 @@ def pressed(*moduli):
 
 def test_bodies_that_hang_together_are_factored_anew():
     varying = hhr.FullOrderModel(glued("E1", "E2", MATERIALS))
-    assert varying.equilibrium._only_part is None
+    assert varying.system.bodies is None
     numbers = hhr.FullOrderModel(glued(3.7, 6.2, {}))
     for search in ("frozen", "elastic"):
         settings = hhr.MarchSettings(search, iterations=300)
@@ -132,7 +132,7 @@ def test_bodies_that_hang_together_are_factored_anew():
 
 def test_a_common_formula_makes_one_part():
     varying = hhr.FullOrderModel(glued("E1", "E1", {"E1": (2.0, 4.0)}))
-    assert len(varying.problem.moduli) == 1 and varying.equilibrium._only_part is not None
+    assert len(varying.problem.moduli) == 1 and varying.system.bodies is not None
     numbers = hhr.FullOrderModel(glued(3.7, 3.7, {}))
     assert apart(varying.march(pressed(3.7)), numbers.march(pressed())) < 1e-10
 

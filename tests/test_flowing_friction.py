@@ -7,6 +7,7 @@ import itertools
 import numpy as np
 import pytest
 from mpi4py import MPI
+from needs import needs
 from test_friction import FIRST, SECOND, resultants, round_block, rubbing
 from test_reduced_friction import OUTPUTS, paths
 
@@ -41,7 +42,7 @@ def test_where_nothing_yields_it_is_friction_of_elastic_bodies():
     slip, forces = SlipState.at_rest(friction), np.zeros(full.conditions)
     for answer, (_, point) in zip(full.march(PATH).answers, PATH[1:], strict=True):
         theta = problem.amplitudes(np.array(point))
-        slack = problem.gaps @ theta - problem.contact @ full.solve_stiffness(problem.loads @ theta)
+        slack = problem.gaps @ theta - problem.contact @ full.stiffness.solve(problem.loads @ theta)
         slack[friction.tangential] -= slip.position
         given = Increment(slack, *friction.bounds(np.array(point)), np.zeros(0))
         found = contact.increment(given, forces)
@@ -215,6 +216,7 @@ def test_what_slides_far_is_told_of():
     assert len([item for item in caught if item.category is FarSlidingWarning]) == 1
 
 
+@needs("local")
 def test_what_is_not_built_in_is_refused_by_name(training, model, condensed):
     path = paths(1, 37, model.parameters)[0]
     for one in (training.full_order, model, condensed):

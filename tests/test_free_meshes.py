@@ -4,15 +4,11 @@ import gmsh
 import numpy as np
 import pytest
 from scenes import THESIS, largest_difference
-from scipy.sparse import diags
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.certify import constants, eigenvalues
-from hhr_dolfinx.certify.constants import FullConstants, smallest_singular_value
-from hhr_dolfinx.errors import NotSolvableError
+from hhr_dolfinx.certify import constants
+from hhr_dolfinx.certify.constants import FullConstants
 from hhr_dolfinx.geometries.gmsh_model import mesh_of
-from hhr_dolfinx.theorems import ellipticity
-from hhr_dolfinx.theorems.ellipticity import largest_eigenvalue, smallest_eigenvalue
 
 FLANGE, HEAD = 1, 2
 FOOT, FLANGE_TOP, HEAD_UNDER, HEAD_TOP = 11, 12, 13, 14
@@ -119,25 +115,6 @@ def clustered(size, width):
     return values
 
 
-@pytest.mark.parametrize("width", [1e-3, 1e-5, 1e-7])
-@pytest.mark.parametrize("size", [216, 3000])
-def test_eigenvalues_that_lie_close(size, width):
-    """LAPACK finds those of few rows to round-off; of 3000 rows the value is as near as the second tolerance, 1e-5."""
-    values = clustered(size, width)
-    accuracy = 1e-12 if size <= eigenvalues.DENSE else eigenvalues.TOLERANCES[1]
-    matrix, turned = diags(values).tocsr(), diags(5 - values).tocsr()
-    assert smallest_singular_value(diags(np.sqrt(values)).tocsr()) == pytest.approx(np.sqrt(values.min()), rel=accuracy)
-    assert smallest_eigenvalue(matrix, lambda rhs: rhs / values) == pytest.approx(values.min(), rel=accuracy)
-    assert largest_eigenvalue(turned) == pytest.approx(5 - values.min(), rel=accuracy)
-
-
-def test_bounds_stay_on_the_safe_side_of_eigenvalues_that_lie_close():
-    """Continuity is not below the largest eigenvalue, and coercivity not above the smallest one."""
-    values = clustered(3000, 1e-3)
-    assert largest_eigenvalue(diags(5 - values).tocsr()) >= 5 - values.min()
-    assert smallest_eigenvalue(diags(values).tocsr(), lambda rhs: rhs / values) <= values.min()
-
-
 def test_a_constant_that_only_reports_may_be_unknown(hertz, hertz_snapshots, monkeypatch, caplog):
     """Without beta_h a model is built that answers alike, and its report has no number there."""
     monkeypatch.setattr(constants, "_KNOWN", {})
@@ -146,11 +123,3 @@ def test_a_constant_that_only_reports_may_be_unknown(hertz, hertz_snapshots, mon
     model = hhr.build(hertz, hertz_snapshots, THESIS.as_it_is())
     assert np.isnan(model.offline.stability.euclidean.beta_h) and "beta_h" in caplog.text
     assert model.solve(hertz_snapshots.points[5]).converged
-
-
-def test_an_eigenvalue_of_k_that_is_not_found_is_named(monkeypatch):
-    """Theorems need their constants, and say so."""
-    monkeypatch.setattr(ellipticity, "DENSE", 0)
-    monkeypatch.setattr(ellipticity, "extreme_eigenvalue", lambda prepared: None)
-    with pytest.raises(NotSolvableError, match="no eigenvalue of K"):
-        largest_eigenvalue(diags(np.ones(3)).tocsr())

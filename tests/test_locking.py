@@ -258,13 +258,13 @@ def test_what_does_not_lock_is_not_warned_of():
 def test_blocks_of_mumps_are_the_columns_of_petsc(monkeypatch):
     """Both factorisations, in several blocks and for a single column, against one solve after the other."""
     full = in_time(pressed_block("solid", cells=4))
-    problem, factors = full.problem, full.equilibrium.elastic.factors
-    assert factors[1]._factors._ksp.getPC().getFactorSolverType() == "mumps"
+    problem, factors = full.problem, full.store.first
+    assert factors._factors._ksp.getPC().getFactorSolverType() == "mumps"
     monkeypatch.setattr(cholesky, "BLOCK", 7)  # 25 columns
     own = cholesky.FreeCholesky(problem.stiffness, problem.free, slice(0, len(problem.free)), "block", "nd", full.comm)
     expected = np.stack([own.solve(row).copy() for row in problem.contact.toarray()], axis=1)
     size = np.abs(expected).max()
-    for solver in (own, factors[1]):
+    for solver in (own, factors):
         assert solver.solve_columns(problem.contact.T) == pytest.approx(expected, abs=1e-12 * size)
         assert solver.solve_columns(problem.contact[:1].T)[:, 0] == pytest.approx(expected[:, 0], abs=1e-12 * size)
 
@@ -275,7 +275,7 @@ def test_a_history_in_space_without_mumps(monkeypatch):
     first = hhr.FullOrderModel(scene)
     monkeypatch.setattr("hhr_dolfinx.full_order.full.ordering_of", lambda block_size, plane: plane)
     second = hhr.FullOrderModel(scene)
-    made = [model.equilibrium.elastic.factors[1]._factors for model in (first, second)]
+    made = [model.store.first._factors for model in (first, second)]
     kinds = [factors._ksp.getPC().getFactorSolverType() for factors in made]
     assert kinds == ["mumps", "petsc"]
     for ours, theirs in zip(pushed(first, 0.05, 5).answers, pushed(second, 0.05, 5).answers, strict=True):

@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from bare import WAIT
 from mpi4py import MPI
+from needs import needs
 from scipy import sparse
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.doors.c_header import c_header
 from hhr_dolfinx.errors import NotSolvableError, OutsideTrainingError, ParameterError, SceneError
 from hhr_dolfinx.online.matrices import _factored
 
@@ -66,7 +66,13 @@ def test_answers_are_those_of_the_full_order(full, given, tmp_path):
     many = model.solve_many(full.parameters.random(40, 1)).outputs()["peak"]
     assert many[-1] == pytest.approx(outputs["peak"], rel=1e-12)
     assert "no reduction error" in model.known_error
-    assert "press_solve" in c_header(model, "press")[0]
+
+
+@needs("exporters")
+def test_a_model_of_matrices_can_be_a_header(given):
+    from hhr_dolfinx.plugins.exporters.c_header import c_header
+
+    assert "press_solve" in c_header(hhr.condense_matrices(**given), "press")[0]
 
 
 def test_terms_may_be_formulas_in_any_order(full, given):
@@ -176,6 +182,7 @@ def test_a_point_outside_of_the_box_is_refused(given):
 SPRINGS = """
 import sys
 import numpy as np
+from needs import needs
 import hhr_dolfinx as hhr
 model = hhr.condense_matrices(
     hhr.ParameterSpace(("pull",), (0.0,), (3.0,)),

@@ -11,12 +11,12 @@ import your_scene
 from dolfinx import io
 from libraries import needs_med
 from mpi4py import MPI
+from needs import needs
 from scenes import largest_difference
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.compat import degree_of, netcdf4
 from hhr_dolfinx.errors import FileContentError, SceneError, SceneWarning
-from hhr_dolfinx.full_order.deck import write_deck
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.geometries.raw_mesh import Numbers
 
@@ -97,7 +97,10 @@ def test_what_gmsh_writes_gives_the_same_answer(name, tmp_path, exact):
     answers_alike(by_gmsh(tmp_path / name), exact)
 
 
+@needs("exporters")
 def test_the_deck_that_a_scene_writes_is_the_scene_again(tmp_path, exact):
+    from hhr_dolfinx.plugins.exporters.deck import write_deck
+
     path = tmp_path / "out.inp"
     write_deck(path, Discretisation(your_scene.scene(), MPI.COMM_SELF), POINT)
     answers_alike(path, exact)

@@ -31,7 +31,6 @@ from hhr_dolfinx.certify.compare import compare_points
 from hhr_dolfinx.errors import HHRError, LawWarning
 from hhr_dolfinx.full_order import full as limits
 from hhr_dolfinx.linear import factors, sparse
-from hhr_dolfinx.pages.stress import Stress
 out = {{}}
 full_order = hhr.FullOrderModel(demo.scene())
 for mu in (0.15, 0.3123, 0.45):
@@ -111,10 +110,6 @@ out["compared"] = float(compared.primal[0] < 0.01 and compared.dual[0] < 0.05)
 solid = hhr.FullOrderModel(pressed_block("solid", simplices=True))
 answer = solid.solve(0.05)
 out["solid"] = answer.forces().tolist()
-strains = hhr.scenery_of(solid).strains
-stress = Stress(strains, solid.parameters.names, solid.parameters.middle)
-drawn = stress.mises(stress.rows @ answer.displacement(), np.array([0.05]))
-out["drawn"] = np.sort(drawn[strains.cells]).tolist()
 # without columns of K^-1 B^T, in blocks that are the same on ranks with more and with fewer dofs
 kept_bytes, limits.KEPT_BYTES = limits.KEPT_BYTES, 0
 numbers, sparse.BLOCK_NUMBERS = sparse.BLOCK_NUMBERS, 4e3

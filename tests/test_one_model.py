@@ -1,4 +1,4 @@
-"""One contract: full, reduced, condensed and naive models, elastic or flowing, answer the same lines of user code.
+"""One contract: full, reduced and condensed models, elastic or flowing, answer the same lines of user code.
 
 Bases, choices of nodes and indicators of a user's own are one file each, listed in a recipe.
 """
@@ -22,14 +22,13 @@ from toy_indicator import EquilibriumResidual
 from toy_nodes import WholeSurface
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError, ParameterError, ReductionError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models.estimates import STRESS
 from hhr_dolfinx.models.starts import KnownStatuses
 
-ELASTIC = ["full", "naive", "condensed", "condensed to forces", "reduced"]
+ELASTIC = ["full", "condensed", "condensed to forces", "reduced"]
 FLOWING = ["full", "reduced"]
 ALONG = [(0.0, [0.2]), (0.5, [0.33]), (1.0, [0.41]), (3.0, [0.4101])]
 UP_AND_DOWN = [(0.0, [0.0]), (0.5, [0.05]), (1.0, [0.09]), (1.5, [0.07])]
@@ -51,7 +50,6 @@ def elastic_models(coarse):
     first = KnownStatuses(snapshots.points[:1], snapshots.active[:, :1].T.copy())
     return {
         "full": full,
-        "naive": NaiveFullOrder(full),
         "condensed": hhr.exact_condensation(full, first),
         "condensed to forces": hhr.exact_condensation(full, snapshots.known_statuses(), field=False),
         "reduced": hhr.build(full, snapshots),
@@ -238,7 +236,6 @@ def test_rivals_that_know_no_flow_refuse_it(flowing_models):
     full = flowing_models["full"]
     snapshots = hhr.SnapshotSet.of_histories([full.march(ramp(0.1))])
     for rival in (
-        lambda: NaiveFullOrder(full),
         lambda: DualBasisModel(full, snapshots, np.eye(len(full.schur)), 3),
         lambda: hhr.exact_condensation(full, snapshots.known_statuses()),
     ):
@@ -257,7 +254,7 @@ def failing(kind, elastic_models, full):
     full = hhr.FullOrderModel(dataclasses.replace(scene, contacts=(Twice(scene.contacts[0]),)))
     known = KnownStatuses(np.array([[0.05]]), np.ones((1, len(full.schur)), dtype=bool))
     condensed = [hhr.exact_condensation(full, known, field=field) for field in (True, False)]
-    return dict(zip(ELASTIC, (full, NaiveFullOrder(full), *condensed), strict=False))[kind], 0.05
+    return dict(zip(ELASTIC, (full, *condensed), strict=False))[kind], 0.05
 
 
 @pytest.mark.parametrize("kind", ELASTIC)

@@ -5,6 +5,7 @@ from __future__ import annotations
 import contract
 import numpy as np
 import pytest
+from needs import needs
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import ranks
@@ -55,6 +56,7 @@ def test_no_such_part(part, tmp_path):
         train_part(contract.blocks(), hhr.Sobol(8), *part, tmp_path)
 
 
+@needs("greedy")
 def test_a_greedy_training_has_none(tmp_path):
     with pytest.raises(NotOfferedError, match="greedy"):
         train_part(contract.blocks(), hhr.Greedy(budget=10), 1, 2, tmp_path)

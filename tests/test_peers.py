@@ -8,18 +8,17 @@ from mpi4py import MPI
 from peers import DualBasisModel, cone_projected_greedy, nonnegative_factors
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.baselines.condensation import exact_condensation
-from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.errors import NotSolvableError, SceneError
 from hhr_dolfinx.linear.dense import LapackLU, PetscLU
+from hhr_dolfinx.reduction.exact import exact_condensation
 
 
 @pytest.mark.parametrize("mu", [0.15, 0.2345, 0.45])
-def test_naive_and_condensed_are_exact(hertz, hertz_snapshots, mu):
+def test_condensed_is_exact(hertz, hertz_snapshots, mu):
     exact = hertz.solve(mu)
     known = hertz_snapshots.known_statuses()
     condensed, forces_only = (exact_condensation(hertz, known, field=field).solve(mu) for field in (True, False))
-    for answer in (NaiveFullOrder(hertz).solve(mu), condensed, forces_only):
+    for answer in (condensed, forces_only):
         assert answer.displacement() == pytest.approx(exact.displacement(), abs=1e-11)
         assert answer.forces() == pytest.approx(exact.forces(), abs=1e-11)
     assert forces_only.unknown.size == 0 and np.array_equal(forces_only.forces(), condensed.forces())

@@ -12,7 +12,6 @@ from test_mpi import launch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import compat
-from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.errors import NotSolvableError, ParameterError, SceneError
 from hhr_dolfinx.geometries import block, press_fit, two_blocks
 from hhr_dolfinx.reduction.condense import condense
@@ -78,7 +77,6 @@ def test_at_a_point_it_is_the_plain_scene_meshed_there(pair):
     found = pair.solve(POINT)
     tolerance = 1e-11 if MESHES[pair.scene.hypothesis].get("simplices") else BY_RULE
     check_like(found, expected, tolerance)
-    check_like(NaiveFullOrder(pair).solve(POINT), found, 1e-11)
     problem = pair.problem.at(POINT)
     check_contact_conditions(problem, found.displacement(), found.forces(), found.parameter)
     for name in ("stiffness", "mass"):

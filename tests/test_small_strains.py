@@ -205,8 +205,3 @@ def test_cells_that_are_looked_at_stand_for_all(monkeypatch):
     assert 4 <= strain.cells <= 6
     stretched = (problem.points * [0.25, 0.0]).ravel()[:, None]
     assert strain.sizes(stretched) == pytest.approx(0.25)
-
-
-def test_one_call_warns_of_a_box_that_reaches_too_far():
-    with pytest.warns(SmallStrainWarning, match=r"at down = 12: a strain of .*narrow it"):
-        hhr.reduce(squeezed(12.0), error=0.01, of="forces")

@@ -12,12 +12,13 @@ import numpy as np
 import pytest
 import your_scene
 from dolfinx import mesh as dmesh
+from needs import needs
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
-from hhr_dolfinx.models.fallback import FallbackModel
 from hhr_dolfinx.online.model_file import load_model
+from hhr_dolfinx.plugins.fallback.model import FallbackModel
 from hhr_dolfinx.study.scene.check import check_scene
 from hhr_dolfinx.study.scene.findings import OK
 
@@ -389,6 +390,7 @@ def test_wrong_trainings(name):
         hhr.train(your_scene.scene(), make())
 
 
+@needs("fallback")
 def test_a_model_of_another_scene(trained, tmp_path):
     """A model in a file beside the full model of a scene that has since been changed; and files that are no models."""
     path = tmp_path / "model.npz"

@@ -20,13 +20,12 @@ from scenes import pressed_pair
 from threads import THREADS, at_once
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.baselines.condensation import exact_condensation
-from hhr_dolfinx.baselines.naive import NaiveFullOrder
 from hhr_dolfinx.contact.active_set import SchurEqualities
 from hhr_dolfinx.errors import HHRError, OutsideTrainingError
 from hhr_dolfinx.full_order.reshaped import Reshaped
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.linear.dense import LapackLU, PetscLU, dense_factors
+from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.shapes import coordinate_names
 
 pytestmark = pytest.mark.usefixtures("restless")
@@ -105,10 +104,6 @@ def test_exact_condensation(pellet):
 
 def test_one_full_model(pellet):
     check_threads([pellet[0]] * THREADS, pellet[2][:50])
-
-
-def test_the_naive_full_model(pellet):
-    check_threads([NaiveFullOrder(pellet[0])] * THREADS, pellet[2][:4])
 
 
 @pytest.fixture(scope="module")

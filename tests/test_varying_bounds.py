@@ -9,6 +9,7 @@ import pytest
 import your_scene
 from kept_values import put, rewrite_model
 from mpi4py import MPI
+from needs import needs
 from scenes import pressed_pair
 from scipy.linalg import eigvalsh
 from test_shapes import BODIES as SHAPED_BODIES
@@ -293,6 +294,7 @@ def test_the_bound_is_made_once_for_all_attempts(monkeypatch):
     assert len(calls) == spent and again.compliances is model.fields.bound.compliances
 
 
+@needs("fallback")
 def test_a_model_that_falls_back_is_never_off(varying):
     training, model, _ = varying
     full = training.full_order

@@ -10,10 +10,10 @@ from scipy.sparse import csr_matrix
 from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 
-from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import Answer, ElasticFields, Fields
+from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.snapshots.records import compute_snapshots
 
 

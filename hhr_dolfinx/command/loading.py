@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import inspect
-from collections.abc import Iterable
-from contextlib import suppress
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from hhr_dolfinx.by_name import find
 from hhr_dolfinx.errors import FileError, ParameterError, SceneError
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.plugins import find
 
 if TYPE_CHECKING:
     from hhr_dolfinx.scene import Scene
@@ -169,3 +169,17 @@ def checked_target(path: Path | None, endings: tuple[str, ...]) -> None:
 
 class _Enough(Exception):
     """A file could be begun."""
+
+
+@contextmanager
+def naming_condensed(model: Path) -> Iterator[None]:
+    """Of a model that is refused, say where a condensed one lies."""
+    from hhr_dolfinx.errors import NotOfferedError
+
+    other = model.with_name("condensed.npz")
+    try:
+        yield
+    except NotOfferedError as error:
+        if model.name == other.name or not other.exists():
+            raise
+        raise NotOfferedError(f"{error}. A condensed model lies beside it: {other}") from error

@@ -11,7 +11,7 @@ import os
 import sys
 from pathlib import Path
 
-from hhr_dolfinx.command import answering, handing_on, making
+from hhr_dolfinx import registry
 from hhr_dolfinx.command.speaking import guarded, spoken
 from hhr_dolfinx.command.words import AT, NO_ANSWER, SCENE, examples
 from hhr_dolfinx.compat import extra
@@ -22,7 +22,32 @@ with extra("study", "the command hhr"):
 PICTURES = (".png", ".pdf", ".svg")
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"]})
+OWN = {
+    "train": "hhr_dolfinx.command.making:train",
+    "study": "hhr_dolfinx.command.making:study",
+    "report": "hhr_dolfinx.command.making:report",
+    "solve": "hhr_dolfinx.command.answering:solve",
+    "answer": "hhr_dolfinx.command.answering:answer",
+}
+"""Commands of the core that are loaded when they are called, as those of plug-ins are."""
+
+
+class Commands(click.Group):
+    """Commands by name: of the core and of plug-ins."""
+
+    def list_commands(self, ctx: click.Context) -> list[str]:
+        """Their names."""
+        return sorted({*self.commands, *OWN, *registry.named("commands")})
+
+    def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
+        """One of them."""
+        if cmd_name in self.commands:
+            return self.commands[cmd_name]
+        place = OWN.get(cmd_name) or registry.named("commands").get(cmd_name)
+        return None if place is None else registry.load(place)
+
+
+@click.group(cls=Commands, context_settings={"help_option_names": ["-h", "--help"]})
 @click.option("--verbose", is_flag=True, help="say what goes on, stage by stage")
 @click.version_option(package_name="hhr_dolfinx")
 def hhr(verbose: bool) -> None:
@@ -82,8 +107,8 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
 @guarded
 def list_(kind: str | None) -> None:
     """Show what scenes may name: geometries, pairings, laws, loads, outputs, samplings, materials, other packages."""
+    from hhr_dolfinx.by_name import OWN, names
     from hhr_dolfinx.materials.elasticity import MATERIALS
-    from hhr_dolfinx.plugins import OWN, names
 
     kinds = [*OWN, "materials"]
     if kind is not None and kind not in kinds:
@@ -96,13 +121,6 @@ def list_(kind: str | None) -> None:
         else:
             for name, source in sorted(names(one).items()):
                 click.echo(f"  {name} ({source})")
-
-
-for _command in (
-    making.train, making.reduce, making.study, answering.solve, answering.answer, handing_on.page, handing_on.embed,
-    handing_on.serve, handing_on.dakota, handing_on.export, handing_on.report,
-):  # fmt: skip
-    hhr.add_command(_command)
 
 
 def main() -> None:

@@ -1,14 +1,13 @@
-"""Commands that make models of a scene: train, reduce, study."""
+"""Commands that make models of a scene and reports of them: train, study, report."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hhr_dolfinx import ranks
+from hhr_dolfinx import ranks, registry
 from hhr_dolfinx.command.speaking import Command, first_rank, guarded, spoken
-from hhr_dolfinx.command.words import NO_ANSWER, OUT, PART, SCENE, Share, examples
+from hhr_dolfinx.command.words import OUT, PART, SCENE, examples
 from hhr_dolfinx.compat import extra
 
 if TYPE_CHECKING:
@@ -17,13 +16,12 @@ if TYPE_CHECKING:
 with extra("study", "the command hhr"):
     import click
 
-KINDS = {"hhr": "build", "condensed": "condense", "local": "local"}
+KINDS = {"hhr": "build", "condensed": "condense", **{name: name for name in registry.named("kinds")}}
 """Kinds of models that a training makes, and how."""
 TRAINING = (
     click.option("--grid", help="train on a regular grid: counts along the parameters, as 16,16"),
     click.option("--sobol", type=click.IntRange(2), help="train on so many Sobol points"),
-    click.option("--greedy", type=float, help="train where a model is worst, up to this error of the forces"),
-    click.option("--budget", type=click.IntRange(2), help="most answers of a greedy training"),
+    *(option for name in registry.named("trainings").values() for option in registry.load(name).options),
 )
 
 
@@ -60,8 +58,7 @@ def train(
 
     from hhr_dolfinx.command.loading import scene_of
     from hhr_dolfinx.online.model_file import save_model
-    from hhr_dolfinx.pages.scenery import NAME
-    from hhr_dolfinx.study.scene.scenery import scenery_of
+    from hhr_dolfinx.registry import write_companions
     from hhr_dolfinx.study.training.train import train as trained
 
     console, progress = spoken()
@@ -95,64 +92,16 @@ def train(
             if item["stage"] in ("snapshots", "problems side by side"):  # what was there already, and how ranks share
                 console.print(item["why"], highlight=False)
         model = getattr(training, KINDS[kind])()
-    scenery = scenery_of(full)
-    if MPI.COMM_WORLD.rank:  # which has built with the others
-        return
     target = folder / f"{kind}.npz"
     target.parent.mkdir(parents=True, exist_ok=True)
+    write_companions(full, folder)
+    if MPI.COMM_WORLD.rank:  # which has built with the others
+        return
     save_model(target, model)
-    scenery.write(target.parent / NAME)
     problem = full.problem
     console.print(f"{made.name}: {problem.free.size} dofs and {len(problem.gaps)} contacts -> {_described(model)}")
     console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
     console.print(f"model: {target}")
-
-
-@click.command(
-    epilog=examples(
-        "hhr reduce my_scene.py --error 1% --of pressure", "hhr reduce my_scene.py --of forces --seconds 600"
-    )
-)
-@SCENE
-@click.option("--error", type=Share(), default="1%", show_default=True, help="largest relative error of an answer")
-@click.option("--of", multiple=True, help="of pressure, forces, displacement or an output; once for each [pressure]")
-@click.option("--seconds", type=float, help="most that it may take")
-@click.option("--answers", type=click.IntRange(1), help="most answers of the full model")
-@click.option("--megabytes", type=float, help="largest model in a file")
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="of random points")
-@OUT
-@guarded
-def reduce(scene: str, out: Path | None, error: float, of: tuple[str, ...], seed: int, **limits: Any) -> None:
-    """Find a model of the scene that is as exact as wished, and save it: condensed, hyper-reduced, or local ones.
-
-    Each kind is tried as far as it takes, checked and timed; a table says so, and reduction.json. Where bodies flow the
-    file of the scene holds PATHS, a hhr.PathFamily. Full answers are kept: a command that was interrupted goes on.
-    """
-    from hhr_dolfinx.command.loading import beside, scene_of
-    from hhr_dolfinx.errors import StudyError
-    from hhr_dolfinx.study.one_call.search import KEPT
-    from hhr_dolfinx.study.one_call.search import reduce as reduced
-    from hhr_dolfinx.study.one_call.wish import Budget
-    from hhr_dolfinx.study.report.console import shares_on
-
-    console, _ = spoken()
-    progress = shares_on(console)
-    made = scene_of(scene)
-    folder = out or Path("out") / made.name
-    size = limits["megabytes"]
-    budget = Budget(limits["seconds"], limits["answers"], None if size is None else 1e6 * size)
-    wish: Any = {"error": error, "of": of or "pressure", "budget": budget, "paths": beside(scene, "PATHS")}
-    try:
-        model = reduced(made, **wish, folder=folder, seed=seed, progress=progress)
-    except StudyError as error:
-        if tried := vars(error).get("reduction"):  # its reasons are those of the error
-            console.print(tried.table, highlight=False, markup=False)
-            console.print(f"what was tried: {folder / KEPT}", highlight=False)
-        raise
-    console.print(str(model.reduction), highlight=False, markup=False)
-    console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
-    console.print(f"model: {folder / 'model.npz'}")
-    sys.exit(0 if model.reduction.met else NO_ANSWER)
 
 
 @click.command(epilog=examples("hhr study my_scene.py --grid 16,16 --tests 200", "hhr report out/my_scene"))
@@ -231,18 +180,28 @@ def _training_of(how: dict[str, Any], settings: Any) -> Any:
     """How to train: as asked for, or as the scene's file says, or on 64 Sobol points."""
     from hhr_dolfinx.sampling import Sobol
 
-    given = [name for name in ("grid", "sobol", "greedy") if how[name] is not None]
-    if len(given) > 1 or (how["budget"] is not None and given != ["greedy"]):
-        raise click.UsageError("give one of --grid, --sobol and --greedy; --budget belongs to --greedy")
+    chosen = {name: registry.load(place) for name, place in registry.named("trainings").items()}
+    asked = [name for name, way in chosen.items() if any(how[option] is not None for option in way.names)]
+    given = [name for name in ("grid", "sobol") if how[name] is not None] + asked
+    if len(given) > 1:
+        raise click.UsageError(f"give one of {', '.join(f'--{name}' for name in ('grid', 'sobol', *chosen))}")
     if given == ["grid"]:
         try:
             return [int(word) for word in how["grid"].split(",")]
         except ValueError:
             raise click.UsageError(f"--grid {how['grid']} must be counts, as 16,16") from None
-    if given == ["greedy"]:
-        from hhr_dolfinx.study.training.greedy import Greedy
-
-        return Greedy(tolerance=how["greedy"], budget=how["budget"] or 200)
+    if asked:
+        return chosen[asked[0]].training(how)
     if given == ["sobol"]:
         return Sobol(how["sobol"])
     return Sobol(64) if settings is None else settings.training
+
+
+@click.command(epilog=examples("hhr report out/my_scene"))
+@click.argument("folder", type=click.Path(path_type=Path))
+@guarded
+def report(folder: Path) -> None:
+    """Make report.html of the report.json and the pictures in a folder: one file that needs nothing else."""
+    from hhr_dolfinx.study.report.page import write_page
+
+    click.echo(write_page(folder))

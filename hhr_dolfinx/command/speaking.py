@@ -50,7 +50,7 @@ def guarded(command: Command) -> Command:
 
 def _explained(error: Exception) -> str:
     """An error in words, with its place where it came out of a file of the user; a fault of this package is raised."""
-    from hhr_dolfinx.plugins import place_of
+    from hhr_dolfinx.by_name import place_of
 
     if isinstance(error, ModuleNotFoundError):
         error = explained(error)

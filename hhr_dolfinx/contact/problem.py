@@ -85,24 +85,6 @@ class ScaledBodies:
         values = (1.0 if factor is None else factor.value(point) for factor in self.factors)
         return np.fromiter(values, dtype=float, count=len(self.factors)) / self._middle
 
-    def on_dofs(self, scales: np.ndarray) -> np.ndarray:
-        """Numbers of the components, (C,), on their dofs, own ones of a rank."""
-        return scales[self._component]
-
-    def parts(self, per_force: np.ndarray) -> np.ndarray:
-        """S_c of each component, (C, m, m), from K^-1 B^T in the middle of the box, (own, m)."""
-        problem = self.problem
-        contact = problem.contact_of_rows
-        bodies = [problem.spread.mine(body) for body in problem.bodies]
-        return problem.spread.sum(np.array([contact[:, body] @ per_force[body] for body in bodies]))
-
-    @cached_property
-    def _component(self) -> np.ndarray:
-        found = np.empty(self.problem.free.size, dtype=np.int64)
-        for number, body in enumerate(self.problem.bodies):
-            found[body] = number
-        return self.problem.spread.of(found)
-
     @cached_property
     def _middle(self) -> np.ndarray:
         middle = self.problem.middle
@@ -180,7 +162,8 @@ class ContactProblem:
     same on all ranks; it is sparse, or as large as the contact surface.
 
     Attributes:
-        stiffness_terms: own rows of the parts of K, without boundary conditions, (own, N) each.
+        stiffness_terms: own rows of the parts of K, without boundary conditions, (own, N) each; none where K is that of
+            a user's system without parts.
         moduli: amplitude of each of these parts; none where K is their sum and does not depend on parameters. All that
             does not name a parameter then means the middle of the box.
         lift_terms: each part of K times the lifts, on free dofs, (N, 1 + T) each; none where ``moduli`` are none.
@@ -252,7 +235,7 @@ class ContactProblem:
     @property
     def varies(self) -> bool:
         """Whether more than loads, gaps and lifts depends on parameters."""
-        return bool(self.moduli) or self.reshaped is not None
+        return bool(self.moduli) or self.reshaped is not None or not self.stiffness_terms
 
     @cached_property
     def pressing(self) -> np.ndarray:
@@ -269,6 +252,14 @@ class ContactProblem:
         if self.friction is not None:
             found[self.friction.twice] = False
         return found
+
+    def require_parts(self, what: str = "what reads K") -> None:
+        """Raise NotOfferedError where K is no sum of known parts."""
+        if not self.stiffness_terms:
+            raise NotOfferedError(
+                f"{what} is not offered for a user-defined system without parts: it would leave out what the system "
+                "adds to K. Solve with the full model, or return weights and matrices from parts()"
+            )
 
     def require_no_friction(self, what: str) -> None:
         """Raise NotOfferedError where there is friction, for what looks at pressures alone."""
@@ -291,13 +282,21 @@ class ContactProblem:
         if not problem.moduli:
             return problem
         weights = problem.weights(point)
-        middle = problem.weights(problem.middle)
-        loads = problem.loads
-        for change, term in zip(middle - weights, problem.lift_terms, strict=True):
-            loads = loads + change * term
-        same = np.array_equal(weights, middle)  # no copy of K in the middle of the box
-        stiffness = (problem.own_stiffness if same else problem.combined(weights),)
+        stiffness = (problem.stiffness_of(weights),)
+        loads = problem.loads_of(weights)
         return replace(problem, stiffness_terms=stiffness, moduli=(), lift_terms=(), reshaped=None, loads=loads)
+
+    def stiffness_of(self, weights: np.ndarray) -> csr_matrix:
+        """Own rows of K for weights of its parts, (Q,); no copy in the middle of the box."""
+        same = np.array_equal(weights, self.weights(self.middle))
+        return self.own_stiffness if same else self.combined(weights)
+
+    def loads_of(self, weights: np.ndarray) -> csc_matrix:
+        """F - K lift on free dofs for weights of the parts of K, (Q,), sparse, (N, 1 + T)."""
+        loads = self.loads
+        for change, term in zip(self.weights(self.middle) - weights, self.lift_terms, strict=True):
+            loads = loads + change * term
+        return loads
 
     def loads_at(self, point: np.ndarray, theta: Theta) -> np.ndarray:
         """F - K lift on free dofs at a point of a scene of one shape, with the θ there, (N,)."""
@@ -381,6 +380,7 @@ class ContactProblem:
     @cached_property
     def own_stiffness(self) -> csr_matrix:
         """Own rows of K, without boundary conditions, (own, N)."""
+        self.require_parts()
         if self.moduli:
             return self.combined(self.weights(self.middle))
         first, *others = self.stiffness_terms

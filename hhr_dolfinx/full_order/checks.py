@@ -63,7 +63,7 @@ def warn_of_idle_parameters(scene: Scene, amplitudes: Amplitudes) -> None:
     """Warn of parameters that no amplitude of a scene depends on, no body, and no law."""
     used = scene.named.union(*(_parameters_of_law(body) for body in scene.bodies))
     idle = tuple(name for name in amplitudes.idle(scene.parameters) if name not in used)
-    if idle:
+    if idle and scene.system is None:  # which may name any
         warn(
             f"parameters {idle} of scene '{scene.name}' have no effect: no displacement, load, opening, extent, body, "
             "law or shape names them. Remove them from the ParameterSpace, or name them in the slopes of an Amplitude",

@@ -11,18 +11,18 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from mpi4py import MPI
 from scipy.linalg.blas import daxpy
-from scipy.sparse import csc_matrix, csr_matrix, diags
+from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.contact.stiffness import FactorStore, LazyStiffness, Stiffness
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.gauss_points import material_at, stiffness_parts, strain_operator
 from hhr_dolfinx.full_order.points_of_ranks import PointsOfRanks
 from hhr_dolfinx.linear.rows import Rows
-from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.materials.constants import check_law
 from hhr_dolfinx.materials.strain import ElasticPart, SparsePattern, StrainOperator
 from hhr_dolfinx.materials.update import Material, Update
@@ -35,7 +35,6 @@ from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
-    from hhr_dolfinx.linear.shared import SharedCholesky
     from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
 
 
@@ -111,7 +110,9 @@ class FullEquilibrium:
         self.per_cell = self.operator.per_cell
         self._pattern = gauss.pattern
         self._pairs = Pairs.of(problem.contact_pairs)
-        self._tangent_factors = _TangentFactors(full)
+        # made for factoring, while that of the elastic stiffness is made for solving: on one core, in the plane at
+        # 13,700 dofs, nd takes 31 ms to factor and 1.1 ms to solve, qmd 53 and 1.4 ms
+        self._tangent_factors = FactorStore(lambda matrix: full.factors_of(matrix, "nd"))
         self.lock = RLock()
         self._body = np.zeros(self.size, dtype=int)
         self._body[self.operator.dofs] = gauss.bodies[:, None]
@@ -123,12 +124,12 @@ class FullEquilibrium:
 
             self.eigenstrains = at_gauss_points(gauss.discretisation, problem, self.operator)
         self._set_elasticity(gauss.material.moduli_at(problem.middle), problem.own_stiffness)
-        linear = (problem.own_stiffness, full._solver), full.equalities, self._pushed
-        self.elastic = self._linearisation(*linear, self._unchanged.tangents)
+        self.elastic = _SparseLinearisation(
+            problem, self._pairs, full.stiffness, full.equalities, self._pushed, self._unchanged.tangents
+        )
         self.material = gauss.material
         self.young = tuple(modulus.factor for modulus in gauss.moduli)
         self._middle = self
-        self._only_part = _only_part(problem)
         self._last: tuple[np.ndarray, FullEquilibrium] | None = None
         self._ranks: PointsOfRanks | None = None
         self._rows = problem.spread
@@ -187,7 +188,7 @@ class FullEquilibrium:
         found._last = None
         stiffness = problem.combined(weights)
         found._set_elasticity(middle.material.moduli_at(point), stiffness)
-        found.elastic = middle._elastic_of(weights, stiffness, found._unchanged.tangents)
+        found.elastic = middle._elastic_of(point, stiffness, found._unchanged.tangents)
         # in one assignment, since several threads may ask
         middle._last = weights, found
         return found
@@ -198,18 +199,19 @@ class FullEquilibrium:
         self._unchanged: ElasticPart = ElasticPart(material.elastic, stiffness.data.copy())
         self._sizes = abs(stiffness)
 
-    def _elastic_of(self, weights: np.ndarray, stiffness: csr_matrix, moduli: np.ndarray) -> _SparseLinearisation:
-        """The elastic linearisation of a stiffness and its weights, with elastic tangents, from that of the middle."""
-        problem = self.problem
+    def _elastic_of(self, point: np.ndarray, matrix: csr_matrix, moduli: np.ndarray) -> _SparseLinearisation:
+        """The elastic linearisation of K at a point, with elastic tangents."""
         full = self._full
-        if self._only_part is None:
-            columns = _LazyColumns(full._solver, problem.contact)
-            equalities = SchurEqualities(columns.images, self.conditions)
-            return self._linearisation((stiffness, full._solver), equalities, columns.push, moduli)
-        scale = (problem.weights(problem.middle) / weights)[self._only_part]
-        equalities = SchurEqualities.of((problem.contact @ diags(scale)) @ full.per_force)
-        factors = problem.own_stiffness, _ScaledSolver(full._solver, scale)
-        return self._linearisation(factors, equalities, lambda forces: scale * self._pushed(forces), moduli)
+        if full.system.bodies is None:
+            return self._lazy(matrix, full.store, moduli)
+        scaled = full.system.stiffness(point)
+        given = self.problem, self._pairs, scaled, scaled.equalities
+        return _SparseLinearisation(*given, lambda forces: self._pushed(forces) / scaled.own, moduli)
+
+    def _lazy(self, matrix: csr_matrix, store: FactorStore, moduli: np.ndarray) -> _SparseLinearisation:
+        """The linearisation of a matrix whose columns of K^-1 B^T are solved for as conditions touch."""
+        lazy = LazyStiffness(matrix, self.problem, store)
+        return _SparseLinearisation(self.problem, self._pairs, lazy, lazy.equalities, lazy.response_to_forces, moduli)
 
     def _pushed(self, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T λ in the middle of the box, by the columns of what bears: little of a contact in space.
@@ -221,15 +223,6 @@ class FullEquilibrium:
         for k in np.flatnonzero(forces).tolist():
             found = daxpy(columns[:, k], found, a=forces[k])
         return self._rows.whole(found)
-
-    def _linearisation(
-        self,
-        factors: tuple[csr_matrix, FreeCholesky | SharedCholesky | _ScaledSolver],
-        equalities: SchurEqualities,
-        push: Callable[[np.ndarray], np.ndarray],
-        moduli: np.ndarray,
-    ) -> _SparseLinearisation:
-        return _SparseLinearisation(self.problem, self._pairs, factors, equalities, push, moduli)
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """Strain of U0 + lift at all Gauss points, less that which is without stress."""
@@ -297,61 +290,9 @@ class FullEquilibrium:
     def linearised(self, tangents: np.ndarray) -> _SparseLinearisation:
         """Factor the tangent stiffness; the linearisation before needs a factorisation again."""
         stiffness = self.stiffness(tangents)
-        with self.lock:
-            solver = self._tangent_factors.of(stiffness)
-        columns = _LazyColumns(solver, self.problem.contact)
-        equalities = SchurEqualities(columns.images, self.conditions)
-        return self._linearisation((stiffness, solver), equalities, columns.push, tangents)
-
-
-def _only_part(problem: ContactProblem) -> np.ndarray | None:
-    """The part of K that acts on each dof, (N,); None where elasticity is constant, or several act on one."""
-    acting = np.array([abs(part).sum(axis=1).A1 > 0 for part in problem.stiffness_terms])
-    if not problem.moduli or (acting.sum(axis=0) > 1).any():
-        return None
-    return acting.argmax(axis=0)
-
-
-class _TangentFactors:
-    """Factors of tangents: one solver for equilibria of all elasticities, made when it is first needed.
-
-    It is made for factoring, while that of the elastic stiffness is made for solving: on one core, in the plane at
-    13,700 dofs, nd takes 31 ms to factor and 1.1 ms to solve, qmd 53 and 1.4 ms.
-    """
-
-    def __init__(self, full: Any):
-        self._full = full
-        self._solver: FreeCholesky | SharedCholesky | None = None
-
-    def of(self, stiffness: csr_matrix) -> FreeCholesky | SharedCholesky:
-        """The solver with the factors of a stiffness."""
-        if self._solver is None:
-            self._solver = self._full.factors_of(stiffness, "nd")
-        else:
-            self._solver.refactor(stiffness)
-        return self._solver
-
-
-class _ScaledSolver:
-    """Solver of a stiffness each block of which is that of another one over a factor.
-
-    Args:
-        solver: of the other one.
-        scale: factor of the solution at each dof, (N,), the same within a block.
-    """
-
-    def __init__(self, solver: FreeCholesky | SharedCholesky, scale: np.ndarray):
-        self._solver = solver
-        self._scale = scale
-        self.lock = solver.lock
-
-    def refactor(self, stiffness: csr_matrix) -> None:
-        """Take the values of the other stiffness; no work if its factors are those at hand."""
-        self._solver.refactor(stiffness)
-
-    def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Solution for a right-hand side, (N,)."""
-        return self._scale * self._solver.solve(rhs)
+        found = self._lazy(stiffness, self._tangent_factors, tangents)
+        with found.stiffness.held():  # raises here where the tangent is singular
+            return found
 
 
 @dataclass(frozen=True)
@@ -361,8 +302,7 @@ class _SparseLinearisation:
     Attributes:
         problem: the full problem.
         pairs: its conditions by contact pair.
-        factors: the matrix that the solver has to factor, (N, N), mostly K, and the solver of K, which may hold the
-            factors of another linearisation meanwhile.
+        stiffness: K, elastic or tangent.
         equalities: on S = B K^-1 B^T.
         push: maps forces to K^-1 B^T λ, (N,).
         moduli: tangents at the Gauss points.
@@ -370,7 +310,7 @@ class _SparseLinearisation:
 
     problem: ContactProblem
     pairs: Pairs | None
-    factors: tuple[csr_matrix, FreeCholesky | SharedCholesky | _ScaledSolver]
+    stiffness: Stiffness
     equalities: SchurEqualities
     push: Callable[[np.ndarray], np.ndarray]
     moduli: np.ndarray
@@ -380,11 +320,8 @@ class _SparseLinearisation:
     ) -> Correction:
         """Solve K δ + B^T λ = residual, B (x + δ) <= gaps."""
         problem = self.problem
-        stiffness, solver = self.factors
-        # one solver serves all linearisations: columns of S are solved for within the active set
-        with solver.lock:
-            solver.refactor(stiffness)
-            free = solver.solve(residual)
+        with self.stiffness.held():  # columns of S are solved for within the active set
+            free = self.stiffness.solve(residual)
             slack = problem.gaps @ theta - problem.contact @ (x + free)
             if rubbing is None:
                 found = active_set(self.equalities, slack, active, pairs=self.pairs)
@@ -394,37 +331,7 @@ class _SparseLinearisation:
 
     def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solve K δ + B^T λ = residual, B δ = gaps where active, λ = 0 elsewhere."""
-        stiffness, solver = self.factors
-        with solver.lock:
-            solver.refactor(stiffness)
-            free = solver.solve(residual)
+        with self.stiffness.held():
+            free = self.stiffness.solve(residual)
             forces, _ = self.equalities(active, gaps - self.problem.contact @ free)
             return free - self.push(forces), forces
-
-
-class _LazyColumns:
-    """K^-1 B^T and S = B K^-1 B^T by columns, solved for when their conditions first become active, all at once."""
-
-    def __init__(self, solver: FreeCholesky | SharedCholesky, contact: csr_matrix):
-        self._solver = solver
-        self._contact = contact
-        self._columns: dict[int, np.ndarray] = {}
-        self._images: dict[int, np.ndarray] = {}
-
-    def images(self, index: np.ndarray) -> np.ndarray:
-        """Columns of S as rows, (k, m); see :class:`SchurEqualities`."""
-        new = [k for k in index.tolist() if k not in self._columns]
-        if new:
-            columns = self._solver.solve_columns(self._contact[new].T)
-            images = self._contact @ columns
-            for place, k in enumerate(new):
-                self._columns[k] = columns[:, place]
-                self._images[k] = images[:, place]
-        return np.array([self._images[k] for k in index.tolist()]).reshape(index.size, self._contact.shape[0])
-
-    def push(self, forces: np.ndarray) -> np.ndarray:
-        """K^-1 B^T λ for forces on conditions that were active, (N,)."""
-        pushed = np.zeros(self._contact.shape[1])
-        for k in np.flatnonzero(forces).tolist():
-            pushed += forces[k] * self._columns[k]
-        return pushed

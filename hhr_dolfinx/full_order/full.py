@@ -5,22 +5,25 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable
 from copy import copy
+from dataclasses import replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NoReturn
 
 import numpy as np
 from mpi4py import MPI
-from scipy.sparse import csc_matrix, csr_matrix, spmatrix
+from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx import ranks
-from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
-from hhr_dolfinx.contact.problem import ScaledBodies
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status
+from hhr_dolfinx.contact.problem import masked
+from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness
 from hhr_dolfinx.errors import NotOfferedError, SceneError
-from hhr_dolfinx.full_order.at_hand import AtHand
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.full_order.system import system_of
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
-from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path, found_as
+from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path
+from hhr_dolfinx.models.eliminations.elimination import answer_of
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings, checked_path, solve_along
@@ -29,7 +32,6 @@ from hhr_dolfinx.models.strains import StrainGuard
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.floating import FloatingEqualities
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.flow import FullEquilibrium
@@ -43,8 +45,6 @@ _log = logging.getLogger(__name__)
 
 KEPT_BYTES = 1e9
 """Memory that K^-1 B^T may take; where it would take more its columns are dropped as they are made."""
-_BY_ROWS = ("per_load", "scaled")
-"""Cached values of a full model that are those of its own rows."""
 FULL_ORDER_ADVICE = {Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"}
 
 
@@ -68,6 +68,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
             all of them, and factors alone are shared.
         discretisation: mesh and forms.
         problem: the :class:`ContactProblem`; on several ranks each has the rows of its own dofs.
+        system: its equations at any point.
+        stiffness: K, if it is constant, or that in the middle of the box.
+        store: factors of K, which it and K of other points lease.
         parameters: the box of the parameters.
         per_force: K^-1 B^T on the dofs of this rank, (own dofs, N_lambda).
         keeps_columns: whether K^-1 B^T has room in memory; without it S is made when it is first asked for, and a
@@ -134,73 +137,70 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self.problem = problem = discretisation.checked(problem)
         self.parameters = problem.parameters
         self.friction = problem.friction
-        self._own = problem.rows
-        self._at_hand: AtHand | None = None
-        self._scaled_schur: tuple[np.ndarray, np.ndarray] | None = None
+        self.keeps_columns = self._has_room()
+        self.stiffness: SparseStiffness
+        self.system = system_of(problem, self.scene.system, lambda: self.stiffness, self._stiffness_of)
         # a stiffness factored for each query: at 14,140 dofs and 162 conditions MUMPS takes 24 ms, nd 45, qmd 70, and a
         # solution for each condition 138, 272, 308 ms, which Schur complements save; that of bodies that flow serves
         # whole histories
-        anew = problem.varies and all(body.law is None for body in self.scene.bodies) and self.scaled is None
-        self.keeps_columns = self._has_room()
+        anew = self.system.anew and all(body.law is None for body in self.scene.bodies)
         # what is solved for once for each query, or does not keep its columns, asks for S alone
         asked = np.unique(problem.contact.indices) if anew or not self.keeps_columns else None
-        self._solver = self.factors_of(problem.own_stiffness, "mumps" if anew else "qmd", asked, anew=anew)
-        check_regular(problem, lambda rhs: self.spread.whole(self._solver.solve(rhs)), self.scene.name)
-        contact = problem.contact_of_rows
-        self._own_loads = problem.loads[self._own]
-        self._contact = contact
-        self._columns: np.ndarray | None = None
-        self._schur: np.ndarray | None = None
+        ordering = "mumps" if anew else "qmd"
+        self.store = FactorStore(lambda matrix: self.factors_of(matrix, ordering, asked, anew=anew))
+        with self.store.of(problem.own_stiffness) as factors:
+            check_regular(problem, lambda rhs: self.spread.whole(factors.solve(rhs)), self.scene.name)
+        self.stiffness = self._middle()
+        if self.scene.system is not None:
+            self._take_parts()
         if self.keeps_columns:
-            self._columns = self.solved_columns(contact.T)
+            self.stiffness.response  # noqa: B018 (made before threads ask)
         self._pairs = Pairs.of(problem.contact_pairs)
         adrift = f"hold it by a displacement, or push it: {problem.loose}"
         self.advice = {**FULL_ORDER_ADVICE, Status.ADRIFT: adrift}
 
-    @property
+    def _take_parts(self) -> None:
+        """Let reductors read a user's system: K in the middle of the box is its own, and the problem has its parts."""
+        stiffness = self.system.at(self.problem.middle).stiffness
+        if not isinstance(stiffness, SparseStiffness):
+            raise SceneError(f"the system of scene '{self.scene.name}' has K = {stiffness!r}: make it by made()")
+        self.stiffness = stiffness
+        problem = self.problem
+        moduli, matrices = self.system.parts() or ((), ())
+        pulled = (problem.from_rows(csr_matrix(matrix @ problem.lifts)) for matrix in matrices)
+        lifted = tuple(masked(csc_matrix(part), problem.free) for part in pulled)
+        weights = [modulus.value(problem.middle) for modulus in moduli] or [1.0]
+        loads = problem.external - sum(w * part for w, part in zip(weights, lifted, strict=False))
+        self.problem = replace(
+            problem, moduli=moduli, stiffness_terms=matrices, lift_terms=lifted if moduli else (), loads=loads
+        )
+
+    def _middle(self, **known: Any) -> SparseStiffness:
+        """K in the middle of the box, of which ``response`` and S may be known."""
+        problem = self.problem
+        bodies = None if self.system.bodies is None else [problem.spread.mine(body) for body in problem.bodies]
+        how = {"components": bodies, "keeps": self.keeps_columns, "symmetric": False} | known
+        return SparseStiffness(problem.own_stiffness, problem, self.store, **how)
+
+    def _stiffness_of(self, matrix: csr_matrix, problem: ContactProblem) -> SparseStiffness:
+        """K of own rows of a matrix, (own dofs, N), with the rows of a problem."""
+        own = self.system.problem.own_stiffness
+        if self.scene.system is not None and not np.array_equal(matrix.indices, own.indices):
+            raise SceneError("K of a user's system must have the pattern of K of the bodies: add numbers to its data")
+        found = SparseStiffness(matrix, problem, self.store)
+        return found.lent(self.stiffness) if matrix is own else found
+
+    @cached_property
     def schur(self) -> np.ndarray:
         """S in the middle of the box, (N_lambda, N_lambda)."""
-        with self.factors.lock:  # no two threads make it
-            if self._schur is None:
-                with ranks.together(self.comm, f"making S of scene '{self.scene.name}'"):
-                    whole = self.keeps_columns or self.scaled is None
-                    self._schur = self._condensed() if whole else self.schur_parts.sum(axis=0)
-        return self._schur
+        with ranks.together(self.comm, f"making S of scene '{self.scene.name}'"):
+            return self.stiffness.schur
 
     @cached_property
     def equalities(self) -> SchurEqualities:
         """Equality problems on this S, whose factors queries share."""
-        return SchurEqualities.of(self.schur)
-
-    def _condensed(self) -> np.ndarray:
-        """S of columns of K^-1 B^T that are kept, or by blocks of columns that are dropped."""
-        if self._columns is not None:
-            return self.spread.sum(self._contact @ self._columns)
-        self._solver.refactor(self.problem.own_stiffness)
-        known = self._between_last([self._contact])
-        if known is not None:
-            return known[0]
-        conditions = self._contact.shape[0]
-        _log.info(
-            "K^-1 B^T would take %.1f GB: S is made of blocks of it, and a displacement takes one more solution",
-            8e-9 * self.problem.free.size * conditions,
-        )
-        found = np.empty((conditions, conditions))
-        touched, contact = self._at_contact()
-        for part, block in self._solver.solved_blocks(self._contact.T, touched):
-            found[:, part] = contact @ block
-        return self.spread.sum(found)
-
-    def _between_last(self, rows: list[csr_matrix]) -> list[np.ndarray] | None:
-        """Each of some rows, (m, own dofs), as rows K^-1 rows^T, (m, m); None where that takes solutions."""
-        made = (self._solver.between_last(item) for item in rows)
-        found = [item for item in made if item is not None]
-        return found if len(found) == len(rows) else None
-
-    def _at_contact(self) -> tuple[np.ndarray, csr_matrix]:
-        """Own dofs that conditions touch, and the columns of B there."""
-        touched = np.unique(self._contact.indices)
-        return touched, csr_matrix(self._contact[:, touched])
+        self.schur  # noqa: B018 (all ranks hear of what is raised there)
+        return self.stiffness.equalities
 
     def has_room(self, rows: int) -> bool:
         """Whether an array with so many rows, and a column for each condition, may be kept."""
@@ -218,99 +218,27 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
         Where it is not kept it is solved for, and kept from then on: it may be larger than all else.
         """
-        if self._columns is None:
+        if not self.stiffness.has_response:
             _log.warning("K^-1 B^T is solved for and kept: %.1f GB", 8e-9 * self.problem.free.size * self.conditions)
-            with self.factors.lock:
-                self._solver.refactor(self.problem.own_stiffness)
-                self._columns = self.solved_columns(self._contact.T)
-        return self._columns
-
-    def pushed(self, forces: np.ndarray) -> np.ndarray:
-        """K^-1 B^T times forces, (N_lambda,) or (N_lambda, k), on own dofs; one more solution where it is not kept."""
-        if self._columns is not None:
-            return self._columns @ forces
-        return self.pushed_at(self.problem.own_stiffness, self._contact, forces)
+        return self.stiffness.response
 
     def pushed_everywhere(self, forces: np.ndarray) -> np.ndarray:
-        """The same on all dofs of all ranks, (N,) or (N, k); collective."""
-        return self.spread.whole(self.pushed(forces))
+        """K^-1 B^T times forces, (N_lambda,) or (N_lambda, k), on all dofs, (N,) or (N, k); collective."""
+        return self.spread.whole(self.stiffness.response_to_forces(forces))
 
     def pressed(self, rows: csr_matrix) -> np.ndarray:
         """Some rows, (k, N), times K^-1 B^T, (k, N_lambda); as K is symmetric, B times K^-1 rows^T."""
         if not rows.shape[0]:
             return np.zeros((0, self.conditions))
-        own = csr_matrix(rows)[:, self._own]
-        if self._columns is not None:
-            return self.spread.sum(own @ self._columns)
-        return self.spread.sum(self._contact @ self.solved_columns(csc_matrix(own.T))).T
+        own = csr_matrix(rows)[:, self.problem.rows]
+        if self.stiffness.has_response:
+            return self.spread.sum(own @ self.stiffness.response)
+        return self.problem.moved(self.stiffness.columns(csc_matrix(own.T))).T
 
     @cached_property
     def per_load(self) -> np.ndarray:
         """K^-1 loads on the dofs of this rank, (own dofs, 1 + T), of a constant K: what bounds of all models need."""
-        return self.solved_columns(self._own_loads)
-
-    @cached_property
-    def scaled(self) -> ScaledBodies | None:
-        """Factors of whole bodies, where nothing else of K varies; None elsewhere."""
-        return ScaledBodies.of(self.problem)
-
-    @cached_property
-    def schur_parts(self) -> np.ndarray:
-        """S in the middle of the box by connected components of K, (C, N_lambda, N_lambda)."""
-        assert self.scaled is not None
-        if self._columns is not None:
-            return self.scaled.parts(self._columns)
-        bodies = self.problem.bodies
-        masks = [np.bincount(body, minlength=len(self.problem.free))[self._own] > 0 for body in bodies]
-        with self.factors.lock:
-            self._solver.refactor(self.problem.own_stiffness)
-            rows = [csr_matrix(self._contact.multiply(mask)) for mask in masks]
-            known = self._between_last(rows)
-            if known is not None:
-                return np.stack(known)
-            count = len(self.problem.gaps)
-            found = np.empty((len(masks), count, count))
-            touched, contact = self._at_contact()
-            for part, block in self._solver.solved_blocks(self._contact.T, touched):
-                for number, mask in enumerate(masks):
-                    here = mask[touched]
-                    found[number][:, part] = contact[:, here] @ block[here]
-        return self.spread.sum(found)
-
-    def schur_of(self, scales: np.ndarray) -> np.ndarray:
-        """S for factors of the connected components, (C,): the same array for the same factors as before.
-
-        An increment that leaves them as they are then finds what the last one factored.
-        """
-        known = self._scaled_schur
-        if known is None or not np.array_equal(known[0], scales):
-            known = scales, np.tensordot(1 / scales, self.schur_parts, 1)
-            self._scaled_schur = known
-        return known[1]
-
-    @cached_property
-    def rigid_taken(self) -> np.ndarray:
-        """What rigid motions that only contact holds take from the slack, (N_lambda, r)."""
-        return self.problem.contact @ self.problem.rigid
-
-    @cached_property
-    def rigid_loads(self) -> np.ndarray:
-        """Loads along these motions, (r, 1 + T), the same for every stiffness."""
-        return (self.problem.loads.T @ self.problem.rigid).T
-
-    @cached_property
-    def floating(self) -> FloatingEqualities:
-        """Equality problems with these motions on a constant S, whose factors queries share."""
-        from hhr_dolfinx.contact.floating import FloatingEqualities
-
-        return FloatingEqualities(self.schur, self.rigid_taken)
-
-    def at_rest(self, own: np.ndarray) -> np.ndarray:
-        """Fields on the dofs of this rank, (own dofs, ...), without rigid motions that nothing drives or resists."""
-        if self.problem.resting is None:
-            return own
-        motions = self.problem.resting[self._own]
-        return own - motions @ self.spread.sum(motions.T @ own)
+        return self.stiffness.columns(self.problem.loads[self.problem.rows])
 
     @property
     def fields(self) -> FullOrderModel:
@@ -331,40 +259,6 @@ class FullOrderModel(AnsweringModel, ModelFields):
     def conditions(self) -> int:
         """Number of contact conditions, N_lambda."""
         return len(self.problem.gaps)
-
-    def condensed_at(self, problem: ContactProblem, point: np.ndarray) -> AtHand:
-        """S of the problem at a point, whose stiffness is factored unless it is the one at hand.
-
-        Along a path mostly loads change, and moduli stay.
-        """
-        weights = self.problem.weights(point)
-        known = self._at_hand
-        if self.problem.reshaped is None and known is not None and np.array_equal(weights, known.weights):
-            self._solver.refactor(known.stiffness)  # no work, unless another one was put in its place
-            return known
-        self._at_hand = None
-        stiffness = problem.own_stiffness
-        self._solver.refactor(stiffness)
-        contact = problem.contact_of_rows
-        per_force = None
-        found = self._between_last([contact])
-        if found is None:
-            per_force = self.solved_columns(contact.T)
-            found = [self.spread.sum(contact @ per_force)]
-        self._at_hand = AtHand(weights, stiffness, per_force, found[0])
-        return self._at_hand
-
-    def pushed_at(self, stiffness: csr_matrix, contact: csr_matrix, forces: np.ndarray) -> np.ndarray:
-        """K^-1 B^T times forces, (N_lambda,) or (N_lambda, k), of a stiffness, which is factored unless it is."""
-        with self._solver.lock:
-            self._solver.refactor(stiffness)
-            loads = contact.T @ forces
-            return self.solve_stiffness(loads) if loads.ndim == 1 else self.solved_columns(csc_matrix(loads))
-
-    @property
-    def factors(self) -> FreeCholesky | SharedCholesky:
-        """Of K; where it depends on parameters, those of the parameter that was solved last."""
-        return self._solver
 
     @property
     def block_ordering(self) -> str:
@@ -400,18 +294,17 @@ class FullOrderModel(AnsweringModel, ModelFields):
         from hhr_dolfinx.linear.shared import SharedCholesky
 
         model = copy(self)
-        for name in _BY_ROWS:
-            vars(model).pop(name, None)
+        vars(model).pop("per_load", None)  # that of own rows
         model.problem = problem
-        model._own = problem.rows
-        model._own_loads = problem.loads
-        model._contact = problem.contact
-        model._columns = None if self._columns is None else self.spread.whole(self._columns)
-        factors = self._solver
-        assert isinstance(factors, FreeCholesky)
-        own = self.problem.own_stiffness
-        factors.refactor(own)
-        model._solver = SharedCholesky(factors, self._own, own, problem.own_stiffness, self.comm)
+        own = self.problem.own_stiffness  # refused where reductors cannot read it
+        with self.store.of(own) as factors:
+            assert isinstance(factors, FreeCholesky)
+            shared = SharedCholesky(factors, self.problem.rows, own, problem.own_stiffness, self.comm)
+        model.store = FactorStore(lambda _: shared)
+        with model.store.of(problem.own_stiffness):
+            model.system = system_of(problem, self.scene.system, lambda: model.stiffness, model._stiffness_of)
+        response = self.spread.whole(self.stiffness.response) if self.stiffness.has_response else None
+        model.stiffness = model._middle(response=response, schur=vars(self).get("schur"))
         return model
 
     def factors_of(
@@ -431,36 +324,24 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
             given = stiffness, problem.held, self.scene.name, self.comm
             return SharedCholesky.of(*given, low_rank=low_rank, last=last)
-        rows = stiffness, problem.held, self._own, self.scene.name, ordering, self.comm
+        rows = stiffness, problem.held, problem.rows, self.scene.name, ordering, self.comm
         return FreeCholesky(*rows, low_rank=low_rank, last=last)
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
         """A full model knows no nearest statuses: ``nearest`` starts where the free slack is negative."""
-        answer = self._solved(point, start, gradient)
+        at = self.system.at(point)
+        start = None if isinstance(start, str) else start
+        if self.system.anew:
+            with at.stiffness.held():
+                answer = answer_of(at.contact(), point, start, self._pairs, self, gradient=gradient)
+        else:
+            answer = answer_of(at.contact(), point, start, self._pairs, self, gradient=gradient)
         self.strains.look(answer)
         return answer
 
-    def _solved(self, point: np.ndarray, start: Any, gradient: bool) -> Answer:
-        cold = start is None or isinstance(start, str)
-        if self.problem.varies or gradient or self.problem.rigid is not None:
-            from hhr_dolfinx.full_order.elimination import solved_anew
-
-            return solved_anew(self, point, None if cold else start, gradient=gradient)
-        theta = self.problem.amplitudes(point)
-        free = self.solve_stiffness(self._own_loads @ theta)
-        free_slack = self.problem.gaps @ theta - self.spread.sum(self._contact @ free)
-        found = active_set(self.equalities, free_slack, free_slack < 0 if cold else start, pairs=self._pairs)
-        return found_as(found, point, self.spread.whole(free - self.pushed(found.forces)), self)
-
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
-        """See :class:`AnsweringModel`; what K of the point before leaves is at hand."""
-        from hhr_dolfinx.full_order.elimination import FullStiffness
-
-        def made(point: np.ndarray) -> CondensedContact:
-            with self.factors.lock:  # of which another thread might make those of another point
-                return FullStiffness.at(self, point).contact()
-
-        return made
+        """See :class:`AnsweringModel`; a stiffness that stays from one point to the next is the same."""
+        return lambda point: self.system.at(point).contact()
 
     @property
     def sizes(self) -> tuple[int, int]:
@@ -496,27 +377,6 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
         equilibrium = self.equilibrium if settings.gradient else self.equilibrium.on_ranks(self.comm)
         return march(equilibrium, checked, settings, known=known, keep=keep)
-
-    def solve_stiffness(self, own_rhs: np.ndarray) -> np.ndarray:
-        """K^-1 times a vector, each rank with its own rows."""
-        return self.at_rest(self._solver.solve(self.at_rest(own_rhs)))
-
-    def solve_with(self, stiffness: csr_matrix, own_rhs: np.ndarray) -> np.ndarray:
-        """K^-1 times a vector for a stiffness, (own dofs, N), which is factored again if another one was meanwhile."""
-        with self._solver.lock:
-            self._solver.refactor(stiffness)
-            return self.solve_stiffness(own_rhs)
-
-    def solved_columns(self, columns: spmatrix) -> np.ndarray:
-        """K^-1 times the columns of a sparse matrix, (own dofs, k), each rank with its own rows."""
-        found = self._solver.solve_columns(columns)
-        resting = self.problem.resting
-        if resting is None or not resting.shape[1]:
-            return found
-        own = resting[self._own]
-        work = self.spread.sum(own.T @ columns)
-        drawn = np.stack([self._solver.solve(motion) for motion in own.T], axis=1)
-        return self.at_rest(found - drawn @ work)
 
     # what completes an answer, see models.answer.Fields
 

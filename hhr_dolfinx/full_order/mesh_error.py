@@ -57,6 +57,7 @@ def mesh_error(full: FullOrderModel, answer: Answer) -> MeshError:
         raise ParameterError(
             "mesh_error needs the full model of a scene and an answer, mesh_error(full, full.solve(mu))"
         )
+    full.problem.require_parts("an estimate of the error of the mesh")
     discretisation = full.discretisation
     scene = full.scene
     if full.comm.size > 1 or full.equilibrium is not None or any(body.stress is not None for body in scene.bodies):

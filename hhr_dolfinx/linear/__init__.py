@@ -1,1 +1,1 @@
-"""Linear systems: dense blocks by PETSc or LAPACK, sparse stiffness by PETSc, and how to speed up iterations."""
+"""Linear systems: dense blocks by PETSc or LAPACK, sparse stiffness by PETSc, and acceleration of iterations."""

@@ -1,7 +1,6 @@
-"""The border between what ranks eliminate by themselves: its rows, and the dense factors of what is left there.
+"""The border between the rows that each rank eliminates: its rows, and dense factors of its Schur complement.
 
-It falls apart where a scene does: bodies that touch by contact alone have no entries in common. Each part of it is
-factored by one rank.
+Bodies that only contact connects have no entries in common: the border then has several parts. One rank factors each.
 """
 
 from __future__ import annotations
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
 SENT = 2_000_000
-"""Numbers that ranks send each other at once, and that are multiplied at once, 16 MB."""
+"""Numbers in one message between ranks, and in one product, 16 MB."""
 
 
 @dataclass(frozen=True)
@@ -27,9 +26,9 @@ class Part:
     """A connected part of the border.
 
     Attributes:
-        rows: its rows, which follow each other: first those that ranks have in common, then those that are asked for.
-        common: how many are the former.
-        owner: rank that factors it.
+        rows: contiguous rows of the part: first the rows that ranks share, then those for which K^-1 is needed.
+        common: number of shared rows.
+        owner: rank that factors the part.
     """
 
     rows: slice
@@ -38,20 +37,20 @@ class Part:
 
     @property
     def size(self) -> int:
-        """Number of its rows."""
+        """Number of rows."""
         return self.rows.stop - self.rows.start
 
 
 @dataclass(frozen=True)
 class Border:
-    """Rows that no rank eliminates by itself, alike on all of them.
+    """Rows that no rank eliminates by itself; all but ``part_of`` is the same on all ranks.
 
     Attributes:
-        numbers: of the matrix, in the order of the border, (b,).
-        place: in this order, of each row of the matrix; -1 for others, (n,).
-        parts: connected ones.
-        asked: places in the border of the rows between which K^-1 is asked for, by increasing numbers.
-        part_of: part that each own row outside of it hangs together with; -1 for none.
+        numbers: row numbers in the matrix, in the order of the border, (b,).
+        place: index in this order of each row of the matrix; -1 outside of the border, (n,).
+        parts: connected components of the border.
+        asked: indices in the border of the rows between which K^-1 is needed, by increasing row number.
+        part_of: part to which each local row outside of the border is connected; -1 for none.
     """
 
     numbers: np.ndarray
@@ -62,13 +61,13 @@ class Border:
 
 
 def border_of(rows: csr_matrix, first: int, last: np.ndarray, comm: Comm) -> Border:
-    """What ranks share of a matrix whose rows are spread over them. Collective.
+    """Find the border of a matrix whose rows are distributed over ranks. Collective.
 
     Args:
-        rows: own ones, (own, n).
-        first: number of the first of them.
-        last: own rows, increasing, between which K^-1 is asked for.
-        comm: the ranks.
+        rows: local rows, (own, n).
+        first: number of the first local row.
+        last: local rows, increasing, between which K^-1 is needed.
+        comm: communicator of the ranks.
     """
     common = np.setdiff1d(_coupled(rows, first, comm), last)
     ends = np.concatenate(comm.allgather(first + last))
@@ -95,7 +94,7 @@ def border_of(rows: csr_matrix, first: int, last: np.ndarray, comm: Comm) -> Bor
 
 
 def _owners(sizes: list[int], ranks: int) -> list[int]:
-    """Ranks that factor parts of some sizes, so that none has much more to do than others."""
+    """Ranks that factor parts of given sizes, with balanced work."""
     work = np.zeros(ranks)
     found = [0] * len(sizes)
     for part in np.argsort(sizes)[::-1]:
@@ -105,7 +104,7 @@ def _owners(sizes: list[int], ranks: int) -> list[int]:
 
 
 def _connected(rows: csr_matrix, first: int, border: np.ndarray, comm: Comm) -> tuple[np.ndarray, np.ndarray]:
-    """Which connected component each row of the border is in, (b,), and each own one that is not. Collective."""
+    """Connected component of each row of the border, (b,), and of each local row outside of it. Collective."""
     own, size = rows.shape
     place = np.full(size, -1)
     place[border] = np.arange(border.size)
@@ -137,7 +136,7 @@ def _connected(rows: csr_matrix, first: int, border: np.ndarray, comm: Comm) -> 
 
 
 def _coupled(rows: csr_matrix, first: int, comm: Comm) -> np.ndarray:
-    """Own rows of a small set that has one row of each pair that is coupled across ranks. Collective."""
+    """Local rows of a small set that contains one row of each pair coupled across ranks. Collective."""
     starts = np.array([*comm.allgather(first), rows.shape[1]])
     after = rows.indices >= first + rows.shape[0]
     of_row = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
@@ -154,7 +153,7 @@ def _coupled(rows: csr_matrix, first: int, comm: Comm) -> np.ndarray:
 
 
 def _cover(one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The fewest vertices that have one of each edge between two sides of a graph, (k,), by the theorem of Koenig."""
+    """Minimum vertex cover of a bipartite graph given by its edges, (k,), by the theorem of Koenig."""
     if not one.size:
         return one
     lefts, left = np.unique(one, return_inverse=True)
@@ -179,15 +178,15 @@ def _cover(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def gathered(part: Part, reach: np.ndarray, left: np.ndarray, comm: Comm) -> np.ndarray | None:
-    """The sum of what ranks leave of a part, on and above the diagonal, (size, size); None on others than its owner.
+    """Sum the Schur complements of all ranks on a part, (size, size); None on ranks that do not own it. Collective.
 
-    Below the diagonal is anything. Collective.
+    Only values on and above the diagonal are valid.
 
     Args:
-        part: of the border.
-        reach: places in it that this rank reaches, increasing, (r,).
-        left: what it leaves there, (r, r), of which the upper triangle counts.
-        comm: the ranks.
+        part: part of the border.
+        reach: indices in the part that this rank reaches, increasing, (r,).
+        left: Schur complement of this rank there, (r, r); only the upper triangle is read.
+        comm: communicator of the ranks.
     """
     reaches = comm.gather(reach, part.owner)
     if reaches is None:
@@ -205,18 +204,18 @@ def gathered(part: Part, reach: np.ndarray, left: np.ndarray, comm: Comm) -> np.
 
 
 def _blocks(count: int) -> list[slice]:
-    """Rows of a triangle that are sent at once."""
+    """Slices of rows of a triangle, one for each message."""
     height = max(SENT // max(count, 1), 1)
     return [slice(first, min(first + height, count)) for first in range(0, count, height)]
 
 
 def _shape(block: slice, count: int) -> tuple[int, int]:
-    """Of rows from the diagonal on."""
+    """Shape of a block of rows from the diagonal on."""
     return block.stop - block.start, count - block.start
 
 
 def _add(total: np.ndarray, places: np.ndarray, block: slice, given: np.ndarray) -> None:
-    """Add rows of a triangle, from the diagonal on, at some places, in runs of neighbours."""
+    """Add rows of a triangle, from the diagonal on, at the indices ``places``, by runs of consecutive indices."""
     runs = np.split(np.arange(places.size), np.flatnonzero(np.diff(places) != 1) + 1)
     for one in runs:
         rows = one[(one >= block.start) & (one < block.stop)]
@@ -231,19 +230,19 @@ def _add(total: np.ndarray, places: np.ndarray, block: slice, given: np.ndarray)
 
 
 def _span(numbers: np.ndarray) -> slice:
-    """Numbers that follow each other."""
+    """Slice of consecutive numbers."""
     return slice(int(numbers[0]), int(numbers[-1]) + 1)
 
 
 class DenseFactors:
-    """Cholesky factors of what is left of a part of the border.
+    """Cholesky factors of the Schur complement on a part of the border.
 
     Args:
-        upper: the matrix on and above the diagonal, (size, size), by rows in memory; it is taken.
-        common: rows before those between which the inverse is asked for.
+        upper: matrix on and above the diagonal, (size, size), in C order; it is overwritten.
+        common: number of rows before those between which the inverse is needed.
 
     Attributes:
-        definite: whether it is positive definite; nothing else is to be called where it is not.
+        definite: the matrix is positive definite; otherwise no method may be called.
     """
 
     def __init__(self, upper: np.ndarray, common: int):
@@ -252,12 +251,12 @@ class DenseFactors:
         self._common = common
 
     def solve(self, loads: np.ndarray) -> np.ndarray:
-        """Solutions for some loads, (size, k)."""
+        """Solve for some loads, (size, k)."""
         found, _ = dpotrs(self._factors, loads, lower=1)
         return found
 
     def inverse(self) -> np.ndarray:
-        """K^-1 between the rows that are asked for, (n, n)."""
+        """K^-1 between the rows after the ``common`` ones, (n, n)."""
         found, _ = dpotri(self._factors[self._common :, self._common :], lower=1)
         for row in range(len(found)):  # in place, since it may be large
             found[row, row + 1 :] = found[row + 1 :, row]
@@ -265,12 +264,12 @@ class DenseFactors:
 
 
 def add_between(rows: csr_matrix, inverse: np.ndarray, found: np.ndarray) -> None:
-    """Add rows K^-1 rows^T to an array, some rows after another, since products of all would take as much as it does.
+    """Add rows K^-1 rows^T to an array in blocks of rows: the whole product would need as much memory as the array.
 
     Args:
         rows: (m, n).
         inverse: K^-1, symmetric, (n, n).
-        found: (m, m).
+        found: array that the product is added to, (m, m).
     """
     used = np.flatnonzero(np.diff(rows.indptr))
     own = csr_matrix(rows[used])

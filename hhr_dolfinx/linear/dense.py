@@ -1,8 +1,8 @@
 """Small dense systems, factored once and solved often.
 
-Two backends with the same call: a PETSc KSP (``preonly`` with LU), which takes options on the command line
-with the prefix ``hhr_dense_``, and LAPACK itself, which serves as its measure and in its place where PETSc is missing.
-Each object keeps its factors to itself, answers with arrays of its own, and may be asked by several threads.
+Two backends with the same interface: a PETSc KSP (``preonly`` with LU), which takes options on the command line with
+the prefix ``hhr_dense_``, and LAPACK itself, the reference in tests and the fallback without PETSc. Objects share no
+factors, return new arrays, and may be used by several threads.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 @lru_cache(maxsize=1)
 def petsc() -> Any:
-    """The module PETSc, loaded when it is first needed; None on a machine that has none and only answers parameters."""
+    """The module PETSc, loaded at first use; None on a machine without it, which can only evaluate models."""
     try:
         from petsc4py import PETSc
     except ImportError:
@@ -37,7 +37,7 @@ class Factor(Protocol):
 
     @property
     def nbytes(self) -> int:
-        """Memory they take."""
+        """Memory of the factors, in bytes."""
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solve for one right-hand side, (n,); the result is a new array."""
@@ -47,7 +47,7 @@ class Factor(Protocol):
 
         Raises:
             SingularError: if the matrix is singular.
-            NotSolvableError: if it is not finite.
+            NotSolvableError: if the matrix is not finite.
         """
 
 
@@ -62,11 +62,11 @@ def dense_factors(matrix: np.ndarray) -> Factor:
 _PREFIX = "hhr_dense_"
 _MISSING_PACKAGE = 92  # PETSC_ERR_MISSING_FACTOR
 _OBJECTS = 22_000
-"""Bytes of the PETSc objects behind one factor beside its numbers (measured with n = 1)."""
+"""Bytes of the PETSc objects of one factor without its numbers (measured with n = 1)."""
 
 
 def factorised(ksp: PETSc.KSP) -> bool:
-    """Let a direct solver factor its matrix; False if the matrix is singular.
+    """Factor the matrix of a direct solver; False if it is singular.
 
     Raises:
         NotSolvableError: if PETSc was built without the package that should factor it.
@@ -88,7 +88,7 @@ class PetscLU:
 
     Raises:
         SingularError: if the matrix is singular.
-        NotSolvableError: if it is not finite.
+        NotSolvableError: if the matrix is not finite.
         HHRError: if petsc4py is not installed.
     """
 
@@ -117,7 +117,7 @@ class PetscLU:
         self.refactor(matrix)
 
     def refactor(self, matrix: np.ndarray) -> None:
-        """Factor another matrix of the same size; half the time of a new object."""
+        """Factor another matrix of the same size, in half the time of a new object."""
         _check_finite(matrix)
         with self._lock:
             self._values[:] = matrix
@@ -163,7 +163,7 @@ class LapackLU:
 
 
 class LapackCholesky:
-    """Cholesky factors by LAPACK of a symmetric block, half the work of LU; LU where it is not definite."""
+    """Cholesky factors by LAPACK of a symmetric block, half the work of LU; LU if it is not definite."""
 
     def __init__(self, matrix: np.ndarray):
         self.refactor(matrix)
@@ -174,7 +174,7 @@ class LapackCholesky:
         return self._other.nbytes if self._other is not None else self._factor.nbytes
 
     def refactor(self, matrix: np.ndarray) -> None:
-        """Factor a matrix, of which the upper half is read."""
+        """Factor a matrix; only its upper triangle is read."""
         self._other: LapackLU | None = None
         self._factor, info = dpotrf(matrix, clean=0)
         # a NaN passes LAPACK and reaches the last pivot

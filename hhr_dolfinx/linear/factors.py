@@ -1,4 +1,4 @@
-"""Cholesky factors of a symmetric matrix by PETSc, and K^-1 among the rows that they eliminate last."""
+"""Cholesky factors of a symmetric matrix by PETSc, and K^-1 between the rows that are eliminated last."""
 
 from __future__ import annotations
 
@@ -19,13 +19,13 @@ if TYPE_CHECKING:
 
 ROOMS = (100, 400, 1600)
 NO_ROOM = (-8, -9, -14, -15)
-"""Per cent by which the room that MUMPS reckons with is widened where that was too little, and how it says so: seen on
-three ranks with few dofs."""
+"""Increases of MUMPS' workspace, ICNTL(14), in per cent, and its error codes for too little workspace: seen on three
+ranks with few dofs."""
 _WRONG_ARGUMENT = 62  # PETSC_ERR_ARG_WRONG
 
 
 class Pattern(NamedTuple):
-    """Rows and columns of kept entries, CSR, and their places among the data of the matrix that they are taken from."""
+    """Rows and columns of selected entries of a matrix, CSR, and their indices in the data of this matrix."""
 
     rows: np.ndarray
     columns: np.ndarray
@@ -33,22 +33,22 @@ class Pattern(NamedTuple):
 
 
 class Factors:
-    """Factors of a matrix whose rows are spread over the ranks of a communicator, made by :meth:`factor`.
+    """Factors of a matrix whose rows are distributed over the ranks of a communicator, made by :meth:`factor`.
 
     Args:
-        pattern: own rows, (own, n); of one rank by MUMPS the upper triangle alone, which takes no more.
-        values: data that the places of the pattern point into.
-        prefix: of PETSc options.
-        ordering: of PETSc's own Cholesky; ``mumps`` takes MUMPS, which several ranks always need.
-        comm: the ranks.
-        low_rank: part of its factors that MUMPS may leave out where it compresses them; None for none.
-        last: rows that are eliminated last, increasing; on one rank.
-        inverted: whether their Schur complement is inverted behind factors, as solutions of all rows need it; without
-            that the solutions are those of the other rows by themselves, see MUMPS' users' guide on ICNTL(26).
+        pattern: local rows, (own, n); with MUMPS on one rank only the upper triangle, which is all that it reads.
+        values: data to which the indices of the pattern refer.
+        prefix: prefix of PETSc options.
+        ordering: ordering of PETSc's Cholesky; ``mumps`` selects MUMPS, which several ranks always need.
+        comm: communicator of the ranks.
+        low_rank: tolerance of MUMPS' low-rank compression of factors; None for whole factors.
+        last: rows that are eliminated last, increasing; on one rank only.
+        inverted: invert the Schur complement of these rows after factoring, as solutions of all rows need it. Without,
+            solutions are those of the other rows alone, see MUMPS' users' guide on ICNTL(26).
 
     Attributes:
-        low_rank: the same; None too where it is not MUMPS that factors.
-        last: the same; None where that cannot be asked for.
+        low_rank: the argument; None also if MUMPS is not the solver.
+        last: the argument; None if the solver cannot eliminate rows last.
     """
 
     def __init__(
@@ -78,7 +78,7 @@ class Factors:
         self._rhs, self._x = self._matrix.createVecs()
 
     def factor(self) -> bool:
-        """Factor the matrix, with more room where MUMPS had too little of it; False for a singular one."""
+        """Factor the matrix, with more workspace if MUMPS had too little; False for a singular matrix."""
         pc = self._ksp.getPC()
         for room in ROOMS:
             if factorised(self._ksp):
@@ -91,7 +91,7 @@ class Factors:
         return factorised(self._ksp) and self._closed()
 
     def _closed(self) -> bool:
-        """What is left to do behind factors; False where what is left of the matrix is not definite."""
+        """Invert the Schur complement, or set up solutions without it; False if it is not positive definite."""
         if self.last is None:
             return True
         factor = self._ksp.getPC().getFactorMatrix()
@@ -101,9 +101,9 @@ class Factors:
         return True
 
     def _prepare(self, room: int | None = None) -> None:
-        """Tell MUMPS how to compress its factors, how much room to reckon with, and what to eliminate last.
+        """Set MUMPS' compression of factors, its workspace, and the rows to eliminate last.
 
-        Behind the options, whose prefix it takes, and which count more.
+        This comes after the options of PETSc are read, since MUMPS uses their prefix; these options have precedence.
         """
         pc = self._ksp.getPC()
         usual = self.low_rank is None and room is None and self.last is None
@@ -122,14 +122,14 @@ class Factors:
             self.last = None
 
     def replace(self, values: np.ndarray, pattern: Callable[[], Pattern]) -> None:
-        """Take other values of the same pattern, which is asked for, and which are factored next."""
+        """Set the values that are factored next; ``pattern`` returns the pattern, which is the same."""
         rows, columns, places = pattern()
         self._matrix.setValuesCSR(rows, columns, values[places])
         self._matrix.assemble()
         self._ksp.setOperators(self._matrix)
 
     def between_last(self, rows: csr_matrix) -> np.ndarray:
-        """Some rows on the last ones, (m, n), as rows K^-1 rows^T, (m, m), where K^-1 is made."""
+        """Product rows K^-1 rows^T, (m, m), of rows, (m, n), on the ``last`` rows; needs ``inverted``."""
         assert self._inverted
         used = np.unique(rows.indices)
         own = csr_matrix(rows[:, used])
@@ -140,7 +140,7 @@ class Factors:
         return found
 
     def left(self) -> AbstractContextManager[np.ndarray]:
-        """What is left of the matrix between the last rows, (n, n), where it is not inverted: its upper triangle."""
+        """Upper triangle of the Schur complement on the ``last`` rows, (n, n), if it is not inverted."""
         assert not self._inverted
         return self._left()
 
@@ -149,19 +149,19 @@ class Factors:
         return schur.left_of(self._ksp.getPC().getFactorMatrix(), self.last.size)
 
     def destroy(self) -> None:
-        """Give the memory back, at once and on all ranks. Collective."""
+        """Free the memory at once, on all ranks. Collective."""
         self._ksp.destroy()
         for item in (self._matrix, self._rhs, self._x):
             item.destroy()
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Own rows of a solution, for those of a right-hand side, (own,)."""
+        """Local rows of the solution for the local rows of a right-hand side, (own,)."""
         self._rhs.array[:] = rhs
         self._ksp.solve(self._rhs, self._x)
         return self._x.array_r
 
     def solve_block(self, columns: csc_matrix | np.ndarray, solutions: np.ndarray) -> None:
-        """Write solutions for some columns, (own, k), sparse or dense, into an array by columns. Collective."""
+        """Write solutions for some columns, (own, k), sparse or dense, into an array in Fortran order. Collective."""
         with self._dense(solutions) as found:
             if not isinstance(columns, np.ndarray) and self._takes_sparse:
                 with self._sparse(columns) as given:
@@ -172,17 +172,17 @@ class Factors:
                     self._ksp.matSolve(given, found)
 
     def multiply(self, block: np.ndarray, image: np.ndarray) -> None:
-        """Write the matrix times some columns, (own, k), into an array; both lie by columns. Collective."""
+        """Write the matrix times some columns, (own, k), into an array; both are in Fortran order. Collective."""
         with self._dense(block) as given, self._dense(image) as found:
             self._matrix.matMult(given, found)
 
     @property
     def _takes_sparse(self) -> bool:
-        """Whether the solver in use takes sparse right-hand sides, which skip what of the factors they do not reach.
+        """The solver takes sparse right-hand sides, which skip the parts of the factors that they do not reach.
 
-        Measured in space at 18,400 dofs: 1.1 ms for a condition of the contact in the place of 2.1 ms. Where rows are
-        eliminated last it skips them too if no right-hand side reaches them, and PETSc goes on with what they held
-        before: seen with MUMPS 5.8.2 where nothing couples these rows with others.
+        Measured in space at 18,400 dofs: 1.1 ms instead of 2.1 ms for a contact condition. With rows that are
+        eliminated last, MUMPS skips these too if no right-hand side reaches them, and PETSc then uses their previous
+        values: seen with MUMPS 5.8.2 and last rows that nothing couples with others.
         """
         if self.last is not None:
             return False
@@ -191,7 +191,7 @@ class Factors:
 
     @contextmanager
     def _sparse(self, columns: csc_matrix) -> Iterator[PETSc.Mat]:
-        """Sparse right-hand sides as MUMPS takes them: a transpose that is not carried out, all of it on rank 0."""
+        """Sparse right-hand sides in the form that MUMPS takes: an implicit transpose with all entries on rank 0."""
         comm = self._matrix.comm.tompi4py()
         size = self._matrix.getSize()[0]
         count = columns.shape[1]
@@ -213,7 +213,7 @@ class Factors:
 
     @contextmanager
     def _dense(self, array: np.ndarray) -> Iterator[PETSc.Mat]:
-        """Own rows of some columns, (own, k), by columns in memory, which PETSc takes as they lie there."""
+        """PETSc matrix of the local rows of some columns, (own, k), in Fortran order, without a copy."""
         sizes = (self._matrix.getSizes()[0], (PETSc.DECIDE, array.shape[1]))
         matrix = PETSc.Mat().createDense(sizes, array=array, comm=self._matrix.comm)
         matrix.assemble()
@@ -222,9 +222,9 @@ class Factors:
 
 
 def gives_back(factor: PETSc.Mat) -> bool:
-    """Have MUMPS give back what it worked in, ICNTL(49); False where PETSc does not know that, before 3.23.
+    """Make MUMPS free its workspace, ICNTL(49); False if PETSc is older than 3.23 and does not support that.
 
-    Solutions are the same without: factors take more memory.
+    Solutions are the same without it, but factors take more memory.
     """
     try:
         factor.setMumpsIcntl(49, 1)
@@ -236,7 +236,7 @@ def gives_back(factor: PETSc.Mat) -> bool:
 
 
 def _matrix(pattern: Pattern, values: np.ndarray, half: bool, comm: Comm) -> PETSc.Mat:
-    """A matrix of own rows, of which half may be given where it goes to MUMPS alone."""
+    """PETSc matrix of the local rows; ``half``: of their upper triangle, for MUMPS on one rank."""
     own = len(pattern.rows) - 1
     sizes = (own, comm.allreduce(own))
     entries = pattern.rows, pattern.columns, values[pattern.places]

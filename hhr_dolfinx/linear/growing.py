@@ -6,10 +6,10 @@ import numpy as np
 
 
 class GrowingColumns:
-    """A matrix that gains columns at its end, in the order of LAPACK, without being copied each time.
+    """A matrix in Fortran order that gains columns at its end without a copy each time.
 
     Args:
-        matrix: the first ones, (N, k).
+        matrix: first columns, (N, k).
     """
 
     def __init__(self, matrix: np.ndarray) -> None:
@@ -22,7 +22,7 @@ class GrowingColumns:
         return self._held[:, : self._count]
 
     def append(self, column: np.ndarray) -> None:
-        """One more column, (N,)."""
+        """Append a column, (N,)."""
         if self._count == self._held.shape[1]:
             larger = np.empty((len(self._held), 2 * self._count + 16), order="F")
             larger[:, : self._count] = self._held

@@ -1,6 +1,6 @@
-"""Arrays of models lie in memory without gaps, in C or Fortran order, as files, copies and pickles keep them.
+"""Arrays of models are contiguous in memory, in C or Fortran order, which files, copies and pickles preserve.
 
-Sums over strides in another order end in other last digits, which bounds near round-off turn into figures.
+Sums over other strides differ in the last digits, and bounds near round-off turn these into visible differences.
 """
 
 from __future__ import annotations
@@ -9,7 +9,7 @@ import numpy as np
 
 
 def lay_out(owner: object) -> None:
-    """Put arrays of a dataclass in C order where they are in neither that nor Fortran order; from ``__post_init__``."""
+    """Copy arrays of a dataclass that are in neither C nor Fortran order to C order; for ``__post_init__``."""
     for name, value in vars(owner).items():
         if isinstance(value, np.ndarray) and not value.flags.forc:
             object.__setattr__(owner, name, np.ascontiguousarray(value))

@@ -1,7 +1,7 @@
-"""Tables with a row for each dof, (N, k), of which each rank has the rows of its own dofs: what is done with them.
+"""Operations on tables with a row for each dof, (N, k), of which each rank stores the rows of its dofs.
 
-Only a few small arrays meet: products of tables, (k, k), rows at some dofs, and what a sparse matrix needs of rows of
-neighbours. On one rank all of it is what numpy does.
+Ranks exchange only a few small arrays: products of tables, (k, k), rows at some dofs, and the rows of neighbours that a
+sparse matrix needs. On one rank the operations are those of numpy.
 """
 
 from __future__ import annotations
@@ -16,19 +16,19 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
 PANEL = 32
-"""Columns whose rows at neighbours are sent at once."""
+"""Columns in one exchange of rows between neighbours."""
 
 
 class Rows:
-    """Which rows a rank has, and what it takes to use tables of them as if all were here. Collective, but ``of``.
+    """Local rows of a rank, and operations on tables of them as if all rows were local. Collective, except ``of``.
 
     Args:
-        own: places of the rows of this rank, behind those of the ranks before.
-        count: of the rows of all ranks, N.
-        comm: ranks that have some each; None where all rows are here.
+        own: range of the rows of this rank, which follow those of the ranks before it.
+        count: number of rows of all ranks, N.
+        comm: ranks that share the rows; None if all rows are local.
 
     Attributes:
-        own, count, comm: the same.
+        own, count, comm: the arguments.
     """
 
     def __init__(self, own: slice, count: int, comm: Comm | None = None) -> None:
@@ -37,7 +37,7 @@ class Rows:
         self.comm = None if comm is None or comm.size == 1 else comm
 
     def sum(self, part: Any) -> Any:
-        """The sum over the ranks of an array of real numbers, or of a number, of the same shape on each."""
+        """Sum over the ranks of a number or an array of real numbers, of the same shape on each rank."""
         if self.comm is None:
             return part
         given = np.ascontiguousarray(part, dtype=float)
@@ -46,11 +46,11 @@ class Rows:
         return found.reshape(np.shape(part)) if np.ndim(part) else float(found[0])
 
     def of(self, table: Any) -> Any:
-        """Own rows of a table that has all of them."""
+        """Local rows of a table that has all rows."""
         return table if self.comm is None else table[self.own]
 
     def mine(self, places: np.ndarray) -> np.ndarray:
-        """Places among own rows of those of some rows, (n,), that this rank has."""
+        """Select the local ones of some rows, (n,), as indices in the local rows."""
         if self.comm is None:
             return places
         return places[(places >= self.own.start) & (places < self.own.stop)] - self.own.start
@@ -65,7 +65,7 @@ class Rows:
         return self.sum(found)
 
     def whole(self, table: np.ndarray) -> np.ndarray:
-        """A vector, (own,), or a table, (own, k), with the rows of all ranks, in the order of LAPACK."""
+        """Gather a vector, (own,), or a table, (own, k), with the rows of all ranks, in Fortran order."""
         if self.comm is None:
             return table
         if table.ndim == 1:
@@ -83,7 +83,7 @@ class Rows:
         return found
 
     def largest(self, values: np.ndarray) -> tuple[int, float]:
-        """The place of the largest of some values, a number for each row, and this value; of equals the first."""
+        """Index of the largest of some values, one for each row, and this value; the first of equal values."""
         place = int(values.argmax()) if values.size else 0
         if self.comm is None:
             return place, float(values[place])
@@ -92,11 +92,11 @@ class Rows:
         return -place, value
 
     def first(self, value: Any) -> Any:
-        """What the first rank has of something small, which others may have with other last digits."""
+        """Small value of the first rank, broadcast to all: other ranks may have other last digits."""
         return value if self.comm is None else self.comm.bcast(value)
 
     def alike(self, value: Any) -> bool:
-        """Whether all ranks have the same of something small."""
+        """True if a small value is the same on all ranks."""
         return self.comm is None or len(set(self.comm.allgather(value))) == 1
 
     def norms(self, table: np.ndarray) -> np.ndarray:
@@ -106,10 +106,10 @@ class Rows:
         return np.sqrt(self.sum(np.einsum("nk,nk->k", table, table)))
 
     def orthonormal(self, table: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Q with orthonormal columns, own rows of it, and R, (k, k), the same on all ranks, of a table Q R.
+        """Decompose a table into Q R: local rows of Q, with orthonormal columns, and R, (k, k), the same on all ranks.
 
-        Each rank decomposes what it has, and all of them the triangles of all: right to round-off, unlike what a Gram
-        matrix leaves (J. Demmel et al., Communication-optimal parallel and sequential QR and LU factorizations, 2012).
+        Each rank decomposes its rows, then all decompose the stacked triangles: exact to round-off, unlike a Gram
+        matrix (J. Demmel et al., Communication-optimal parallel and sequential QR and LU factorizations, 2012).
         """
         own, triangle = linalg.qr(table, mode="economic")
         if self.comm is None:
@@ -122,11 +122,11 @@ class Rows:
 
 
 class MatrixOfRows:
-    """Own rows of a sparse matrix, (own, N), which multiplies tables by rows, (own, k) -> (own, k). Collective.
+    """Local rows of a sparse matrix, (own, N), for products with distributed tables, (own, k) -> (own, k). Collective.
 
     Args:
-        matrix: own rows.
-        rows: which they are.
+        matrix: local rows of the matrix.
+        rows: distribution of the rows over the ranks.
     """
 
     def __init__(self, matrix: csr_matrix, rows: Rows) -> None:
@@ -152,16 +152,16 @@ class MatrixOfRows:
         self._given = np.concatenate(asked).astype(np.int64) - first
 
     def alike(self, matrix: csr_matrix) -> MatrixOfRows:
-        """Own rows of another matrix, with entries in the same places and order."""
+        """Local rows of another matrix, with entries at the same positions in the same order."""
         places = self._matrix.indices, self._matrix.indptr
         return self._with(csr_matrix((matrix.data, *places), shape=self._matrix.shape))
 
     def cut(self, places: np.ndarray) -> MatrixOfRows:
-        """Some of its rows, by their places among own ones: (n, k) of a table; neighbours give the same as before."""
+        """Select local rows by their indices: products are then (n, k); neighbours send the same rows as before."""
         return self._with(csr_matrix(self._matrix[places]))
 
     def __abs__(self) -> MatrixOfRows:
-        """The same with the absolute values of its entries."""
+        """Matrix with the absolute values of the entries."""
         return self._with(abs(self._matrix))
 
     def _with(self, matrix: csr_matrix) -> MatrixOfRows:
@@ -170,7 +170,7 @@ class MatrixOfRows:
         return found
 
     def __matmul__(self, table: np.ndarray) -> np.ndarray:
-        """Times a table, (own, k), or own entries of a vector, (own,)."""
+        """Multiply a table, (own, k), or the local entries of a vector, (own,)."""
         if table.ndim == 1:
             return self._times(table[:, None])[:, 0]
         if table.shape[1] <= PANEL:

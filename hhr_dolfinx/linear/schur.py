@@ -1,8 +1,8 @@
-"""What is left of a matrix between rows that are eliminated last: the Schur complements of MUMPS.
+"""Schur complements of MUMPS on the rows that are eliminated last.
 
-Their inverse is K^-1 there (MUMPS users' guide, section on the Schur complement). PETSc has it in C, and petsc4py does
-not wrap it: its functions are called in the library that petsc4py has loaded. Where they are missing whoever asks takes
-solutions. All of it is for factors of one rank.
+The inverse of a Schur complement is K^-1 between these rows (MUMPS users' guide, section on the Schur complement).
+petsc4py does not wrap the functions of PETSc for it: they are called in the C library that petsc4py has loaded. Without
+them callers compute K^-1 by solutions. All of this is for factors on one rank.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ _FUNCTIONS = (
 
 @cache
 def _library() -> ctypes.CDLL | None:
-    """PETSc, if all is there that is called; numbers must be real."""
+    """Library of PETSc, or None if it lacks one of the functions or its numbers are not real."""
     try:
         found = ctypes.CDLL(PETSc.__file__)
         for name in _FUNCTIONS:
@@ -34,7 +34,7 @@ def _library() -> ctypes.CDLL | None:
 
 
 def eliminate_last(factor: PETSc.Mat, places: np.ndarray) -> bool:
-    """Have a matrix that MUMPS is going to factor eliminate some rows last, (n,); whether that is possible."""
+    """Make MUMPS eliminate some rows, (n,), last when it factors a matrix; False if that is impossible."""
     library = _library()
     if library is None:
         return False
@@ -43,7 +43,7 @@ def eliminate_last(factor: PETSc.Mat, places: np.ndarray) -> bool:
 
 
 def invert_last(factor: PETSc.Mat) -> bool:
-    """Make the inverse on the rows that were eliminated last; False where it is not positive definite."""
+    """Invert the Schur complement on the rows that were eliminated last; False if it is not positive definite."""
     library = _library()
     assert library is not None
     return library.MatFactorInvertSchurComplement(ctypes.c_void_p(factor.handle)) == 0
@@ -51,13 +51,13 @@ def invert_last(factor: PETSc.Mat) -> bool:
 
 @contextmanager
 def left_of(factor: PETSc.Mat, count: int) -> Iterator[np.ndarray]:
-    """What is left of K on the ``count`` rows that were eliminated last: PETSc's own, not to be written to.
+    """Schur complement of K on the ``count`` rows that were eliminated last, (count, count), PETSc's read-only array.
 
-    Their inverse, where that was made, (count, count); else the triangle of it above the diagonal: what is below is not
-    always zero.
+    After :func:`invert_last` it is the inverse. Otherwise only the upper triangle is valid; values below the diagonal
+    are not always zero.
 
     Raises:
-        MemoryError: if PETSc does not hand it out.
+        MemoryError: if PETSc does not return the array.
     """
     library = _library()
     assert library is not None

@@ -1,4 +1,4 @@
-"""Factors that several ranks share of a matrix of which each has all rows: where bodies flow, and to reduce."""
+"""Factors that several ranks share of a matrix of which each has all rows: for inelastic bodies, and for reduction."""
 
 from __future__ import annotations
 
@@ -17,18 +17,18 @@ if TYPE_CHECKING:
 
 
 class SharedCholesky:
-    """A :class:`FreeCholesky` whose ranks give and get whole vectors; all of them ask together, for the same.
+    """A :class:`FreeCholesky` with whole vectors on all ranks. Calls are collective, with the same values on each rank.
 
     Args:
-        factors: those of the rows of each rank, which others may have too.
-        rows: which these are.
-        own: these rows of K, as they were factored, CSR, (own dofs, N).
+        factors: factors of the distributed rows, which other objects may use too.
+        rows: range of the rows of this rank.
+        own: factored rows of K of this rank, CSR, (own dofs, N).
         stiffness: K, CSR, (N, N), the same on all ranks.
         comm: ranks that share the factors.
 
     Attributes:
-        rows: the same.
-        lock, low_rank: see there.
+        rows: the argument.
+        lock, low_rank: see :class:`FreeCholesky`.
     """
 
     def __init__(self, factors: FreeCholesky, rows: slice, own: csr_matrix, stiffness: csr_matrix, comm: Comm):
@@ -50,10 +50,10 @@ class SharedCholesky:
         Args:
             stiffness: K, CSR, (N, N), the same on all ranks.
             free: dofs that are not imposed, (N,) bool.
-            scene: its name, for messages and the prefix of PETSc options.
+            scene: name of the scene, for messages and the prefix of PETSc options.
             comm: ranks that share the factors.
             low_rank, last: see :class:`FreeCholesky`.
-            rows: those that this rank takes, behind those of the ranks before; as many as each other by default.
+            rows: range of the rows of this rank, after those of the ranks before it; equal shares by default.
 
         Raises:
             NotSolvableError: if K is singular.
@@ -66,11 +66,15 @@ class SharedCholesky:
         return cls(factors, rows, held, stiffness, comm)
 
     def release(self) -> None:
-        """See :meth:`FreeCholesky.release`."""
+        """Free the memory, see :meth:`FreeCholesky.release`."""
         self._factors.release()
 
+    def holds(self, stiffness: csr_matrix) -> bool:
+        """Whether these are the factors of a matrix, (N, N), also where others had other ones made of the rows."""
+        return stiffness is self._factored and self._factors.holds(self._own)
+
     def refactor(self, stiffness: csr_matrix) -> None:
-        """Take the values of another matrix with the same pattern; no work if its factors are those at hand."""
+        """Factor another matrix with the same pattern, unless it is the one factored last."""
         if stiffness is not self._factored:
             self._factored = None
             self._own = stiffness[self.rows]
@@ -78,7 +82,7 @@ class SharedCholesky:
         self._factored = stiffness
 
     def between_last(self, rows: csr_matrix) -> np.ndarray | None:
-        """Some rows, (m, N), as rows K^-1 rows^T, (m, m); see :meth:`FreeCholesky.between_last`."""
+        """Product rows K^-1 rows^T, (m, m), of rows, (m, N); see :meth:`FreeCholesky.between_last`."""
         return self._factors.between_last(rows[:, self.rows])
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
@@ -92,7 +96,7 @@ class SharedCholesky:
     def solved_blocks(
         self, columns: spmatrix, dofs: np.ndarray | None = None, *, refined: bool = False
     ) -> Iterator[tuple[slice, np.ndarray]]:
-        """The same some columns after another; see :meth:`FreeCholesky.solved_blocks`."""
+        """Solutions in blocks of columns; see :meth:`FreeCholesky.solved_blocks`."""
         for part, block in self._factors.solved_blocks(columns.tocsr()[self.rows], refined=refined):
             whole = self._whole(block)
             yield part, whole if dofs is None else whole[dofs]

@@ -23,29 +23,33 @@ BLOCK = 128
 """Right-hand sides solved at once: the factors are read once for all of them, and they take little memory."""
 BLOCK_NUMBERS = 16e6
 REFINED_NUMBERS = 8e6
-"""Numbers in a block of solutions, at most, 128 MB, and in one that is refined, which takes several of its size."""
+"""Largest count of numbers in a block of solutions, 128 MB, and in a block that is refined, which takes several arrays
+of its size."""
 MOST_LAST = 7000
-"""Dofs that are eliminated last at most: K^-1 between them takes .4 GB, and three times as much while it is made. With
-a million dofs and 7,786 of them a condensed model took about half of the time, and more than a gigabyte more."""
+"""Largest count of dofs that are eliminated last: K^-1 between them takes 0.4 GB, and three times as much while it is
+made. With a million dofs, 7,786 of them last, a condensed model took about half of the time and over 1 GB more."""
 LOW_RANK = ((150_000, 1e-10), (600_000, 1e-8))
 ANEW = 60_000
 REFINED = 5
 PRECISE = 1e-13
 HALF = 0.5
 STALLED = 1e-9
-"""Dofs in space from which on MUMPS compresses blocks of its factors, and up to what part of them; from which on it
-compresses those that are made for every parameter; steps of iterative refinement of a solution down to which residual,
-or until one leaves more than half of what there was, which round-off does from 2e-13 on with 285,186 dofs; and above
-which residual it is none: round-off of stiff bodies beside soft ones is far below. Measured once on hexahedra: with
-42,618 dofs forces differed by 8e-10 from those of whole factors, and by 3e-7 with blocks of 1e-8; with 1,004,496 dofs
-blocks of 1e-10 took 19 GB. With 92,514 and 198,681 dofs factors took 10.8 and 58 s, compressed ones 8.1 and 26; a
-solution .3 and .8 s: whoever asks for many factors gains by them early."""
+"""Compression of factors by MUMPS in space, and iterative refinement of solutions by compressed factors.
+
+``LOW_RANK``: dofs from which on MUMPS compresses blocks, each with its tolerance. ``ANEW``: dofs from which on it
+compresses factors that are made for every parameter. Refinement takes at most ``REFINED`` steps, down to the relative
+residual ``PRECISE``, or until a step leaves more than ``HALF`` of the residual, as round-off does from 2e-13 on with
+285,186 dofs. A residual above ``STALLED`` is a failure: round-off of stiff bodies next to soft ones is far below.
+
+Measured once on hexahedra. With 42,618 dofs forces differed by 8e-10 from those of whole factors, and by 3e-7 with
+tolerance 1e-8; with 1,004,496 dofs tolerance 1e-10 took 19 GB. With 92,514 and 198,681 dofs whole factors took 10.8 and
+58 s, compressed ones 8.1 and 26 s, a solution 0.3 and 0.8 s: models with many factors gain by compression early."""
 
 
 def ordering_of(block_size: int, plane: str) -> str:
     """Ordering for :class:`FreeCholesky`: MUMPS in space, if PETSc has it, and the given one in the plane.
 
-    Where MUMPS is wanted in the plane too and missing, nested dissection takes its place, the fastest to factor.
+    If the given one is MUMPS and it is missing, nested dissection replaces it, the fastest to factor.
     """
     if not PETSc.Sys.hasExternalPackage("mumps"):
         return "nd" if plane == "mumps" else plane
@@ -53,12 +57,12 @@ def ordering_of(block_size: int, plane: str) -> str:
 
 
 def low_rank_of(block_size: int, dofs: int, *, anew: bool = False) -> float | None:
-    """Part of the factors of a problem that their compression may leave out; None for whole factors.
+    """Tolerance of MUMPS' compression for a problem; None for whole factors.
 
     Args:
         block_size: dofs of a node.
-        dofs: of the problem.
-        anew: whether factors are made for every parameter.
+        dofs: dofs of the problem.
+        anew: factors are made for every parameter.
     """
     if ordering_of(block_size, "mumps") != "mumps" or block_size != 3:
         return None
@@ -68,7 +72,7 @@ def low_rank_of(block_size: int, dofs: int, *, anew: bool = False) -> float | No
 
 
 def singular_stiffness(scene: str) -> str:
-    """Message for a stiffness that is singular; ``full_order.motions`` has seen bodies that move as a whole."""
+    """Message for a singular stiffness; ``full_order.motions`` has excluded bodies with rigid-body motions."""
     return (
         f"the stiffness of scene '{scene}' is singular to round-off, though every body is held as a whole: look for "
         "parts that hang together at single nodes or edges, E many powers of ten apart, nu next to 0.5, needle-like "
@@ -77,27 +81,27 @@ def singular_stiffness(scene: str) -> str:
 
 
 class FreeCholesky:
-    """Factors of a stiffness on its free dofs, on any number of ranks, each with its own rows.
+    """Factors of a stiffness on its free dofs, on any number of ranks, each with its rows.
 
-    On one rank they can be made anew for other values; who solves with factors that others may replace meanwhile holds
-    ``lock`` and calls :meth:`refactor` before.
+    :meth:`refactor` replaces the factors for other values. If other users may do so meanwhile, hold ``lock`` and call
+    :meth:`refactor` before a solution.
 
     Args:
-        stiffness: own rows of K, CSR, (own dofs, N).
+        stiffness: local rows of K, CSR, (own dofs, N).
         free: dofs that are not imposed, (N,) bool.
         rows: range of the dofs that this rank owns.
-        scene: its name, for messages and the prefix of PETSc options, ``hhr_<scene>_``.
-        ordering: of PETSc's own Cholesky; ``mumps`` takes MUMPS, which several ranks always need.
+        scene: name of the scene, for messages and the prefix of PETSc options, ``hhr_<scene>_``.
+        ordering: ordering of PETSc's Cholesky; ``mumps`` selects MUMPS, which several ranks always need.
         comm: ranks that share the rows.
-        low_rank: part of its factors that MUMPS may leave out where it compresses them; None for none. Solutions are
-            refined then, those of blocks of columns are not.
-        last: dofs between which K^-1 is going to be asked for, increasing, (n,). On several ranks each eliminates what
-            it has of the others by itself then, see :class:`Substructures`.
+        low_rank: tolerance of MUMPS' compression of factors; None for whole factors. Solutions by compressed factors
+            are refined, those of blocks of columns only on request.
+        last: dofs between which K^-1 is needed, increasing, (n,). On several ranks each rank then eliminates its other
+            dofs by itself, see :class:`Substructures`.
 
     Attributes:
-        low_rank: the same; None too where it is not MUMPS that factors.
-        last: the same, as far as they are free; None where K^-1 between them takes solutions.
-        lock: held while the factors are replaced or used; a thread may take it twice.
+        low_rank: the argument; None also if MUMPS is not the solver.
+        last: free dofs of the argument; None if K^-1 between them has to be computed by solutions.
+        lock: reentrant lock, held while the factors are replaced or used.
 
     Raises:
         NotSolvableError: if K is singular.
@@ -128,7 +132,7 @@ class FreeCholesky:
         self._factored: csr_matrix | None = stiffness
 
     def _made(self, stiffness: csr_matrix) -> Factors | Substructures:
-        """What factors the values of a matrix: each rank what it has by itself, where several are asked for K^-1."""
+        """Factors of the pattern of a matrix; substructures if several ranks need K^-1 between last dofs."""
         prefix = f"hhr_{self._scene}_"
         pattern = self._pattern_of(stiffness)
         if self._comm.size > 1 and self.last is not None and PETSc.Sys.hasExternalPackage("mumps"):
@@ -143,10 +147,7 @@ class FreeCholesky:
         return whole
 
     def between_last(self, rows: csr_matrix) -> np.ndarray | None:
-        """Some rows, (m, own dofs), as rows K^-1 rows^T, (m, m); None where they reach beyond the last dofs.
-
-        Collective.
-        """
+        """Product rows K^-1 rows^T, (m, m), of rows, (m, own dofs); None if they reach beyond ``last``. Collective."""
         comm = self._comm
         alone = comm.size == 1  # S is large, and messages are copies
         whole = rows if alone else csr_matrix(hstack(comm.allgather(rows)))
@@ -158,7 +159,7 @@ class FreeCholesky:
             return self._factors.between_last(csr_matrix(whole[:, self.last]))
 
     def _pattern_of(self, stiffness: csr_matrix) -> Pattern:
-        """Where the kept entries of a matrix of this pattern are: half of them for MUMPS alone."""
+        """Pattern of the entries between free dofs of a matrix; only the upper triangle for MUMPS on one rank."""
         marks = np.arange(stiffness.nnz, dtype=stiffness.indices.dtype)
         inside = csr_matrix((marks, stiffness.indices, stiffness.indptr), shape=stiffness.shape)
         inside = inside[self._free][:, self._columns]
@@ -171,13 +172,17 @@ class FreeCholesky:
         return Pattern(inside.indptr, inside.indices, inside.data)
 
     def _known_pattern(self, stiffness: csr_matrix) -> Pattern:
-        """The same, kept for the next time."""
+        """Pattern of the entries between free dofs, cached."""
         if self._pattern is None:
             self._pattern = self._pattern_of(stiffness)
         return self._pattern
 
+    def holds(self, stiffness: csr_matrix) -> bool:
+        """Whether these are the factors of a matrix."""
+        return stiffness is self._factored
+
     def refactor(self, stiffness: csr_matrix) -> None:
-        """Take the values of another matrix with the same pattern; no work if its factors are those at hand."""
+        """Factor another matrix with the same pattern, unless it is the one factored last."""
         with self.lock:
             if stiffness is self._factored:
                 return
@@ -197,7 +202,7 @@ class FreeCholesky:
             self._factored = stiffness
 
     def _check_there(self) -> None:
-        """Raise NotSolvableError where there are no factors."""
+        """Raise NotSolvableError if there are no factors."""
         if self._released:
             raise NotSolvableError(
                 f"the factors of scene '{self._scene}' were let go, or refused a stiffness: refactor() one, as "
@@ -205,7 +210,7 @@ class FreeCholesky:
             )
 
     def release(self) -> None:
-        """Give the memory back until the next :meth:`refactor`; nothing is solved before. Collective."""
+        """Free the memory until the next :meth:`refactor`, which must precede further solutions. Collective."""
         with self.lock:
             if not self._released:
                 self._factors.destroy()
@@ -214,7 +219,7 @@ class FreeCholesky:
             self._pattern = None
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Solution on own dofs, zero on imposed ones, for own rows of a right-hand side, (own dofs,)."""
+        """Solution on local dofs, zero on imposed ones, for local rows of a right-hand side, (own dofs,)."""
         if self.low_rank is not None:
             return self.solve_columns(csc_matrix(rhs[:, None]))[:, 0]
         solution = np.zeros(self._own)
@@ -224,10 +229,10 @@ class FreeCholesky:
         return solution
 
     def _refine(self, columns: csc_matrix, solutions: np.ndarray) -> None:
-        """Take what solutions by compressed factors leave of their right-hand sides to them again, in place.
+        """Refine solutions by compressed factors iteratively, in place.
 
         Raises:
-            NotSolvableError: if that does not bring them nearer.
+            NotSolvableError: if the residual stays above STALLED.
         """
         sizes = _norms(columns.multiply(columns).sum(axis=0), self._comm)
         image, change = (np.empty(solutions.shape, order="F") for _ in range(2))
@@ -249,7 +254,7 @@ class FreeCholesky:
             )
 
     def solve_columns(self, columns: spmatrix) -> np.ndarray:
-        """Solutions for the columns of a sparse matrix of own rows, zero on imposed dofs, (own dofs, m); collective."""
+        """Solutions for columns of a sparse matrix of local rows, zero on imposed dofs, (own dofs, m). Collective."""
         found = np.zeros((self._own, columns.shape[1]), order="F")
         for part, solutions in self.solved_blocks(columns, refined=True):
             found[:, part] = solutions
@@ -258,15 +263,15 @@ class FreeCholesky:
     def solved_blocks(
         self, columns: spmatrix, dofs: np.ndarray | None = None, *, refined: bool = False
     ) -> Iterator[tuple[slice, np.ndarray]]:
-        """The same some columns after another, with the places of each block; collective.
+        """Solve for columns in blocks. Collective.
 
         Args:
             columns: see :meth:`solve_columns`.
-            dofs: own dofs at which solutions are wanted; None for all.
-            refined: whether solutions by compressed factors are refined.
+            dofs: local dofs at which solutions are returned; None for all.
+            refined: refine solutions by compressed factors.
 
         Yields:
-            Places of columns, and solutions there, (own dofs or those wanted, k).
+            Slice of the columns, and their solutions, (own dofs or ``dofs``, k).
         """
         columns = columns.tocsr()[self._free].tocsc()
         own, count = columns.shape
@@ -298,5 +303,5 @@ class FreeCholesky:
 
 
 def _norms(squares: np.ndarray, comm: Comm) -> np.ndarray:
-    """Roots of sums over the ranks of what each has of them, (k,)."""
+    """Norms from the sums of squares on each rank, (k,)."""
     return np.sqrt(comm.allreduce(np.asarray(squares).ravel()))

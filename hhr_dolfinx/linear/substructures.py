@@ -1,9 +1,9 @@
-"""Factors of a matrix whose rows are spread over ranks, of which each eliminates what lies inside of its own.
+"""Factors of a matrix whose rows are distributed over ranks, each of which eliminates its interior rows.
 
-What is left meets in a border: rows that have those of one rank coupled with those of others, and those between which
-K^-1 is asked for. Each rank leaves a Schur complement there, and their sum is dense (Smith, Bjorstad and Gropp, Domain
-Decomposition, 1996, chapter 4). MUMPS shares factors of ranks too, but a Schur complement of several is made by one:
-measured with 285,186 dofs on two ranks it took 54 s and 6.7 GB, where one rank by itself takes 33 s and 4.1 GB.
+The rest is the border: rows that couple those of one rank with those of others, and rows between which K^-1 is needed.
+Each rank contributes a Schur complement there, and their sum is dense (Smith, Bjorstad and Gropp, Domain Decomposition,
+1996, chapter 4). MUMPS distributes factors too, but makes the Schur complement on one rank: with 285,186 dofs it took
+54 s and 6.7 GB on two ranks, and 33 s and 4.1 GB on one.
 """
 
 from __future__ import annotations
@@ -22,26 +22,26 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
 MOST_AT_BORDER = 20_000
-"""Rows of a part of the border at most: what is left there takes 3.2 GB of its owner then."""
+"""Largest count of rows of a part of the border: its Schur complement then takes 3.2 GB on the owner."""
 SMALL = 1000
-"""Rows of parts below which what hangs together with several of them is factored together."""
+"""Rows of parts below which the interior rows connected to several parts are factored as one."""
 
 
 class Substructures:
-    """Factors by what each rank eliminates of its own rows; see :class:`Factors`, whose place it takes.
+    """Factors by substructuring, with the interface of :class:`Factors`.
 
     Args:
-        pattern: own rows, whole, (own, n), numbered from rank to rank.
-        values: data that the places of the pattern point into.
-        prefix: of PETSc options, for the factors of each rank.
-        comm: the ranks.
-        last: own rows, increasing, between which K^-1 is going to be asked for.
+        pattern: whole local rows, (own, n), numbered from rank to rank.
+        values: data to which the indices of the pattern refer.
+        prefix: prefix of PETSc options, for the factors of each rank.
+        comm: communicator of the ranks.
+        last: local rows, increasing, between which K^-1 is needed.
         low_rank: see :class:`Factors`.
 
     Attributes:
-        low_rank: the same.
-        possible: whether MUMPS gives Schur complements here, and the border is not too large; nothing else is to be
-            called where it is not.
+        low_rank: the argument.
+        possible: MUMPS returns Schur complements here, and the border is small enough; otherwise no method may be
+            called.
     """
 
     def __init__(
@@ -72,13 +72,13 @@ class Substructures:
         self._dense: dict[Part, DenseFactors] = {}
 
     def replace(self, values: np.ndarray, _: Callable[[], Pattern]) -> None:
-        """Take other values of the pattern of the start, which are factored next."""
+        """Set the values of the first pattern that are factored next."""
         for inside in self._insides:
             inside.replace(values)
         self._values = values[self._among.places]
 
     def factor(self) -> bool:
-        """Factor what each rank has inside, and what that leaves of the border; False for a singular matrix."""
+        """Factor the interior rows of each rank and the Schur complement of the border; False for a singular matrix."""
         self._dense = {}
         if not self._comm.allreduce(all([inside.factors.factor() for inside in self._insides]), MPI.LAND):
             return False
@@ -94,7 +94,7 @@ class Substructures:
         return self._comm.allreduce(definite, MPI.LAND)
 
     def _left(self, part: Part) -> np.ndarray | None:
-        """What is left of a part of the border, on and above the diagonal; on its owner. Collective."""
+        """Schur complement on a part of the border, on and above the diagonal; None off its owner. Collective."""
         holder = next((inside for inside in self._insides if inside.reaches(part)), None)
         if holder is None:
             total = gathered(part, np.zeros(0, dtype=np.int64), np.zeros((0, 0)), self._comm)
@@ -111,7 +111,7 @@ class Substructures:
         return total
 
     def between_last(self, rows: csr_matrix) -> np.ndarray:
-        """Some rows on the last ones of all ranks, (m, n), as rows K^-1 rows^T, (m, m), alike on all. Collective."""
+        """Product rows K^-1 rows^T, (m, m), of rows, (m, n), on the last rows of all ranks. Collective."""
         found = np.zeros((rows.shape[0], rows.shape[0]))
         for part, factors in self._dense.items():
             asked = self._border.asked
@@ -122,21 +122,22 @@ class Substructures:
         return found
 
     def destroy(self) -> None:
-        """Give the memory back, at once. Collective."""
+        """Free the memory at once. Collective."""
         for inside in self._insides:
             inside.factors.destroy()
         self._dense = {}
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
-        """Own rows of a solution, for those of a right-hand side, (own,). Collective."""
+        """Local rows of the solution for the local rows of a right-hand side, (own,). Collective."""
         found = np.empty((rhs.size, 1), order="F")
         self.solve_block(np.asfortranarray(rhs[:, None]), found)
         return found[:, 0]
 
     def solve_block(self, columns: csc_matrix | np.ndarray, solutions: np.ndarray) -> None:
-        """Write solutions for some columns, (own, k), sparse or dense, into an array by columns. Collective.
+        """Write solutions for some columns, (own, k), sparse or dense, into an array in Fortran order. Collective.
 
-        First with the border at rest; what that leaves of its loads moves it, and what is inside follows.
+        The interior is solved with a fixed border; the remaining loads displace the border, and the interior is
+        corrected for that displacement.
         """
         edge = columns[self._edge]
         loads = self._on_border(edge if isinstance(edge, np.ndarray) else edge.toarray())
@@ -158,7 +159,7 @@ class Substructures:
         solutions[self._edge] = moved[self._at]
 
     def multiply(self, block: np.ndarray, image: np.ndarray) -> None:
-        """Write the matrix times some columns, (own, k), into an array; both lie by columns. Collective."""
+        """Write the matrix times some columns, (own, k), into an array; both are in Fortran order. Collective."""
         border = self._on_border(block[self._edge])
         self._comm.Allreduce(MPI.IN_PLACE, border)
         shape = self._edge.size, self._border.numbers.size
@@ -173,29 +174,29 @@ class Substructures:
         image[self._edge] = total[self._at]
 
     def _on_border(self, own: np.ndarray) -> np.ndarray:
-        """Own rows of the border among all of them, (border, k)."""
+        """Table of all rows of the border with values in the local ones, (border, k)."""
         total = np.zeros((self._border.numbers.size, own.shape[1]))
         total[self._at] = own
         return total
 
 
 class _Inside:
-    """Rows of this rank that it eliminates by itself, and what they leave of rows of the border.
+    """Interior rows of this rank, and their Schur complement on the border.
 
     Args:
-        marks: places of entries among those of the pattern, and one more, CSR, (own, n).
-        places: of these entries among the data of the matrix.
-        values: these data.
-        first: number of the first own row.
-        rows: own rows, (k,).
-        border: which rows are in it.
+        marks: index of each entry in the pattern plus one, CSR, (own, n).
+        places: indices of these entries in the data of the matrix.
+        values: data of the matrix.
+        first: number of the first local row.
+        rows: interior rows, among the local ones, (k,).
+        border: rows of the border.
         prefix, low_rank: see :class:`Factors`.
 
     Attributes:
-        rows: the same.
-        reach: places in the border of the rows that they are coupled with, increasing, (r,).
-        factors: of the former, with what they leave of the latter.
-        possible: whether MUMPS gives that.
+        rows: the argument.
+        reach: indices in the border of the rows that the interior is coupled with, increasing, (r,).
+        factors: factors of the interior, with the Schur complement on the border.
+        possible: MUMPS returns this Schur complement.
     """
 
     def __init__(
@@ -222,15 +223,15 @@ class _Inside:
         self.possible = last is None or self.factors.last is not None
 
     def reaches(self, part: Part) -> bool:
-        """Whether there are rows of a part of the border within reach."""
+        """True if the interior is coupled with a part of the border."""
         return bool(((self.reach >= part.rows.start) & (self.reach < part.rows.stop)).any())
 
     def replace(self, values: np.ndarray) -> None:
-        """Take other values, which are factored next."""
+        """Set the values that are factored next."""
         self.factors.replace(values, lambda: self._pattern)
 
     def solved(self, columns: csc_matrix | np.ndarray) -> np.ndarray:
-        """K^-1 of the rows inside times columns, (k, c), and no motion of the border behind it: (k + r, c)."""
+        """K^-1 of the interior times columns, (k, c), followed by zeros for the border: (k + r, c)."""
         found = np.empty((self.rows.size + self.reach.size, columns.shape[1]), order="F")
         given = np.zeros_like(found)
         given[: self.rows.size] = columns if isinstance(columns, np.ndarray) else columns.toarray()
@@ -239,16 +240,16 @@ class _Inside:
         return found
 
     def times(self, block: np.ndarray) -> np.ndarray:
-        """Entries of the rows inside, and their mirror images, times displacements here, (k + r, c)."""
+        """Entries of the interior rows and their transposes times displacements, (k + r, c)."""
         found = np.empty_like(block)
         self.factors.multiply(block, found)
         return found
 
 
 def _groups(inside: np.ndarray, border: Border) -> list[np.ndarray]:
-    """Own rows that are not in the border, by the parts of it that they hang together with; those of small ones in one.
+    """Group the interior rows by the part of the border that they are connected to; small parts form one group.
 
-    What is left of parts by themselves has no zeros between them.
+    A group for each large part avoids a Schur complement with zero blocks between parts.
     """
     sizes = np.array([part.size for part in border.parts] + [0])
     label = np.where(sizes[border.part_of] < SMALL, -1, border.part_of)
@@ -256,7 +257,7 @@ def _groups(inside: np.ndarray, border: Border) -> list[np.ndarray]:
 
 
 def _between(edges: csr_matrix, place: np.ndarray, places: np.ndarray) -> Pattern:
-    """Entries of own rows of the border in columns of it, by places there."""
+    """Entries of local rows of the border in columns of the border, by indices there."""
     kept = place[edges.indices] >= 0
     starts = np.append(0, np.cumsum(kept))[edges.indptr]
     return Pattern(starts, place[edges.indices[kept]], places[edges.data[kept] - 1])

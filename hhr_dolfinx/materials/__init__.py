@@ -1,1 +1,1 @@
-"""Materials as numbers: elastic constants, laws of flow, the update of all Gauss points, strain there. No UFL."""
+"""Materials as numbers: elastic constants, laws of plasticity and creep, strain and update at Gauss points. No UFL."""

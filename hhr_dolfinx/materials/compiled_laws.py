@@ -1,7 +1,7 @@
-"""The laws of :mod:`hhr_dolfinx.materials.laws` at one Gauss point, compiled: for all loops over points.
+"""The laws of :mod:`hhr_dolfinx.materials.laws` at one Gauss point, compiled for all loops over points.
 
-A kernel answers with the flow Δp and its derivative by the trial stress; NaN where it found none. Which one
-belongs to a law, and with which constants, says :func:`hhr_dolfinx.materials.update.kernel_of`.
+A kernel returns the flow Δp (increment of cumulated plastic strain) and its derivative by the trial stress; NaN if it
+finds none. :func:`hhr_dolfinx.materials.update.kernel_of` returns the kernel of a law and its constants.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from hhr_dolfinx.compat import compiled
 
 ITERATIONS = 60
-"""Most iterations of Newton's method for (6.28), which takes up to 12 over forty decades of stress and m up to 1e5."""
+"""Limit of iterations of Newton's method for (6.28), which takes 12 at most over forty decades of stress, m to 1e5."""
 ELASTIC = 0
 PLASTICITY = 1
 NORTON = 2
@@ -57,7 +57,7 @@ def plastic_flow(
     slope = 1 / (3 * shear + hardening)
     if over <= 0:
         return 0.0, 0.0
-    # NaN too, which is the caller's
+    # NaN passes through: the caller reports it
     return over * slope, slope
 
 
@@ -87,7 +87,7 @@ def norton_flow(resistance: float, exponent: float, trial: float, shear: float, 
 
 @compiled()
 def power(base: float, exponent: float) -> float:
-    """base**exponent, by products where the exponent is a small integer: ten times as fast."""
+    """base**exponent, by products if the exponent is a small integer: ten times as fast."""
     if exponent != np.floor(exponent) or exponent > 32:
         return base**exponent
     result = 1.0

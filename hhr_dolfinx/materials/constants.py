@@ -1,8 +1,8 @@
-"""Constants of materials that are formulas of the parameters: which ones they are, the law and the moduli of a point.
+"""Constants of materials that are formulas of the parameters, and the laws and moduli at a point.
 
 A field of a law is a formula if it holds a text and its class declares that it may be a number, as ``float`` or
-``float | str``. A field declared ``str`` alone holds a word of the law's own, and stays what it is; so does one whose
-type cannot be told. Model files keep a formula only where ``float | str`` is declared.
+``float | str``. A field declared ``str`` alone is a setting of the law and stays as it is; so does one whose type
+cannot be determined. Model files keep a formula only if ``float | str`` is declared.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 def formulas_of(law: Any) -> dict[str, str]:
-    """Fields of a law that are formulas of the parameters, by name; none of what is no dataclass."""
+    """Fields of a law that are formulas of the parameters, by name; empty for an object that is no dataclass."""
     if not dataclasses.is_dataclass(law) or isinstance(law, type):
         return {}
     fields = {item.name: getattr(law, item.name, None) for item in dataclasses.fields(law) if item.init}
@@ -52,14 +52,14 @@ class LawOfParameters:
     """A law with constants that are formulas, bound to the parameters of a scene.
 
     Args:
-        law: a frozen dataclass.
-        names: of the parameters, in the order of a point.
+        law: law, a frozen dataclass.
+        names: names of the parameters, in the order of a point.
 
     Attributes:
-        formulas: its constants that are formulas, by name.
+        formulas: constants of the law that are formulas, by name.
 
     Raises:
-        SceneError: for a text that is no formula, or one that names what is no parameter.
+        SceneError: for a text that is no formula, or a formula of unknown parameters.
     """
 
     def __init__(self, law: Any, names: Sequence[str]):
@@ -73,7 +73,7 @@ class LawOfParameters:
         self._law = law
         self._names = tuple(names)
         if self.formulas:
-            # here, since most laws have none, and then nothing of formulas is loaded
+            # imported here, since most laws have no formulas
             from hhr_dolfinx.formulas import Scalar
 
             self._scalars = {field: Scalar(text, self._names) for field, text in self.formulas.items()}
@@ -82,7 +82,7 @@ class LawOfParameters:
         """Values of the formulas at a point, (P,), by name.
 
         Raises:
-            SceneError: for one that is not finite there, or whose table ends before.
+            SceneError: for a value that is not finite, or a point beyond the end of a table.
         """
         found = {}
         for field, text in self.formulas.items():
@@ -93,7 +93,7 @@ class LawOfParameters:
                     f"{field} = {text} of {type(self._law).__name__}: {error}, at {self._place(point)}. Give the table "
                     "further points, or narrow the box of the parameters"
                 ) from None
-            except TypeError:  # of complex numbers, as a root of a negative one is
+            except TypeError:  # the value is complex, such as the root of a negative number
                 found[field] = math.nan
             if not math.isfinite(found[field]):
                 raise SceneError(
@@ -103,7 +103,7 @@ class LawOfParameters:
         return found
 
     def at(self, point: np.ndarray) -> Flow:
-        """The law with its constants at a point, (P,), made as any of its class.
+        """The law with its constants at a point, (P,), a new object of its class.
 
         Raises:
             SceneError: for constants that are not finite, or that the class of the law refuses.
@@ -111,7 +111,7 @@ class LawOfParameters:
         numbers = self.constants(point)
         try:
             return dataclasses.replace(self._law, **numbers) if numbers else self._law
-        except Exception as error:  # a class of a user's own may raise anything
+        except Exception as error:  # a user-defined class may raise anything
             shown = ", ".join(f"{field} = {self.formulas[field]} = {value:g}" for field, value in numbers.items())
             raise SceneError(
                 f"{type(self._law).__name__} refuses {shown} at {self._place(point)} ({error}): change the formula, or "
@@ -126,15 +126,15 @@ class ModuliOfParameters:
     """Young's moduli that are formulas, bound to the parameters of a scene.
 
     Args:
-        texts: the formulas by the number of their body or group.
-        names: of the parameters, in the order of a point.
+        texts: formulas by the number of their body or group.
+        names: names of the parameters, in the order of a point.
 
     Raises:
-        SceneError: for a text that is no formula, or one that names what is no parameter.
+        SceneError: for a text that is no formula, or a formula of unknown parameters.
     """
 
     def __init__(self, texts: dict[int, str], names: Sequence[str]):
-        # here, since most moduli are numbers, and then nothing of formulas is loaded
+        # imported here, since most moduli are numbers
         from hhr_dolfinx.formulas import Scalar
 
         self._names = tuple(names)
@@ -144,7 +144,7 @@ class ModuliOfParameters:
         """The moduli at a point, (P,), by number.
 
         Raises:
-            SceneError: for one that is not positive and finite there, or whose table ends before.
+            SceneError: for a value that is not positive and finite, or a point beyond the end of a table.
         """
         found = {}
         for number, scalar in self._scalars.items():
@@ -164,7 +164,7 @@ class ModuliOfParameters:
 
 
 def law_at(law: Any, names: Sequence[str], point: np.ndarray) -> Flow:
-    """A law with the numbers that its formulas are at a point, (P,); the law itself if it has none.
+    """A law with the values of its formulas at a point, (P,); the law itself if it has none.
 
     Raises:
         SceneError: see :class:`LawOfParameters`.
@@ -173,10 +173,10 @@ def law_at(law: Any, names: Sequence[str], point: np.ndarray) -> Flow:
 
 
 def check_law(law: Any, space: ParameterSpace, what: str) -> None:
-    """Raise SceneError, naming ``what`` has the law, unless its constants are possible all over the box.
+    """Raise SceneError unless the constants of a law are valid in the whole parameter box; ``what`` names its owner.
 
-    They are tried in the corners, as far as these are few, and on some hundred points between; a step beyond what was
-    tried is refused where it is solved.
+    The check takes the corners, unless there are too many, and some hundred points between. A step with invalid
+    constants that it missed is refused when it is solved.
     """
     if not formulas_of(law):
         return
@@ -191,15 +191,15 @@ def check_law(law: Any, space: ParameterSpace, what: str) -> None:
 
 
 def _hints(kind: type) -> dict[str, Any]:
-    """Types of the fields as the class declares them; none where they cannot be told here."""
+    """Declared types of the fields of a class; empty if they cannot be resolved."""
     try:
         return get_type_hints(kind)
-    except Exception:  # names that are known to type checkers only
+    except Exception:  # annotations with names that are imported for type checking only
         return {}
 
 
 def _may_be_number(hint: Any) -> bool:
-    """Whether a declared type admits a float."""
+    """True if a declared type admits a float."""
     if get_origin(hint) in (Union, UnionType):
         return any(_may_be_number(item) for item in get_args(hint))
     return hint in (float, Real)

@@ -1,4 +1,4 @@
-"""Constants of isotropic elasticity, and those of common materials by name, with their sources."""
+"""Constants of isotropic elasticity, and constants of common materials by name, with their sources."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hhr_dolfinx.errors import SceneError
 
 
 def lame_parameters(young: float, poisson: float) -> tuple[float, float]:
-    """Return (λ, μ) of Young's modulus E and Poisson's ratio ν, in the unit of E.
+    """Lamé parameters (λ, μ) from Young's modulus E and Poisson's ratio ν, in the unit of E.
 
     Raises:
         SceneError: for constants whose elastic energy is not positive.
@@ -23,7 +23,7 @@ def lame_parameters(young: float, poisson: float) -> tuple[float, float]:
 
 
 def von_mises(stress: np.ndarray) -> np.ndarray:
-    """Von Mises' equivalent stress of stresses in Kelvin's notation, (n, components) -> (n,)."""
+    """Von Mises equivalent stress of stresses in Kelvin's notation, (n, components) -> (n,)."""
     deviator = stress.copy()
     deviator[:, :3] -= stress[:, :3].mean(axis=1, keepdims=True)
     return np.sqrt(1.5 * np.einsum("nk,nk->n", deviator, deviator))
@@ -37,8 +37,8 @@ class Elastic:
         young: Young's modulus in Pa.
         poisson: Poisson's ratio.
         expansion: thermal expansion in 1/K.
-        density: in kg/m^3.
-        source: where they are from.
+        density: density in kg/m^3.
+        source: source of the constants.
     """
 
     young: float
@@ -60,7 +60,7 @@ MATERIALS = {
 
 
 def elastic(name: str) -> Elastic:
-    """Constants of a material; raises SceneError for an unknown one, with the nearest known."""
+    """Constants of a material; raise SceneError for an unknown name, with the nearest known ones."""
     if name in MATERIALS:
         return MATERIALS[name]
     near = difflib.get_close_matches(str(name).lower(), MATERIALS, n=1, cutoff=0.5)

@@ -1,17 +1,17 @@
-"""Laws of flow of von Mises type as numbers: plasticity with hardening and viscoplasticity, thesis section 6.2.
+"""Laws of von Mises type as numbers: plasticity with hardening and viscoplasticity, thesis section 6.2.
 
-All laws share the radial return. With the trial deviator s_tr = 2 mu dev(ε - εp_old), of equivalent stress q_tr,
-a flow Δp along it leaves
+All laws share the radial return. With the trial deviator s_tr = 2 mu dev(ε - εp_old), of equivalent stress q_tr, an
+increment Δp of the cumulated plastic strain gives
 
-    s = (1 - 3 mu Δp / q_tr) s_tr,      εp = εp_old + 3/2 Δp s_tr / q_tr,
+    s = (1 - 3 mu Δp / q_tr) s_tr,      εp = εp_old + 3/2 Δp s_tr / q_tr.
 
-and the physics is one scalar equation for Δp(q_tr), the *flow* of a law. A law of your own is a class with
-``flow``; everything else is common. ``forms.return_mapping`` states the same in UFL, and tests hold the two together.
+The law is one scalar equation for Δp(q_tr), its *flow*. A user-defined law is a class with a method ``flow``;
+everything else is common. ``forms.return_mapping`` states the same in UFL, and tests compare the two.
 
 A constant may be a text, a formula of the parameters of the scene such as ``"sy * (1 - 4e-4 * T)"``. A step of a
-history has the constants of the parameter at its end: its law is made again with numbers, and asked for the flow. In a
-law of your own, a frozen dataclass, any field that may be a ``float`` may be such a text; where ``__post_init__`` looks
-at numbers, it must let texts pass. See :mod:`hhr_dolfinx.materials.constants`.
+history has the constants of the parameter at its end: a law with these numbers is made for each step. In a user-defined
+law, a frozen dataclass, any field that may be a ``float`` may be such a text; a ``__post_init__`` that checks numbers
+must accept texts. See :mod:`hhr_dolfinx.materials.constants`.
 """
 
 from __future__ import annotations
@@ -27,23 +27,23 @@ from hhr_dolfinx.errors import SceneError
 
 
 class Flow(Protocol):
-    """What a body needs to flow.
+    """Interface of a law of plasticity or creep.
 
-    A law whose flow does not depend on ``dt`` may say ``rated: ClassVar[bool] = False``: its histories know directions,
-    and no paces that were never trained.
+    A law whose flow does not depend on ``dt`` may declare ``rated: ClassVar[bool] = False``: the training range of its
+    histories then limits directions of the load, not rates.
     """
 
     def flow(
         self, trial: np.ndarray, plastic_strain: np.ndarray, shear: float, dt: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Cumulated flow of a step at Gauss points whose trial stress is given.
+        """Increment of cumulated plastic strain in a step, at Gauss points with given trial stress.
 
-        The derivative makes steps converge fast and does not change where to: compare it with differences of Δp.
-        A step that does not converge is cut, so that a law with rates sees smaller steps; ``History.cuts`` counts them.
+        The derivative speeds up convergence and does not change the solution: compare it with differences of Δp. A step
+        that does not converge is cut, so that a rate-dependent law gets smaller steps; ``History.cuts`` counts them.
 
         Args:
-            trial: equivalent trial stress q_tr, (n,); not to be written to.
-            plastic_strain: cumulated plastic strain p before the step, (n,); the only memory of a law.
+            trial: equivalent trial stress q_tr, (n,), read-only.
+            plastic_strain: cumulated plastic strain p before the step, (n,), the only internal variable of a law.
             shear: shear modulus mu.
             dt: time step in seconds.
 
@@ -51,14 +51,14 @@ class Flow(Protocol):
             Flow Δp, 0 <= 3 mu Δp <= q_tr, and its derivative by q_tr, (n,) each.
 
         Raises:
-            ArithmeticError: if it finds no flow; the step is then cut, and a history that ends names the law.
+            ArithmeticError: if there is no solution; the step is then cut, and the error of a history names the law.
         """
 
 
 def _holds(what: str, constant: Any, possible: Callable[[Any], bool]) -> bool:
-    """Whether a constant is possible as far as can be told: of a formula, only that it is one."""
+    """True if a constant is a valid number, or a text that is a formula, whose values are checked later."""
     if isinstance(constant, str):
-        # here, since most laws have none, and then nothing of formulas is loaded
+        # imported here, since most laws have no formulas
         from hhr_dolfinx.formulas import formula_of
 
         formula_of(constant, what)
@@ -67,7 +67,7 @@ def _holds(what: str, constant: Any, possible: Callable[[Any], bool]) -> bool:
 
 
 def _number(constant: float | str) -> float:
-    """A constant that must be a number by now."""
+    """Value of a constant, which must be a number at this point."""
     if isinstance(constant, str):
         raise TypeError(f"{constant!r} is a formula of the parameters: law_at(law, names, point) has its number")
     return constant
@@ -134,13 +134,13 @@ class Norton:
         """Newton's method for x = σ_eq in x + 3 mu dt (x / K)^m = q_tr; see :class:`Flow`.
 
         Raises:
-            ArithmeticError: if the iteration does not settle.
+            ArithmeticError: if the iteration does not converge.
         """
         from hhr_dolfinx.materials.compiled_laws import ITERATIONS, NORTON, flows_at
 
         constants = _number(self.resistance), _number(self.exponent)
         amount, slope = flows_at(NORTON, constants, trial, plastic_strain, shear, dt)
-        lost = np.flatnonzero(np.isfinite(trial) & ~np.isfinite(amount))  # what is not finite is the caller's
+        lost = np.flatnonzero(np.isfinite(trial) & ~np.isfinite(amount))  # the caller reports a non-finite trial stress
         if lost.size:
             raise ArithmeticError(
                 f"Newton's method still moves after {ITERATIONS} iterations under a trial stress of "

@@ -1,7 +1,7 @@
 """Strain and internal forces through Gauss points: arrays tabulated once, loops compiled by numba.
 
-The arrays come from UFL, by :mod:`hhr_dolfinx.full_order.gauss_points`; nothing here knows meshes or physics. A reduced
-model uses the same operator with the cells of its RID.
+The arrays come from UFL, by :mod:`hhr_dolfinx.full_order.gauss_points`; this module depends on neither mesh nor
+physics. A reduced model uses the same operator with the cells of its RID.
 """
 
 from __future__ import annotations
@@ -22,10 +22,10 @@ class StrainOperator:
     """Strain ε = G u at the Gauss points of some cells, Kelvin's notation.
 
     Attributes:
-        gradients: G of each cell, (cells, per_cell, components, dofs of a cell).
+        gradients: matrix G of each cell, (cells, per_cell, components, dofs of a cell).
         weights: quadrature weight times volume of each Gauss point, (cells, per_cell).
         dofs: number of each dof of a cell, (cells, dofs of a cell).
-        size: number of dofs there are.
+        size: number of all dofs.
     """
 
     gradients: Annotated[Floats, "cells", "per cell", "components", "dofs of a cell"]
@@ -34,7 +34,7 @@ class StrainOperator:
     size: Annotated[Size, "dofs"]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Weights that are impossible."""
+        """Faults of the weights."""
         if not (self.weights > 0).all():
             yield f"a Gauss point has the weight {self.weights.min()}, not positive"
 
@@ -58,7 +58,7 @@ class StrainOperator:
         return self.gradients.shape[2]
 
     def restricted(self, cells: np.ndarray) -> tuple[StrainOperator, np.ndarray]:
-        """The operator of some cells, and the dofs of these cells, which it numbers in their order."""
+        """Operator of some cells, with the dofs of these cells renumbered in order, and these dofs."""
         columns, dofs = np.unique(self.dofs[cells], return_inverse=True)
         part = replace(
             self,
@@ -76,9 +76,9 @@ class StrainOperator:
         return out
 
     def internal(self, stress: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Internal forces ∫ ε(v) : σ of a stress (gauss_points, components), (size,), and their size.
+        """Internal forces ∫ ε(v) : σ of a stress (gauss_points, components), (size,), and their scale, (size,).
 
-        The size sums what the cells contribute without sign: in equilibrium the sum itself cancels.
+        The scale is the sum of absolute contributions of the cells: in equilibrium the forces themselves cancel.
         """
         out = np.zeros(self.size)
         size = np.zeros(self.size)
@@ -95,7 +95,7 @@ class StrainOperator:
         return SparsePattern(indptr, (keys % self.size).astype(np.int32), position.reshape(-1, d, d))
 
     def element_stiffness(self, tangents: np.ndarray) -> np.ndarray:
-        """Stiffness (cells, d, d) of cells of d dofs for tangents H, (gauss_points, components, components)."""
+        """Element stiffness matrices, (cells, d, d), for tangents H, (gauss_points, components, components)."""
         cells, per_cell, components, d = self.gradients.shape
         moduli = tangents.reshape(cells, per_cell, components, components)
         flux = moduli @ (self.weights[:, :, None, None] * self.gradients)
@@ -105,7 +105,7 @@ class StrainOperator:
     def stiffness(self, tangents: np.ndarray, pattern: SparsePattern, elastic: ElasticPart | None = None) -> csr_matrix:
         """Stiffness ∫ ε(v) : H : ε(u) of tangents H (gauss_points, components, components), (size, size).
 
-        Beside the tangents and the data of an elastic part, cells without flow cost nothing.
+        With the tangents and the data of an elastic part, cells whose tangents are elastic cost nothing.
         """
         if elastic is None:
             data = np.zeros(pattern.indices.size)
@@ -126,11 +126,11 @@ class ElasticPart(NamedTuple):
 
 @dataclass(frozen=True)
 class SparsePattern:
-    """Compressed rows, and where the entries of each cell's matrix go.
+    """Sparsity of a CSR matrix, and the positions of the entries of each cell's matrix in its data.
 
     Attributes:
-        indptr, indices: of a CSR matrix.
-        position: place of each entry in its data, (cells, d, d).
+        indptr, indices: arrays of the CSR matrix.
+        position: index in the data for each entry, (cells, d, d).
     """
 
     indptr: np.ndarray
@@ -171,7 +171,7 @@ def _internal(gradients, weights, dofs, stress, out, size):
 
 @compiled(fastmath=True)
 def _stiffness(gradients, weights, tangents, reference, position, data):
-    """Add the stiffness of ``tangents - reference``; points where they agree are passed over."""
+    """Add the stiffness of ``tangents - reference``; points with equal tangents are skipped."""
     cells, per_cell, components, d = gradients.shape
     flux = np.empty((components, d))
     element = np.empty((d, d))

@@ -1,4 +1,4 @@
-"""Constitutive update of all Gauss points: radial return by compiled loops, flow by the laws of the scene."""
+"""Constitutive update of all Gauss points: radial return in compiled loops, with the laws of the scene."""
 
 from __future__ import annotations
 
@@ -22,11 +22,12 @@ if TYPE_CHECKING:
     from hhr_dolfinx.parameters import ParameterSpace
 
 SLOPE = 0.05
-"""Relative error of a slope worth a word: differences of the laws here agree to 1e-6, a forgotten factor is far off."""
+"""Relative error of a slope above which a warning is due: differences of the laws here agree to 1e-6, and a missing
+factor gives far larger errors."""
 
 
 class State(NamedTuple):
-    """What the material remembers.
+    """Internal variables of the material.
 
     Attributes:
         plastic: plastic strain, Kelvin's notation, (gauss_points, components).
@@ -38,11 +39,11 @@ class State(NamedTuple):
 
 
 class Update(NamedTuple):
-    """Outcome of a step at all Gauss points.
+    """Result of a step at all Gauss points.
 
     Attributes:
-        stress: (gauss_points, components).
-        state: at the end of the step.
+        stress: stress at the end of the step, (gauss_points, components).
+        state: state at the end of the step.
         tangents: consistent tangents, (gauss_points, components, components), or None.
     """
 
@@ -56,10 +57,10 @@ class Group:
     """Gauss points of one body.
 
     Attributes:
-        indices: which of the model's Gauss points they are, (n,).
+        indices: numbers among the model's Gauss points, (n,).
         young: Young's modulus E, or a formula of the parameters.
         poisson: Poisson's ratio.
-        law: flow, whose constants may be formulas of the parameters, or None for an elastic body.
+        law: law of plasticity or creep, whose constants may be formulas of the parameters; None for an elastic body.
     """
 
     indices: Annotated[Integers, "points"]
@@ -68,7 +69,7 @@ class Group:
     law: Flow | None
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Elastic constants that are impossible, and an object that is no law."""
+        """Faults of the elastic constants and of the law."""
         stiff = isinstance(self.young, str) or self.young > 0
         if not (stiff and -1 < self.poisson < 0.5):
             yield f"young = {self.young!r} and poisson = {self.poisson!r} are no constants"
@@ -77,24 +78,24 @@ class Group:
 
 
 class Material:
-    """Laws of all Gauss points of a model; its groups hold all that it is made of.
+    """Laws of all Gauss points of a model.
 
     Args:
-        groups: one per body; together they hold every Gauss point once.
-        components: of a strain, 4 or 6.
-        names: of the parameters, which formulas need.
+        groups: one group for each body; every Gauss point is in one group.
+        components: number of components of a strain, 4 or 6.
+        names: names of the parameters, for formulas.
 
     Attributes:
-        groups, components, names: as given.
-        gauss_points: how many there are.
+        groups, components, names: the arguments.
+        gauss_points: number of Gauss points.
 
     Raises:
-        SceneError: if a Gauss point is in no group or in two: the compiled loops would read and write elsewhere; for
-            formulas that name what is no parameter.
+        SceneError: if a Gauss point is in no group or in two, as the compiled loops would access other memory; for
+            formulas of unknown parameters.
     """
 
     kept: ClassVar[tuple[str, ...]] = ("groups", "components", "names")
-    """What a file keeps."""
+    """Attributes that a file stores."""
 
     def __init__(self, groups: Sequence[Group], components: int, names: Sequence[str] = ()):
         self.groups = tuple(groups)
@@ -120,10 +121,10 @@ class Material:
             _ = self.elastic
 
     def faults_for(self, space: ParameterSpace, dimension: int) -> Iterator[str]:
-        """What is wrong with the material of a model with these parameters, from a file.
+        """Faults of the material of a model with these parameters, read from a file.
 
         Raises:
-            SceneError: for a formula that leaves what is possible somewhere in the box.
+            SceneError: for a formula with invalid values somewhere in the box.
         """
         if self.components != (4 if dimension == 2 else 6) or self.names not in ((), space.names):
             yield f"a strain has {self.components} components in dimension {dimension}, and parameters {self.names}"
@@ -140,7 +141,7 @@ class Material:
         """Elastic tangents, (gauss_points, components, components).
 
         Raises:
-            SceneError: where moduli are formulas, see :meth:`moduli_at`.
+            SceneError: if moduli are formulas, see :meth:`moduli_at`.
         """
         if self._elastic is None:
             elastic = np.empty((self.gauss_points, self.components, self.components))
@@ -149,22 +150,22 @@ class Material:
             for group in self.groups:
                 lam, mu = lame_parameters(_number(group), group.poisson)
                 elastic[group.indices] = lam * np.outer(unit, unit) + 2 * mu * np.eye(self.components)
-            # in one assignment, since several threads may ask
+            # a single assignment, since several threads may evaluate this
             self._elastic = elastic
         return self._elastic
 
     @property
     def flows(self) -> bool:
-        """Whether any body can flow."""
+        """True if any body is inelastic."""
         return any(group.law is not None for group in self.groups)
 
     @property
     def rated(self) -> bool:
-        """Whether any law may know of rates: one that does not says so by ``rated = False``."""
+        """True if any law may depend on rates; a law that does not declares ``rated = False``."""
         return any(group.law is not None and getattr(group.law, "rated", True) for group in self.groups)
 
     def restricted(self, indices: np.ndarray) -> Material:
-        """The material of some Gauss points, renumbered in their order."""
+        """Material of some Gauss points, renumbered in their order."""
         groups = []
         for group in self.groups:
             kept = np.flatnonzero(np.isin(indices, group.indices))
@@ -173,7 +174,7 @@ class Material:
         return Material(groups, self.components, self.names)
 
     def between(self, points: slice) -> Material:
-        """The material of the Gauss points of a range, renumbered from 0; its groups may be without any."""
+        """Material of a range of Gauss points, renumbered from 0; its groups may be empty."""
         groups = []
         for group in self.groups:
             inside = (group.indices >= points.start) & (group.indices < points.stop)
@@ -181,12 +182,12 @@ class Material:
         return Material(groups, self.components, self.names)
 
     def at(self, point: np.ndarray) -> Material:
-        """The material all of whose constants are those of a point, (P,): itself, if none depends on parameters.
+        """Material with the constants at a point, (P,); this object if none depends on parameters.
 
-        The one of the last point is kept.
+        The material of the last point is cached.
 
         Raises:
-            SceneError: for constants that are impossible there.
+            SceneError: for constants that are not valid there.
         """
         elastic = self.moduli_at(point)
         if not self._laws:
@@ -202,17 +203,17 @@ class Material:
         )
         found._laws = {}
         found._last = None
-        # in one assignment, since several threads may ask
+        # a single assignment, since several threads may evaluate this
         self._last = key, found
         return found
 
     def moduli_at(self, point: np.ndarray) -> Material:
-        """The material with the elasticity of a point, (P,), and its laws as they are: itself if that is constant.
+        """Material with the elasticity at a point, (P,), and unchanged laws; this object if the elasticity is constant.
 
-        The one of the last moduli is kept.
+        The material of the last moduli is cached.
 
         Raises:
-            SceneError: for a modulus that is impossible there.
+            SceneError: for a modulus that is not valid there.
         """
         if self._moduli is None:
             return self
@@ -225,19 +226,19 @@ class Material:
             replace(group, young=values.get(place, group.young)) for place, group in enumerate(self.groups)
         )
         found._moduli = found._last = found._last_moduli = found._elastic = None
-        # in one assignment, since several threads may ask
+        # a single assignment, since several threads may evaluate this
         self._last_moduli = values, found
         return found
 
     def constants(self, point: np.ndarray) -> list[dict[str, float]]:
-        """Values at a point, (P,), of the constants that are formulas, for each group by their names."""
+        """Values at a point, (P,), of the constants that are formulas, for each group by name."""
         found = [self._laws[place].constants(point) if place in self._laws else {} for place in range(len(self.groups))]
         for place, value in ({} if self._moduli is None else self._moduli.values(point)).items():
             found[place]["young"] = value
         return found
 
     def at_rest(self) -> State:
-        """No plastic strain anywhere."""
+        """State without plastic strain."""
         return State(np.zeros((self.gauss_points, self.components)), np.zeros(self.gauss_points))
 
     def update(self, strain: np.ndarray, old: State, dt: float, *, tangent: bool) -> Update:
@@ -247,15 +248,15 @@ class Material:
             strain: total strain at the end of the step, (gauss_points, components).
             old: state before the step; not modified.
             dt: length of the step in seconds.
-            tangent: whether consistent tangents are wanted.
+            tangent: compute consistent tangents.
 
         Raises:
-            SceneError: if a law does not answer with numbers.
-            ConvergenceError: if a law finds no flow, or one that is impossible.
+            SceneError: if a law does not return numbers.
+            ConvergenceError: if a law finds no flow, or one that is not valid.
         """
         stress = np.empty_like(strain)
         state = State(old.plastic.copy(), old.cumulated.copy())
-        # the kernel takes an array without entries where no tangents are wanted
+        # the kernel takes an empty array if no tangents are needed
         tangents = np.empty((*strain.shape, self.components) if tangent else (0, 0, 0))
         for group in self.groups:
             lam, mu = lame_parameters(_number(group), group.poisson)
@@ -264,18 +265,18 @@ class Material:
             if group.law is None:
                 amount = slope = np.zeros(indices.size)
             else:
-                equivalent.setflags(write=False)  # a law that wrote there would spoil the return below
+                equivalent.setflags(write=False)  # a law that wrote to it would corrupt the return below
                 amount, slope = flow_of(group.law, equivalent, old.cumulated[indices], mu, dt)
                 check_flow(group.law, amount, slope, equivalent, mu)
             step = (indices, strain, deviator, equivalent, amount, slope)
             _return(*step, lam + 2 * mu / 3, mu, stress, *state, tangents)
         return Update(stress, state, tangents if tangent else None)
 
-    def wrong_slopes(self, strain: np.ndarray, old: State, dt: float, together: Any) -> list[str] | None:
-        """Laws whose slope is not the derivative of their flow, in words; None where nothing flows enough to tell.
+    def wrong_slopes(self, strain: np.ndarray, old: State, dt: float, reductions: Any) -> list[str] | None:
+        """Reports of laws whose slope is not the derivative of their flow; None if too little plastic strain occurs.
 
-        A wrong slope changes no answer; steps take more iterations, or fail for no visible reason. Ranks that have some
-        of the points each ask ``together``, see :class:`hhr_dolfinx.models.histories.points.Points`.
+        A wrong slope changes no answer, but steps take more iterations, or fail for no visible reason. ``reductions``
+        are over the Gauss points of all ranks, see :class:`hhr_dolfinx.models.histories.points.Points`.
         """
 
         def probed() -> list[_Slopes]:
@@ -287,12 +288,12 @@ class Material:
                     found.append(_slopes_of(group.law, equivalent, old.cumulated[group.indices], mu, dt))
             return found
 
-        probes = [probe for probe in together.agreed(probed) if together.largest(probe.slope.size)]
-        told = [together.worst(*probe.complaint(together.largest(probe.size))) for probe in probes]
-        return [complaint for complaint in told if complaint] if told else None
+        probes = [probe for probe in reductions.agreed(probed) if reductions.largest(probe.slope.size)]
+        reports = [reductions.worst(*probe.report(reductions.largest(probe.size))) for probe in probes]
+        return [report for report in reports if report] if reports else None
 
     def _trial(self, indices: np.ndarray, strain: np.ndarray, old: State, mu: float) -> tuple[np.ndarray, np.ndarray]:
-        """Deviator (n, components) and equivalent stress (n,) of a step without flow at some Gauss points."""
+        """Deviator, (n, components), and equivalent stress, (n,), of the trial stress at some Gauss points."""
         deviator = np.empty((indices.size, self.components))
         equivalent = np.empty(indices.size)
         _set_trial(indices, strain, old.plastic, mu, deviator, equivalent)
@@ -300,7 +301,7 @@ class Material:
 
 
 def _number(group: Group) -> float:
-    """Young's modulus, which must be a number by now."""
+    """Young's modulus, which must be a number at this point."""
     if isinstance(group.young, str):
         raise SceneError(
             f"young = {group.young} is a formula of the parameters: material.moduli_at(point) has its number"
@@ -309,7 +310,7 @@ def _number(group: Group) -> float:
 
 
 def kernel_of(law: Any) -> tuple[int, tuple[float, float]] | None:
-    """Number of the kernel of a law, whose constants are numbers, and these; None for a law of a user's own."""
+    """Number of the kernel of a law, and its constants, which must be numbers; None for a user-defined law."""
     if law is None:
         return ELASTIC, (0.0, 0.0)
     if type(law) is Plasticity:
@@ -320,14 +321,14 @@ def kernel_of(law: Any) -> tuple[int, tuple[float, float]] | None:
 
 
 def flow_of(law: Flow, trial: np.ndarray, cumulated: np.ndarray, mu: float, dt: float) -> tuple[np.ndarray, np.ndarray]:
-    """Flow and slope that a law answers with, as arrays; SceneError for other things, ConvergenceError for no flow."""
+    """Flow and slope of a law as arrays; SceneError for other results, ConvergenceError if there is no flow."""
     if not trial.size:  # a rank without points of a body
         return np.zeros(0), np.zeros(0)
     try:
         answer = law.flow(trial, cumulated, mu, dt)
     except ArithmeticError as error:
         raise ConvergenceError(f"{law} found no flow in a step of {dt:g} s: {error}") from error
-    except Exception as error:  # a law is a user's own code
+    except Exception as error:  # a user-defined law may raise anything
         raise SceneError(f"the law {law} failed with {type(error).__name__}: {error}") from error
     try:
         amount, slope = answer
@@ -342,13 +343,13 @@ def flow_of(law: Flow, trial: np.ndarray, cumulated: np.ndarray, mu: float, dt: 
 
 
 def _shortened(answer: object, most: int = 60) -> str:
-    """Begin of what was answered, for messages."""
+    """Beginning of a law's answer, for messages."""
     text = " ".join(repr(answer).split())
     return text if len(text) <= most else text[:most] + "..."
 
 
 def check_flow(law: Flow, amount: np.ndarray, slope: np.ndarray, trial: np.ndarray, mu: float) -> None:
-    """Raise ConvergenceError for a flow that is not finite or would turn the stress round."""
+    """Raise ConvergenceError for a flow that is not finite or would reverse the stress."""
     if not amount.shape == slope.shape == trial.shape:
         raise ConvergenceError(f"{law} must answer with a flow and a slope of shape {trial.shape}")
     right = np.isfinite(slope) & (amount >= 0) & (3 * mu * amount <= trial * (1 + 1e-9))
@@ -366,7 +367,7 @@ def check_flow(law: Flow, amount: np.ndarray, slope: np.ndarray, trial: np.ndarr
 
 
 class _Slopes(NamedTuple):
-    """Slopes of a law at points that flow, beside differences of its flow, and the equivalent trial stress there."""
+    """Slopes of a law and differences of its flow at yielding points, with the equivalent trial stress there."""
 
     law: Any
     slope: np.ndarray
@@ -375,11 +376,11 @@ class _Slopes(NamedTuple):
 
     @property
     def size(self) -> float:
-        """Of the largest difference."""
+        """Magnitude of the largest difference."""
         return float(np.abs(self.differences).max(initial=0.0))
 
-    def complaint(self, size: float) -> tuple[float, str]:
-        """How wrong the worst slope is, over the largest difference of all points, and what to say of it if it is."""
+    def report(self, size: float) -> tuple[float, str]:
+        """Largest error of a slope over ``size``, the largest difference of all points, and a report if it is wrong."""
         if not self.slope.size:
             return 0.0, ""
         wrong = np.abs(self.slope - self.differences) / size
@@ -394,10 +395,10 @@ class _Slopes(NamedTuple):
 
 
 def _slopes_of(law: Flow, trial: np.ndarray, cumulated: np.ndarray, mu: float, dt: float) -> _Slopes:
-    """Slopes of a law at some points, by central differences; none where nothing flows."""
+    """Slopes of a law at some points, with central differences of its flow; empty without plastic strain."""
     step = 1e-4
     below, here, above = (flow_of(law, trial * (1 + way * step), cumulated, mu, dt) for way in (-1, 0, 1))
-    # at the onset of flow there is no derivative
+    # the derivative does not exist at first yield
     smooth = (below[0] > 0) & (trial > 0)
     differences = (above[0] - below[0])[smooth] / (2 * step * trial[smooth])
     return _Slopes(law, here[1][smooth], differences, trial[smooth])
@@ -421,8 +422,8 @@ def _set_trial(indices, strain, plastic, mu, deviator, equivalent):
 def _return(indices, strain, deviator, equivalent, amount, slope, bulk, mu, stress, plastic, cumulated, tangents):
     """Radial return; H = bulk 1⊗1 + 2 mu (θ P - (3 mu dΔp/dq - 1 + θ) n⊗n) with θ = 1 - 3 mu Δp / q_tr.
 
-    Stress, plastic strain, cumulated strain and tangents of the given Gauss points are written to; tangents may be
-    empty, where none are wanted.
+    Writes stress, plastic strain, cumulated strain and tangents of the given Gauss points; no tangents if that array is
+    empty.
     """
     components = strain.shape[1]
     for m in range(indices.size):

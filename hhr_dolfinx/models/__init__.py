@@ -1,1 +1,1 @@
-"""What answers: models of arrays with `solve` and `march`, and the answers they give. Needs no DOLFINx."""
+"""Models of arrays with `solve` and `march`, and their answers. The folder needs no DOLFINx."""

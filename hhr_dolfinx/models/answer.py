@@ -1,4 +1,4 @@
-"""What every model hands out: one kind of answer, one kind of history, whatever the model."""
+"""Answers and histories, which have one form for every kind of model."""
 
 from __future__ import annotations
 
@@ -28,11 +28,11 @@ Path = list[tuple[float, np.ndarray]]
 
 
 class Fields(Protocol):
-    """What turns the unknown of a model into fields on the whole mesh."""
+    """Completion of an answer: computes fields on the whole mesh from the unknown of a model."""
 
     @property
     def full(self) -> Any:
-        """The full model, which has the mesh; None if that is not at hand."""
+        """The full model, which has the mesh; None if it is not available."""
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """Displacement, lift included, (N,)."""
@@ -47,25 +47,25 @@ class Fields(Protocol):
         """Cumulated plastic strain, (Gauss points,)."""
 
     def estimate(self, answer: Answer) -> Estimate | None:
-        """What is known of the error, None where nothing is."""
+        """Error estimate of an answer; None if the model has none."""
 
     def estimates(self, many: Any) -> Estimates | None:
-        """The same of many answers; None where it is made one by one."""
+        """Error estimates of many answers; None if they are computed one by one."""
 
 
 class ModelFields:
-    """What fields of models may know besides; what a kind does not know is None.
+    """Parts that the fields of a model may have; parts that a kind of model lacks are None.
 
     Attributes:
         bound: bounds the error of an answer.
-        output_bound: bounds the errors of outputs, beside it.
-        indicator: estimates the error of an answer, of the recipe.
-        flow: completes stress and plastic strain where bodies flow.
+        output_bound: estimates the errors of outputs.
+        indicator: estimates the error of an answer; the recipe chooses it.
+        flow: completes stress and plastic strain of inelastic bodies.
         frictional: completes forces and slip of hyper-reduced contact with friction.
         functionals: outputs of the scene.
-        unbounded: why nothing is known of errors, where nothing is.
+        unbounded: reason why errors are not estimated, for models without an estimate.
         full: the full model, which has the mesh; None of a copy or from a file, since a mesh belongs to one process.
-        exact: whether there is no reduction error at all.
+        exact: whether the model has no reduction error.
     """
 
     bound: Any = None
@@ -89,23 +89,23 @@ class ModelFields:
         return next((kind for kind, own in known.items() if own is not None), "")
 
     def estimates(self, many: Any) -> Estimates | None:
-        """What is known of the errors of :class:`~models.many.ManyAnswers`; None where that is made one by one."""
+        """Error estimates of :class:`~models.many.ManyAnswers`; None if they are computed one by one."""
         return None
 
 
 class ElasticFields(ModelFields):
-    """What all fields of models have in common in which nothing flows and whose conditions are all there."""
+    """Fields of elastic models that keep all contact conditions."""
 
     def forces(self, answer: Answer) -> np.ndarray:
-        """The multipliers, (N_lambda,), for the caller to change as he likes."""
+        """The multipliers, (N_lambda,); a copy, which the caller may change."""
         return answer.multipliers.copy()
 
     def plastic_strain(self, answer: Answer) -> np.ndarray:
-        """None."""
+        """An empty array: elastic bodies have no plastic strain."""
         return np.zeros(0)
 
     def estimate(self, answer: Answer) -> Estimate | None:
-        """None is known."""
+        """None: these fields have no error estimate."""
         return None
 
 
@@ -122,26 +122,26 @@ class GaussState(NamedTuple):
 
 
 class Answer(NamedTuple):
-    """Answer of any model for one parameter; fields on the whole mesh are made when they are asked for.
+    """Answer of any model for one parameter; fields on the whole mesh are computed on request.
 
     Attributes:
         parameter: mu, (P,).
-        unknown: the model's own unknown: U0 (N,) of a full model, gamma (ell,) of a reduced one; NaN without an answer.
-        multipliers: forces on the model's own contact conditions, those of the RID of a reduced model; NaN likewise.
+        unknown: unknown of the model: U0 (N,) of a full model, gamma (ell,) of a reduced one; NaN without a solution.
+        multipliers: forces on the conditions of the model (of the RID in a reduced model); NaN without a solution.
         active: status of each of these conditions.
         iterations: equality problems solved, or iterations of a step with all its attempts.
         status: why the search stopped.
         cycled: the plain rule of Alg. 1.1 cycled, or met a singular set, and the terminating rule took over.
         fields: what completes the answer.
         time: in seconds; NaN of an answer that belongs to no history.
-        gauss: stress and state where the model evaluates its laws; None where nothing flows.
-        gradient: derivatives of the unknown and the multipliers along the parameters, if they were asked for.
+        gauss: stress and state where the model evaluates its laws; None in elastic models.
+        gradient: derivatives of the unknown and the multipliers along the parameters, if they were requested.
         time_error: estimated error of the time steps up to here, relative to the largest stress, see
             :mod:`models.histories.time_error`; 0 where no law has rates, NaN of an answer that belongs to no history.
         ends: times between the parts in which the step was solved, if there were several.
-        slip: what friction remembers; None without friction.
+        slip: slip and work of friction up to here; None without friction.
         undetermined: orthonormal rigid motions, as changes of the unknown, (n, d), that neither loads nor contact
-            determine; the answer is the one of least motion. None if there are none.
+            determine; the answer has the least motion along them. None if there are none.
     """
 
     parameter: np.ndarray
@@ -178,12 +178,12 @@ class Answer(NamedTuple):
 
     @property
     def parts(self) -> int:
-        """In how many parts the step was solved."""
+        """Number of parts in which the step was solved."""
         return len(self.ends) + 1
 
     @property
     def converged(self) -> bool:
-        """Whether this is a solution."""
+        """True if the answer is a solution."""
         return self.status is Status.CONVERGED
 
     def displacement(self) -> np.ndarray:
@@ -200,7 +200,7 @@ class Answer(NamedTuple):
         Tangential conditions of friction have tractions. Conditions without an area are NaN.
 
         Args:
-            full: the full model, whose mesh has the areas; an answer of the process that made its model knows it.
+            full: the full model, whose mesh has the areas; not needed in the process that built the model.
 
         Raises:
             NotOfferedError: by a copy, or a model from a file, without ``full``.
@@ -212,7 +212,7 @@ class Answer(NamedTuple):
         """Picture of the contact pressure and of the deformed bodies, as a figure of matplotlib.
 
         Args:
-            path: where to save it besides; None for nowhere.
+            path: file to save the figure to; None does not save it.
             full: see :meth:`pressure`.
 
         Raises:
@@ -231,35 +231,35 @@ class Answer(NamedTuple):
         return found
 
     def stress(self) -> np.ndarray:
-        """Stress on the whole mesh in Kelvin's notation: at Gauss points where bodies flow, else in cell middles."""
+        """Stress on the whole mesh, Kelvin's notation: at Gauss points of inelastic bodies, else at cell midpoints."""
         return self.fields.stress(self)
 
     def plastic_strain(self) -> np.ndarray:
-        """Cumulated plastic strain at all Gauss points of the mesh; zero where nothing flows."""
+        """Cumulated plastic strain at all Gauss points of the mesh; zero in elastic bodies."""
         return self.fields.plastic_strain(self)
 
     def state(self) -> GaussState:
         """Stress and state where the model evaluates its laws.
 
         Raises:
-            HHRError: of a model in which nothing flows.
+            HHRError: by a model without inelastic bodies.
         """
         if self.gauss is None:
             raise HHRError("nothing flows in this model, so that its answers have no state: give a body a law")
         return self.gauss
 
     def estimate(self) -> Estimate | None:
-        """What is known of the error of this answer: a bound, or what an indicator says; None where nothing is.
+        """Error estimate of this answer, by a bound or an indicator; None if the model has neither.
 
         Outputs that an undetermined motion changes have no bound.
         """
         found = self.fields.estimate(self)
         if found is None or self.undetermined is None:
             return found
-        from hhr_dolfinx.models.undetermined import moved_outputs
+        from hhr_dolfinx.models.undetermined import undetermined_outputs
 
-        moved = moved_outputs(self)
-        return found._replace(outputs={name: error for name, error in found.outputs.items() if name not in moved})
+        open_ = undetermined_outputs(self)
+        return found._replace(outputs={name: error for name, error in found.outputs.items() if name not in open_})
 
     def outputs(self) -> Outputs:
         """Outputs of the scene by name, with derivatives if the answer has a gradient.
@@ -274,15 +274,15 @@ class Answer(NamedTuple):
 
 @dataclass(repr=False)
 class History(Shown):
-    """A solved history; what converged before a failure is kept in the error's ``history``.
+    """A solved history; after a failure, the ``history`` of the error has the steps that converged.
 
     Attributes:
         start: time at rest, in seconds.
         parameter: the parameter there, (P,).
-        answers: one per step asked for, the start not among them.
-        signs: of each step, by which a reduced model tells that it left what it was trained on.
-        cuts: steps that were solved in parts.
-        time_tolerance: by which steps were cut, if that was asked for.
+        answers: one per step of the path, without the start.
+        signs: one per step; a reduced model detects from them that it left its training.
+        cuts: number of steps that were solved in parts.
+        time_tolerance: tolerance by which steps were cut, if it was given.
     """
 
     start: float
@@ -305,23 +305,23 @@ class History(Shown):
     def time_error(self) -> np.ndarray:
         """Estimated error of the time steps up to the end of each, relative to the largest stress, (steps,).
 
-        The largest one counts; what a body still knows of it later may be underestimated.
+        The largest value counts; the effect of earlier errors on a later state may be underestimated.
         """
         return np.array([answer.time_error for answer in self.answers])
 
     @property
     def parts(self) -> list[int]:
-        """In how many parts each step was solved."""
+        """Number of parts in which each step was solved."""
         return [answer.parts for answer in self.answers]
 
     @property
     def path(self) -> Path:
-        """Times and parameters, the start first: what was asked for."""
+        """Times and parameters of the path as it was given, the start first."""
         return [(self.start, self.parameter), *((answer.time, answer.parameter) for answer in self.answers)]
 
     @property
     def solved_path(self) -> Path:
-        """The path with all parts of its steps: another model that marches along it has the same time errors."""
+        """The path with all parts of its steps; another model that marches along it has the same time errors."""
         found = self.path[:1]
         for answer in self.answers:
             time, point = found[-1]
@@ -339,7 +339,7 @@ class History(Shown):
 
     @property
     def iterations(self) -> list[int]:
-        """Iterations of each step, those of its parts summed; a failed attempt counts as the most allowed."""
+        """Iterations of each step, summed over its parts; a failed attempt counts as the most allowed."""
         return [answer.iterations for answer in self.answers]
 
 
@@ -368,7 +368,7 @@ class SeveralAnswers(Shown):
         return len(self.points)
 
     def __getitem__(self, k: int) -> Answer:
-        """One of them; several by :meth:`take`."""
+        """Answer to one point; :meth:`take` gives several."""
         raise NotImplementedError
 
     def __iter__(self) -> Iterator[Answer]:
@@ -376,25 +376,25 @@ class SeveralAnswers(Shown):
 
     @property
     def converged(self) -> np.ndarray:
-        """Which of them are solutions, (n,) bool."""
+        """True for each answer that is a solution, (n,) bool."""
         return np.array([status is Status.CONVERGED for status in self.status], dtype=bool)
 
     def take(self, rows: np.ndarray) -> SeveralAnswers:
-        """Those of some rows, by numbers or a mask."""
+        """Answers of some rows, given by numbers or a mask."""
         return ListedAnswers(tuple(self[k] for k in np.arange(len(self))[rows].tolist()))
 
     def forces(self) -> np.ndarray:
-        """Contact forces on the whole surface, (n, N_lambda); NaN without an answer."""
+        """Contact forces on the whole surface, (n, N_lambda); NaN without a solution."""
         return np.array([answer.forces() for answer in self])
 
     def estimates(self) -> Estimates | None:
-        """What is known of the errors, as :meth:`Answer.estimate`; None where nothing is."""
+        """Error estimates, as :meth:`Answer.estimate`; None if the model has none."""
         from hhr_dolfinx.models.estimates import Estimates
 
         return Estimates.of([answer.estimate() for answer in self])
 
     def outputs(self) -> dict[str, np.ndarray]:
-        """Outputs of the scene by name, (n,) each; NaN without an answer.
+        """Outputs of the scene by name, (n,) each; NaN without a solution.
 
         Raises:
             HHRError: if the scene has none.
@@ -405,7 +405,7 @@ class SeveralAnswers(Shown):
 
 @dataclass(frozen=True, repr=False)
 class ListedAnswers(SeveralAnswers):
-    """Answers found one by one, each with all that it has: a state where bodies flow, fields of a model of its own.
+    """Answers found one by one, each with all its parts: state of inelastic bodies, fields of a local model.
 
     Attributes:
         answers: one or more.
@@ -414,7 +414,7 @@ class ListedAnswers(SeveralAnswers):
     answers: tuple[Answer, ...]
 
     def __getitem__(self, k: int) -> Answer:
-        """The answer to a point."""
+        """Answer to one point."""
         return self.answers[k]
 
     @property
@@ -434,7 +434,7 @@ class ListedAnswers(SeveralAnswers):
 
 
 class Model(Protocol):
-    """What a study, a check or a user asks of any model: full, reduced, condensed, or a rival."""
+    """Interface of all models (full, reduced, condensed, baseline) that studies, checks and users rely on."""
 
     def solve(
         self,
@@ -450,24 +450,24 @@ class Model(Protocol):
         Args:
             mu: number, sequence or mapping by name.
             start: statuses to start from, one bool for each condition of the model; ``nearest`` for those of the
-                nearest known parameter, None for those of the free slack.
+                nearest training parameter, None for those of the free slack.
             raise_on_failure: raise instead of returning an answer with NaN and a status.
-            outside: what happens to a parameter of the box that lies outside what was trained: ``warn``, ``refuse`` or
-                ``ignore``; ``usual`` warns, but where a model falls back on the full one, which nothing is outside of.
-            gradient: whether derivatives along the parameters are wanted, see :class:`~models.gradient.Gradient`.
+            outside: policy for a parameter of the box outside the training range: ``warn``, ``refuse`` or ``ignore``;
+                ``usual`` warns, except in models that fall back on the full one, for which no point is outside.
+            gradient: compute the derivatives along the parameters, see :class:`~models.gradient.Gradient`.
 
         Raises:
             ParameterError: if ``mu`` is not finite or outside the box, or ``start`` is invalid.
-            OutsideTrainingError: if it is outside what was trained, and that is to be refused.
-            ConvergenceError: if the statuses do not settle.
+            OutsideTrainingError: if it is outside the training range and ``outside`` is ``refuse``.
+            ConvergenceError: if the statuses do not converge.
             NotSolvableError: if contact rows are dependent.
 
         Warns:
-            OutsideTrainingWarning: if it is outside what was trained, unless told otherwise.
+            OutsideTrainingWarning: if it is outside the training range and ``outside`` does not say otherwise.
         """
 
     def march(self, path: Any, settings: Any = ...) -> History:
-        """Answer a history from rest.
+        """Answer a load path from its state at rest.
 
         Args:
             path: times in seconds and parameters, the first ones at rest; parameters are linear between them.
@@ -475,17 +475,17 @@ class Model(Protocol):
 
         Raises:
             ParameterError: if the path is invalid, or leaves the box.
-            ConvergenceError, OutsideTrainingError: with an attribute ``history`` that holds the steps before.
+            ConvergenceError, OutsideTrainingError: its attribute ``history`` has the steps before.
         """
 
 
 def one_by_one(model: Any, table: Any, how: dict[str, Any]) -> ListedAnswers:
-    """Answers of a model that has no faster way."""
+    """Answers of a model that has no faster way, point by point."""
     return ListedAnswers(tuple(model.solve(point, **how) for point in model.parameters.points(table)))
 
 
 def outcome(answer: Answer, raise_on_failure: bool, advice: Mapping[Status, str] = MappingProxyType({})) -> Answer:
-    """An answer, or one that is emptied, so that nobody mistakes an iterate for a solution."""
+    """The answer if it converged; otherwise the answer with NaN, so that no iterate passes for a solution."""
     if answer.status is Status.CONVERGED:
         return answer
     if raise_on_failure:
@@ -501,12 +501,12 @@ def outcome(answer: Answer, raise_on_failure: bool, advice: Mapping[Status, str]
 def unanswered(
     parameter: np.ndarray, sizes: tuple[int, int], fields: Fields, status: Status = Status.UNDEFINED
 ) -> Answer:
-    """An answer of NaN, for a model with so many unknowns and conditions of its own."""
+    """An answer of NaN, for a model with these numbers of unknowns and conditions."""
     unknowns, conditions = sizes
     nothing = np.full(unknowns, np.nan), np.full(conditions, np.nan), np.zeros(conditions, dtype=bool)
     return Answer(parameter, *nothing, 0, status, False, fields)
 
 
 def found_as(found: Statuses, parameter: np.ndarray, unknown: np.ndarray, fields: Fields) -> Answer:
-    """What the active set found, with the unknown that belongs to its forces."""
+    """Answer from the result of the active set and the unknown under its forces."""
     return Answer(parameter, unknown, found.forces, found.active, found.iterations, found.status, found.cycled, fields)

@@ -1,7 +1,7 @@
-"""Contact problems whose primal unknown is eliminated: models that keep contact conditions alone.
+"""Models that keep the contact conditions alone: the primal unknown is eliminated.
 
-The reduced model, the exact condensation of a full model and the interpolated one are of this form; they differ in what
-eliminates, see :mod:`hhr_dolfinx.models.eliminations.elimination`.
+The reduced model, the exact condensation of a full model and the interpolated one have this form. They differ in the
+elimination, see :mod:`hhr_dolfinx.models.eliminations.elimination`.
 """
 
 from __future__ import annotations
@@ -28,24 +28,24 @@ if TYPE_CHECKING:
 
 MOST_ROWS = 16_000
 NUMBERS = 8_000_000
-"""Rows of a table that are answered at once at most, and numbers of their answers, 64 MB: 200,000 rows of the pellet
+"""Most rows of a table that are answered at once, and most numbers of their answers, 64 MB. 200,000 rows of the pellet
 took 26 s by 1000 and 11 s by 16,000, measured once."""
 
 
 class CondensedModel(KeptModel):
-    """Answers parameters with the primal unknown eliminated, once or for each of them.
+    """Model whose primal unknown is eliminated, once or for each parameter.
 
-    Several threads may ask one model; it can be copied and pickled, for a pool of workers, and its copies answer alike.
+    Threads may share a model. Copies and pickles of it, for a pool of workers, give the same answers.
 
     Args:
         parameters: the box of the parameters.
         eliminated: makes the contact problem of a point.
-        known: statuses of solved parameters.
-        fields: what completes the answers.
+        known: statuses of the training parameters.
+        fields: completes the answers.
         pairs: number of the contact pair of each condition, (m,); None takes all for one pair.
-        trained: parameters outside of which answers are not to be trusted; None where there are none.
-        advice: what helps against a status, for the messages.
-        friction: which of the conditions are tangential; None without friction.
+        trained: range of parameters in which answers can be trusted; None for no limit.
+        advice: remedy for each status, for the messages.
+        friction: tangential conditions and their laws; None without friction.
     """
 
     kept = ("parameters", "eliminated", "known", "fields", "pairs", "trained", "friction")
@@ -70,14 +70,14 @@ class CondensedModel(KeptModel):
         self.advice = dict(advice)
         self.pairs = pairs
         self.friction = friction
-        # where the whole box was trained, its own check is enough
+        # if the whole box was trained, its own check is enough
         self._range = None if trained is None or trained.covers(parameters) else trained
         self._pairs = Pairs.of(pairs)
         self._m = known.active.shape[1]
         self._regions = eliminated.table_of(known) if friction is None else None
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
-        """From tabulated critical regions where the nearest one holds; else by the active set."""
+        """From the critical region of the nearest statuses if it holds there; else by the active set."""
         if isinstance(start, str):
             known = None if self._regions is None else self._regions.answer(point, self.fields)
             if known is not None:
@@ -90,11 +90,11 @@ class CondensedModel(KeptModel):
         return self.eliminated.along_path()
 
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
-        """Answer many parameters, (n, P), at once; as :meth:`solve` does, to round-off, and quicker the more there are.
+        """Answer many parameters, (n, P), as :meth:`solve` does, to round-off; faster per point the more there are.
 
         Args:
             points: one row for each.
-            raise_on_failure: raise at the first that has no answer, or go on with NaN and a status.
+            raise_on_failure: raise at the first point without a solution, or go on with NaN and a status.
             outside: see :meth:`Model.solve`.
         """
         if self.friction is not None:
@@ -108,13 +108,13 @@ class CondensedModel(KeptModel):
         return self.eliminated.answers(self, checked, raise_on_failure)
 
     def from_contact(self, contact: Any, point: np.ndarray, raise_on_failure: bool) -> Answer:
-        """The answer to a point from its contact problem, from the nearest known statuses."""
+        """Answer to a point from its contact problem; starts from the nearest training statuses."""
         answer = answer_of(contact, point, self.known.start(point), self._pairs, self.fields)
         return outcome(answer, raise_on_failure, self.advice)
 
     @property
     def conditions(self) -> int:
-        """Number of conditions, all of which are kept."""
+        """Number of conditions; the model keeps all."""
         return self._m
 
     @cached_property
@@ -124,14 +124,14 @@ class CondensedModel(KeptModel):
 
     @property
     def rows_at_once(self) -> int:
-        """More where rows with the same statuses share factors, as far as their unknowns have room."""
+        """More if rows with the same statuses share factors, as far as memory allows."""
         if not self.eliminated.shares_factors:
             return super().rows_at_once
         return max(super().rows_at_once, min(MOST_ROWS, NUMBERS // sum(self.sizes)))
 
     @property
     def tabulated(self) -> bool:
-        """Whether answers of known statuses are: where amplitudes are affine, and tables not too large."""
+        """True if critical regions are tabulated: amplitudes are affine, and the tables not too large."""
         return self._regions is not None
 
     def completed_by(self, fields: Fields) -> CondensedModel:

@@ -1,6 +1,6 @@
-"""Displacements that are linear in few coordinates: u = C x + X θ, whatever kind of model they come from.
+"""Displacements that are linear in few coordinates, u = C x + X θ, in any kind of model.
 
-What a model has to say are the columns C and X, its coordinates x at an answer, and how forces and coordinates change
+A model provides the columns C and X, its coordinates x at an answer, and the derivatives of forces and coordinates
 along the parameters. Outputs and their derivatives follow from these in one place.
 """
 
@@ -20,14 +20,14 @@ class LinearDisplacement(ABC):
     """Fields whose displacement is linear in coordinates, see :class:`models.functionals.functional.MeasuredFields`.
 
     Attributes:
-        functionals: outputs of the scene; None where it has none.
+        functionals: outputs of the scene; None if it has none.
     """
 
     functionals: Any
 
     @abstractmethod
     def _columns(self) -> Any:
-        """C, (N, c); None where the coordinates are the displacement without its lift."""
+        """C, (N, c); None if the coordinates are the displacement without its lift."""
 
     @abstractmethod
     def _terms(self, rows: Any) -> np.ndarray:
@@ -39,7 +39,7 @@ class LinearDisplacement(ABC):
 
     @abstractmethod
     def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
-        """Derivatives of all contact forces, (N_lambda, P), where those of θ are ``changes``, (1 + T, P)."""
+        """Derivatives of all contact forces, (N_lambda, P), for derivatives of θ, ``changes``, (1 + T, P)."""
 
     @abstractmethod
     def _coordinate_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
@@ -78,5 +78,5 @@ class LinearDisplacement(ABC):
 
 
 def dense(matrix: Any) -> np.ndarray:
-    """A product with few rows as an array."""
+    """Dense array of a product with few rows."""
     return matrix.toarray() if issparse(matrix) else np.asarray(matrix)

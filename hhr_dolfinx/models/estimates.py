@@ -27,7 +27,7 @@ from hhr_dolfinx.errors import NoBoundWarning, ParameterError
 from hhr_dolfinx.warn import warn
 
 NO_OUTPUTS: Mapping[str, float] = {}
-"""Of what has no outputs, or no bounds of them."""
+"""Of what has no outputs, or no estimates of them."""
 NO_OUTPUTS_SHOWN: Mapping[str, str] = {}
 """Heads of no outputs."""
 NUMBERS = (
@@ -52,16 +52,17 @@ class Estimate(NamedTuple):
     """What is known of the error of an answer.
 
     Attributes:
-        kind: ``bound``, which no error exceeds; ``estimate``, the same but for an interpolation of which nothing is
-            proved; ``indicator``, which follows the error; :data:`STRESS`, which follows that of the stress alone,
-            relative to the stress of its own step; or :data:`FORCES`, likewise of the Euclidean norm of forces.
+        kind: ``bound``, which no error exceeds: the error itself, up to round-off, where the stiffness is constant;
+            ``estimate``, the same as a bound but for an interpolation of which nothing is proved; ``indicator``, which
+            follows the error; :data:`STRESS`, which follows that of the stress alone, relative to the stress of its own
+            step; or :data:`FORCES`, likewise of the Euclidean norm of forces.
         primal: of the displacement in energy, (v^T K v)^1/2.
         dual: of the contact forces in the S norm, (λ^T S λ)^1/2: the energy of the displacement that they make alone.
             What an indicator says knows no units: this and all that is no relative error is infinite.
         primal_relative, dual_relative: over the least that the exact answer can have in these norms; infinite where a
             bound is larger than the answer itself.
-        outputs: bounds of the errors of the outputs of the scene, by name; those of which nothing is known are left
-            out, see :mod:`hhr_dolfinx.models.bounds.output_bound`.
+        outputs: errors of the outputs of the scene, by name; those of which nothing is known are left out, see
+            :mod:`hhr_dolfinx.models.bounds.output_difference`.
         forces_euclid: of the nodal contact forces in the Euclidean norm.
         pressure: the largest error of a nodal pressure.
         forces_euclid_relative, pressure_relative: over the Euclidean norm of the exact forces, and over the exact peak
@@ -253,7 +254,7 @@ def _outputs(fields: Any) -> tuple[list[str], list[str]]:
     """Names of the outputs with a bound, and of those without."""
     items = () if fields.functionals is None else fields.functionals.items
     bounds = fields.output_bound
-    known = [item.name for k, item in enumerate(items) if bounds is not None and bounds.knows(k, item)]
+    known = [item.name for item in items if bounds is not None and bounds.knows(item)]
     return known, [item.name for item in items if item.name not in known]
 
 
@@ -280,10 +281,12 @@ def check_asked(fields: Any, of: Any) -> None:
     known, others = _outputs(fields)
     check_word([*known, *others], of)
     if of in others and of not in ASKED:
-        why = "it has no Lipschitz constant: it jumps, or is one of your own that names none"
+        why = "it reads more of the displacement than there is room for"
         if fields.output_bound is None:
-            why = "outputs are bounded only where the stiffness does not depend on parameters and all bodies are held"
-        raise ParameterError(f"nothing bounds the error of output {of!r}: {why}. Take {', '.join([*ASKED, *known])}")
+            why = "outputs have one only where the stiffness does not depend on parameters and all bodies are held"
+        raise ParameterError(
+            f"there is no estimate of the error of output {of!r}: {why}. Take {', '.join([*ASKED, *known])}"
+        )
 
 
 def check_of_friction(of: Any) -> None:

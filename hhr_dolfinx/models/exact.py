@@ -1,4 +1,4 @@
-"""Fields of exact condensation: under known contact forces the displacement is a linear map of forces and loads."""
+"""Fields of exact condensation: under given contact forces the displacement is a linear map of forces and loads."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ if TYPE_CHECKING:
 
 
 class _Exact(Rebuilt, LinearDisplacement, ElasticFields):
-    """What all fields of exact condensation have in common."""
+    """Common part of all fields of exact condensation."""
 
     amplitudes: Amplitudes
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None
@@ -38,11 +38,11 @@ class _Exact(Rebuilt, LinearDisplacement, ElasticFields):
         """K^-1 (loads - B^T λ) and the lift, (N,)."""
 
     def estimate(self, answer: Answer) -> Estimate | None:
-        """Exact, as the full model is."""
+        """Zero error: the model is as exact as the full one."""
         return Estimate.exact(self.functionals) if answer.converged else None
 
     def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in the middle of each cell, Kelvin's notation.
+        """Stress at the midpoint of each cell, Kelvin's notation.
 
         Raises:
             NotOfferedError: by a copy, or a model from a file.
@@ -61,7 +61,7 @@ class _Exact(Rebuilt, LinearDisplacement, ElasticFields):
 
 @dataclass(frozen=True)
 class ExactFields(_Exact):
-    """Completes answers of exact condensation, see :class:`hhr_dolfinx.models.answer.Fields`.
+    """Fields of exact condensation with K^-1 B^T, see :class:`hhr_dolfinx.models.answer.Fields`.
 
     Attributes:
         amplitudes: θ as a function of the parameters.
@@ -69,9 +69,9 @@ class ExactFields(_Exact):
         per_force: K^-1 B^T, (N, N_lambda).
         per_term: K^-1 loads, (N, 1 + T).
         dimension: components of the displacement at a node.
-        floats: whether contact alone holds bodies, whose rigid motions only the unknown of an answer tells.
+        floats: whether bodies have rigid motions, which only the unknown of an answer has.
         stress_of: stress of a displacement; None of a copy or from a file, since a mesh belongs to one process.
-        functionals: outputs of the scene; None where it has none.
+        functionals: outputs of the scene; None if it has none.
         full: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
     """
 
@@ -87,11 +87,11 @@ class ExactFields(_Exact):
 
     @property
     def conditions(self) -> int:
-        """Number of contact conditions, all of which are kept."""
+        """Number of contact conditions; the model keeps all."""
         return self.per_force.shape[1]
 
     def displacement(self, answer: Answer) -> np.ndarray:
-        """K^-1 (loads - B^T λ) and the lift, (N,); a model that answers with fields has it at hand."""
+        """K^-1 (loads - B^T λ) and the lift, (N,); returned from the answer if that has fields."""
         theta = self.amplitudes(answer.parameter)
         unknown = answer.unknown
         if unknown.size == 0:
@@ -106,7 +106,7 @@ class ExactFields(_Exact):
         return lifted if self.floats else lifted + rows @ self.per_term
 
     def _coordinates(self, answer: Answer) -> np.ndarray:
-        """The displacement without its lift where only it knows the motions, else less the forces."""
+        """The displacement without its lift if only the answer has the motions; otherwise minus the forces."""
         return answer.unknown if self.floats else -answer.multipliers
 
     def _coordinate_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
@@ -116,12 +116,12 @@ class ExactFields(_Exact):
 
 @dataclass(frozen=True)
 class SolvedFields(_Exact):
-    """The same where K^-1 B^T has no room: a displacement takes one more solution of the full model.
+    """Fields of exact condensation whose K^-1 B^T exceeds the memory: a displacement takes one full solve.
 
     Attributes:
         amplitudes, lifts, per_term, dimension: see :class:`ExactFields`.
-        measured_per_force: rows of the outputs times -K^-1 B^T, (K, N_lambda); without rows where outputs have too
-            many, as a largest stress has: they are read at displacements then, one more solution each.
+        measured_per_force: rows of the outputs times -K^-1 B^T, (K, N_lambda). It has no rows if outputs have too many,
+            as a largest stress has; outputs then evaluate displacements, one more solve each.
         pushed: K^-1 B^T times forces; None of a copy or from a file, since factors belong to one process.
         stress_of, functionals, full: see :class:`ExactFields`.
     """
@@ -138,7 +138,7 @@ class SolvedFields(_Exact):
 
     @property
     def conditions(self) -> int:
-        """Number of contact conditions, all of which are kept."""
+        """Number of contact conditions; the model keeps all."""
         return self.measured_per_force.shape[1]
 
     def displacement(self, answer: Answer) -> np.ndarray:
@@ -164,7 +164,7 @@ class SolvedFields(_Exact):
 
     @cached_property
     def _reads_fields(self) -> bool:
-        """Whether outputs are read at displacements."""
+        """True if outputs evaluate displacements."""
         assert self.functionals is not None
         return bool(self.functionals.rows.shape[0] != len(self.measured_per_force))
 
@@ -175,14 +175,14 @@ class SolvedFields(_Exact):
         return rows if self._reads_fields else self.measured_per_force, self._terms(rows)
 
     def _columns(self) -> None:
-        """None are kept: rows of outputs have been solved for."""
+        """None: the rows of the outputs are already solved for."""
 
     def _terms(self, rows: Any) -> np.ndarray:
         lifted = dense(rows @ self.lifts)
         return lifted if self._reads_fields else lifted + rows @ self.per_term
 
     def _coordinates(self, answer: Answer) -> np.ndarray:
-        """The forces, by which the rows of the outputs go; or the displacement without its lift."""
+        """The forces, on which the rows of the outputs act; or the displacement without its lift."""
         return self._unknown(answer) if self._reads_fields else answer.multipliers
 
     def _coordinate_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:

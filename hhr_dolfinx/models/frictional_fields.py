@@ -1,7 +1,7 @@
-"""Friction on the whole contact surface from the contacts of a RID: forces by gappy POD, slip by the displacement.
+"""Friction on the whole contact surface from the contacts of a RID: forces by gappy POD, slip from the displacement.
 
-What has slipped needs no completion of its own. The position of a tangential row is its slack under the displacement,
-D - B u, wherever a contact sticks or slips, and the displacement is known everywhere.
+Slip needs no completion. The position of a tangential row is its slack under the displacement, D - B u, whether the
+contact sticks or slips, and the displacement is available everywhere.
 """
 
 from __future__ import annotations
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
 
 FULL = 1e-3
-"""Part of its bound that a tangential force outside the RID may lack where the contact counts as slipping: it is
-fitted, and no status of its own says so."""
+"""Margin, as a part of its bound, within which a tangential force outside the RID counts as slipping: it is fitted
+and has no status."""
 MOST = 0.9
-"""Modes of forces per condition of the RID that bears any in training, at most: with as many all forces would be
+"""Most modes of forces per loaded condition of the RID; with as many modes as conditions, every force would be
 explained."""
 ROUND_OFF = 1e-8
-"""Part of the largest force of a mode below which it is none."""
+"""Part of the largest force of a mode below which a force counts as zero."""
 DEEP = 3.0
-"""How many times deeper than in known increments bodies may overlap outside the RID before nothing is known."""
+"""Overlap outside the RID, as a multiple of that in training, beyond which the error is unknown."""
 SHALLOW = 1e-2
-"""Part of the gap scale by which they may in any case."""
+"""Part of the gap scale that overlap may reach in any case."""
 PRESSED = 1e-3
 """Part of the largest force of an answer below which a contact outside the RID counts as open: it is fitted."""
 
@@ -59,17 +59,17 @@ def mark_of(problem: ContactProblem) -> np.ndarray:
 
 @dataclass(frozen=True, eq=False)
 class FrictionalFields:
-    """What completes forces and statuses of contacts with friction.
+    """Completion of forces and statuses of contacts with friction.
 
     Attributes:
         friction: of the whole contact surface.
         within: conditions of the RID, (m,).
         modes: POD modes of the forces of training, (N_lambda, modes).
-        mark: of the full model, by which it is known again, see :func:`mark_of`.
+        mark: fingerprint of the full model, see :func:`mark_of`.
         fit: amplitudes of the modes per force in the RID, (modes, m).
-        share: relative error of forces per part of them that no mode explains, which 95 % of known increments stay
-            below, from 1 on; 1 where none are known.
-        depth: deepest overlap outside the RID in known increments, over the gap scale of its condition.
+        share: relative error of forces per part of them that no mode explains; 95 % of the training increments stay
+            below. At least 1, and 1 without training increments.
+        depth: deepest overlap outside the RID in training increments, over the gap scale of its condition.
     """
 
     friction: Friction
@@ -81,13 +81,13 @@ class FrictionalFields:
     depth: float = 0.0
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """An indicator that would call errors small."""
+        """Faults of an indicator that would report too small errors."""
         if not (self.share >= 1.0 and self.depth >= 0.0):
             yield f"the indicator has a share of {self.share} and a depth of {self.depth}: from 1 and 0 on they may be"
 
     @classmethod
     def fitted(cls, problem: ContactProblem, within: np.ndarray, modes: np.ndarray) -> FrictionalFields:
-        """From the modes of forces, (N_lambda, k), the first of them, by least squares on the RID (gappy POD)."""
+        """Least-squares fit on the RID (gappy POD) by the first of the modes of forces, (N_lambda, k)."""
         assert problem.friction is not None
         loaded = np.abs(modes[within]).max(axis=1, initial=0.0) > ROUND_OFF * np.abs(modes).max()
         modes = np.ascontiguousarray(modes[:, : max(int(MOST * loaded.sum()), 1)])
@@ -95,12 +95,12 @@ class FrictionalFields:
 
     @cached_property
     def inside(self) -> Friction:
-        """That of the RID, whose rows are numbered as there."""
+        """Friction of the RID, with the row numbers of the RID."""
         return self.friction.within(self.within)
 
     @cached_property
     def own(self) -> np.ndarray:
-        """Places of the tangential rows of the RID among all tangential ones, in the order of the RID."""
+        """Indices of the tangential rows of the RID among all tangential ones, in the order of the RID."""
         return np.searchsorted(self.friction.tangential, self.within[self.inside.tangential])
 
     @cached_property
@@ -110,23 +110,23 @@ class FrictionalFields:
 
     @cached_property
     def rows_outside(self) -> np.ndarray:
-        """Places of the tangential rows outside the RID among all tangential ones, (t,)."""
+        """Indices of the tangential rows outside the RID among all tangential ones, (t,)."""
         return np.flatnonzero(~np.isin(self.friction.tangential, self.within))
 
     @cached_property
     def _elsewhere(self) -> tuple[np.ndarray, np.ndarray]:
-        """Conditions outside the RID, and their matrix per force in it."""
+        """Conditions outside the RID, and the matrix from forces in the RID to theirs."""
         rows = np.setdiff1d(np.arange(len(self.modes)), self.within)
         return rows, self.modes[rows] @ self.fit
 
     @cached_property
     def _pressing_outside(self) -> np.ndarray:
-        """Conditions of pressures outside the RID."""
+        """Normal conditions outside the RID."""
         rows = self._elsewhere[0]
         return rows[~np.isin(rows, self.friction.tangential)]
 
     def forces(self, inside: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Forces on all conditions from those of the RID, (m,), within what the laws admit at a point, (N_lambda,)."""
+        """Forces on all conditions from those of the RID, (m,), limited by the laws at a point, (N_lambda,)."""
         friction = self.friction
         found = self._fitted(inside)
         found[self._lifted_off(found, inside)] = 0.0
@@ -162,7 +162,7 @@ class FrictionalFields:
         return slopes
 
     def _fitted(self, inside: np.ndarray) -> np.ndarray:
-        """What the modes make of values in the RID, (m, ...), and these themselves there, (N_lambda, ...)."""
+        """Values in the RID, (m, ...), completed by the modes elsewhere, (N_lambda, ...)."""
         rows, per_force = self._elsewhere
         found = np.empty((len(self.modes), *inside.shape[1:]))
         found[self.within] = inside
@@ -170,12 +170,12 @@ class FrictionalFields:
         return found
 
     def _lifted_off(self, found: np.ndarray, inside: np.ndarray) -> np.ndarray:
-        """Conditions outside the RID whose pressure is no more than what the fit may be off."""
+        """Conditions outside the RID whose pressure is within the error of the fit."""
         pressing = self._pressing_outside
         return pressing[found[pressing] <= PRESSED * np.abs(inside).max(initial=0.0)]
 
     def _beyond(self, size: np.ndarray, admitted: np.ndarray) -> np.ndarray:
-        """Contacts outside the RID whose fitted tangential force is more than they may bear, (C,) bool."""
+        """Contacts outside the RID whose fitted tangential force exceeds the limit, (C,) bool."""
         found = np.zeros(size.size, dtype=bool)
         found[self.outside] = size[self.outside] > admitted[self.outside]
         return found
@@ -183,8 +183,8 @@ class FrictionalFields:
     def misfit(self, inside: np.ndarray) -> float:
         """Part of the forces in the RID, (m,), that no mode of training explains, from 0 to 1; 0 without forces.
 
-        It follows the error of all forces, see docs/friction.md: modes hold what training showed, and contact says what
-        this increment did.
+        It is proportional to the error of all forces, see docs/friction.md: the modes come from training, the contact
+        forces from this increment.
         """
         size = float(np.linalg.norm(inside))
         if not size > 0:
@@ -192,7 +192,7 @@ class FrictionalFields:
         return float(np.linalg.norm(inside - self.modes[self.within] @ (self.fit @ inside))) / size
 
     def indicated(self, inside: np.ndarray, slack: np.ndarray, scale: np.ndarray) -> float:
-        """What is said of the relative error of forces; infinite where bodies overlap outside the RID.
+        """Estimated relative error of forces; infinite if bodies overlap outside the RID.
 
         Args:
             inside: forces in the RID, (m,).
@@ -210,12 +210,12 @@ class FrictionalFields:
         return float((-slack[rows] / scale[rows]).max(initial=0.0))
 
     def sizes(self, forces: np.ndarray) -> np.ndarray:
-        """Size of the tangential force of each contact, (C,)."""
+        """Magnitude of the tangential force of each contact, (C,)."""
         squares = forces[self.friction.tangential] ** 2
         return np.sqrt(np.bincount(self.friction.owner, squares, self.friction.normal.size))
 
     def active(self, inside: np.ndarray, forces: np.ndarray, bound: np.ndarray) -> np.ndarray:
-        """Statuses of all conditions: those of the RID, (m,) bool, and what forces suggest elsewhere, (N_lambda,)."""
+        """Statuses of all conditions, (N_lambda,): of the RID as given, (m,) bool, and elsewhere from the forces."""
         friction = self.friction
         found = np.zeros(len(self.modes), dtype=bool)
         found[friction.normal] = forces[friction.normal] > 0

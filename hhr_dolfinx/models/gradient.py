@@ -1,7 +1,7 @@
-"""Derivatives of an answer along the parameters, on its own active set.
+"""Derivatives of an answer along the parameters, on its active set.
 
-Where a condition is neither open nor closed by more than round-off the answer has a kink: the derivative is then that
-of the side on which the statuses stay as they are, and the gradient says so.
+An answer has a kink where a condition is neither open nor closed by more than round-off. The derivative is then that of
+the side on which the statuses stay as they are, and the gradient is marked as one-sided.
 """
 
 from __future__ import annotations
@@ -14,16 +14,16 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import SchurEqualities
 
 GRAZING = 1e-7
-"""Part of the largest force, or slack, below which a condition is taken to be about to change its status."""
+"""Part of the largest force, or slack, below which a condition counts as about to change its status."""
 
 
 class Gradient(NamedTuple):
     """Derivatives along the P parameters, with the statuses fixed.
 
     Attributes:
-        unknown: of the model's own unknown, (n, P).
-        multipliers: of the forces on its own conditions, (m, P).
-        grazing: conditions about to change their status, where the derivative holds on one side only, (m,) bool.
+        unknown: of the unknown of the model, (n, P).
+        multipliers: of the forces on its conditions, (m, P).
+        grazing: conditions about to change their status, whose derivative is one-sided, (m,) bool.
         slack: of the slack, (m, P).
     """
 
@@ -34,7 +34,7 @@ class Gradient(NamedTuple):
 
     @property
     def one_sided(self) -> bool:
-        """Whether the derivative holds on one side only."""
+        """True if the derivative holds on one side only."""
         return bool(self.grazing.any())
 
 
@@ -44,20 +44,20 @@ def gradient_of(
     forces: np.ndarray,
     slack: np.ndarray,
     at_fixed_forces: tuple[np.ndarray, np.ndarray],
-    pushed: Callable[[np.ndarray], np.ndarray],
+    compliance_times: Callable[[np.ndarray], np.ndarray],
 ) -> Gradient:
     """Differentiate slack(mu, lambda) = 0 on the active set: one more right-hand side for each parameter.
 
     Args:
-        equalities: of the active set, whose factors are at hand.
+        equalities: of the active set, whose factors exist already.
         active: statuses, (m,) bool.
         forces, slack: of the answer, (m,) each.
-        at_fixed_forces: derivatives of the slack, (m, P), and of the unknown, (n, P), while the forces stay.
-        pushed: maps a change of the forces, (m, P), to what it takes from the unknown, (n, P).
+        at_fixed_forces: derivatives at fixed forces of the slack, (m, P), and of the unknown, (n, P).
+        compliance_times: response of the unknown to contact forces, K^-1 B^T forces: (m, P) to (n, P).
     """
     of_slack, of_unknown = at_fixed_forces
     changes, opened = equalities.several(active, of_slack)
-    return Gradient(of_unknown - pushed(changes), changes, grazing(active, forces, slack), opened)
+    return Gradient(of_unknown - compliance_times(changes), changes, grazing(active, forces, slack), opened)
 
 
 def grazing(active: np.ndarray, forces: np.ndarray, slack: np.ndarray) -> np.ndarray:

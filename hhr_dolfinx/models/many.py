@@ -1,4 +1,4 @@
-"""Many parameters at once: those with the same statuses share factors, and are solved for by products of matrices."""
+"""Many parameters at once: points of equal statuses share factors, and are solved by products of matrices."""
 
 from __future__ import annotations
 
@@ -17,24 +17,24 @@ from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.one_thread import one_thread
 
 BLOCK = 1024
-"""Points whose unknown is made at once, so that what is made on the way stays small beside the answers."""
+"""Points whose unknown is computed at once, so that temporary arrays stay small compared with the answers."""
 FEWEST = 4096
 APART = 16
-"""Points from which on some are settled first, for the others to start from: one of so many."""
+"""One of so many points is solved first, for the others to start from."""
 
 
 @dataclass(frozen=True, repr=False)
 class ManyAnswers(SeveralAnswers):
-    """Answers of one model in which nothing flows to many parameters, as arrays.
+    """Answers of one elastic model to many parameters, as arrays.
 
     Attributes:
         points: parameters, (n, P).
-        unknown: the model's own unknown, (n, k); NaN without an answer.
-        multipliers: forces on the model's own contact conditions, (n, m); NaN likewise.
+        unknown: unknown of the model, (n, k); NaN without a solution.
+        multipliers: forces on the contact conditions of the model, (n, m); NaN without a solution.
         active: their statuses, (n, m) bool.
         status: why each search stopped.
         iterations: equality problems solved for each, (n,).
-        fields: what completes the answers.
+        fields: completes the answers.
     """
 
     points: np.ndarray
@@ -46,13 +46,13 @@ class ManyAnswers(SeveralAnswers):
     fields: Fields
 
     def __getitem__(self, k: int) -> Answer:
-        """The answer to a point."""
+        """Answer to one point."""
         own = self.points[k], self.unknown[k], self.multipliers[k], self.active[k]
         return Answer(*own, int(self.iterations[k]), self.status[k], False, self.fields)
 
     @classmethod
     def of(cls, answers: list[Answer], fields: Fields) -> ManyAnswers:
-        """Of answers found one by one, one or more."""
+        """Array form of answers found one by one, one or more."""
         points, unknown, forces, active = (
             np.array([getattr(answer, name) for answer in answers])
             for name in ("parameter", "unknown", "multipliers", "active")
@@ -62,27 +62,27 @@ class ManyAnswers(SeveralAnswers):
         return cls(points, unknown, forces, active, status, iterations, fields)
 
     def take(self, rows: np.ndarray) -> ManyAnswers:
-        """Those of some rows, by numbers or a mask."""
+        """Answers of some rows, given by numbers or a mask."""
         own = self.points[rows], self.unknown[rows], self.multipliers[rows], self.active[rows]
         status = [self.status[k] for k in np.arange(len(self))[rows].tolist()]
         return ManyAnswers(*own, status, self.iterations[rows], self.fields)
 
     def estimates(self) -> Estimates | None:
-        """What is known of the errors, as :meth:`Answer.estimate`; None where nothing is."""
+        """Error estimates, as :meth:`Answer.estimate`; None if the model has none."""
         found = self.fields.estimates(self)
         return super().estimates() if found is None else found
 
 
 @dataclass(frozen=True, repr=False)
 class PartedAnswers(SeveralAnswers):
-    """Answers of several models to many parameters, each of the model that was asked.
+    """Answers of several models to many parameters, each from the model of its point.
 
     Attributes:
         points: parameters, (n, P).
         model: number of the model that answered each, (n,) int.
         status: why each search stopped.
         iterations: equality problems solved for each, (n,).
-        parts: rows and answers of each model that was asked.
+        parts: rows and answers of each model that is used.
     """
 
     points: np.ndarray
@@ -93,7 +93,7 @@ class PartedAnswers(SeveralAnswers):
 
     @classmethod
     def of(cls, parts: list[tuple[np.ndarray, SeveralAnswers]], model: np.ndarray) -> PartedAnswers:
-        """Of the answers of each model to its rows, one or more, and the numbers of the models by row."""
+        """Combine the answers of each model to its rows, one or more, and the numbers of the models by row."""
         count = len(model)
         points = np.empty((count, parts[0][1].points.shape[1]))
         iterations = np.zeros(count, dtype=np.int64)
@@ -106,7 +106,7 @@ class PartedAnswers(SeveralAnswers):
         return cls(points, model, status, iterations, tuple(parts))
 
     def __getitem__(self, k: int) -> Answer:
-        """The answer to a point."""
+        """Answer to one point."""
         k = range(len(self))[k]
         for rows, many in self.parts:
             place = int(np.searchsorted(rows, k))
@@ -147,10 +147,10 @@ def answers_by_statuses(
     """Answers of a condensed model of constant stiffness to checked points, (n, P).
 
     Args:
-        model: solves alone what does not settle together.
+        model: solves the points whose batch does not converge.
         amplitudes: θ as a function of the parameters.
-        responses: what the primal unknown leaves behind.
-        response: free slack and, behind it, free unknown, (m + n, 1 + T).
+        responses: of the eliminated unknown.
+        response: free slack followed by the free unknown, (m + n, 1 + T).
         points: the parameters.
         how: further arguments of its ``solve``.
     """
@@ -179,10 +179,10 @@ def answers_by_statuses(
 
 
 def _starts(known: KnownStatuses, schur: np.ndarray, points: np.ndarray, free_slack: np.ndarray) -> np.ndarray:
-    """Statuses to start from, (n, m) bool, for the caller to change.
+    """Statuses to start from, (n, m) bool; a copy, which the caller may change.
 
-    Of many points one of every so many is settled first, and the others start from the nearest of these, which mostly
-    has their own statuses.
+    Of many points one of every so many is solved first. The others start from the nearest of these, which mostly has
+    the same statuses.
     """
     if len(points) < FEWEST:
         return known.starts(points)

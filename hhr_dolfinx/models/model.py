@@ -1,12 +1,12 @@
-"""The one way to ask a model: whatever it is, its points, starts and trained range are checked, its failures told here.
+"""Common base of all models: checks points, starts and training range, and raises or warns on failures.
 
-A kind of model says how it answers a checked point, ``_answered``; where bodies flow it has an ``equilibrium``, and
-answers paths.
+Each kind of model implements ``_answered`` for a checked point. Models of inelastic bodies have an ``equilibrium``, and
+answer paths.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Self
@@ -38,13 +38,13 @@ if TYPE_CHECKING:
 
 
 ROWS = 1000
-"""Rows of a table that are answered at once by models that solve them one by one."""
+"""Most rows of a table answered at once by models that solve them one by one."""
 NEAREST = "nearest"
-"""Where a search starts if nobody says so."""
+"""Default start of the search."""
 
 
 def checked_start(start: Any, conditions: int) -> Any:
-    """What a search may start from: ``nearest``, None, or statuses.
+    """Check the start of a search: ``nearest``, None, or statuses.
 
     Raises:
         ParameterError: for another word, or statuses that are not bool or not one for each condition.
@@ -52,7 +52,7 @@ def checked_start(start: Any, conditions: int) -> Any:
     if start is None or (isinstance(start, str) and start == NEAREST):
         return start
     try:
-        statuses = np.array(start)  # answers may share it
+        statuses = np.array(start)  # a copy: answers may share it
     except ValueError:  # rows of several lengths
         statuses = np.array(repr(start))
     if statuses.dtype != bool or statuses.shape != (conditions,):
@@ -64,28 +64,28 @@ def checked_start(start: Any, conditions: int) -> Any:
 
 
 class AnsweringModel(Shown):
-    """What all kinds of models have in common; each says how it answers, and has quicker ways where there are any.
+    """Base of all kinds of models; each implements its solution, and may override methods by faster ones.
 
     Attributes:
         parameters: the box of the parameters.
-        fields: what completes the answers.
-        equilibrium: what the loop over time steps asks where bodies flow; None elsewhere.
-        friction: which of its conditions are tangential; None without friction.
-        advice: what helps against a status, for the messages.
-        usual_outside: what happens outside of what was trained unless a query says otherwise, ``warn`` or ``ignore``.
-        of_full_order: whether it is the full order of a scene, whose answers are exact.
-        instead: what to keep in a file in the place of such a model.
-        reduction: how ``hhr.reduce`` found it; None of others, of copies and from files.
+        fields: completes the answers.
+        equilibrium: interface for the loop over time steps; None in elastic models.
+        friction: tangential conditions and their laws; None without friction.
+        advice: remedy for each status, for the messages.
+        usual_outside: default policy outside the training range, ``warn`` or ``ignore``.
+        of_full_order: whether it is the full model of a scene, whose answers are exact.
+        instead: model to keep in a file instead of this one, for messages.
+        reduction: record of ``hhr.reduce``; None of other models, of copies and from files.
     """
 
     parameters: ParameterSpace
-    fields: Any  # ModelFields, of a kind of its own
+    fields: Any  # ModelFields of the kind of model
     equilibrium: Any = None
     friction: Friction | None = None
     advice: Mapping[Status, str] = MappingProxyType({})
     reduction: Any = None
     _range: TrainedRange | None = None
-    """Points outside are told, or refused; None where all of the box was trained."""
+    """Range outside of which points raise a warning or an error; None if the whole box was trained."""
     usual_outside: ClassVar[str] = "warn"
     of_full_order: ClassVar[bool] = False
     instead: ClassVar[str] = "it needs the mesh and its factors. Keep a reduced or a condensed model, training.build()"
@@ -115,13 +115,26 @@ class AnsweringModel(Shown):
         return self.fields.dimension
 
     @property
+    def estimating(self) -> Any:
+        """Model whose error estimates its answers carry; itself, but for models that combine others."""
+        return self
+
+    def columns(self, many: Iterable[Answer]) -> dict[str, np.ndarray]:
+        """Further columns of a table of n of its answers by head, (n,) each; the same heads of none. Usually none."""
+        return {}
+
+    def summed_up(self, sums: Mapping[str, float]) -> str:
+        """Words on these columns for the last line of a table, from their sums; usually none."""
+        return ""
+
+    @property
     def conditions(self) -> int:
         """Number of conditions on the whole contact surface, N_lambda."""
         return self.fields.conditions
 
     @property
     def own_conditions(self) -> int:
-        """Number of conditions that it solves for itself, whose forces an answer has as multipliers."""
+        """Number of conditions that it solves for, whose forces an answer has as multipliers."""
         return self.conditions
 
     @property
@@ -131,17 +144,17 @@ class AnsweringModel(Shown):
 
     @property
     def rows_at_once(self) -> int:
-        """Rows of a table to answer at once: more are no quicker, and a run that is killed loses them."""
+        """Rows of a table to answer at once: more are not faster, and are lost if a run is killed."""
         return ROWS
 
     @property
     def flows(self) -> bool:
-        """Whether bodies flow, so that answers depend on the path that leads to them."""
+        """True if bodies are inelastic, so that answers depend on the path that leads to them."""
         return self.equilibrium is not None
 
     @property
     def known_error(self) -> str:
-        """Which errors the answers of this model know, or why they know none, in one line."""
+        """One line on the errors that the answers of this model have, or the reason why they have none."""
         from hhr_dolfinx.models.estimates import known_error
 
         known = known_error(self.fields)
@@ -161,7 +174,7 @@ class AnsweringModel(Shown):
     ) -> Answer:
         """Answer one parameter, see :meth:`~hhr_dolfinx.models.answer.Model.solve`.
 
-        Where bodies flow in one step from rest, which knows no ``start`` but what is checked; ``step`` may hold its
+        Models of inelastic bodies make one step from rest; ``start`` is checked, but not used. ``step`` may hold its
         ``duration``, see :func:`~hhr_dolfinx.models.histories.path.one_step`.
         """
         point = self.parameters.point(mu)
@@ -180,10 +193,10 @@ class AnsweringModel(Shown):
         self.check_range(point, outside)
         try:
             answer = self._answered(point, start, outside, gradient)
-        except OutsideTrainingError:  # of a model among several, to be refused whatever fails
+        except OutsideTrainingError:  # refuse it whatever fails; one of several models may raise it
             raise
         except (NotSolvableError, ParameterError):
-            # a singular stiffness, or a shape at which surfaces slide off what the model knows
+            # a singular stiffness, or a shape at which surfaces slide off the known ones
             if raise_on_failure:
                 raise
             return self.unanswered(point)
@@ -194,27 +207,27 @@ class AnsweringModel(Shown):
         return answer
 
     def check_range(self, point: np.ndarray, outside: str) -> None:
-        """Tell of, or refuse, a point, (P,), outside of what was trained."""
+        """Warn of, or refuse, a point, (P,), outside the training range."""
         if self._range is not None:
             self._range.check(point, outside)
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
-        """What makes the contact problem of each point, (P,), of one path, without its primal unknown."""
+        """Elimination along one path: the contact problem of each point, (P,), without its primal unknown."""
         raise NotOfferedError(f"{type(self).__name__} knows no contact problem of a point for itself")
 
     def pressures(self, answer: Answer) -> np.ndarray:
-        """Forces of an answer along the normals of its contacts, (c,), of which a sum is that of all contact."""
+        """Forces of an answer along the contact normals, (c,); their sum is the total contact force."""
         forces = answer.forces()
         return forces if self.friction is None else np.delete(forces, self.friction.tangential)
 
     def slide(self, path: Path, settings: MarchSettings, **how: Any) -> History:
-        """A history of elastic bodies with friction along a checked path; see :func:`histories.sliding.slide_along`."""
+        """History of elastic bodies with friction along a checked path; see :func:`histories.sliding.slide_along`."""
         from hhr_dolfinx.models.histories.sliding import slide_along
 
         return slide_along(self, path, settings, **how)
 
     def answering(self, history: History) -> AnsweringModel:
-        """The model that answered a history: itself, or one of those that it asks."""
+        """The model that answered a history: itself, or one of those that it uses."""
         return self
 
     def unanswered(self, point: np.ndarray, status: Status = Status.UNDEFINED) -> Answer:
@@ -222,20 +235,20 @@ class AnsweringModel(Shown):
         return unanswered(point, self.sizes, self.fields, status)
 
     def slider(self, settings: MarchSettings) -> Slider:
-        """What solves increments with friction."""
+        """Solver of increments with friction."""
         from hhr_dolfinx.models.histories.sliding import Slider
 
         return Slider(self, settings.gradient)
 
     def coupling(self, mu: Any) -> float:
-        """How strongly friction couples pressures and slip at a parameter: below one each increment has one answer.
+        """Strength of the coupling of pressures and slip by friction: below one, each increment has one answer.
 
-        From one on there may be several, of which one is found; see :mod:`hhr_dolfinx.contact.uniqueness`. Zero without
-        friction, NaN where it is not known: of bodies that contact alone holds, or flow, or an S that is not symmetric.
+        From one on there may be several, and the search finds one of them; see :mod:`hhr_dolfinx.contact.uniqueness`.
+        Zero without friction. NaN if unknown: for bodies with rigid motions, inelastic bodies, or an unsymmetric S.
         """
         if self.friction is None:
             return 0.0
-        if self.equilibrium is not None:  # each linearisation has an S of its own
+        if self.equilibrium is not None:  # each linearisation has another S
             return np.nan
         from hhr_dolfinx.contact.uniqueness import coupling
 
@@ -245,11 +258,11 @@ class AnsweringModel(Shown):
         return np.nan if contact.floating is not None else coupling(contact.schur, self.friction, coefficient)
 
     def uniqueness(self, mu: Any) -> str:
-        """Whether increments with friction have one answer at a parameter, by :meth:`coupling`.
+        """Uniqueness of increments with friction at a parameter, by :meth:`coupling`.
 
         Returns:
-            ``one answer``, which is proved; ``several answers possible``, of which one is found, and an estimate is of
-            that one; or ``unknown`` where the coupling is.
+            ``one answer``, which is proved; ``several answers possible``, of which one is found, and the estimate
+                refers to it; or ``unknown`` if the coupling is unknown.
         """
         coupling = self.coupling(mu)
         if np.isnan(coupling):
@@ -257,11 +270,11 @@ class AnsweringModel(Shown):
         return "one answer" if coupling < 1 else "several answers possible"
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
-        """The answer to a checked point, (P,), converged or not, from a checked start."""
+        """Answer to a checked point, (P,), converged or not, from a checked start."""
         raise NotImplementedError
 
     def warn_undetermined(self, answer: Answer) -> None:
-        """Warn that contact leaves rigid motions of an answer open."""
+        """Warn of rigid motions of an answer that contact does not determine."""
         from hhr_dolfinx.models.undetermined import described
 
         warn(
@@ -273,23 +286,23 @@ class AnsweringModel(Shown):
         )
 
     def _checked_outside(self, outside: str) -> str:
-        """What happens outside of what was trained: what was asked for, or the usual of this kind."""
+        """Policy outside the training range: the given one, or the default of this kind."""
         if isinstance(outside, str) and outside == USUAL:
             return self.usual_outside
         check_outside(outside)
         return outside
 
     def _checked_start(self, start: Any) -> Any:
-        """What the search may start from."""
+        """Checked start of the search."""
         return checked_start(start, self.own_conditions)
 
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
-        """Answer many parameters, (n, P), one by one; where bodies flow each in one step from rest."""
+        """Answer many parameters, (n, P), one by one; models of inelastic bodies make one step from rest for each."""
         outside = self._checked_outside(outside)
         return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
-        """Answer a path, from rest where bodies flow; see :meth:`~hhr_dolfinx.models.answer.Model.march`."""
+        """Answer a path, from rest if bodies are inelastic; see :meth:`~hhr_dolfinx.models.answer.Model.march`."""
         if self.friction is not None and self.equilibrium is None:
             return self.slide(checked_path(self.parameters, path), settings)
         if self.equilibrium is None:
@@ -302,13 +315,13 @@ class AnsweringModel(Shown):
         """Outputs of the scene at one parameter; ``how`` are further arguments of :meth:`solve`.
 
         Raises:
-            HHRError: if the scene has none; see :meth:`solve` besides.
+            HHRError: if the scene has none; for others see :meth:`solve`.
         """
         return self.solve(mu, gradient=gradient, **how).outputs()
 
 
 class KeptModel(AnsweringModel):
-    """A model that is made of plain data: it can be copied, pickled, changed, and kept in a file.
+    """A model of plain data: it can be copied, pickled, changed, and kept in a file.
 
     Attributes:
         kept: arguments that a file keeps, attributes of the same names, see :mod:`hhr_dolfinx.plain`.
@@ -319,31 +332,31 @@ class KeptModel(AnsweringModel):
     has_own_sizes: ClassVar[bool] = True
     handed_on: ClassVar[tuple[str, ...]] = ()
     trained: TrainedRange | TrainedPaths | None = None
-    """What it was trained on; None where that is unknown."""
+    """Training range; None if it is unknown."""
     offline: Any = None
-    """How it was made, a record of what built it; None of a copy or from a file, and where nothing was approximated."""
+    """Record of the construction; None of a copy or from a file, and for models without approximation."""
 
     def _arguments(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in (*self.kept, *self.handed_on)}
 
     def __reduce__(self) -> tuple:
-        """Copy and pickle by what it is made of; how it was made stays behind."""
+        """Copy and pickle by the arguments; the record of the construction is left out."""
         return rebuilt, (type(self), self._arguments())
 
     def changed(self, **parts: Any) -> Self:
-        """The same model with some parts in the place of its own, by the names of its arguments."""
+        """The same model with some arguments replaced, by their names."""
         own = type(self)(**(self._arguments() | parts))
         own.offline = parts.get("offline", self.offline)
         return own
 
     @classmethod
     def from_file(cls, **parts: Any) -> Self:
-        """The model of what a file keeps."""
+        """Rebuild the model from a file."""
         return cls(**parts)
 
     @property
     def members(self) -> tuple[KeptModel, ...]:
-        """Models that answer in its place; itself where there are no others."""
+        """Models that answer for this one; itself if there are no others."""
         return (self,)
 
     def for_file(self) -> Self:
@@ -354,9 +367,9 @@ class KeptModel(AnsweringModel):
         return self.changed(fields=replace(self.fields, indicator=None, unbounded=why))
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """What is wrong with a model whose parts are right, given the sizes that they share."""
+        """Faults of a model whose parts are valid, given the sizes that they share."""
         yield from self.fields.amplitudes.faults_for(self.parameters, sizes["terms"])
-        # 1 of matrices without a mesh, whose dofs are no nodes
+        # 1 for matrices without a mesh, whose dofs are no nodes
         if self.fields.dimension not in (1, 2, 3) or sizes.get("N", 0) % self.fields.dimension:
             yield f"{sizes.get('N')} dofs are no nodes of dimension {self.fields.dimension}, which must be 1, 2 or 3"
         if empty := [name for name in ("N_lambda", "m", "ell") if sizes.get(name, 1) == 0]:

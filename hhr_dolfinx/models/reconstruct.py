@@ -17,15 +17,15 @@ from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
 from hhr_dolfinx.linear.layout import lay_out
 from hhr_dolfinx.models.answer import Answer, ModelFields
-from hhr_dolfinx.models.bounds.error_bound import Bound, BoundThere, driven
+from hhr_dolfinx.models.bounds.bound import Bound, BoundThere, driven
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
-from hhr_dolfinx.models.estimates import FORCES, STRESS, Estimate, Estimates
+from hhr_dolfinx.models.estimates import FORCES, NO_OUTPUTS, STRESS, Estimate, Estimates
 from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
 from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.bounds.error_bound import FieldResponse
-    from hhr_dolfinx.models.bounds.output_bound import OutputBound
+    from hhr_dolfinx.models.bounds.output_difference import OutputDifference
+    from hhr_dolfinx.models.field_response import FieldResponse
     from hhr_dolfinx.models.frictional_fields import FrictionalFields
     from hhr_dolfinx.models.functionals.functional import Functionals
     from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
@@ -157,7 +157,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         indicator: estimates the error of an answer; None for none.
         bound: bounds the error of an answer; None where its hypotheses fail.
         functionals: outputs of the scene; None where it has none.
-        output_bound: bounds the errors of outputs, beside ``bound``; None without either.
+        output_bound: estimates the errors of outputs, beside ``bound``; None without either.
         unbounded: why there is no bound, where there is none.
         response: makes the coordinates of forces on the whole surface where S and the response to loads are known; None
             where they are gamma.
@@ -179,7 +179,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     indicator: Callable[[Answer], float] | None = field(default=None, metadata=CODE)
     bound: Bound | None = None
     functionals: Functionals | ReshapedFunctionals | None = None
-    output_bound: OutputBound | None = None
+    output_bound: OutputDifference | None = None
     unbounded: str = ""
     response: FieldResponse | None = None
     frictional: FrictionalFields | None = None
@@ -200,7 +200,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         if self.output_bound is not None and (
             self.bound is None or self.functionals is None or not self.output_bound.fits(self.functionals)
         ):
-            yield "its bounds of outputs are not those of its outputs"
+            yield "its estimates of outputs are not those of its outputs"
 
     @property
     def conditions(self) -> int:
@@ -377,13 +377,16 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return self.flow.plastic_strain_everywhere(answer.gauss.state.cumulated)
 
     def estimate(self, answer: Answer) -> Estimate | None:
-        """The bound, or what an indicator says: one of the recipe, or that of bodies that flow; None without either."""
+        """The difference to the exact answer where S is known, or the bound where it is interpolated.
+
+        Else what an indicator says: one of the recipe, or that of bodies that flow; None without either.
+        """
         if not answer.converged:
             return None
         if self.bound is None:
             return self._indicated(answer)
         theta = self.amplitudes(answer.parameter)
-        there = self.bound.at(answer.parameter[None], theta)
+        there: Any = self.bound.at(answer.parameter[None], theta)
         if self.force_snapshots is None:
             forces = there.completed(answer.multipliers[None], self._outside)
         else:
@@ -392,7 +395,10 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         found = there.of(unknown, forces, lambda: self._slack(theta, unknown))[0]
         if self.output_bound is None:
             return found
-        return found._replace(outputs=self.output_bound.errors(self, answer, forces[0], found))
+        exact = there.exact(forces)
+        if not exact.found[0]:
+            return found
+        return found._replace(outputs=self.output_bound.errors(self, answer, forces[0], exact.forces[0]))
 
     def rubbed(self, answer: Answer) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Forces in the RID, slack of all conditions, and the scale of gaps: what an indicator of forces asks."""
@@ -401,7 +407,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return answer.multipliers, slack, self.gap_scale
 
     def estimates(self, many: ManyAnswers) -> Estimates | None:
-        """The bounds of many answers at once; None where they are made one by one."""
+        """Those of many answers at once; None where they are made one by one."""
         bound = self.bound
         if bound is None or bound.together == 1 or self.force_snapshots is not None:
             return None
@@ -416,13 +422,12 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         found = Estimates.by_blocks(bound.kind, many.converged, bound.together, bounded)
         if self.output_bound is None:
             return found
-        from hhr_dolfinx.models.bounds.output_bound import OutputErrors
 
-        def outputs_of(k: int) -> dict[str, float]:
+        def outputs_of(k: int) -> Mapping[str, float]:
             one = many[k].estimate()
-            return {} if one is None else dict(one.outputs)
+            return NO_OUTPUTS if one is None else one.outputs
 
-        return replace(found, outputs_of=lambda k: OutputErrors(partial(outputs_of, k)))
+        return replace(found, outputs_of=outputs_of)
 
     def _indicated(self, answer: Answer) -> Estimate | None:
         """What an indicator says: a user's own, that of contact with friction, or of bodies that flow."""

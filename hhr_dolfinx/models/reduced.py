@@ -1,7 +1,7 @@
-"""The hybrid hyper-reduced (HHR) model (1.61), (5.23), (6.17): small arrays, of elastic bodies and of bodies that flow.
+"""The hybrid hyper-reduced (HHR) model (1.61), (5.23), (6.17): small arrays, of elastic and inelastic bodies.
 
-Needs neither DOLFINx nor gmsh nor PETSc: a model read from a file answers on any machine with NumPy and SciPy (and
-numba, where bodies flow).
+It needs neither DOLFINx nor gmsh nor PETSc: a model read from a file runs on any machine with NumPy and SciPy (and
+numba, for inelastic bodies).
 """
 
 from __future__ import annotations
@@ -40,28 +40,28 @@ ADVICE: Mapping[Status, str] = MappingProxyType(
 )
 
 SAME = 1e-9
-"""Relative difference of a stiffness in the middle of the box that is round-off."""
+"""Relative difference of a stiffness in the middle of the box that counts as round-off."""
 
 
 class ReducedModel(KeptModel):
-    """HHR model: from a parameter or a path to answers, by the projected equations on the RID.
+    """HHR model: answers a parameter or a path by the projected equations on the RID.
 
-    Where nothing flows gamma is eliminated, (5.23), and an answer costs one small contact problem. Where bodies flow
-    the laws are evaluated on the Gauss points of the RID, (6.17) and Alg. 6.2.
+    In elastic models gamma is eliminated, (5.23), and an answer costs one small contact problem. Models of inelastic
+    bodies evaluate the laws on the Gauss points of the RID, (6.17) and Alg. 6.2.
 
     Args:
         problem: the projected arrays.
         parameters: the box of the parameters.
-        fields: what completes the answers.
-        trained: what it was trained on: the range of points, or of paths where bodies flow.
-        known: statuses of the training points on A_lambda; None where bodies flow.
-        flow: Gauss points and laws of the RID, None where nothing flows.
-        offline: how it was made, an ``OfflineRecord`` of the build; None for a model from a file.
-        factorise: what factors K~ and the active blocks.
-        compliances: what eliminates gamma between few parameters where K~ depends on them; None factors K~ for each.
+        fields: completes the answers.
+        trained: training range: of points, or of paths for inelastic bodies.
+        known: statuses of the training points on A_lambda; None for inelastic bodies.
+        flow: Gauss points and laws of the RID; None in elastic models.
+        offline: record of the construction, an ``OfflineRecord``; None for a model from a file.
+        factorise: factors K~ and the active blocks.
+        compliances: interpolated elimination of gamma if K~ depends on few parameters; None factors K~ for each point.
 
     Attributes:
-        eliminated: the model without gamma, which answers where nothing flows; None where bodies flow.
+        eliminated: the model without gamma, which solves elastic problems; None for inelastic bodies.
 
     Raises:
         SingularError: if K~ is singular.
@@ -129,7 +129,7 @@ class ReducedModel(KeptModel):
             yield from self._faults_of_parts()
 
     def _faults_of_parts(self) -> Iterator[str]:
-        """Parts of the stiffness that do not make that of the middle of the box, or are not those of the bodies."""
+        """Faults: parts of the stiffness that do not add up to that of the middle of the box or do not fit bodies."""
         assert self.flow is not None
         young = {group.young for group in self.flow.material.groups if isinstance(group.young, str)}
         terms = self.problem.terms
@@ -147,7 +147,7 @@ class ReducedModel(KeptModel):
 
     @classmethod
     def from_file(cls, **parts: Any) -> Self:
-        """The model of what a file keeps; LAPACK factors, so that answers are the same on all machines."""
+        """Rebuild from a file, with LAPACK's factors, so that answers are the same on all machines."""
         return cls(**parts, factorise=LapackLU)
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
@@ -156,23 +156,23 @@ class ReducedModel(KeptModel):
         return self.eliminated._answered(point, start, outside, gradient)
 
     def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
-        """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`; those of paths one by one."""
+        """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`; inelastic models one by one."""
         if self.eliminated is None or self.friction is not None:
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
         return self.eliminated.solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
-        """See :class:`AnsweringModel`: those of its RID, without gamma."""
+        """See :class:`AnsweringModel`; the conditions of the RID, without gamma."""
         return super().contacts() if self.eliminated is None else self.eliminated.contacts()
 
     def pressures(self, answer: Answer) -> np.ndarray:
-        """See :class:`AnsweringModel`: those of the whole surface."""
+        """See :class:`AnsweringModel`; on the whole surface."""
         frictional = self.fields.frictional
         forces = answer.forces()
         return forces if frictional is None else np.delete(forces, frictional.friction.tangential)
 
     def _without_gamma(self, factorise: Factorise) -> CondensedModel:
-        """The model with gamma eliminated: once, or for each parameter where the stiffness depends on it."""
+        """The model with gamma eliminated: once, or for each parameter if the stiffness depends on it."""
         if self.known is None:
             raise ReductionError("a model in which nothing flows starts from known statuses: give them as known")
         eliminated = self.compliances or _elimination(self.problem, self.fields.amplitudes, self.parameters, factorise)
@@ -185,7 +185,7 @@ class ReducedModel(KeptModel):
 def _elimination(
     problem: ReducedProblem, amplitudes: Amplitudes, parameters: ParameterSpace, factorise: Factorise
 ) -> Elimination:
-    """What eliminates gamma: once, beside rigid motions, or of a sum of parts."""
+    """Elimination of gamma: constant, with rigid motions, or of a sum of parts."""
     if problem.motions:
         from hhr_dolfinx.models.eliminations.floating import ReducedFloatingElimination
 

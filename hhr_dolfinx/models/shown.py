@@ -8,11 +8,11 @@ from html import escape
 from typing import Any
 
 MOST = 8
-"""Numbers of a point that are shown."""
+"""Most numbers of a point that are shown."""
 
 
 def point_of(values: Any, names: Sequence[str] = ()) -> str:
-    """A point of the box, by name where names are known: ``push=3e+07, pull=1e+07``."""
+    """A point of the box, with the names of parameters if they are known: ``push=3e+07, pull=1e+07``."""
     numbers = [f"{float(value):.6g}" for value in list(values)[:MOST]]
     left = ["..."] if len(values) > MOST else []
     if len(names) == len(values):
@@ -21,17 +21,17 @@ def point_of(values: Any, names: Sequence[str] = ()) -> str:
 
 
 def counted(number: int, what: str) -> str:
-    """A number with its noun, in the plural if need be."""
+    """A number with its noun, in the plural if necessary."""
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def line(title: str, facts: Mapping[str, str]) -> str:
-    """Text of ``repr``: the title and the facts in one line."""
+    """Line of ``repr``: the title and the facts."""
     return f"<{title}: {', '.join(facts.values())}>"
 
 
 def table(title: str, facts: Mapping[str, str]) -> str:
-    """Table that a notebook shows."""
+    """HTML table for notebooks."""
     rows = "".join(f"<tr><th>{escape(name)}</th><td>{escape(text)}</td></tr>" for name, text in facts.items())
     return f"<table><caption>{escape(title)}</caption>{rows}</table>"
 
@@ -41,7 +41,7 @@ class Shown:
 
     @abstractmethod
     def facts(self) -> dict[str, str]:
-        """Facts worth a glance, by their names in a table; each can be read by itself in a line."""
+        """Short facts, by their names in a table; each is readable without its name in a line."""
 
     def __repr__(self) -> str:
         return line(type(self).__name__, self.facts())

@@ -1,4 +1,4 @@
-"""Bodies that slide past the mesh on which they were paired: a model of their surfaces, paired anew along a path."""
+"""Model of bodies that slide past the mesh on which they were paired: its surfaces are paired again along a path."""
 
 from __future__ import annotations
 
@@ -26,10 +26,10 @@ ADVICE = {
 
 
 class SlidingModel(KeptModel):
-    """Answers paths along which surfaces slide by any length; see :mod:`hhr_dolfinx.models.histories.repairing`.
+    """Model for paths with sliding of any length; see :mod:`hhr_dolfinx.models.histories.repairing`.
 
-    Forces of an answer are nodal ones, on all dofs of the surfaces, and so are its ``multipliers``; pressures, slip and
-    wear of the slave nodes, and what sticks, are in its ``slip``.
+    Forces of an answer are nodal ones, on all dofs of the surfaces, and so are its ``multipliers``. Its ``slip`` has
+    pressures, slip, wear and sticking of the slave nodes.
 
     Args:
         base: full or condensed, with a row for each dof of the surfaces.
@@ -51,7 +51,7 @@ class SlidingModel(KeptModel):
         """The model of plain data.
 
         Raises:
-            NotOfferedError: for one of the full order.
+            NotOfferedError: for a base of full order.
         """
         if not isinstance(self.base, KeptModel):
             raise NotOfferedError(f"a {type(self).__name__} of the full order cannot be kept in a file: {self.instead}")
@@ -59,7 +59,7 @@ class SlidingModel(KeptModel):
         return self if base is self.base else self.changed(base=base)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Contacts that are no slave nodes, and pairs that do not go with the base, which says itself what it is."""
+        """Faults: contacts that are no slave nodes, and pairs that do not fit the base; the base reports its faults."""
         contacts = np.arange(sum(pair.slave.nodes.size for pair in self.pairs))
         along = self.dimension - 1
         if not np.array_equal(self.friction.normal, contacts) or not np.array_equal(
@@ -76,7 +76,7 @@ class SlidingModel(KeptModel):
 
     @property
     def sizes(self) -> tuple[int, int]:
-        """Those of its base."""
+        """Sizes of its base."""
         return self.base.sizes
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
@@ -84,11 +84,11 @@ class SlidingModel(KeptModel):
         return self.base.contacts()
 
     def check_range(self, point: np.ndarray, outside: str) -> None:
-        """That of its base."""
+        """Check by its base."""
         self.base.check_range(point, outside)
 
     def pressures(self, answer: Answer) -> np.ndarray:
-        """Those of the slave nodes, (C,): forces of an answer have all directions, on both surfaces."""
+        """Pressure forces of the slave nodes, (C,): forces of an answer have all directions, on both surfaces."""
         return np.full(self.friction.normal.size, np.nan) if answer.slip is None else answer.slip.pressure
 
     def slider(self, settings: MarchSettings) -> RepairingSlider:
@@ -103,9 +103,9 @@ class SlidingModel(KeptModel):
         return RepairingSlider(self, exactly=settings.time_tolerance is not None)
 
     def coupling(self, mu: Any) -> float:
-        """Not known: rows change along a path."""
+        """NaN, for unknown: rows change along a path."""
         return np.nan
 
     def slave_points(self) -> np.ndarray:
-        """Where its contacts are meshed, (C, dim)."""
+        """Coordinates of its contacts as meshed, (C, dim)."""
         return np.concatenate([pair.slave.points for pair in self.pairs])

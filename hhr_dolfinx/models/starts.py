@@ -1,4 +1,4 @@
-"""Where the active set starts: at the statuses of a parameter that was solved, carried over along its derivatives."""
+"""Starts of the active set: statuses of a training parameter, extrapolated along its derivatives."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ BLOCK = 1024
 
 @dataclass(frozen=True)
 class KnownStatuses(Rebuilt):
-    """Statuses at solved parameters, to start the active set near its end.
+    """Statuses at training parameters, from which the active set starts near its end.
 
     Attributes:
         points: (S, P).
@@ -34,20 +34,20 @@ class KnownStatuses(Rebuilt):
 
     @classmethod
     def of_answers(cls, answers: Iterable[Answer]) -> KnownStatuses | None:
-        """Of those answers that converged; None without any."""
+        """Statuses of the answers that converged; None without any."""
         found = [answer for answer in answers if answer.converged]
         if not found:
             return None
         return cls(*(np.array([getattr(answer, name) for answer in found]) for name in ("parameter", "active")))
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """No status to start from."""
+        """Fault: no status to start from."""
         if not len(self.points):
             yield "no statuses are known: there must be at least one"
 
     @cached_property
     def distances(self) -> tuple[np.ndarray, np.ndarray]:
-        """Offsets and directions of |x - p|^2 / 2 less what does not depend on the candidate x.
+        """Offsets and directions of |x - p|^2 / 2, without the part that is equal for all candidates x.
 
         The parameters, whose units differ, are scaled by their spread.
         """
@@ -56,29 +56,29 @@ class KnownStatuses(Rebuilt):
         return 0.5 * np.sum((self.points / spread) ** 2, axis=1), self.points / spread**2
 
     def nearest(self, point: np.ndarray) -> int:
-        """Index of the nearest known parameter."""
+        """Index of the nearest training parameter."""
         offsets, directions = self.distances
         return (offsets - directions @ point).argmin()
 
     def start(self, point: np.ndarray) -> np.ndarray:
-        """Statuses to start from at a point, (m,) bool: those of the nearest known parameter."""
+        """Statuses to start from at a point, (m,) bool: those of the nearest training parameter."""
         return self.active[self.nearest(point)]
 
     def starts(self, points: np.ndarray) -> np.ndarray:
-        """Statuses to start from at many points, (n, P): (n, m) bool, for the caller to change."""
+        """Statuses to start from at many points, (n, P): (n, m) bool; a copy, which the caller may change."""
         offsets, directions = self.distances
         return self.active[(offsets - points @ directions.T).argmin(axis=1)]
 
 
 @dataclass(frozen=True)
 class LinearStarts(KnownStatuses):
-    """Statuses at solved parameters, with how near each condition is to changing.
+    """Statuses at training parameters, with the distance of each condition from a change.
 
-    In many parameters the nearest one that was solved is far; along its derivatives the statuses are still good.
+    With many parameters the nearest training point is far; extrapolated along its derivatives, its statuses still hold.
 
     Attributes:
-        points, active: as there.
-        margins: force of what touches, and less the slack of what does not, (S, m).
+        points, active: see :class:`KnownStatuses`.
+        margins: force of closed conditions, and minus the slack of open ones, (S, m).
         slopes: their derivatives along the parameters, (S, m, P).
     """
 
@@ -87,10 +87,10 @@ class LinearStarts(KnownStatuses):
 
     @cached_property
     def distances(self) -> tuple[np.ndarray, np.ndarray]:
-        """As there, each parameter scaled by how much it moves the margins.
+        """See :class:`KnownStatuses`; each parameter is scaled by its effect on the margins.
 
-        On the pellet with six parameters and 1000 points this takes 1.8 iterations of the active set where scaling by
-        the spread takes 3.0, and starts without derivatives 5.
+        On the pellet with six parameters and 1000 points this takes 1.8 iterations of the active set. Scaling by the
+        spread takes 3.0, and starts without derivatives 5.
         """
         sizes = np.sqrt(np.mean(self.margins**2, axis=0))
         sizes[sizes == 0] = 1.0
@@ -103,12 +103,12 @@ class LinearStarts(KnownStatuses):
         return self.margins[near] + self.slopes[near] @ (point - self.points[near]) > 0
 
     def starts(self, points: np.ndarray) -> np.ndarray:
-        """Statuses to start from at many points, (n, P): (n, m) bool, for the caller to change."""
+        """Statuses to start from at many points, (n, P): (n, m) bool; a copy, which the caller may change."""
         offsets, directions = self.distances
         active = np.empty((len(points), self.margins.shape[1]), dtype=bool)
         for first in range(0, len(points), BLOCK):
             part = points[first : first + BLOCK]
             near = (offsets - part @ directions.T).argmin(axis=1)
-            moved = np.einsum("nmp,np->nm", self.slopes[near], part - self.points[near])
-            active[first : first + BLOCK] = self.margins[near] + moved > 0
+            change = np.einsum("nmp,np->nm", self.slopes[near], part - self.points[near])
+            active[first : first + BLOCK] = self.margins[near] + change > 0
         return active

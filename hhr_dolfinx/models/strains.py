@@ -1,4 +1,4 @@
-"""Strains and rotations in the cells of a mesh, and a guard of answers that have large ones."""
+"""Strains and rotations in the cells of a mesh, and warnings of answers with large ones."""
 
 from __future__ import annotations
 
@@ -16,13 +16,13 @@ from hhr_dolfinx.models.histories.small_strains import LARGE, MOST, large_rotati
 from hhr_dolfinx.warn import warn
 
 CELLS = 20_000
-"""Cells whose strains are looked at, at most: a hundredth of them is estimated as well as a hundredth of all."""
+"""Most cells whose strains are evaluated: they estimate the largest hundredth as well as all cells."""
 GROWN = 1.5
-"""Growth of the squared displacement behind which strains of a full model are looked at again."""
+"""Growth of the squared displacement after which strains of a full model are checked again."""
 
 
 class StrainKind(NamedTuple):
-    """Strains or rotations of cells: (cells * k, N) maps displacements to their components; what a size means."""
+    """Strains or rotations of cells: (cells * k, N) maps displacements to their components; and their message."""
 
     matrix: csr_matrix
     cells: int
@@ -41,7 +41,7 @@ class StrainOperators(NamedTuple):
 
     @classmethod
     def of(cls, problem: ContactProblem, *, axisymmetric: bool) -> StrainOperators:
-        """Operators of at most :data:`CELLS` cells, evenly taken from the mesh."""
+        """Operators of at most :data:`CELLS` cells, evenly distributed over the mesh."""
         cells = problem.cell_nodes[:: -(-len(problem.cell_nodes) // CELLS)]
         gradients = _gradients(problem, cells)
         strains = _strains(problem, cells, gradients, axisymmetric)
@@ -51,14 +51,14 @@ class StrainOperators(NamedTuple):
 
 
 class StrainGuard:
-    """Warns of the first answer of a full model with a large strain or rotation, and of the first beyond all sense.
+    """Warns of the first answer of a full model with a large strain or rotation, and of the first with an absurd one.
 
-    Answers of elastic bodies are looked at where their displacement is larger than that of all before, so that most
-    cost one scalar product.
+    Answers of elastic bodies are checked if their displacement is larger than that of all before, so that most cost one
+    scalar product.
 
     Args:
         problem: the problem that is solved.
-        axisymmetric: whether strains have a part around the axis.
+        axisymmetric: whether strains have a hoop component.
     """
 
     def __init__(self, problem: ContactProblem, *, axisymmetric: bool):
@@ -71,7 +71,7 @@ class StrainGuard:
 
     @contextmanager
     def paused(self) -> Iterator[None]:
-        """Leave the answers of a block to a caller that looks at all of them together."""
+        """Suspend the check in a block whose caller checks all answers at once."""
         before, self._paused = self._paused, True
         try:
             yield
@@ -84,10 +84,10 @@ class StrainGuard:
         return StrainOperators.of(self._problem, axisymmetric=self._axisymmetric)
 
     def look(self, answer: Any) -> None:
-        """Look at an :class:`~hhr_dolfinx.models.answer.Answer` of the full model.
+        """Check an :class:`~hhr_dolfinx.models.answer.Answer` of the full model.
 
         Warns:
-            SmallStrainWarning: where one is above :data:`LARGE`, and once more above :data:`MOST`.
+            SmallStrainWarning: if one is above :data:`LARGE`, and once more above :data:`MOST`.
         """
         unknown = answer.unknown
         size = unknown @ unknown
@@ -119,7 +119,7 @@ def _strains(problem: ContactProblem, nodes_of: np.ndarray, gradients: np.ndarra
 
 
 def _rotations(problem: ContactProblem, nodes_of: np.ndarray, gradients: np.ndarray) -> csr_matrix:
-    """The same for the rotation in each cell, in radians, (cells * k, N): one in the plane, three in space."""
+    """Maps displacements, (N,), to rotations in cells, radians, (cells * k, N): one in the plane, three in space."""
     cells, dim, nodes = gradients.shape
     pairs = [(i, j) for i in range(dim) for j in range(i + 1, dim)]
     values = np.zeros((cells, len(pairs), nodes, dim))

@@ -1,4 +1,4 @@
-"""Answers some of whose rigid motions neither loads nor contact determine, see :mod:`hhr_dolfinx.contact.floating`."""
+"""Answers with rigid motions that neither loads nor contact determine, see :mod:`hhr_dolfinx.contact.floating`."""
 
 from __future__ import annotations
 
@@ -7,10 +7,10 @@ from typing import Any
 import numpy as np
 
 SAME = 1e-9
-"""Part of the largest value by which a change of one is round-off."""
+"""Part of the largest value below which a change counts as round-off."""
 
 
-def moved_outputs(answer: Any) -> set[str]:
+def undetermined_outputs(answer: Any) -> set[str]:
     """Names of the outputs that an undetermined motion of an answer changes."""
     fields: Any = answer.fields
     if fields.functionals is None:
@@ -31,7 +31,7 @@ def moved_outputs(answer: Any) -> set[str]:
 
 
 def described(answer: Any) -> str:
-    """The undetermined motions of an answer in words: which nodes of the mesh move, and how."""
+    """Description of the undetermined motions of an answer: the nodes of the mesh that move, and how."""
     before = answer.displacement()
     words = []
     for motion in answer.undetermined.T:

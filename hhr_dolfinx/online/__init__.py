@@ -1,1 +1,1 @@
-"""Reduced models in files, and tables of parameters answered by them. Needs no DOLFINx."""
+"""Reduced models in files, and their answers to tables of parameters. Needs no DOLFINx."""

@@ -1,6 +1,6 @@
-"""Batches: many parameters answered as arrays, block by block, spread over the ranks.
+"""Batches: answers to many parameters as arrays, block by block, distributed over the ranks.
 
-A parameter that has no answer gets a reason and does not stop the others. Tables of text are in ``tables``.
+A parameter without an answer gets a reason and does not stop the others. Tables of text are in ``tables``.
 """
 
 from __future__ import annotations
@@ -17,8 +17,6 @@ from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import HHRError, ParameterError
 from hhr_dolfinx.models.answer import Answer, ListedAnswers, SeveralAnswers
 from hhr_dolfinx.models.estimates import Estimate, columns, shown_of
-from hhr_dolfinx.models.fallback import FallbackModel
-from hhr_dolfinx.models.local import LEAF, LocalModels
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.shown import counted, line, table
 from hhr_dolfinx.one_thread import one_thread
@@ -30,27 +28,27 @@ if TYPE_CHECKING:
 
 
 Progress = Callable[[Iterable], Iterable]
-"""Wraps an iteration, for a progress bar."""
+"""Wrapper of an iteration, for a progress bar."""
 
 OK = "ok"
 """Status of a row that has an answer."""
 
 
 class Answers(NamedTuple):
-    """Answers to many parameters, one row each; NaN where there is none.
+    """Answers to many parameters, one row each, with NaN in rows without an answer.
 
     Attributes:
         points: parameters, (S, P).
-        status: ``ok``, or why there is no answer.
+        status: ``ok``, or the reason why there is no answer.
         forces: nodal contact forces on the whole surface, (S, N_lambda).
-        outputs: those of the scene by the head of their column, ``name [unit]``, (S,) each.
-        estimates: what is known of the errors, by the head of their column, (S,) each, see
-            :func:`~hhr_dolfinx.models.estimates.columns`: relative to the exact ones, but for bounds of outputs, which
-            are in their units; NaN where nothing is known. None of a model that estimates nothing.
-        largest_displacement: of any node, (S,); None where it was not asked for, since it needs the whole field.
-        fell_back: whether the full model answered, (S,) bool; None of a model that cannot fall back.
-        model: number of the local model that answered, (S,) int; -1 where none of them did. None of a single model.
-        total_force: sum of the pressures' forces, (S,), where there are tangential ones too; None without friction.
+        outputs: outputs of the scene by the head of their column, ``name [unit]``, (S,) each.
+        estimates: estimates of the errors by the head of their column, (S,) each, see
+            :func:`~hhr_dolfinx.models.estimates.columns`: relative errors, but bounds of outputs in their units; NaN
+            without an estimate. Empty for a model without estimates.
+        largest_displacement: largest displacement of any node, (S,); None unless requested: it needs the whole field.
+        columns: further columns of the kind of model by head, (S,) each, such as the number of the local model that
+            answered; see :meth:`~hhr_dolfinx.models.model.AnsweringModel.columns`.
+        total_force: sum of the normal forces, (S,), if there are tangential ones too; None without friction.
     """
 
     points: np.ndarray
@@ -59,12 +57,11 @@ class Answers(NamedTuple):
     outputs: Mapping[str, np.ndarray] = MappingProxyType({})
     estimates: Mapping[str, np.ndarray] = MappingProxyType({})
     largest_displacement: np.ndarray | None = None
-    fell_back: np.ndarray | None = None
-    model: np.ndarray | None = None
+    columns: Mapping[str, np.ndarray] = MappingProxyType({})
     total_force: np.ndarray | None = None
 
     def facts(self) -> dict[str, str]:
-        """See :class:`~hhr_dolfinx.models.shown.Shown`."""
+        """Facts to show, see :class:`~hhr_dolfinx.models.shown.Shown`."""
         return {
             "rows": counted(len(self.points), "row"),
             "answers": f"{self.status.count(OK)} ok",
@@ -80,7 +77,7 @@ class Answers(NamedTuple):
 
     @classmethod
     def joined(cls, parts: list[Answers]) -> Answers:
-        """Those of several blocks, one or more, in their order."""
+        """Join the answers of one or more blocks in their order."""
 
         def whole(name: str) -> Any:
             found = [getattr(part, name) for part in parts]
@@ -105,23 +102,23 @@ def answer_points(
 ) -> Answers | None:
     """Answer every point, (S, P), with contact forces on the whole surface; None on all ranks but the first.
 
-    Each rank takes a part of them: queries take about the same time, so that nothing is gained by handing them out
-    one by one.
+    Each rank takes an equal part of the points. Queries take about the same time, so that a dynamic distribution would
+    gain nothing.
 
     Args:
-        model: any model that answers points, the same on all ranks, as the points; one that falls back on a full model
-            has that of its rank, and grows there by what its rank asks.
+        model: any model that answers points. Model and points are the same on all ranks; a model that falls back has a
+            full model on each rank, and learns there from the queries of that rank.
         points: (S, P).
-        comm: communicator over which they are spread; None for this process alone, which needs no MPI.
-        progress: wraps the iteration over blocks, for a progress bar.
-        outside: see :meth:`Model.solve`; batches are read by those who see no warnings, so that rows outside what was
-            trained are refused unless asked for otherwise.
-        displacement: whether the largest displacement of any node is wanted, for which each field is made.
-        estimates: whether that is wanted which is known of errors, which takes some times as long as the answers.
+        comm: communicator over which the points are distributed; None for this process alone, without MPI.
+        progress: wrapper of the iteration over blocks, for a progress bar.
+        outside: see :meth:`Model.solve`. The default refuses rows outside the training range, as readers of a table see
+            no warnings.
+        displacement: include the largest displacement of any node, which needs the field of each row.
+        estimates: include estimates of errors, which take several times as long as the answers.
 
     Raises:
-        ParameterError: for what is no table of points, or an unknown ``outside``.
-        HHRError: on all ranks, if anything but a row went wrong on another one.
+        ParameterError: if ``points`` is no table of points, or ``outside`` is unknown.
+        HHRError: on all ranks, if anything but a row failed on another rank.
     """
     rank, size = (0, 1) if comm is None else (comm.rank, comm.size)
     with nullcontext() if comm is None else ranks.each_for_itself(comm, "answering the table"):
@@ -138,12 +135,10 @@ def answer_points(
 
 @dataclass(frozen=True)
 class Query:
-    """Answers blocks of points with all that a table says of them.
+    """Evaluation of blocks of points with all columns of a table.
 
     Attributes:
-        model: see :func:`answer_points`.
-        outside: see there.
-        displacement, estimates: see there.
+        model, outside, displacement, estimates: see :func:`answer_points`.
     """
 
     model: AnsweringModel
@@ -165,42 +160,44 @@ class Query:
 
     @property
     def bounded_outputs(self) -> dict[str, str]:
-        """Those of which columns of estimates speak."""
+        """Outputs with columns of estimates: heads of their columns, by their names."""
         return self.outputs if self.model.fields.output_bound is not None else {}
 
     @property
     def estimate_heads(self) -> list[str]:
-        """Heads of the columns of estimates; none where nothing is estimated, or asked for."""
+        """Heads of the columns of estimates; empty if the model has none or none are requested."""
         if not self.estimates:
             return []
         kind = self.model.fields.estimated
         return columns(kind, self.bounded_outputs) if kind else []
 
-    # threads of BLAS slow small blocks down, a hundredfold where other processes keep the cores busy
+    # threads of BLAS slow small blocks down, a hundredfold if other processes keep the cores busy
     @one_thread
     def __call__(self, points: np.ndarray) -> Answers:
-        """Answers to some points, (n, P), any of which may have none."""
+        """Answer a block of points, (n, P), any of which may fail."""
         status = self._faults(points)
         table = self._blank(len(points))
+        columns = {head: np.full(len(points), np.nan) for head in self.model.columns(())}
         left = np.flatnonzero([text == OK for text in status])
         try:
             many = self.model.solve_many(points[left], raise_on_failure=False, outside=self.outside)
             solved = many.converged
-            self._fill(table, left[solved], many.take(solved))
+            self._fill(table, columns, left[solved], many.take(solved))
             left = left[~solved]
-        except HHRError:  # refused for one of them: for which, and why, is told one by one
+        except HHRError:  # one row was refused: the loop below finds which one, and the reason
             pass
         for k in left:
             try:
-                self._fill(table, np.array([k]), ListedAnswers((self.model.solve(points[k], outside=self.outside),)))
-            except HHRError as error:  # what a row may do; anything else is a fault of the program and ends the run
+                answer = self.model.solve(points[k], outside=self.outside)
+                self._fill(table, columns, np.array([k]), ListedAnswers((answer,)))
+            except HHRError as error:  # a failure of this row; any other error is one of the program and ends the run
                 status[k] = str(error)
         outputs = {head: table.pop(head) for head in self.heads}
         estimates = {head: table.pop(head) for head in self.estimate_heads}
-        return Answers(points, status, outputs=outputs, estimates=estimates, **table)
+        return Answers(points, status, outputs=outputs, estimates=estimates, columns=columns, **table)
 
     def _faults(self, points: np.ndarray) -> list[str]:
-        """What is wrong with points before any is solved; ``ok`` for nothing."""
+        """Faults of points before any is solved; ``ok`` for none."""
         space = self.model.parameters
         trained = getattr(self.model, "trained", None)
         bad = ~((points >= space.lower) & (points <= space.upper)).all(axis=1)
@@ -217,31 +214,24 @@ class Query:
         return status
 
     @property
-    def _reduced(self) -> Any:
-        """The reduced model or models, of one that falls back too."""
-        return self.model.reduced if isinstance(self.model, FallbackModel) else self.model
-
-    @property
     def _friction(self) -> Any:
-        """Which conditions are tangential; None without friction, and of models of a user's own, which know none."""
+        """Tangential conditions of the model; None without friction, and for user-defined models, which have none."""
         return getattr(self.model, "friction", None)
 
     def _blank(self, count: int) -> dict[str, np.ndarray]:
-        """Columns by name, without a number yet."""
+        """Columns by name, without values."""
         table = {head: np.full(count, np.nan) for head in (*self.heads, *self.estimate_heads)}
         table["forces"] = np.full((count, self.model.conditions), np.nan)
         if self.displacement:
             table["largest_displacement"] = np.full(count, np.nan)
         if self._friction is not None:
             table["total_force"] = np.full(count, np.nan)
-        if isinstance(self.model, FallbackModel):
-            table["fell_back"] = np.zeros(count, dtype=bool)
-        if isinstance(self._reduced, LocalModels):
-            table["model"] = np.full(count, LEAF, dtype=np.int64)
         return table
 
-    def _fill(self, table: dict[str, np.ndarray], rows: np.ndarray, many: SeveralAnswers) -> None:
-        """Put answers into some rows of the table, all or, where one of them is refused, none."""
+    def _fill(
+        self, table: dict[str, np.ndarray], columns: dict[str, np.ndarray], rows: np.ndarray, many: SeveralAnswers
+    ) -> None:
+        """Put answers into some rows of the table and of further columns; if one is refused, none are filled in."""
         if not rows.size:
             return
         found: dict[str, Any] = {"forces": many.forces()}
@@ -253,37 +243,30 @@ class Query:
             found |= dict(zip(self.estimate_heads, self._estimates(many), strict=True))
         if "largest_displacement" in table:
             found["largest_displacement"] = [self._largest(answer) for answer in many]
-        if isinstance(self.model, FallbackModel):
-            found["fell_back"] = [self.model.fell_back(answer) for answer in many]
-        if "model" in table:
-            found["model"] = [self._number(answer) for answer in many]
         for name, values in found.items():
             table[name][rows] = values
+        for head, values in self.model.columns(many).items():
+            columns[head][rows] = values
 
     def _estimates(self, many: SeveralAnswers) -> np.ndarray:
-        """Values of the columns of estimates, (columns, n); NaN where nothing is known."""
+        """Values of the columns of estimates, (columns, n); NaN without an estimate."""
         if self.bounded_outputs:
             return np.array([self._estimate(answer.estimate()) for answer in many]).T
         found = many.estimates()
         if found is None:
             return np.full((len(self.estimate_heads), len(many)), np.nan)
-        # answers of a full model are exact, whatever the kind of what the reduced one knows
-        return np.array([getattr(found, name) for name in shown_of(self._reduced.fields.estimated).values()])
+        # answers of a full model are exact, whatever kind of estimate the reduced model has
+        return np.array([getattr(found, name) for name in shown_of(self.model.estimating.fields.estimated).values()])
 
     def _estimate(self, estimate: Estimate | None) -> list[float]:
-        """Those of one answer, with bounds of outputs."""
+        """Values of the columns of estimates for one answer, with bounds of outputs."""
         count = len(self.estimate_heads)
-        # answers of the full model are exact, whatever the reduced one knows
+        # answers of the full model are exact and have no estimate
         return [np.nan] * count if estimate is None else list(estimate.shown(self.bounded_outputs).values())[:count]
 
     def _largest(self, answer: Answer) -> float:
         """Largest displacement of any node."""
         return float(np.linalg.norm(answer.displacement().reshape(-1, self.model.dimension), axis=1).max())
-
-    def _number(self, answer: Answer) -> int:
-        """Number of the local model that gave an answer."""
-        fell_back = isinstance(self.model, FallbackModel) and self.model.fell_back(answer)
-        return LEAF if fell_back else self._reduced.model_of(answer)
 
 
 def _table(points: Any, space: ParameterSpace) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Answers to a table of parameters as a frame of pandas, or as a data set of xarray, in one call."""
+"""Answers to a table of parameters as a data frame of pandas or a data set of xarray, in one call."""
 
 from __future__ import annotations
 
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
 
 
 def to_pandas(model: AnsweringModel, points: Any, *, outside: str = "refuse", forces: bool = False) -> Any:
-    """Answer a table of points: a frame with a row for each point.
+    """Answer a table of points in a data frame with a row for each point.
 
     Args:
         model: any model that answers points.
         points: (S, P), or names with columns, such as a frame of parameters.
         outside: see :func:`~hhr_dolfinx.online.batch.answer_points`.
-        forces: whether the nodal contact forces have columns too, one for each condition.
+        forces: include columns of the nodal contact forces, one for each condition.
 
     Returns:
         Columns: the parameters, ``status`` (``ok`` or the reason), the total contact force, outputs, and estimates of
@@ -43,7 +43,7 @@ def to_pandas(model: AnsweringModel, points: Any, *, outside: str = "refuse", fo
 
 
 def to_xarray(model: AnsweringModel, points: Any, *, outside: str = "refuse") -> Any:
-    """Answer a table of points: a data set with the dimensions ``point`` and ``condition``.
+    """Answer a table of points in a data set with the dimensions ``point`` and ``condition``.
 
     Args:
         model, points, outside: see :func:`to_pandas`.
@@ -70,7 +70,7 @@ def to_xarray(model: AnsweringModel, points: Any, *, outside: str = "refuse") ->
 
 
 def _table(points: Any, names: tuple[str, ...]) -> np.ndarray:
-    """Points as an array, columns taken by name where they have names."""
+    """Points as an array; columns with names are selected by name."""
     if not hasattr(points, "keys"):
         return np.asarray(points, dtype=float)
     return np.column_stack([np.asarray(points[name], dtype=float) for name in names])

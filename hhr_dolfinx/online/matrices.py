@@ -1,4 +1,4 @@
-"""Contact problems of other programs: condensed from their matrices, without DOLFINx, PETSc and a mesh."""
+"""Condensation of contact problems of other programs from their matrices, without DOLFINx, PETSc or a mesh."""
 
 from __future__ import annotations
 
@@ -24,11 +24,11 @@ from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace, as_tuple, is_number
 
 STARTS = 64
-"""Points at which statuses are solved for beforehand."""
+"""Points at which initial statuses are computed."""
 PIVOT = 1e-14
-"""Part of an entry of the diagonal that elimination leaves of it in a matrix that is singular to round-off."""
+"""Largest ratio of a pivot to its diagonal entry in a matrix that is singular to round-off."""
 SYMMETRIC = 1e-10
-"""Part of its largest entry by which a stiffness may differ from its transpose: ten digits, as files have them."""
+"""Largest difference of a stiffness from its transpose over its largest entry: ten digits, as files have them."""
 
 
 def condense_matrices(
@@ -44,28 +44,28 @@ def condense_matrices(
     displacement_outputs: Mapping[str, Any] | None = None,
     force_outputs: Mapping[str, Any] | None = None,
 ) -> CondensedModel:
-    """Condense  K u + B^T λ = F(μ),  B u <= g(μ),  λ >= 0,  λ·(B u - g) = 0,  thesis (1.21), whose matrices are given.
+    """Condense  K u + B^T λ = F(μ),  B u <= g(μ),  λ >= 0,  λ·(B u - g) = 0,  thesis (1.21), from its matrices.
 
     K is constant and without imposed dofs; loads and gaps are sums of columns times amplitudes,
 
         F(μ) = sum_t a_t(μ) F_t,    g(μ) = sum_t a_t(μ) g_t.
 
-    The model answers as one of ``hhr.condense`` does: exactly, in tables and files, in C, and to other programs.
+    The model has the interfaces of one of ``hhr.condense``: exact answers, tables, files, C, and other programs.
 
     Args:
-        parameters: their box.
-        stiffness: K, (N, N), symmetric and positive definite; sparse, or what SciPy makes sparse.
+        parameters: box of the parameters.
+        stiffness: K, (N, N), symmetric and positive definite; sparse, or convertible by SciPy.
         contact: B, (m, N), one row for each condition, pointing from the first body to the second.
         loads: F_t, (N, T).
         gaps: g_t, (m, T).
         amplitudes: a_t, (T,): formulas of the parameters as texts, numbers, or amplitudes.
-        areas: of the conditions, (m,); with them the largest pressure is an output, ``peak``.
+        areas: areas of the conditions, (m,), for the largest pressure as an output, ``peak``.
         pairs: number of the contact pair of each condition, (m,); None for a single pair.
         displacement_outputs: rows of the displacement, (N,) each, by name.
         force_outputs: weights of the contact forces, (m,) each, by name.
 
     Raises:
-        SceneError: for arrays that do not fit together or are not finite, and amplitudes that are none.
+        SceneError: for arrays of inconsistent shapes or with non-finite values, and for invalid amplitudes.
         NotSolvableError: for a stiffness that is not positive definite, or rows of contact that depend on each other.
     """
     if not isinstance(parameters, ParameterSpace):
@@ -90,7 +90,7 @@ def condense_matrices(
 
 
 def _started(parameters: ParameterSpace, eliminated: ConstantElimination, fields: Any, pairs: Any) -> CondensedModel:
-    """The model, which starts from statuses that it has found without any."""
+    """Make the model, with initial statuses from solutions without any."""
     nothing = KnownStatuses(parameters.middle[None], np.zeros((1, fields.conditions), dtype=bool))
     model = CondensedModel(parameters, eliminated, nothing, fields, pairs)
     points = parameters.random(STARTS, 0)
@@ -99,7 +99,7 @@ def _started(parameters: ParameterSpace, eliminated: ConstantElimination, fields
 
 
 def _matrix(name: str, given: Any) -> csc_matrix:
-    """A sparse matrix of real numbers; whatever SciPy makes one of."""
+    """A sparse matrix of real numbers, from anything that SciPy can convert."""
     try:
         found = csc_matrix(given)
         if np.ndim(given) not in (0, 2) or given is None or found.dtype.kind not in "fiub":
@@ -110,7 +110,7 @@ def _matrix(name: str, given: Any) -> csc_matrix:
 
 
 def _pairs(given: Any, conditions: int) -> np.ndarray:
-    """Numbers of contact pairs, whole and not negative, (m,)."""
+    """Numbers of contact pairs, checked to be integers from 0 on, (m,)."""
     found = _array("pairs", given, (conditions,))
     if (found != np.floor(found)).any() or found.min() < 0 or found.max() >= conditions:
         raise SceneError(f"pairs must be whole numbers from 0 on, one for each condition, and less than {conditions}")
@@ -118,7 +118,7 @@ def _pairs(given: Any, conditions: int) -> np.ndarray:
 
 
 def _array(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
-    """An array of a shape, finite."""
+    """An array, checked to have a shape and finite values."""
     try:
         plain = np.asarray(given.toarray() if issparse(given) else given)
         if plain.dtype.kind == "c":
@@ -134,7 +134,7 @@ def _array(name: str, given: Any, shape: tuple[int, ...]) -> np.ndarray:
 
 
 def _check(stiffness: csc_matrix, contact: csc_matrix) -> None:
-    """Raise SceneError for matrices that do not fit together."""
+    """Raise SceneError for matrices of inconsistent shapes, non-finite values, or a stiffness that is not symmetric."""
     conditions, size = contact.shape
     if stiffness.shape != (size, size):
         raise SceneError(f"the stiffness is {stiffness.shape} and contact {contact.shape}: they are of {size} dofs")
@@ -151,7 +151,7 @@ def _check(stiffness: csc_matrix, contact: csc_matrix) -> None:
 def _terms(
     parameters: ParameterSpace, amplitudes: Sequence[Any], loads: Any, gaps: Any, sizes: tuple[int, int]
 ) -> tuple[Amplitudes, np.ndarray, np.ndarray]:
-    """Amplitudes as a model has them, and columns of loads and gaps in their order, behind those of the amplitude 1."""
+    """Amplitudes in the order of a model, and columns of loads and gaps in this order, after those of amplitude 1."""
     theta, order = _collected(amplitudes, parameters)
     of_loads, of_gaps = (
         np.pad(_array(name, given, (size, len(amplitudes)))[:, order], ((0, 0), (1, 0)))
@@ -161,12 +161,12 @@ def _terms(
 
 
 def _collected(amplitudes: Sequence[Any], parameters: ParameterSpace) -> tuple[Amplitudes, list[int]]:
-    """Amplitudes as a model has them, affine ones first, and which term each of them was."""
+    """Amplitudes in the order of a model, affine ones first, and the number of the given term of each."""
     made = []
     for item in as_tuple("amplitudes", amplitudes):
         one = Amplitude(float(item)) if is_number(item) else Formula(item) if isinstance(item, str) else item
         if not isinstance(one, Amplitude | Formula):
-            raise SceneError(f"an amplitude must be a text, a number or an Amplitude, and {item!r} is none")
+            raise SceneError(f"an amplitude must be a text, a number or an Amplitude, not {item!r}")
         made.append(bound(one, parameters))
         if isinstance(made[-1], Scalar):
             remedy = "it must be finite everywhere in the box: change the formula, or narrow the box"
@@ -176,7 +176,7 @@ def _collected(amplitudes: Sequence[Any], parameters: ParameterSpace) -> tuple[A
 
 
 def _factored(stiffness: csc_matrix) -> SuperLU:
-    """Factors of K, which show whether it is positive definite: no pivots are exchanged."""
+    """Factors of K without pivoting, which show that it is positive definite; else raise NotSolvableError."""
     try:
         factor = splu(stiffness, permc_spec="MMD_AT_PLUS_A", diag_pivot_thresh=0.0, options={"SymmetricMode": True})
     except RuntimeError:  # a column of zeros
@@ -189,7 +189,7 @@ def _factored(stiffness: csc_matrix) -> SuperLU:
 
 
 def _is_definite(stiffness: csc_matrix, factor: SuperLU) -> bool:
-    """Whether no row was exchanged, as one with a pivot of zero is, and all pivots are more than round-off."""
+    """True if no row was exchanged, as happens for a zero pivot, and all pivots are above round-off."""
     sizes = np.empty(stiffness.shape[0])
     sizes[factor.perm_c] = stiffness.diagonal()
     exchanged = (factor.perm_r != factor.perm_c).any()
@@ -197,7 +197,7 @@ def _is_definite(stiffness: csc_matrix, factor: SuperLU) -> bool:
 
 
 def _check_definite(schur: np.ndarray) -> None:
-    """Raise NotSolvableError where rows of B depend on each other."""
+    """Raise NotSolvableError if rows of B depend on each other."""
     sizes = np.sqrt(np.diag(schur))
     try:
         linalg.cholesky(schur / np.outer(sizes, sizes) if (sizes > 0).all() else schur)
@@ -208,7 +208,7 @@ def _check_definite(schur: np.ndarray) -> None:
 
 
 def _outputs(size: int, conditions: int, areas: Any, displacements: Any, forces: Any) -> tuple[Functional, ...]:
-    """Outputs by name."""
+    """Outputs from the given arrays, each with its name."""
     displacements = {} if displacements is None else displacements
     forces = {} if forces is None else forces
     for given in (displacements, forces):

@@ -1,19 +1,19 @@
 """Reduced and condensed models on disk: plain arrays and numbers with a version and a checksum, nothing to execute.
 
-One format holds all kinds of models: a tree of values in the header, and arrays by their places in this tree, see
-:mod:`hhr_dolfinx.plain`. What a class declares of its fields is what a file must hold of them.
+One format holds all kinds of models: a tree of values in the header, and arrays by their paths in this tree, see
+:mod:`hhr_dolfinx.plain`. The declarations of the fields of a class are the checks of a file.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 from contextlib import suppress
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.errors import (
     FileContentError,
     HHRError,
@@ -29,11 +29,11 @@ from hhr_dolfinx.plain import add_kind, as_plain, by_name, restored
 from hhr_dolfinx.warn import ignored, warn
 
 FORMAT = "hhr_dolfinx model"
-VERSION = 6
+VERSION = 7
 NAMES = ("model", "hhr", "condensed", "local", "study")
 """Names under which commands leave models in a folder."""
 TABLES = (".csv", ".parquet")
-"""Endings of tables, which people give in the place of a model."""
+"""Endings of tables, which users give instead of a model by mistake."""
 
 MODULES = {
     "amplitudes": "Amplitudes Coverage Limits",
@@ -42,9 +42,8 @@ MODULES = {
     "materials.laws": "Norton Plasticity",
     "materials.strain": "StrainOperator",
     "materials.update": "Group Material",
-    "models.bounds.error_bound": "ErrorBound FieldResponse ResponseBound",
-    "models.bounds.floating_bound": "FloatingBound FloatingResponse",
-    "models.bounds.output_bound": "OutputBound",
+    "models.bounds.difference": "ExactDifference",
+    "models.bounds.output_difference": "OutputDifference",
     "models.bounds.varying_bound": "PartEnergy VaryingBound",
     "models.condensed": "CondensedModel",
     "models.eliminations.block": "BlockElimination",
@@ -56,6 +55,7 @@ MODULES = {
     "models.eliminations.projected": "ReducedProblem ReducedTerms",
     "models.eliminations.shaped": "InterpolatedProblem ReshapedElimination",
     "models.exact": "ExactFields SolvedFields",
+    "models.field_response": "FieldResponse",
     "models.frictional_fields": "FrictionalFields",
     "models.functionals.cells": "CellRule Middles MovingCells",
     "models.functionals.friction": "Remembered StatusArea",
@@ -66,7 +66,6 @@ MODULES = {
     "models.histories.condensed_flow": "CondensedFlow CondensedFlowModel",
     "models.histories.reduced_flow": "ReducedFlow",
     "models.histories.repairing": "SlidingPair",
-    "models.local": "Choice LocalModels",
     "models.reconstruct": "FlowFields GappyField Reconstruction",
     "models.reduced": "ReducedModel",
     "models.sliding_model": "SlidingModel",
@@ -81,51 +80,59 @@ MODULES = {
     "shapes": "Shape",
     "trained": "TrainedPaths TrainedRange",
 }
-"""Classes of this package that may come out of a file, by the modules that hold them; each is loaded when it does."""
+"""Classes of the core that a file may contain, by their modules; a module is imported when a file needs it."""
+PLACES = {name: f"hhr_dolfinx.{module}:{name}" for module, names in MODULES.items() for name in names.split()}
+"""Their places by name."""
 
 
 class Kinds(Mapping[str, type]):
-    """Classes that may come out of a file: those of :data:`MODULES`, and a user's own.
+    """Classes that a file may contain: of the core and of plug-ins, and user-defined ones.
 
     Raises:
-        ModelFileError: for classes of one name, which no file could tell apart.
+        ModelFileError: for classes of the same name, which a file cannot distinguish.
     """
 
     def __init__(self, known: Iterable[type] = ()):
-        self._places = {name: module for module, names in MODULES.items() for name in names.split()}
         self._loaded: dict[str, type] = {}
         for kind in by_name(known).values():
-            if kind.__name__ in self._places:
-                add_kind(self._loaded, self[kind.__name__])
+            if (place := self._place(kind.__name__)) is not None:
+                add_kind(self._loaded, registry.load(place))
             add_kind(self._loaded, kind)
+
+    @staticmethod
+    def _place(name: str) -> str | None:
+        """Place of a class; plug-ins are looked through for what the core does not have."""
+        return PLACES.get(name) or registry.named("classes").get(name)
 
     def __getitem__(self, name: str) -> type:
         if name not in self._loaded:
-            self._loaded[name] = getattr(import_module(f"hhr_dolfinx.{self._places[name]}"), name)
+            if (place := self._place(name)) is None:
+                raise KeyError(name)
+            self._loaded[name] = registry.load(place)
         return self._loaded[name]
 
     def __contains__(self, name: object) -> bool:
-        return name in self._places or name in self._loaded
+        return name in self._loaded or (isinstance(name, str) and self._place(name) is not None)
 
     def __iter__(self) -> Iterator[str]:
-        return iter(self._places.keys() | self._loaded.keys())
+        return iter({*PLACES, *registry.named("classes"), *self._loaded})
 
     def __len__(self) -> int:
-        return len(self._places.keys() | self._loaded.keys())
+        return len(list(iter(self)))
 
 
 def save_model(path: str | Path, model: KeptModel) -> None:
-    """Write what build, condense or a training of local models return as one ``.npz`` file.
+    """Write a model, the result of build, condense or a training of local models, as one ``.npz`` file.
 
-    An existing file is replaced only by a complete one. What needs the mesh or is code stays behind: the stress of
-    elastic bodies, an indicator, the record of how the model was made. Laws and amplitudes of a user's own must be
-    frozen dataclasses of numbers, see :mod:`hhr_dolfinx.plain`.
+    An existing file is replaced only by a complete one. The file omits the parts that need the mesh or are code: the
+    stress of elastic bodies, an indicator, the record of how the model was made. User-defined laws and amplitudes must
+    be frozen dataclasses of numbers, see :mod:`hhr_dolfinx.plain`.
 
     Raises:
-        NotOfferedError: for a model that needs a mesh, or what is no model.
+        NotOfferedError: for a model that needs a mesh, or an object that is no model.
         FileError: if the file cannot be written.
-        ModelFileError: if the model itself could not be read back: numbers that are not finite, shapes that do
-            not fit, laws that are no data.
+        ModelFileError: if the model could not be read back: non-finite numbers, inconsistent shapes, or laws that are
+            not data.
 
     Warns:
         ModelFileWarning: if the model has an indicator.
@@ -150,12 +157,11 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
 
     Args:
         path: the file.
-        known: classes of a user's own laws, amplitudes and outputs that may come out of the file; none else is looked
-            up.
+        known: user-defined classes of laws, amplitudes and outputs that the file may contain; no others are looked up.
 
     Raises:
         ModelFileError: if the file is missing, no model, of another version, or damaged, or holds an unknown class.
-        MissingPackageError: for a model of bodies that flow, where what compiles their loops is missing.
+        MissingPackageError: for a model of inelastic bodies, if the compiler of their loops is missing.
     """
     if isinstance(known, type | str) or not isinstance(known, Iterable):
         raise ModelFileError(f"known = {known!r} must be a list of classes, load_model(path, known=[MyLaw])")
@@ -179,7 +185,7 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
         if not isinstance(model, KeptModel):
             raise FileContentError(f"a {type(model).__name__} is no model")
         check_answers(model)
-    except ModelFileError as error:  # a class that was not passed: nothing is wrong with the file
+    except ModelFileError as error:  # a class is missing in ``known``: the file itself is right
         raise ModelFileError(f"{path} cannot be read: {error}") from error
     except MissingPackageError:
         raise
@@ -189,7 +195,7 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
 
 
 def _meant(folder: Path) -> str:
-    """Models in a folder, or one below it, as a question; nothing where there are none."""
+    """Suggestion of models in a folder and its subfolders; empty without any."""
     try:
         near = sorted(path for pattern in ("*.npz", "*/*.npz") for path in folder.glob(pattern) if path.stem in NAMES)
     except OSError:
@@ -198,10 +204,10 @@ def _meant(folder: Path) -> str:
 
 
 def check_answers(model: KeptModel) -> None:
-    """Refuse a model that breaks down in the middle of its box, where it need not have an answer if bodies flow.
+    """Refuse a model that fails in the middle of its box. Models of inelastic bodies need not have an answer there.
 
     Raises:
-        FileContentError: with what happened.
+        FileContentError: with the failure.
     """
     with ignored(Warning), np.errstate(all="ignore"):
         for member in model.members:
@@ -209,15 +215,15 @@ def check_answers(model: KeptModel) -> None:
                 _try(member, member.parameters.middle)
             except HHRError:
                 raise
-            except Exception as error:  # classes of a user's own may raise anything
+            except Exception as error:  # user-defined classes may raise anything
                 why = f"{type(error).__name__}: {error}"
                 raise FileContentError(f"its parts do not go together: {why}") from error
 
 
 def _try(model: KeptModel, point: np.ndarray) -> None:
-    """Ask a model for all that its answers say at a point."""
+    """Evaluate all quantities of a model's answer at a point."""
     answer = model.solve(point, outside="ignore", raise_on_failure=False)
-    with suppress(NotOfferedError):  # of a model of forces alone
+    with suppress(NotOfferedError):  # a model of forces alone
         if answer.converged and not np.isfinite(answer.displacement()).all():
             raise FileContentError("its displacement in the middle of the box is not finite")
         answer.forces()
@@ -225,8 +231,8 @@ def _try(model: KeptModel, point: np.ndarray) -> None:
     if answer.converged and model.flows:
         _ = answer.stress(), answer.plastic_strain()
     if model.fields.functionals is not None:
-        with suppress(NotOfferedError):  # outputs of displacements, of a model that has forces alone
+        with suppress(NotOfferedError):  # outputs of displacements for a model of forces alone
             answer.outputs()
     if not model.flows:
-        with suppress(HHRError):  # statuses there may be those of a kink
+        with suppress(HHRError):  # the answer may have a kink there, and no gradient
             model.solve(point, gradient=True, outside="ignore", raise_on_failure=False)

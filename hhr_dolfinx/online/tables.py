@@ -1,7 +1,7 @@
-"""Tables of parameters in files, CSV or Parquet, and of their answers, which are written as they are found.
+"""Tables of parameters in files, CSV or Parquet, and tables of their answers, which are written block by block.
 
-A long table is answered block by block into a folder beside the target, each block a file that is whole or not there;
-whoever is killed goes on with the blocks that are missing. At the end the blocks become one file.
+The blocks of a long table are files in a folder next to the target, each complete or missing. A run that was killed
+continues with the missing blocks. At the end the blocks become one file.
 """
 
 from __future__ import annotations
@@ -23,8 +23,6 @@ from hhr_dolfinx import ranks
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileError, ParameterError
 from hhr_dolfinx.files import clear_leftovers, make_folder, replacing
-from hhr_dolfinx.models.fallback import FallbackModel
-from hhr_dolfinx.models.local import LEAF
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.online.batch import OK, Answers, Query
 from hhr_dolfinx.parameters import ParameterSpace
@@ -35,16 +33,16 @@ if TYPE_CHECKING:
 
 
 Progress = Callable[[Iterable], Iterable]
-"""Wraps an iteration, for a progress bar."""
+"""Wrapper of an iteration, for a progress bar."""
 
 PARQUET = ".parquet"
-"""Ending of tables that are no text."""
+"""Ending of binary tables."""
 MARK = "blocks of answers by hhr_dolfinx"
-"""What the file ``of.json`` in a folder of blocks holds: a folder without it is somebody else's, and is left alone."""
+"""Content of the file ``of.json`` in a folder of blocks; a folder without it has another owner and is not touched."""
 WORKBOOKS = (".xlsx", ".xls", ".xlsm", ".ods")
-"""Endings of tables that spreadsheets alone read."""
+"""Endings of tables that only spreadsheets read."""
 SHOWN = 20
-"""Bad rows whose reasons are printed; all of them stand in the table."""
+"""Largest count of bad rows whose reasons are printed; the table has all of them."""
 _STATUS = "status"
 
 
@@ -54,7 +52,7 @@ class TableRow(NamedTuple):
     Attributes:
         line: number of its line in the file, from 1; the header counts.
         cells: parameters as text, in the order of the space.
-        fault: what is wrong with the row as such, or nothing.
+        fault: fault of the row as a whole, or empty.
     """
 
     line: int
@@ -63,7 +61,7 @@ class TableRow(NamedTuple):
 
 
 def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
-    """Rows of a CSV file (UTF-8, commas) whose header names the parameters; empty lines are left out. Or of Parquet.
+    """Read the rows of a CSV file (UTF-8, commas), without empty lines, or of Parquet. The header names the parameters.
 
     Raises:
         ParameterError: if the file is missing, cannot be read, or its header does not name each parameter once.
@@ -112,22 +110,22 @@ def answer_table(
 
     Args:
         model: see :func:`~hhr_dolfinx.online.batch.answer_points`.
-        rows: of the table, the same on all ranks.
-        path: the file of the answers.
-        console: of the first rank.
-        progress: wraps the iteration over blocks, for a progress bar.
-        displacement: whether there is a column of the largest displacement of any node.
-        estimates: whether there are columns of what is known of errors.
-        forces: whether there is a column of the force of each contact condition.
-        resume: a text that is another one for another model, such as a checksum of its file: blocks that an earlier
-            run left are kept if it is the same. None begins anew.
+        rows: rows of the table, the same on all ranks.
+        path: file of the answers.
+        console: console of the first rank.
+        progress: wrapper of the iteration over blocks, for a progress bar.
+        displacement: include a column of the largest displacement of any node.
+        estimates: include columns of estimates of errors.
+        forces: include a column of the force of each contact condition.
+        resume: text that identifies the model, such as a checksum of its file: blocks of an earlier run with the same
+            text are kept. None starts from the beginning.
 
     Returns:
-        On all ranks the number of rows without an answer.
+        Number of rows without an answer, on all ranks.
 
     Raises:
         FileError: if the answers cannot be written.
-        HHRError: on all ranks, if anything but a row went wrong on another one.
+        HHRError: on all ranks, if anything but a row failed on another rank.
     """
     comm = ranks.world()
     rank, size = (0, 1) if comm is None else (comm.rank, comm.size)
@@ -138,27 +136,26 @@ def answer_table(
     with nullcontext() if comm is None else ranks.each_for_itself(comm, "answering the table"):
         _, seconds = timed(lambda: blocks.answer(range(rank, len(blocks), size), progress))
     bad = list[tuple[int, str]]()
-    fallen = 0
+    sums: dict[str, float] = {}
     with nullcontext() if comm is None else ranks.each_for_itself(comm, "writing the answers"):
         if rank == 0:
-            bad, fallen = blocks.join()
+            bad, sums = blocks.join()
     count = len(bad) if comm is None else comm.bcast(len(bad))
     if rank == 0:
-        by_full = f" ({fallen} by the full model)" if isinstance(model, FallbackModel) else ""
-        good = f"{len(rows) - len(bad)} answers{by_full}"
+        good = f"{len(rows) - len(bad)} answers{model.summed_up(sums)}"
         console.print(f"{good} and {len(bad)} bad rows on {size} ranks in {seconds:.1f} s: {path}", markup=False)
-        _tell_bad(console, rows, bad)
+        _print_bad(console, rows, bad)
     return count
 
 
 @dataclass(frozen=True)
 class _Blocks:
-    """The blocks of a table on their way from rows to one file.
+    """Blocks of a table, each answered into a file, and joined to one file at the end.
 
     Attributes:
-        query: what answers.
-        rows: of the table.
-        path: the file of the answers.
+        query: evaluation of the blocks.
+        rows: rows of the table.
+        path: file of the answers.
         resume, forces: see :func:`answer_table`.
     """
 
@@ -178,27 +175,27 @@ class _Blocks:
 
     @property
     def folder(self) -> Path:
-        """Of the blocks, beside the target."""
+        """Folder of the blocks, next to the target."""
         return self.path.with_name(f"{self.path.name}.parts")
 
     @property
     def _mark(self) -> Path:
-        """The file that says whose blocks these are."""
+        """File that identifies the table and model of the blocks."""
         return self.folder / "of.json"
 
     def _digest(self) -> str:
-        """Changes where the answers would."""
+        """Digest of everything on which the answers depend."""
         columns = self.query.displacement, self.query.estimates, self.forces
-        told = hashlib.sha256(repr((self.resume, *columns, self.query.outside, self.size)).encode())
+        digest = hashlib.sha256(repr((self.resume, *columns, self.query.outside, self.size)).encode())
         for row in self.rows:
-            told.update(repr(row).encode())
-        return told.hexdigest()
+            digest.update(repr(row).encode())
+        return digest.hexdigest()
 
     def prepare(self) -> None:
         """Make the folder, and empty it if its blocks are those of another table or model.
 
         Raises:
-            FileError: if the folder is not one of blocks, or cannot be made.
+            FileError: if the folder has other files, or cannot be made.
         """
         mark = {MARK: self._digest()}
         found = self._marked()
@@ -212,7 +209,7 @@ class _Blocks:
                 json.dump(mark, file)
 
     def _marked(self) -> dict[str, Any] | None:
-        """The mark of the folder; None of a folder that is not one of blocks, or is not there."""
+        """The mark of the folder; None if it is missing or not a folder of blocks."""
         try:
             found = json.loads(self._mark.read_text(encoding="utf-8"))
         except (OSError, ValueError, RecursionError):
@@ -220,10 +217,10 @@ class _Blocks:
         return found if isinstance(found, dict) and found.keys() == {MARK} else None
 
     def _refuse_others(self) -> None:
-        """Refuse a folder with files that are not ours; an empty one is as good as none.
+        """Refuse a folder with other files; an empty one is accepted.
 
         Raises:
-            FileError: for such a folder.
+            FileError: for a folder with other files.
         """
         if not self.folder.is_dir():
             return
@@ -236,7 +233,7 @@ class _Blocks:
             )
 
     def _clear(self) -> None:
-        """Remove the blocks, and the folder if there is nothing else in it; the mark last, as a run may be killed."""
+        """Remove the blocks, then the mark, as a run may be killed, and the folder if nothing else is in it."""
         clear_leftovers(self.folder)
         own = re.compile(rf"[0-9]{{6,}}(\.json|{re.escape(self.path.suffix)})")
         for path in self.folder.iterdir():
@@ -250,7 +247,7 @@ class _Blocks:
         return self.folder / f"{number:06d}{ending}"
 
     def _is_whole(self, number: int) -> bool:
-        """Whether a block is there as it was written; one that was damaged since is answered again."""
+        """True if a block is complete and undamaged; other blocks are answered again."""
         try:
             return json.loads(self._file(number, ".json").read_text())[2] == checksum(
                 self._file(number, self.path.suffix)
@@ -259,28 +256,28 @@ class _Blocks:
             return False
 
     def answer(self, numbers: Iterable[int], progress: Progress) -> None:
-        """Answer the blocks of some numbers that are not there yet."""
+        """Answer those of some blocks, by number, that are missing."""
         space = self.query.model.parameters
         for number in progress([number for number in numbers if not self._is_whole(number)]):
             rows = self.rows[number * self.size : (number + 1) * self.size]
             parsed = [_numbers(row, space) for row in rows]
             points = np.array([point for point, _ in parsed]).reshape(len(rows), len(space.names))
             answers = self.query(points)
-            # a cell that is no number has a reason of its own
+            # the fault of a cell that is no number replaces the status of the model
             status = [fault or found for (_, fault), found in zip(parsed, answers.status, strict=True)]
             answers = answers._replace(status=status)
             given = [row.cells for row in rows]
             write_answers(self._file(number, self.path.suffix), space, answers, given, forces=self.forces)
             bad = [(number * self.size + k, why) for k, why in enumerate(status) if why != OK]
-            fallen = 0 if answers.fell_back is None else int(answers.fell_back.sum())
+            sums = {head: float(np.nansum(values)) for head, values in answers.columns.items()}
             with replacing(self._file(number, ".json"), text=True) as file:
-                json.dump([bad, fallen, checksum(self._file(number, self.path.suffix))], file)
+                json.dump([bad, sums, checksum(self._file(number, self.path.suffix))], file)
 
-    def join(self) -> tuple[list[tuple[int, str]], int]:
+    def join(self) -> tuple[list[tuple[int, str]], dict[str, float]]:
         """Make one file of all blocks and remove the blocks.
 
         Returns:
-            Numbers of the bad rows with their reasons, and how many the full model answered.
+            Numbers of the bad rows with their reasons, and the sums of further columns of the model by head.
         """
         parts = [self._file(number, self.path.suffix) for number in range(len(self))]
         if self.path.suffix == PARQUET:
@@ -292,13 +289,15 @@ class _Blocks:
                         head = source.readline()
                         target.write(head if number == 0 else "")
                         shutil.copyfileobj(source, target)
-        told = [json.loads(self._file(number, ".json").read_text()) for number in range(len(self))]
+        reports = [json.loads(self._file(number, ".json").read_text()) for number in range(len(self))]
         self._clear()
-        return [(row, why) for bad, *_ in told for row, why in bad], sum(fallen for _, fallen, _ in told)
+        heads = reports[0][1] if reports else {}
+        sums = {head: sum(own[head] for _, own, _ in reports) for head in heads}
+        return [(row, why) for bad, *_ in reports for row, why in bad], sums
 
 
-def _tell_bad(console: Console, rows: Sequence[TableRow], bad: list[tuple[int, str]]) -> None:
-    """Why the first bad rows have no answer."""
+def _print_bad(console: Console, rows: Sequence[TableRow], bad: list[tuple[int, str]]) -> None:
+    """Print the reasons why the first bad rows have no answer."""
     for number, why in bad[:SHOWN]:
         row = rows[number]
         console.print(f"line {row.line} ({', '.join(row.cells)}): {why}", highlight=False, markup=False)
@@ -314,14 +313,14 @@ def write_answers(
     *,
     forces: bool = True,
 ) -> int:
-    """Write answers as CSV with a header, or as Parquet; returns the number of rows that have none.
+    """Write answers as CSV with a header, or as Parquet; return the number of rows without an answer.
 
     Args:
-        path: the file.
-        space: whose names head the columns of the parameters.
-        answers: those of :func:`~hhr_dolfinx.online.batch.answer_points`.
-        cells: the parameters as they were given, as text; None writes the numbers.
-        forces: whether there is a column of the force of each contact condition.
+        path: file to write.
+        space: parameters, whose names head their columns.
+        answers: answers of :func:`~hhr_dolfinx.online.batch.answer_points`.
+        cells: given text of the parameters; None writes the numbers.
+        forces: include a column of the force of each contact condition.
 
     Raises:
         FileError: if the file cannot be written.
@@ -343,25 +342,22 @@ def write_answers(
 
 
 def columns_of(answers: Answers, forces: bool = True) -> dict[str, np.ndarray]:
-    """Numbers of all rows by the heads of their columns, in their order."""
+    """Values of all rows by the heads of their columns, in the order of the columns."""
     columns = {} if answers.largest_displacement is None else {"largest_displacement": answers.largest_displacement}
     columns["total_force"] = answers.forces.sum(axis=1) if answers.total_force is None else answers.total_force
     columns |= {**answers.outputs, **answers.estimates}
-    if answers.fell_back is not None:
-        columns["fell_back"] = answers.fell_back.astype(float)
-    if answers.model is not None:
-        columns["model"] = np.where(answers.model == LEAF, np.nan, answers.model)
+    columns |= answers.columns
     return columns | {f"force_{k}": force for k, force in enumerate(answers.forces.T) if forces}
 
 
 def _texts(line: str, values: np.ndarray) -> list[str]:
-    """Numbers with 12 digits, which different orders of summation leave alone; nothing for what is not known."""
+    """Numbers with 12 digits, which do not depend on the order of summation; empty for NaN."""
     texts = (line % tuple(values.tolist())).split(",") if len(values) else []
     return texts if np.isfinite(values).all() else ["" if text == "nan" else text for text in texts]
 
 
 def _row(line: int, cells: list[str], columns: list[int], width: int) -> TableRow:
-    """A row in the order of the parameters; cells behind the last may be decimal commas, which must not pass."""
+    """A row in the order of the parameters; extra cells are a fault, since they may come from decimal commas."""
     count = f"{len(cells)} cells where the header has {width}: numbers have a decimal point, as commas separate columns"
     fault = count if any(cells[width:]) else ""
     padded = cells + [""] * width
@@ -369,7 +365,7 @@ def _row(line: int, cells: list[str], columns: list[int], width: int) -> TableRo
 
 
 def _numbers(row: TableRow, space: ParameterSpace) -> tuple[list[float], str]:
-    """The point of a row, and what is wrong with its text; no point, NaN, where anything is."""
+    """Point of a row, and the fault of its text; a row with a fault has NaN."""
     nothing: list[float] = [np.nan] * len(space.names)
     if row.fault:
         return nothing, row.fault
@@ -384,16 +380,16 @@ def _numbers(row: TableRow, space: ParameterSpace) -> tuple[list[float], str]:
 
 
 def checksum(path: str | Path) -> str:
-    """Of a file, by which another one is told."""
+    """Checksum of a file, SHA-256."""
     with open(path, "rb") as file:
         return hashlib.file_digest(file, "sha256").hexdigest()
 
 
 def read_columns(path: Path, names: tuple[str, ...]) -> list[list[str]]:
-    """Rows of the columns of some names, as text that says each number to the last digit; missing ones are empty.
+    """Read the rows of some columns of a Parquet file as text with all digits; missing values are empty.
 
     Raises:
-        ParameterError: if the file cannot be read, or has not these columns.
+        ParameterError: if the file cannot be read, or lacks one of the columns.
     """
     with extra("tables", f"the table {path}"):
         from pyarrow import ArrowException, parquet
@@ -413,7 +409,7 @@ def read_columns(path: Path, names: tuple[str, ...]) -> list[list[str]]:
 
 
 def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
-    """Write columns by name; what is not a number is left empty.
+    """Write columns by name to a Parquet file; NaN becomes an empty value.
 
     Raises:
         FileError: if the file cannot be written.
@@ -430,7 +426,7 @@ def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
 
 
 def join_tables(path: Path, parts: Sequence[Path]) -> None:
-    """One file of several with the same columns, in their order; each is in memory by itself.
+    """Join Parquet files with the same columns in their order, with one of them in memory at a time.
 
     Raises:
         FileError: if the file cannot be written.
@@ -441,7 +437,7 @@ def join_tables(path: Path, parts: Sequence[Path]) -> None:
         writer = None
         for part in parts:
             table = parquet.read_table(part)
-            # a column of a block without a single number has no type of its own
+            # a column without any number in a block has no type
             writer = writer or parquet.ParquetWriter(file, table.schema)
             writer.write_table(table.cast(writer.schema))
         if writer is not None:

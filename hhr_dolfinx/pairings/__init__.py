@@ -1,6 +1,6 @@
 """Pairings: from tagged surfaces to contact rows, one module each, thesis sections 1.2.4 and 5.1.
 
-A pairing is an object with two members, and a user's own is as good as those here:
+A pairing is an object with two members; user-defined ones work like those here:
 
 * ``tags``: facet tags of the surfaces it needs;
 * ``rows(surfaces, dofs)``: the :class:`ContactRows` of these surfaces, given as :class:`Surface` in the order of the
@@ -8,10 +8,9 @@ A pairing is an object with two members, and a user's own is as good as those he
 
 ``obstacle.py`` is the shortest one, and ``surface.py`` has what all of them need: :func:`nodal_rows` hides how dofs are
 numbered, :func:`tangential_order` puts rows in an order that does not depend on node numbers, and
-:func:`warn_of_overlap` says where bodies overlap deeply. Rows keep the length of a unit normal: it is the scale of
-forces. The nodes that a row touches are the columns of its entries; the cells it touches follow from the nodes.
-Nothing downstream knows which pairing made a row. Pairings see gathered arrays, so that every MPI rank
-builds the same rows in the same order.
+:func:`warn_of_overlap` reports deep overlaps. Rows keep the length of a unit normal: it is the scale of forces. The
+columns of a row's entries are its nodes; its cells follow from the nodes. Code that uses rows does not depend on the
+pairing that made them. Pairings receive gathered arrays, so that every MPI rank builds the same rows in the same order.
 """
 
 from __future__ import annotations
@@ -29,7 +28,7 @@ __all__ = [
 
 
 class Pairing(Protocol):
-    """What a scene expects of a contact pair."""
+    """Interface of a contact pair in a scene."""
 
     @property
     def tags(self) -> tuple[Tag, ...]:
@@ -38,6 +37,9 @@ class Pairing(Protocol):
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
         """Contact rows of the surfaces, with ``dofs`` columns.
 
-        It raises SceneError where surfaces do not face each other, and gives PairingWarnings: of nodes beyond the edge
-        of the other surface, which get no condition, and of bodies that overlap by more than a cell.
+        PairingWarnings report nodes beyond the edge of the other surface, which get no condition, and bodies that
+        overlap by more than a cell.
+
+        Raises:
+            SceneError: if the surfaces do not face each other.
         """

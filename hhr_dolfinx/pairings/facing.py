@@ -1,6 +1,6 @@
-"""Partners of the nodes of one surface on another: the closest points of facets that look against one of their sides.
+"""Partners of the nodes of one surface on another: the closest points on facets that look against one of their sides.
 
-The facet that is nearest to a node on an edge may be one that looks the same way.
+The nearest facet alone would not do: for a node on an edge it may look the same way as the node.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from hhr_dolfinx.pairings.sides import looking, sides_of
 from hhr_dolfinx.pairings.surface import FACING, Surface, normalised
 
 AT_ONCE = 2_000_000
-"""Pairs of a node and a facet that are looked at together: 16 MB for each array, a few times that of sides."""
+"""Pairs of a node and a facet in one batch: 16 MB for each array, a few times that for sides."""
 BEYOND = 1e-6
 """Part of a facet by which a slave node may lie beyond the edge of the master surface: round-off of meshers."""
 
@@ -24,12 +24,12 @@ class Opposed(NamedTuple):
     """Partners of the nodes of one surface on another (n nodes).
 
     Attributes:
-        closest: closest points of the facets that look against a side of the node, or of any where there is none.
+        closest: closest points on the facets that look against a side of the node; on any facet if none does.
         normals: unit normals from the node to its partner, smoothed over the facets of the other surface, (n, dim).
-        facing: nodes of which a side looks along its normal, (n,) bool.
+        facing: nodes with a side that looks along the normal, (n,) bool.
         behind: nodes that lie behind their partner, deeper than a cell, as back sides do, (n,) bool.
         beyond: nodes that lie beyond the edge on which their partner lies, and not below or above it, (n,) bool.
-        overhanging: those of them that look at the other body, past its edge, (n,) bool.
+        overhanging: nodes beyond the edge that look at the other body, past its edge, (n,) bool.
         depth: overlap of each node with its partner, negative of a gap, (n,).
     """
 
@@ -43,12 +43,12 @@ class Opposed(NamedTuple):
 
     @property
     def meets(self) -> np.ndarray:
-        """Nodes that face their partner, and can meet it, (n,) bool."""
+        """Nodes that face their partner and can touch it, (n,) bool."""
         return self.facing & ~self.behind & ~self.beyond
 
 
 def opposed(slave: Surface, master: Surface, overlap: float) -> Opposed:
-    """The closest points of the master for the slave nodes, on facets that look against a side of the node.
+    """Find the closest points of the slave nodes on master facets that look against a side of the node.
 
     Args:
         slave, master: surfaces.
@@ -63,22 +63,22 @@ def opposed(slave: Surface, master: Surface, overlap: float) -> Opposed:
         normals = _towards(master, closest)
         facing = looking(slave, normals, FACING)[0]
     depth = np.einsum("md,md->m", closest.offsets, normals)
-    # a back side lies behind by the thickness of both bodies, and no body is thinner than a cell
+    # a back side lies behind its partner by the thickness of both bodies, and no body is thinner than a cell
     deepest = np.maximum(slave.node_depths(), master.depths[closest.facets]) * (1 - ROUND_OFF)
     behind = depth > deepest + overlap
     beyond = _beyond(master, closest)
     overhanging = facing & ~behind & beyond
-    # back sides of bodies of one cell are no deeper than a cell, but farther behind than beyond the edge
+    # back sides of bodies of one cell are no deeper than a cell, but farther behind the partner than beyond the edge
     deeper = depth[others] > FACING * np.linalg.norm(closest.offsets[others], axis=1)
     overhanging[others[deeper]] = False
     return Opposed(closest, normals, facing, behind, beyond, overhanging, depth)
 
 
 def _beyond(master: Surface, closest: ClosestPoints) -> np.ndarray:
-    """Whether points lie beyond an edge of the master, where the closest point is not below them, (m,) bool.
+    """Points that lie beyond an edge of the master, so that the closest point is not below them, (m,) bool.
 
-    On a curved surface facets are turned against the true normal, by no more than twice what the averages over
-    neighbours are.
+    On a curved surface the normal of a facet differs from the true one, by at most twice the angle to the averages over
+    its neighbours.
     """
     outward = master.outward[closest.facets]
     height = np.einsum("md,md->m", closest.offsets, outward)
@@ -94,12 +94,12 @@ def _towards(master: Surface, closest: ClosestPoints) -> np.ndarray:
 
 
 def _of_opposed(slave: Surface, master: Surface, nodes: np.ndarray, closest: ClosestPoints) -> ClosestPoints:
-    """Closest points for some nodes, (l,), on facets that look against one of their sides; as they are without any."""
+    """Closest points for some nodes, (l,), on facets that look against one of their sides; unchanged without any."""
     sides, of_node = sides_of(slave, nodes)
     middles = master.corners.mean(axis=1)
     reach = np.linalg.norm(master.corners - middles[:, None], axis=2).max(axis=1)
     found = ClosestPoints(*(part.copy() for part in closest))
-    # sides of one node stay together
+    # all sides of a node are in one batch
     count = max(1, AT_ONCE // len(middles))
     for first in range(0, nodes.size, count):
         some = nodes[first : first + count]
@@ -107,7 +107,7 @@ def _of_opposed(slave: Surface, master: Surface, nodes: np.ndarray, closest: Clo
         starts = np.searchsorted(of_node[own] - first, np.arange(some.size))
         against = np.logical_or.reduceat(sides[own] @ master.outward.T < -FACING, starts, axis=0)
         distance = np.where(against, cdist(slave.points[some], middles), np.inf)
-        # no facet is nearer than its middle less its radius, and the nearest is no farther than a middle
+        # a facet is at least as far as its middle less its radius, and the nearest one at most as far as a middle
         bound = distance.min(axis=1)
         point, facet = np.nonzero(against & (distance - reach <= bound[:, None] * (1 + ROUND_OFF)))
         having = np.unique(point)

@@ -1,9 +1,9 @@
 """Mortar contact on non-matching meshes: weighted gaps integrated over the common parts of both meshes.
 
-Beyond the thesis, which stays with nodes (chapter 5): a constant pressure passes through any pair of meshes, the
-patch test that node-to-surface fails. After B. Wohlmuth, "A mortar finite element method using dual spaces for the
-Lagrange multiplier" (SIAM J. Numer. Anal. 38, 2000), and T. Cichosz and M. Bischoff, "Consistent treatment of
-boundaries with mortar contact formulations using dual Lagrange multipliers" (CMAME 200, 2011).
+The thesis has conditions of nodes only (chapter 5). Mortar contact transfers a constant pressure between any pair of
+meshes, the patch test that node-to-surface fails. Sources: B. Wohlmuth, "A mortar finite element method using dual
+spaces for the Lagrange multiplier" (SIAM J. Numer. Anal. 38, 2000), and T. Cichosz and M. Bischoff, "Consistent
+treatment of boundaries with mortar contact formulations using dual Lagrange multipliers" (CMAME 200, 2011).
 """
 
 from __future__ import annotations
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Law
 
 COVERED = 0.1
-"""Covered part of a node's area below which it has no condition: its gap would be extrapolated too far."""
+"""Covered fraction of a node's area below which it has no condition: its gap would be extrapolated too far."""
 MULTIPLIERS = ("dual", "standard")
 
 
@@ -52,9 +52,10 @@ MULTIPLIERS = ("dual", "standard")
 class Mortar:
     """Weighted non-penetration ``∫ psi_j (u_s - u_m)·n ds <= ∫ psi_j g ds``, divided by ``∫ psi_j ds``.
 
-    With that scale B is of the size of nodal rows and multipliers are nodal forces. Dual functions psi_j, which are
-    biorthogonal to the shape functions of the slave, tie each row to one slave node; standard ones are these shape
-    functions. On cells of second order both are the linear functions of their flat parts, see ``second_order``.
+    With this scale B has the size of nodal rows, and multipliers are nodal forces. Dual functions psi_j are
+    biorthogonal to the shape functions of the slave and tie each row to one slave node; standard ones are the shape
+    functions themselves. On cells of second order both are the linear functions of their flat parts, see
+    ``second_order``.
 
     Attributes:
         slave: facet tag of the surface that carries the multipliers.
@@ -96,13 +97,13 @@ class Mortar:
             warn_beyond_edge(slave, master, idle & looks)
         return rows
 
-    def rows_anew(self, surfaces: Sequence[Surface], dofs: int, overlap: float) -> ContactRows:
-        """The same of surfaces that have moved, and may overlap by a length for it."""
+    def rows_of_deformed(self, surfaces: Sequence[Surface], dofs: int, overlap: float) -> ContactRows:
+        """Rows of deformed surfaces, as :meth:`rows`; they may overlap by the length ``overlap`` beyond a cell."""
         slave, master = surfaces
         return self._rows(slave, master, self._faced(slave, master, overlap)[1], dofs)
 
     def _faced(self, slave: Surface, master: Surface, overlap: float) -> tuple[Segments, Segments]:
-        """Common parts of facets that are opposite, and those of them that can meet, because no body lies between."""
+        """Common parts of opposite facets, and the ones among them that can touch because no body lies between."""
         dim = slave.points.shape[1]
         if self.normal is None:
             directions = slave.outward
@@ -116,7 +117,7 @@ class Mortar:
             for surface in (slave, master):
                 warn_of_tilt(surface, normal)
             directions = np.tile(normal, (len(slave.facets), 1))
-            # seen along the normal the surfaces are flat, and what faces each other meets
+            # projected along the normal the surfaces are flat, and facets that face each other overlap
             flat = np.eye(dim) - np.outer(normal, normal)
             pairs = near_pairs(slave.corners @ flat, master.corners @ flat, 0.0)
         pairs = _opposite(slave, master, directions, *pairs, cosine)
@@ -144,7 +145,7 @@ class Mortar:
         else:
             normals = np.tile(unit(self.normal, slave.points.shape[1]), (n, 1))
             least = GRAZING
-        # a node on an edge is covered where the side is that looks at the master
+        # of a node on an edge only the side that looks at the master can be covered
         covered = area > COVERED * looking(slave, normals, least)[1]
         shared = None
         if slave.quadratic is not None and covered.any():
@@ -187,7 +188,7 @@ def _check_one_layer(slave: Surface, master: Surface, segments: Segments) -> Non
 def _opposite(
     slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray, cosine: float
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Those overlapping pairs whose slave looks along its direction of projection and whose master looks against it."""
+    """Overlapping pairs whose slave looks along its direction of projection and whose master looks against it."""
     opposite = np.einsum("pd,pd->p", directions[here], master.outward[there]) < -cosine
     opposite &= np.einsum("pd,pd->p", directions[here], slave.outward[here]) > cosine
     return _overlapping(slave, master, directions, here[opposite], there[opposite])
@@ -196,7 +197,7 @@ def _opposite(
 def _overlapping(
     slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Those pairs whose circles overlap when seen along the direction of the slave facet."""
+    """Pairs whose enclosing circles overlap when projected along the direction of the slave facet."""
     middles = [surface.corners.mean(axis=1) for surface in (slave, master)]
     radii = [
         np.linalg.norm(surface.corners - middle[:, None], axis=2).max(axis=1)
@@ -210,11 +211,11 @@ def _overlapping(
 
 
 def _meeting(slave: Surface, master: Surface, segments: Segments, reach: float, overlap: float) -> Segments:
-    """Leave out what is opposite and can yet not meet, because a body lies between.
+    """Drop segments of opposite facets that cannot touch, because a body lies between.
 
-    A back side lies behind by the thickness of both bodies, and a body is no thinner than a cell of it; what lies in
-    front, but behind another part of the slave's own body, is hidden by that. Bodies that have moved may ``overlap`` by
-    more than a cell.
+    A back side lies behind its partner by the thickness of both bodies, and a body is no thinner than a cell of it. A
+    facet in front is hidden if another part of the slave's body lies before it. Deformed bodies may overlap by the
+    length ``overlap`` more than a cell.
     """
     distance = _distances(slave, master, segments)
     # sides of equal blocks of one cell lie a cell behind each other, to round-off
@@ -222,14 +223,14 @@ def _meeting(slave: Surface, master: Surface, segments: Segments, reach: float, 
     behind = distance < -deepest - overlap
     if behind.all():
         raise NeverFacingError(never_facing(slave, master, beyond_overlap(-distance.min())))
-    # a body can only stand in the way where there is room for it
+    # a body can only lie between if there is room for it
     roomy = np.unique(segments.slave[distance > slave.depths[segments.slave]])
     seen = ~behind & (distance <= _own_body(slave, roomy, reach)[segments.slave])
     return Segments(*(part[seen] for part in segments))
 
 
 def _hidden(slave: Surface, segments: Segments, seen: Segments) -> np.ndarray:
-    """Slave nodes of facets of which a part is not seen, because a body lies between, (n,) bool."""
+    """Slave nodes of facets that a body between hides in part, (n,) bool."""
     count = len(slave.facets)
     parts = (np.bincount(some.slave, some.measures, count) for some in (segments, seen))
     whole, left = parts
@@ -239,7 +240,7 @@ def _hidden(slave: Surface, segments: Segments, seen: Segments) -> np.ndarray:
 
 
 def _own_body(slave: Surface, facets: np.ndarray, reach: float) -> np.ndarray:
-    """Distance along the normals of some slave facets to where their own body ends again; else infinite, (f,)."""
+    """Distance along the normals of some slave facets to the next part of the same body, else infinite, (f,)."""
     nearest = np.full(len(slave.facets), np.inf)
     if facets.size:
         here, there = near_pairs(slave.corners[facets], slave.corners, reach)
@@ -253,7 +254,7 @@ def _own_body(slave: Surface, facets: np.ndarray, reach: float) -> np.ndarray:
 
 
 def _distances(slave: Surface, master: Surface, segments: Segments) -> np.ndarray:
-    """From slave to master along the normal of the slave facet at each quadrature point, (q,)."""
+    """Distance from slave to master along the normal of the slave facet at each quadrature point, (q,)."""
     pairs, of_point = _pairs(len(master.facets), segments.slave, segments.master)
     here, there = np.divmod(pairs, len(master.facets))
     normals = slave.outward[here][:, :, None]
@@ -271,7 +272,7 @@ class _Side(NamedTuple):
 
 
 def _displaced(surface: Surface, flat: _Side) -> _Side:
-    """Functions of the displacement where those of flat facets are given: the same, or those of second order."""
+    """Functions of the displacement at the points of flat functions: the same, or those of second order."""
     if surface.quadratic is None:
         return flat
     return _Side(surface.quadratic.nodes, *surface.quadratic.functions(flat.facet, flat.values))
@@ -280,7 +281,7 @@ def _displaced(surface: Surface, flat: _Side) -> _Side:
 def _pairs(facets: int, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Pairs of facets as ``here * facets of the other surface + there``, and the pair of each point, (q,).
 
-    Points of one pair follow each other in few runs, a pair for each.
+    Points of one pair follow each other in few runs; each run counts as a pair.
     """
     keys = here * facets + there
     begins = np.flatnonzero(np.diff(keys, prepend=-1))
@@ -288,7 +289,10 @@ def _pairs(facets: int, here: np.ndarray, there: np.ndarray) -> tuple[np.ndarray
 
 
 def _facing_normals(slave: Surface, by_facet: np.ndarray) -> np.ndarray:
-    """Normals of the slave nodes, averaged over what faces the master, (f, k): at a corner the other side does not."""
+    """Normals of the slave nodes, averaged over the parts that face the master: at a corner only one side does.
+
+    ``by_facet`` holds the integrals of the multiplier functions over these parts, (f, k).
+    """
     normals = np.zeros_like(slave.points)
     np.add.at(normals, slave.facets, by_facet[:, :, None] * slave.outward[:, None, :])
     return normalised(normals)
@@ -311,7 +315,7 @@ def _dual_functions(slave: Surface, segments: Segments) -> np.ndarray:
 
 
 def _assemble(tests: _Side, tested: np.ndarray, other: _Side, shape: tuple[int, int]) -> csr_matrix:
-    """Sums of tested_j values_k over all quadrature points, of a shape (nodes, nodes of the other surface)."""
+    """Sums of tested_j values_k over all quadrature points, (nodes, nodes of the other surface)."""
     pairs, of_point = _pairs(len(other.facets), tests.facet, other.facet)
     k = tested.shape[1]
     l = other.values.shape[1]
@@ -322,12 +326,12 @@ def _assemble(tests: _Side, tested: np.ndarray, other: _Side, shape: tuple[int, 
 
 
 def _shared(shared: csr_matrix | None, assembled: csr_matrix) -> csr_matrix:
-    """What is tested by functions that were shared out, see :meth:`Surface.shared`; as it is without."""
+    """Integrals with the multiplier functions of :meth:`Surface.shared`; unchanged if none are shared out."""
     return assembled if shared is None else csr_matrix(shared @ assembled)
 
 
 def _summed(values: np.ndarray, places: np.ndarray, count: int) -> np.ndarray:
-    """Sums of the rows of values, (q, r), that have the same place, (q,): (count, r)."""
+    """Sums of the rows of ``values``, (q, r), with the same index in ``places``, (q,): (count, r)."""
     ones = np.ones(len(places))
     starts = np.arange(len(places) + 1)
     return csc_matrix((ones, places, starts), shape=(count, len(places))) @ values
@@ -336,7 +340,7 @@ def _summed(values: np.ndarray, places: np.ndarray, count: int) -> np.ndarray:
 def _along_normals(weights: csr_matrix, nodes: np.ndarray, normals: np.ndarray, dofs: int) -> csr_matrix:
     """Rows sum_k weights_jk n_j·u(nodes_k), (m, N)."""
     coo = weights.tocoo()
-    # what is left of biorthogonal functions by round-off would tie a row to more than one slave node
+    # entries that biorthogonal functions leave by round-off would tie a row to more than one slave node
     keep = np.abs(coo.data) > 1e-12
     row = coo.row[keep]
     node = nodes[coo.col[keep]]

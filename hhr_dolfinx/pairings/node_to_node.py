@@ -48,7 +48,7 @@ class NodeToNode:
         return (self.first, self.second)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row for each pair of nodes of which a side looks along n, and against it."""
+        """One row for each pair of nodes, one with a side that looks along n, the other with one against n."""
         first, second = surfaces
         normal = unit(self.normal, first.points.shape[1])
         check_facing(first, normal, along=True)
@@ -66,7 +66,7 @@ class NodeToNode:
 
 
 def _partners(first: Surface, second: Surface, own: np.ndarray, others: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """For each of some nodes of the first surface the place of that among some of the second which it faces."""
+    """Index, among ``others`` of the second surface, of the node that each of ``own`` of the first one faces."""
     along = np.eye(normal.size) - np.outer(normal, normal)
     here = first.points[own] @ along
     there = second.points[others] @ along
@@ -75,7 +75,7 @@ def _partners(first: Surface, second: Surface, own: np.ndarray, others: np.ndarr
     if len(here) != len(there) or lonely.any() or np.unique(partner).size != partner.size:
         unmatched = np.setdiff1d(np.arange(len(there)), partner)
         lost = first.points[own][lonely] if lonely.any() else second.points[others][unmatched]
-        # two nodes in front of one leave none without a partner
+        # if two nodes face the same one, none is without a partner
         place = (lost if len(lost) else first.points[own])[0].tolist()
         raise SceneError(
             f"surfaces {first.tag} ({len(here)} nodes that look along the normal) and {second.tag} ({len(there)} that "
@@ -87,7 +87,7 @@ def _partners(first: Surface, second: Surface, own: np.ndarray, others: np.ndarr
 
 
 def _spacing(points: np.ndarray) -> float:
-    """Median distance of neighbours, the measure of what 'facing' means."""
+    """Median distance of neighbours, the scale of the tolerance of facing nodes."""
     if len(points) < 2:
         return 1.0
     return float(np.median(cKDTree(points).query(points, k=2)[0][:, 1]))

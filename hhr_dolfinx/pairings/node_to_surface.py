@@ -38,23 +38,23 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Law
 
 DEPENDENT = 1e-8
-"""Part of a row not spanned by the rows before it, below which it is no condition of its own."""
+"""Fraction of a row not spanned by the rows before it, below which the row is dependent on them."""
 LAYERS = 1e-4
-"""Part of their height left to surfaces seen flat, so that of several layers the nearest is found."""
+"""Fraction of their height that projected surfaces keep, so that the nearest of several layers is found."""
 FINER = 0.5
-"""Size of slave facets over that of the master above which node to surface does badly on cells of second order."""
+"""Size of slave facets over that of the master above which node-to-surface is inaccurate on cells of second order."""
 POOR_INF_SUP = 0.02
 """Inf-sup constant of a double pass relative to the norm of B below which pressures oscillate visibly."""
 
 
 class _Partners(NamedTuple):
-    """What the slave nodes are paired with.
+    """Partners of the n slave nodes.
 
     Attributes:
         kept: slave nodes that have a condition, (m,).
-        closest: closest points of all, (n,).
-        normals: of all, (n, dim).
-        areas: tributary area of all, of the side that looks along the normal, (n,).
+        closest: closest points of all nodes, (n,).
+        normals: normals of all nodes, (n, dim).
+        areas: tributary areas of all nodes, of the side that looks along the normal, (n,).
     """
 
     kept: np.ndarray
@@ -67,14 +67,14 @@ class _Partners(NamedTuple):
 class NodeToSurface:
     """Nodes of the slave surface may not pass through the master surface, thesis (5.1)-(5.3).
 
-    With x' the point of the master that a slave node x faces and w its shape functions there, the condition is
+    A slave node x faces the point x' of the master, with shape functions w there. The condition is
     ``(u(x) - sum_i w_i u_i)·n <= (x' - x)·n``. Take the finer surface as slave (section 5.1).
 
     Attributes:
         slave: facet tag of the surface whose nodes carry conditions and multipliers.
         master: facet tag of the facing surface.
-        normal: n from slave to master, along which the slave nodes are projected; None takes the closest point
-            and, against the smoothed outer normal of the master there, its own n for each node.
+        normal: n from slave to master, along which the slave nodes are projected. None takes the closest point, and an
+            n for each node: against the smoothed outer normal of the master at that point.
         friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.contact.friction`; None without.
     """
 
@@ -98,8 +98,11 @@ class NodeToSurface:
         _warn_of_coarse_slave(slave, master, weights)
         return slave.averaged(rows)
 
-    def rows_anew(self, surfaces: Sequence[Surface], dofs: int, overlap: float) -> ContactRows:
-        """The same of surfaces that have moved, and may overlap by a length for it, without a word about their mesh."""
+    def rows_of_deformed(self, surfaces: Sequence[Surface], dofs: int, overlap: float) -> ContactRows:
+        """Rows of deformed surfaces, as :meth:`rows`, without warnings about their mesh.
+
+        The surfaces may overlap by the length ``overlap`` beyond a cell.
+        """
         slave, master = surfaces
         return slave.averaged(self._paired(slave, master, dofs, overlap)[0])
 
@@ -129,11 +132,11 @@ class NodeToSurface:
 
 @dataclass(frozen=True)
 class DoublePass:
-    """Node-to-surface contact both ways, with conditions that say the same twice removed (section 5.1).
+    """Node-to-surface contact both ways, without redundant conditions (section 5.1).
 
-    Two passes can over-constrain: where nodes face each other both passes give one row, and elsewhere rows may be
-    dependent (El-Abbasi and Bathe 2001). Rows of the second pass that those before them span are left out, so
-    that B has full rank; if its inf-sup constant is still poor, a warning says so.
+    Two passes can over-constrain: both give the same row for nodes that face each other, and other rows may be
+    dependent (El-Abbasi and Bathe 2001). Rows of the second pass in the span of the rows before them are dropped, so
+    that B has full rank. A warning reports an inf-sup constant that is still poor.
 
     Attributes:
         first: facet tag of one surface; all of its conditions are kept.
@@ -182,10 +185,10 @@ class DoublePass:
 
 
 def _warn_of_coarse_slave(slave: Surface, master: Surface, weights: np.ndarray) -> None:
-    """Warn of cells of second order that do not match, unless the slave is far finer: its conditions are of its nodes.
+    """Warn of non-matching cells of second order unless the slave is far finer, since conditions belong to its nodes.
 
-    Of a constant pressure 7 to 175 % arrived at single nodes with three slave facets against four, 99.7 to 100.1 % with
-    ten against three.
+    With three slave facets against four, single nodes received 7 to 175 % of a constant pressure; with ten against
+    three, 99.7 to 100.1 %.
     """
     matching = (weights.max(axis=1) > 1 - BEYOND).all()
     if slave.quadratic is not None and not matching and slave.lengths().mean() > FINER * master.lengths().mean():
@@ -206,7 +209,7 @@ def _along(slave: Surface, master: Surface, normal: np.ndarray) -> _Partners:
     along = np.outer(normal, normal)
     flat = np.eye(normal.size) - along
     corners = master.corners[facing]
-    # seen along the normal the surfaces are flat, and the closest point is the one hit
+    # projected along the normal the surfaces are flat, and the closest point is the point hit
     found = closest_points(slave.points @ (flat + LAYERS * along), corners @ (flat + LAYERS * along)).facets
     weights = project(slave.points @ flat, corners[found] @ flat)
     offsets = slave.points @ flat - np.einsum("mk,mkd->md", weights, corners[found] @ flat)
@@ -218,9 +221,9 @@ def _along(slave: Surface, master: Surface, normal: np.ndarray) -> _Partners:
 
 
 def _closest(slave: Surface, master: Surface, allowed: float) -> _Partners:
-    """Closest-point projection of the slave nodes on what looks against them.
+    """Project the slave nodes on the closest points of facets that look against them.
 
-    Bodies may overlap by a cell, and by a length that is allowed beside.
+    Bodies may overlap by a cell plus the length ``allowed``.
     """
     found = opposed(slave, master, allowed)
     closest = found.closest
@@ -233,7 +236,7 @@ def _closest(slave: Surface, master: Surface, allowed: float) -> _Partners:
 
 
 def _kept(slave: Surface, master: Surface, lost: np.ndarray, beyond: np.ndarray) -> np.ndarray:
-    """Leave out slave nodes that face nothing, with a warning that names a place beyond the edge of the master."""
+    """Drop slave nodes that face nothing, with a warning that names a node beyond the edge of the master."""
     if lost.all():
         raise NeverFacingError(never_facing(slave, master, "no slave node lies in front of a master facet"))
     warn_beyond_edge(slave, master, beyond, ": swap slave and master, or tag only what can touch")
@@ -241,7 +244,7 @@ def _kept(slave: Surface, master: Surface, lost: np.ndarray, beyond: np.ndarray)
 
 
 def _independent(one: csr_matrix, two: csr_matrix) -> tuple[np.ndarray, float]:
-    """Rows of the second pass that add conditions, and the inf-sup constant of all over the norm of B."""
+    """Rows of the second pass that add conditions, and the inf-sup constant of all rows over the norm of B."""
     columns = np.union1d(one.indices, two.indices)
     first = one[:, columns].toarray()
     second = two[:, columns].toarray()

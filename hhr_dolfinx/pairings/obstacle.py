@@ -54,7 +54,7 @@ class Obstacle:
         return (self.surface,)
 
     def rows(self, surfaces: Sequence[Surface], dofs: int) -> ContactRows:
-        """One row u·n <= offset - x·n for each node of which a side looks at the plane."""
+        """One row u·n <= offset - x·n for each node with a side that looks at the plane."""
         (surface,) = surfaces
         normal = unit(self.normal, surface.points.shape[1])
         check_facing(surface, normal, along=True, upright=True)

@@ -1,6 +1,6 @@
 """Closest points on a surface, and facets that lie near each other: a tree finds candidates, arrays do the rest.
 
-Nothing here needs a mesh, so that reduced models pair what their shape has moved.
+Nothing here needs a mesh, so that reduced models can pair the surfaces of changed shapes.
 """
 
 from __future__ import annotations
@@ -12,20 +12,20 @@ import numpy as np
 from scipy.spatial import cKDTree
 
 ROUND_OFF = 1e-9
-"""Part of the size of the surfaces by which bounding boxes are enlarged."""
+"""Fraction of the size of the surfaces by which bounding boxes are enlarged."""
 EQUAL = 1e-12
-"""Part of the size of the surface within which two facets are equally near."""
+"""Fraction of the size of the surface within which two facets are equally near."""
 AT_ONCE = 1000
-"""Points whose facets are looked for at once: from afar each has hundreds of candidates."""
+"""Points in one batch of the search: a distant point has hundreds of candidate facets."""
 
 
 class ClosestPoints(NamedTuple):
     """Closest points of a surface.
 
     Attributes:
-        facets: facet of each, (m,).
+        facets: facet of each closest point, (m,).
         weights: values of the facet's shape functions there, (m, k).
-        offsets: from the closest point to the point asked for, (m, dim).
+        offsets: vectors from the closest point to the given point, (m, dim).
     """
 
     facets: np.ndarray
@@ -34,7 +34,7 @@ class ClosestPoints(NamedTuple):
 
 
 def closest_points(points: np.ndarray, corners: np.ndarray) -> ClosestPoints:
-    """Closest points on facets given by their corners; of equally near facets that with the smallest number.
+    """Closest points on facets given by their corners; among equally near facets the smallest number counts.
 
     Args:
         points: (m, dim).
@@ -42,7 +42,7 @@ def closest_points(points: np.ndarray, corners: np.ndarray) -> ClosestPoints:
     """
     middles = corners.mean(axis=1)
     radius = np.linalg.norm(corners - middles[:, None], axis=2).max()
-    # nothing is farther than the nearest corner or middle
+    # the closest point is no farther than the nearest corner or middle
     bound = cKDTree(np.concatenate([middles, corners.reshape(-1, corners.shape[2])])).query(points)[0]
     tree = cKDTree(middles)
     parts = []
@@ -58,7 +58,7 @@ def closest_of(
 ) -> ClosestPoints:
     """Closest points on the facets that each point is paired with, none of them farther than its bound, (m,)."""
     size = np.ptp(corners)
-    # from afar many facets are within reach and few of their boxes near enough
+    # for a distant point many facets are within reach, but few of their boxes are near enough
     low = corners.min(axis=1)
     high = corners.max(axis=1)
     beside = np.maximum(np.maximum(low[facet] - points[point], points[point] - high[facet]), 0.0)
@@ -77,9 +77,14 @@ def closest_of(
 
 
 def near_pairs(first: np.ndarray, second: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of facets whose bounding boxes, the first ones enlarged by the length ``reach``, meet.
+    """Pairs of facets whose bounding boxes meet, those of the first surface enlarged by the length ``reach``.
 
-    Corners are (f, k, dim) and (g, l, dim); returned are facets of the first and of the second surface, (p,) each.
+    Args:
+        first, second: corners of the facets, (f, k, dim) and (g, l, dim).
+        reach: length.
+
+    Returns:
+        Facets of the first and of the second surface, (p,) each.
     """
     boxes = [(corners.min(axis=1), corners.max(axis=1)) for corners in (first, second)]
     (middle, half), (others, other_half) = (((low + high) / 2, (high - low) / 2) for low, high in boxes)
@@ -92,7 +97,7 @@ def near_pairs(first: np.ndarray, second: np.ndarray, reach: float) -> tuple[np.
 def _within(
     centres: cKDTree, points: np.ndarray, reach: np.ndarray, norm: float = 2.0
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of a point and a centre no farther from it than its reach, (p,) each, point by point."""
+    """Pairs of a point and a centre within the reach of the point, (p,) each, point by point."""
     found = centres.query_ball_point(points, reach, p=norm)
     counts = np.array([len(item) for item in found], dtype=np.int64)
     near = np.fromiter(chain.from_iterable(found), dtype=np.int64, count=int(counts.sum()))
@@ -100,7 +105,12 @@ def _within(
 
 
 def project(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Shape functions at the closest point of a facet for each point, (m, dim), by its corners, (m, k, dim): (m, k)."""
+    """Shape functions at the closest point of one facet for each point, (m, k).
+
+    Args:
+        points: (m, dim).
+        corners: corners of the facet of each point, (m, k, dim).
+    """
     k = corners.shape[1]
     if k == 2:
         return _on_segment(points, corners)
@@ -141,7 +151,7 @@ def local_coordinates(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Reference coordinates of the orthogonal projection on a facet, inside or not, by Gauss-Newton, (m, 2)."""
     k = corners.shape[1]
     local = np.full((len(points), 2), 1 / k if k == 3 else 0.5)
-    # points that have settled are left alone: most do after three of the rounds that the worst ones take
+    # converged points are left out: most converge after three rounds, the worst ones take all
     moving = np.arange(len(points))
     for _ in range(1 if k == 3 else 20):
         values, slopes = shape_functions(local[moving], k)
@@ -149,7 +159,7 @@ def local_coordinates(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
         residual = points[moving] - (values[:, None] @ own)[:, 0]
         tangents = slopes.transpose(0, 2, 1) @ own
         step = _least_squares(tangents, (tangents @ residual[:, :, None])[:, :, 0])
-        # a bilinear map folds far outside: do not go there
+        # a bilinear map folds far outside of the facet
         local[moving] = np.clip(local[moving] + step, -2.0, 3.0)
         moving = moving[np.abs(step).max(axis=1, initial=0.0) >= 1e-14]
         if not moving.size:
@@ -162,7 +172,7 @@ def _least_squares(tangents: np.ndarray, right: np.ndarray) -> np.ndarray:
     first = tangents[:, 0]
     second = tangents[:, 1]
     a, b, c = (np.einsum("md,md->m", *pair) for pair in ((first, first), (first, second), (second, second)))
-    # where corners coincide the tangents are dependent
+    # if corners coincide, the tangents are dependent
     shift = 1e-14 * (a + c)
     a = a + shift
     c = c + shift
@@ -172,10 +182,10 @@ def _least_squares(tangents: np.ndarray, right: np.ndarray) -> np.ndarray:
 
 
 def _inside(points: np.ndarray, corners: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Weights of the orthogonal projection, and whether it lies in the facet."""
+    """Weights of the orthogonal projection, and a mask of the points where it lies in the facet."""
     k = corners.shape[1]
     local = local_coordinates(points, corners)
-    # the edge belongs to the facet: what round-off puts outside is moved there
+    # the edge belongs to the facet: points that round-off puts outside are set onto it
     local = np.where(np.abs(local) < 1e-12, 0.0, np.where(np.abs(local - 1) < 1e-12, 1.0, local))
     values, _ = shape_functions(local, k)
     return values, (values >= 0).all(axis=1) & ((local >= 0) & (local <= 1)).all(axis=1)

@@ -1,16 +1,16 @@
 """Contact surfaces of cells of second order: displacements of second order, multipliers piecewise linear.
 
-A facet of second order is cut into flat parts between its nodes, on which pairings find what faces what as on facets of
-first order. The conditions that they make at all nodes are then averaged with the linear shape functions psi_i of these
-parts,
+A facet of second order is cut into flat parts between its nodes. On these parts pairings find opposite surfaces as on
+facets of first order. The conditions that they make at all nodes are then averaged with the linear shape functions
+psi_i of these parts,
 
     sum_j C_ij B_j u <= sum_j C_ij d_j,        C_ij = ∫ psi_i phi_j / ∫ psi_i,
 
-with phi_j those of second order: pressures are linear on each part, positive where those of its nodes are, and a
-constant one does the work of its consistent nodal forces. Conditions of single nodes would not: a corner of a six-node
-triangle bears none of a constant pressure. There are as many functions psi as phi, and C is well-conditioned, so that
-the multipliers are as stable as those of first order (B. I. Wohlmuth, Acta Numerica 20, 2011, section 5; A. Popp,
-B. I. Wohlmuth, M. W. Gee and W. A. Wall, SIAM J. Sci. Comput. 34, 2012, on positive weights).
+with the shape functions phi_j of second order. Pressures are then linear on each part, positive if those of its nodes
+are, and a constant pressure does the work of its consistent nodal forces. Conditions of single nodes would not: the
+corners of a six-node triangle bear no share of a constant pressure. There are as many functions psi as phi, and C is
+well-conditioned, so that the multipliers are as stable as those of first order (B. I. Wohlmuth, Acta Numerica 20, 2011,
+section 5; A. Popp, B. I. Wohlmuth, M. W. Gee and W. A. Wall, SIAM J. Sci. Comput. 34, 2012, on positive weights).
 """
 
 from __future__ import annotations
@@ -32,8 +32,8 @@ PARTS = {
     6: ((0, 5, 4), (5, 1, 3), (4, 3, 2), (3, 4, 5)),
     9: ((0, 4, 5, 8), (4, 1, 8, 6), (5, 8, 2, 7), (8, 6, 7, 3)),
 }
-"""Nodes of the flat parts of a facet, quadrilaterals in tensor order; nodes in the order of DOLFINx: corners, then
-edges, of a triangle edge i opposite of corner i, of a quadrilateral (0, 1), (0, 2), (1, 3), (2, 3), then the middle."""
+"""Nodes of the flat parts of a facet, quadrilaterals in tensor order. Nodes have the order of DOLFINx: corners, edges,
+middle. Edge i of a triangle is opposite to corner i; edges of a quadrilateral are (0, 1), (0, 2), (1, 3), (2, 3)."""
 PLACES = {
     3: np.array([[0.0], [1.0], [0.5]]),
     6: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.5], [0.0, 0.5], [0.5, 0.0]]),
@@ -43,23 +43,23 @@ PLACES = {
 }  # fmt: skip
 """Reference coordinates of the nodes."""
 POINTS = 5
-"""Gauss points along an axis: products of psi, phi, the Jacobian of curved facets and a radius are polynomials of
-degree 7 at most where facets are flat."""
+"""Gauss points along an axis: products of psi, phi, the Jacobian and a radius are polynomials of degree 7 at most if
+facets are flat."""
 
 
 @dataclass(frozen=True)
 class QuadraticFacets:
-    """Facets of second order of a surface whose facets are their flat parts (F of them, K nodes each).
+    """Facets of second order of a surface whose ``facets`` are the flat parts of these (F facets, K nodes each).
 
     Attributes:
-        nodes: of each, counted within the surface, (F, K).
+        nodes: nodes of each facet, counted within the surface, (F, K).
     """
 
     nodes: Annotated[Integers, "whole facets", "facet nodes"]
 
     @property
     def corners(self) -> np.ndarray:
-        """Corners of each, (F, k)."""
+        """Corners of each facet, (F, k)."""
         return self.nodes[:, : CORNERS[self.nodes.shape[1]]]
 
     @property
@@ -80,14 +80,14 @@ class QuadraticFacets:
         return facet, quadratic(local, count)
 
     def integrals(self, points: np.ndarray, weights: np.ndarray, covered: np.ndarray) -> csr_matrix:
-        """∫ psi_i phi_j over what some nodes cover, (n, n): facets all of whose nodes do, and flat parts of others.
+        """Integrals ∫ psi_i phi_j over facets whose nodes are all covered, and over such flat parts of others, (n, n).
 
-        Over flat parts alone phi_j are linear, as psi_i.
+        Over these flat parts phi_j are linear, as psi_i.
 
         Args:
             points: coordinates of the nodes, (n, dim).
-            weights: of the measure at the nodes, (n,).
-            covered: the nodes, (n,) bool.
+            weights: weights of the measure at the nodes, (n,).
+            covered: nodes that have conditions, (n,) bool.
         """
         whole = covered[self.nodes].all(axis=1)
         found = csr_matrix((len(points), len(points)))
@@ -103,7 +103,14 @@ class QuadraticFacets:
 def _integrated(
     points: np.ndarray, weights: np.ndarray, nodes: np.ndarray, part: tuple[int, ...], *, linearly: bool
 ) -> csr_matrix:
-    """∫ psi_i phi_j over one flat part of facets, (f, K), of coordinates and weights of all nodes, (n, n)."""
+    """Integrals ∫ psi_i phi_j over one flat part of facets, (n, n).
+
+    Args:
+        points, weights: coordinates of all nodes, (n, dim), and weights of the measure there, (n,).
+        nodes: nodes of the facets, (f, K).
+        part: nodes of the flat part within a facet.
+        linearly: phi_j are linear on the part.
+    """
     values, functions, slopes, shares = _rule(nodes.shape[1], part)
     along = np.einsum("qjd,fjx->fqdx", slopes, points[nodes])
     if along.shape[2] == 1:
@@ -121,7 +128,7 @@ def _integrated(
 
 
 def flat_parts(nodes: np.ndarray) -> np.ndarray:
-    """Nodes of the flat parts of facets, (f, K): those of one facet behind each other, (parts f, k)."""
+    """Nodes of the flat parts of facets with nodes (f, K), facet by facet, (parts f, k)."""
     return nodes[:, np.array(PARTS[nodes.shape[1]])].reshape(-1, CORNERS[nodes.shape[1]])
 
 
@@ -133,7 +140,7 @@ def linear(local: np.ndarray, count: int) -> np.ndarray:
 
 
 def quadratic(local: np.ndarray, count: int) -> np.ndarray:
-    """Shape functions of second order, (q, K), likewise."""
+    """Shape functions of second order, (q, K), at reference coordinates, (q, 1) or (q, 2)."""
     if count == 3:
         return _on_line(local[:, 0])
     if count == 6:
@@ -145,20 +152,20 @@ def quadratic(local: np.ndarray, count: int) -> np.ndarray:
 
 
 _TENSOR = ((0, 0), (1, 0), (0, 1), (1, 1), (2, 0), (0, 2), (1, 2), (2, 1), (2, 2))
-"""Functions on a line whose product is that of each node of a square."""
+"""The two functions on a line whose product is the function of each node of a square."""
 
 
 def _on_line(x: np.ndarray) -> np.ndarray:
-    """Those of a line: both ends, and the middle."""
+    """Shape functions on a line: both ends, and the middle."""
     return np.column_stack([(1 - x) * (1 - 2 * x), x * (2 * x - 1), 4 * x * (1 - x)])
 
 
 @cache
 def _rule(count: int, part: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """A rule on a flat part of the reference facet with so many nodes, of q points.
+    """Quadrature rule of q points on a flat part of the reference facet with ``count`` nodes.
 
     Returns:
-        Shape functions of the part, (q, k), of the facet, (q, K), and their slopes, (q, K, d), and weights, (q,).
+        Shape functions of the part, (q, k), those of the facet, (q, K), their slopes, (q, K, d), and weights, (q,).
     """
     ends, weights = np.polynomial.legendre.leggauss(POINTS)
     x, w = (ends + 1) / 2, weights / 2
@@ -171,7 +178,7 @@ def _rule(count: int, part: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np
     values = linear(local, len(part))
     there = values @ PLACES[count][list(part)]
     steps = np.eye(there.shape[1]) * 0.5
-    # exact differences of parabolas
+    # central differences are exact for parabolas
     slopes = [quadratic(there + step, count) - quadratic(there - step, count) for step in steps]
     share = 1 / len(PARTS[count])
     return values, quadratic(there, count), np.stack(slopes, axis=2), share * weights

@@ -1,4 +1,4 @@
-"""Common parts of facets that face each other, and quadrature over them: what mortar integrates on."""
+"""Common parts of facets that face each other, and quadrature over them, for mortar integrals."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from hhr_dolfinx.pairings.projection import shape_functions
 from hhr_dolfinx.pairings.surface import Surface
 
 _SKEWED = ((4, -1.0, 1e-10), (8, 1e-10, 1e-2), (14, 1e-2, 0.2), (30, 0.2, np.inf))
-"""Degree of quadrature by skewness s of the facets: on quadrilaterals that are no parallelograms products of shape
-functions are series of polynomials of degree 4 + p and size s^p, and 1e-10 of the load of a node takes more points."""
+"""Degree of quadrature by skewness s of the facets, for 1e-10 of the load of a node. On quadrilaterals that are no
+parallelograms products of shape functions are series of polynomials of degree 4 + p and size s^p."""
 
 
 _QUADRATIC = 8
@@ -49,8 +49,8 @@ _ORBITS: Mapping[int, tuple[tuple[float, float, float], ...]] = MappingProxyType
         (0.001268330932872076, 0.11897449769695682, 0.005010228838500672),
     ),
 })  # fmt: skip
-"""Symmetric rules on a triangle by degree: two barycentric coordinates of a point, which stands for all in which the
-three are exchanged, and the share of the area of each (D. A. Dunavant, Int. J. Numer. Methods Eng. 21, 1985)."""
+"""Symmetric rules on a triangle by degree: two barycentric coordinates of a point, which stands for all permutations of
+the three, and the share of the area of each (D. A. Dunavant, Int. J. Numer. Methods Eng. 21, 1985)."""
 
 
 class Segments(NamedTuple):
@@ -74,7 +74,7 @@ class Segments(NamedTuple):
 def common_parts(
     slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray
 ) -> Segments:
-    """Common parts of pairs of facets, seen along the directions of the slave facets."""
+    """Common parts of pairs of facets, projected along the directions of the slave facets."""
     return (_segments if slave.points.shape[1] == 2 else _polygons)(slave, master, directions, here, there)
 
 
@@ -105,11 +105,11 @@ def _segments(slave: Surface, master: Surface, directions: np.ndarray, here: np.
 
 
 def _polygons(slave: Surface, master: Surface, directions: np.ndarray, here: np.ndarray, there: np.ndarray) -> Segments:
-    """Common parts of facets in space, seen along the direction of the slave facet, cut into triangles."""
+    """Common parts of facets in space, projected along the direction of the slave facet and cut into triangles."""
     frames = _frames(directions)[here]
     sides = ((slave, here), (master, there))
     flat = [np.einsum("pkd,pde->pke", surface.corners[which], frames) for surface, which in sides]
-    # what overlaps by round-off alone has no common part
+    # facets that overlap by round-off alone have no common part
     least = 1e-13 * np.ptp(flat[0].reshape(-1, 2), axis=0).max() if here.size else 0.0
     apart = [one.min(axis=1) > other.max(axis=1) - least for one, other in (flat, flat[::-1])]
     apart = apart[0] | apart[1]
@@ -151,7 +151,7 @@ def _common_triangles(
             )
     common = shapely.intersection(*outlines)
     wanted = np.flatnonzero(shapely.area(common) > 1e-12 * shapely.area(outlines[0]))
-    # the common part of two convex polygons is convex: a fan fills it, and rings end where they begin
+    # the common part of two convex polygons is convex: a fan fills it; the last point of a ring is its first one
     corners, polygon = shapely.get_coordinates(common[wanted], return_index=True)
     counts = np.bincount(polygon, minlength=wanted.size)
     starts = np.cumsum(counts) - counts
@@ -164,7 +164,7 @@ def _common_triangles(
 def _on_triangles(
     flat: Sequence[np.ndarray], pair: np.ndarray, triangles: np.ndarray, local: np.ndarray, weights: np.ndarray
 ) -> tuple[list[np.ndarray], np.ndarray]:
-    """Shape functions of both facets at the points of a rule on each triangle, and the weights times its area."""
+    """Shape functions of both facets at the quadrature points of each triangle, and the weights times its area."""
     sides = triangles[:, 1:] - triangles[:, :1]
     area = np.abs(sides[:, 0, 0] * sides[:, 1, 1] - sides[:, 0, 1] * sides[:, 1, 0]) / 2
     points = triangles[:, None, 0] + local @ sides
@@ -177,8 +177,8 @@ def _on_triangles(
 def _within_facets(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
     """Reference coordinates of points in flat convex facets, (t, q, 2) in (t, k, 2): (t, q, 2).
 
-    x = a ξ + b η + c ξ η is solved for η, a root of a quadratic equation, in the form that stands c = 0. There the
-    Jacobian is the root of the discriminant, and of one sign within a convex facet.
+    x = a ξ + b η + c ξ η is solved for η, a root of a quadratic equation, in the form that allows c = 0. The Jacobian
+    at the solution is the root of the discriminant; it has one sign within a convex facet.
     """
     first = corners[:, 0]
     a = corners[:, 1] - first
@@ -200,7 +200,7 @@ def _within_facets(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 @cache
 def _on_interval(degree: int) -> tuple[np.ndarray, np.ndarray]:
-    """Gauss's points and weights on (0, 1), exact up to a degree."""
+    """Gauss points and weights on (0, 1), exact up to a degree."""
     points, weights = np.polynomial.legendre.leggauss(degree // 2 + 1)
     return (points + 1) / 2, weights / 2
 
@@ -209,7 +209,7 @@ def _on_interval(degree: int) -> tuple[np.ndarray, np.ndarray]:
 def _on_triangle(degree: int) -> tuple[np.ndarray, np.ndarray]:
     """Points in the unit triangle, (q, 2), and weights as shares of its area, exact up to a degree.
 
-    Without a symmetric rule they are Gauss's points of a square that is folded to a triangle.
+    Without a symmetric rule they are the Gauss points of a square that is folded to a triangle.
     """
     if degree in _ORBITS:
         orbits = ((np.round((a, b, 1 - a - b), 15).tolist(), weight) for a, b, weight in _ORBITS[degree])
@@ -217,7 +217,7 @@ def _on_triangle(degree: int) -> tuple[np.ndarray, np.ndarray]:
         points = [point[:2] for orbit, _ in turned for point in sorted(orbit)]
         return np.array(points), np.concatenate([np.full(len(orbit), weight) for orbit, weight in turned])
     along, weights = _on_interval(degree)
-    # the width of the triangle belongs to the weight of the second rule
+    # the weight function of the second rule is the width of the triangle
     height, shares = roots_sh_jacobi(len(along), 2, 1)
     x = np.outer(along, 1 - height)
     y = np.broadcast_to(height, x.shape)
@@ -225,7 +225,7 @@ def _on_triangle(degree: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _skewness(corners: np.ndarray) -> np.ndarray:
-    """How far quadrilaterals are from parallelograms, on which shape functions are polynomials; 0 for triangles."""
+    """Deviation of quadrilaterals from parallelograms, on which shape functions are polynomials; 0 for triangles."""
     if corners.shape[1] == 3:
         return np.zeros(len(corners))
     skew = corners[:, 0] - corners[:, 1] - corners[:, 2] + corners[:, 3]
@@ -233,7 +233,7 @@ def _skewness(corners: np.ndarray) -> np.ndarray:
 
 
 def _frames(directions: np.ndarray) -> np.ndarray:
-    """Two unit vectors across each direction, (f, 3, 2)."""
+    """Two unit vectors orthogonal to each direction, (f, 3, 2)."""
     other = np.eye(3)[np.abs(directions).argmin(axis=1)]
     first = np.cross(directions, other)
     first /= np.linalg.norm(first, axis=1, keepdims=True)

@@ -1,6 +1,7 @@
-"""Sides of the nodes of a surface: the facets at a node that meet smoothly; a node on an edge of a body has several.
+"""Sides of the nodes of a surface: groups of facets at a node that meet smoothly.
 
-The mean of their normals looks along none of them. Surfaces that are the whole outside of a body have many such nodes.
+A node on an edge of a body has several sides, and the mean of their normals looks along none of them. A surface that is
+the whole outside of a body has many such nodes.
 """
 
 from __future__ import annotations
@@ -11,9 +12,9 @@ from hhr_dolfinx.pairings.surface import GRAZING, Surface
 
 
 def looking(surface: Surface, normals: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of which a side looks along a normal, (n,) bool, and the tributary area of that side, (n,).
+    """Nodes with a side that looks along a normal, (n,) bool, and the tributary area of that side, (n,).
 
-    A side is the facets at a node that meet smoothly. Without edges there is one, and the area is that of the node.
+    A side is a group of facets at a node that meet smoothly. Off edges there is one, with the area of the node.
 
     Args:
         surface: n nodes.
@@ -23,7 +24,7 @@ def looking(surface: Surface, normals: np.ndarray, least: float) -> tuple[np.nda
     k = surface.facets.shape[1]
     along = np.broadcast_to(normals, surface.points.shape)[surface.facets]
     sides = np.einsum("fkd,fkd->fk", surface.corner_normals, along) > least
-    # integrals of the linear functions of a facet over it, where the weight of its measure is linear, too
+    # integrals of the linear functions of a facet over it; the weight of the measure is linear, too
     weights = surface.weights[surface.facets]
     shares = surface.sizes[:, None] * (weights + weights.sum(axis=1, keepdims=True)) / (k + 1)
     nodes = surface.facets.ravel()
@@ -34,9 +35,9 @@ def looking(surface: Surface, normals: np.ndarray, least: float) -> tuple[np.nda
 
 
 def along_normal(surface: Surface, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of which a side looks along one normal, (dim,), given by the user: numbers, (m,), and areas of all, (n,).
+    """Nodes with a side that looks along one given normal, (dim,): numbers, (m,), and areas of all nodes, (n,).
 
-    Of a surface that stands upright on all of its nodes: they may meet what lies along the normal.
+    A surface parallel to the normal returns all of its nodes: they may touch a body that lies along the normal.
     """
     looks, areas = looking(surface, normal, GRAZING)
     if not looks.any():
@@ -45,12 +46,12 @@ def along_normal(surface: Surface, normal: np.ndarray) -> tuple[np.ndarray, np.n
 
 
 def sides_of(surface: Surface, nodes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Normals of the sides of some nodes, (l,): unit normals, (s, dim), and the place of each node, in order, (s,)."""
+    """Unit normals of the sides of some nodes, (s, dim), and the index of each side's node among (l,), sorted, (s,)."""
     place = np.full(len(surface.nodes), -1)
     place[nodes] = np.arange(nodes.size)
     of_corner = place[surface.facets].ravel()
     own = of_corner >= 0
     normals = surface.corner_normals.reshape(-1, surface.points.shape[1])[own]
-    # facets of one side have one normal
+    # all facets of one side have the same corner normal
     _, first = np.unique(np.column_stack([of_corner[own], np.round(normals, 9)]), axis=0, return_index=True)
     return normals[first], of_corner[own][first]

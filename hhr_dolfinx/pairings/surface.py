@@ -1,4 +1,4 @@
-"""Contact surfaces as arrays, and what all pairings need of them."""
+"""Contact surfaces as arrays, and the operations on them that all pairings need."""
 
 from __future__ import annotations
 
@@ -26,24 +26,25 @@ CREASE = np.cos(np.deg2rad(40.0))
 FLAT = 0.95
 """Length of the mean of unit normals above which a surface is flat: an arc of 60 degrees has 0.955."""
 TILT = 30.0
-"""Degrees between a given normal and that of a flat surface worth a word."""
+"""Degrees between a given normal and that of a flat surface above which a warning is due."""
 FACING = 0.1
 """Cosine between two directions found from the meshes below which surfaces do not face each other."""
 GRAZING = 1e-3
-"""The same for a normal given by the user, who may tag a half-disc up to where its surface is parallel to it."""
+"""Cosine as FACING, for a normal given by the user: a half-disc may be tagged up to where the normal is tangential."""
 LEAST_SAG = 1e-9
 LEAST_SAG_OF_CURVES = 1e-4
-"""Parts of the size of a surface below which a sag is none, of chords and of parabolas: bodies that are drawn in touch
-have no gap to compare it with."""
+"""Fractions of the size of a surface below which a sag counts as zero, of chords and of parabolas: bodies drawn in
+contact have no gap to compare it with."""
 STRAIGHT = 1e-6
 """Angle between the flat parts of a facet of second order below which its sides are straight."""
 CURVED = 1e-4
 """Mean sag of straight sides, in lengths of a flat part, below which a surface is flat: sides meet at 0.1 degrees."""
 ALIKE = 0.1
-"""Sum of the sags of two surfaces, in parts of the larger one, below which they are curved alike."""
+"""Sum of the sags of two surfaces over the larger one, below which they are curved alike."""
 SAG = 0.13
-"""Mean sag of facets over the mean gap above which the gap is one of the mesh: at 0.14 the mean pressure of a press fit
-of rings was off by 8 to 13 %, at 1.9 by 30 to 34 %, and at single nodes by all of it; below 0.13 by 5 % at most."""
+"""Mean sag of facets over the mean gap above which the mesh, not the geometry, makes the gap. The mean pressure of a
+press fit of rings was off by 8 to 13 % at 0.14, by 30 to 34 % at 1.9 (by 100 % at single nodes), by 5 % at most below
+0.13."""
 
 
 @dataclass(frozen=True)
@@ -61,8 +62,8 @@ class Surface:
         weights: weight of the surface measure at each node, 1 or 2 pi r, (n,).
         areas: tributary area of each node, (n,).
         depths: depth of the cell behind each facet, (f,): no body is thinner.
-        quadratic: facets of second order, whose flat parts ``facets`` are then; None of cells of first order.
-        free: which components of the displacement of the nodes are not imposed, (n, dim) bool, beside these.
+        quadratic: facets of second order, of which ``facets`` are the flat parts; None for cells of first order.
+        free: components of the displacement of the nodes that are not imposed, (n, dim) bool; None if all are free.
     """
 
     tag: Tag
@@ -93,7 +94,7 @@ class Surface:
     def corner_normals(self) -> np.ndarray:
         """Unit outer normals at the corners of each facet, (f, k, dim), averaged up to edges of the surface.
 
-        On a smooth surface they are the normals of its nodes; at an edge each side keeps its own.
+        On a smooth surface they are the normals of its nodes; at an edge each side has its normal.
         """
         count, k = self.facets.shape
         touches = csr_matrix(
@@ -112,11 +113,11 @@ class Surface:
         return normals
 
     def bulges(self, facets: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """How far outside of flat facets the smooth surface lies for which they stand, (m,).
+        """Height of the smooth surface above the flat facets that approximate it, (m,), positive if convex.
 
-        Positive where it is convex. The smooth surface has the averaged normals at the corners: with x and n there,
-        it lies (sum w n·x - (sum w n)·(sum w x)) / 2 above the point sum w x, exactly so if its curvature is constant.
-        In the middle of an edge of length h whose normals differ by an angle that is h times this angle over 8.
+        The smooth surface has the averaged normals at the corners. With corners x and normals n it lies
+        (sum w n·x - (sum w n)·(sum w x)) / 2 above the point sum w x, exactly so if its curvature is constant. In the
+        middle of an edge of length h whose normals differ by an angle, this is h times the angle over 8.
 
         Args:
             facets: facet of each point, (m,).
@@ -126,17 +127,17 @@ class Surface:
         normals = self.corner_normals
         heights = normals @ (corners - corners[:, :1]).transpose(0, 2, 1)
         found = np.zeros(len(facets))
-        # weights sum to one: what is linear in them is a quadratic form too, without squares
+        # weights sum to one, so that the linear term is a quadratic form too, without squares
         for i, j in combinations(range(corners.shape[1]), 2):
             form = heights[:, i, i] + heights[:, j, j] - heights[:, i, j] - heights[:, j, i]
             found += form[facets] * weights[:, i] * weights[:, j] / 2
         return found * self.sag_shares()[facets]
 
     def sag_shares(self) -> np.ndarray:
-        """How far off facets are beside what flat ones with their normals would be, (f,): 1 of first order.
+        """Deviation of facets from the smooth surface over that of flat facets with their normals, (f,); 1 at order 1.
 
-        Flat parts of a facet whose sides are straight are off four times as much, as half of it. Where sides are
-        curved gaps are those of parabolas, which are off an arc by the square of the angle between the parts.
+        Flat parts of a facet of second order with straight sides deviate four times as much: each is half of it. Gaps
+        of curved sides are those of parabolas, which deviate from an arc by the square of the angle between the parts.
         """
         if self.quadratic is None:
             return np.ones(len(self.facets))
@@ -148,7 +149,7 @@ class Surface:
     def displaced(self, facets: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Nodes of the functions of the displacement at some points, (m, K), and their values, (m, K).
 
-        On facets of second order these are not the flat ones on which the points were found.
+        On facets of second order these functions are not those of the flat parts on which the points were found.
 
         Args:
             facets: facet of each point, (m,).
@@ -160,13 +161,13 @@ class Surface:
         return self.quadratic.nodes[whole], values
 
     def averaged(self, rows: ContactRows) -> ContactRows:
-        """Conditions of single nodes of this slave surface as weighted ones; as they are on facets of first order.
+        """Average conditions of single nodes of this slave surface; on facets of first order return them unchanged.
 
-        What lies beyond the edge of a master has no condition: of a facet that lies there in part the flat parts count
-        of which all nodes have one, as facets of first order. See :mod:`hhr_dolfinx.pairings.second_order`.
+        Nodes beyond the edge of a master have no condition. A facet that lies there in part contributes the flat parts
+        with conditions at all nodes, as facets of first order. See :mod:`hhr_dolfinx.pairings.second_order`.
 
         Raises:
-            SceneError: where no flat part has a condition at all of its nodes.
+            SceneError: if no flat part has a condition at all of its nodes.
         """
         if self.quadratic is None:
             return rows
@@ -196,14 +197,14 @@ class Surface:
         return ContactRows(matrix, means @ rows.gap, self.nodes[nodes], self.points[nodes], areas)
 
     def shared(self, normals: np.ndarray, nodes: np.ndarray) -> csr_matrix:
-        """How functions psi_j of nodes whose motion is imposed are shared out among their neighbours, (n, n).
+        """Matrix that shares the functions psi_j of nodes with imposed displacements among their neighbours, (n, n).
 
-        With as many of them as nodes of which not all move, conditions would be dependent, as where mortar surfaces
-        meet imposed displacements. The identity where all may move, or none may, as on a rigid slave.
+        With one function for each node conditions would be dependent if some displacements are imposed, as at the end
+        of a mortar surface. The matrix is the identity if all nodes are free, or none is, as on a rigid slave.
 
         Args:
-            normals: of the nodes, (n, dim).
-            nodes: that have conditions.
+            normals: normals of the nodes, (n, dim).
+            nodes: nodes that have conditions.
         """
         count = len(self.nodes)
         held = np.zeros(count, dtype=bool)
@@ -228,11 +229,11 @@ class Surface:
         return smallest
 
     def lengths(self) -> np.ndarray:
-        """Length of each facet, in space the root of its area, (f,)."""
+        """Length of each facet; in space, the root of its area, (f,)."""
         return self.sizes ** (1 / (self.points.shape[1] - 1))
 
     def cell_sizes(self) -> np.ndarray:
-        """Length of the largest facet at each node, (n,): what 'near' means there."""
+        """Length of the largest facet at each node, (n,), the scale of distances there."""
         largest = np.zeros(len(self.nodes))
         np.maximum.at(largest, self.facets, self.lengths()[:, None])
         return largest
@@ -256,13 +257,13 @@ def make_surface(
     weights: np.ndarray,
     areas: np.ndarray,
 ) -> Surface:
-    """A surface from its facets.
+    """Make a surface from its facets.
 
     Args:
         tag: facet tag.
         facet_nodes: nodes of each facet in the mesh, (f, k), or of second order (f, K).
-        inner_points: middle of the far side of the cell behind each facet, (f, dim), which tells where outside is and
-            how deep the cell.
+        inner_points: middle of the far side of the cell behind each facet, (f, dim), from which the outer side and the
+            depth of the cell follow.
         points: coordinates of all nodes of the mesh.
         weights: weight of the surface measure at all nodes.
         areas: tributary area at all nodes.
@@ -290,7 +291,7 @@ def make_surface(
     outward = vectors / sizes[:, None]
     heights = np.einsum("ij,ij->i", outward, middles - inner_points)
     outward[heights < 0] *= -1
-    if quadratic is not None:  # those of second order are zero at some nodes
+    if quadratic is not None:  # areas of shape functions of second order are zero at some nodes
         shares = sizes[:, None] * weights[facet_nodes] / facet_nodes.shape[1]
         areas = np.bincount(facet_nodes.ravel(), shares.ravel(), len(points))
     return Surface(
@@ -310,9 +311,9 @@ def make_surface(
 def _parted(
     facet_nodes: np.ndarray, inner_points: np.ndarray, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, QuadraticFacets | None]:
-    """Flat facets, (f, k), and what lies behind each, (f, dim), in an order that is the same on any ranks.
+    """Flat facets, (f, k), and a point behind each, (f, dim), in an order that does not depend on the ranks.
 
-    Facets of second order are cut into their flat parts, and handed out as they are too.
+    Facets of second order are cut into their flat parts; they are the third value, which is None at first order.
     """
     middles = points[facet_nodes].mean(axis=1)
     order = np.lexsort(np.round(middles / (np.ptp(middles, axis=0).max() or 1.0), 9).T[::-1])
@@ -328,7 +329,7 @@ def _parted(
 
 
 def area_vectors(corners: np.ndarray) -> np.ndarray:
-    """Normal of each facet times its area, orientation free; of a warped quadrilateral that of its diagonals."""
+    """Normal of each facet times its area, of either sign; for a warped quadrilateral the normal of its diagonals."""
     if corners.shape[1] == 2:
         along = corners[:, 1] - corners[:, 0]
         return np.column_stack([along[:, 1], -along[:, 0]])
@@ -338,7 +339,7 @@ def area_vectors(corners: np.ndarray) -> np.ndarray:
 
 
 def _without_area(corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
-    """Facets that are thin beyond any use, or of the size of round-off in the coordinates, (f,) bool."""
+    """Facets of no area: degenerate ones, and those of the size of round-off in the coordinates, (f,) bool."""
     spans = np.linalg.norm(corners - corners.mean(axis=1, keepdims=True), axis=2).max(axis=1)
     power = corners.shape[2] - 1
     # NaN counts as no area
@@ -346,7 +347,7 @@ def _without_area(corners: np.ndarray, sizes: np.ndarray) -> np.ndarray:
 
 
 def unit(normal: Sequence[float], dim: int) -> np.ndarray:
-    """A normal given by the user as a unit vector; SceneError for a wrong length, zero, or what is not finite."""
+    """A normal given by the user as a unit vector; SceneError for a wrong length, zero, or non-finite values."""
     try:
         vector = np.asarray(normal, dtype=float)
     except (TypeError, ValueError):
@@ -358,9 +359,9 @@ def unit(normal: Sequence[float], dim: int) -> np.ndarray:
 
 
 def check_facing(surface: Surface, normal: np.ndarray, along: bool, *, upright: bool = False) -> None:
-    """Raise SceneError for a surface of which no part looks along the contact normal, or against it.
+    """Raise SceneError if no part of a surface looks along the contact normal, or against it without ``along``.
 
-    One that stands upright on the normal, as the side of a block on an obstacle, is taken only if that is meant.
+    A surface parallel to the normal, as the side of a block on an obstacle, passes only if ``upright`` is set.
     """
     towards = surface.outward @ (normal if along else -normal)
     if towards.max() <= GRAZING and (towards.min() < -1e-9 or not upright):
@@ -373,9 +374,9 @@ def check_facing(surface: Surface, normal: np.ndarray, along: bool, *, upright: 
 
 
 def warn_of_tilt(surface: Surface, normal: np.ndarray) -> None:
-    """Warn of a given unit normal that a flat surface does not look along, or against: forces would act along it.
+    """Warn if a flat surface looks neither along nor against a given unit normal: forces would act along the normal.
 
-    A surface that stands upright on the normal faces nothing, which is refused where its partner is looked for.
+    A surface parallel to the normal faces nothing; the search for its partner refuses it.
     """
     mean = surface.sizes @ surface.outward / surface.sizes.sum()
     length = np.linalg.norm(mean)
@@ -405,7 +406,7 @@ def never_facing(slave: Surface, master: Surface, why: str) -> str:
 
 
 def warn_of_overlap(surface: Surface, rows: ContactRows) -> None:
-    """Warn where conditions of a slave surface overlap by more than a cell: more often a mistake than a press fit."""
+    """Warn if conditions of a slave surface overlap by more than a cell: more often a mistake than a press fit."""
     sizes = np.zeros(surface.nodes.max() + 1)
     sizes[surface.nodes] = surface.cell_sizes()
     deep = rows.gap < -sizes[rows.slaves]
@@ -418,9 +419,9 @@ def warn_of_overlap(surface: Surface, rows: ContactRows) -> None:
 
 
 def warn_of_sag(slave: Surface, master: Surface, rows: ContactRows, sag: float) -> None:
-    """Warn where the gap is that of the mesh and not of the curved surfaces that it stands for.
+    """Warn if the mesh rather than the curved surfaces makes the gap.
 
-    ``sag`` is the mean of :meth:`Surface.bulges` of both surfaces, taken together where they face each other.
+    ``sag`` is the mean of the sum of :meth:`Surface.bulges` of both surfaces over the parts that face each other.
     """
     gap = float(rows.areas @ np.abs(rows.gap) / rows.areas.sum())
     least = LEAST_SAG if slave.quadratic is None else LEAST_SAG_OF_CURVES
@@ -434,10 +435,9 @@ def warn_of_sag(slave: Surface, master: Surface, rows: ContactRows, sag: float) 
 
 
 def warn_of_straight_sides(surfaces: Sequence[Surface]) -> None:
-    """Warn of a pair whose surface is curved and has straight sides, where displacements are of second order.
+    """Warn of a curved surface with straight sides if displacements are of second order.
 
-    Surfaces that are curved alike, as those of rings in each other, have gaps without chords, see
-    :func:`warn_of_sag`.
+    The sags of surfaces that are curved alike, as those of nested rings, cancel in the gap; see :func:`warn_of_sag`.
     """
     sags = [_straight_sag(surface) for surface in surfaces]
     place = int(np.abs(sags).argmax())
@@ -454,7 +454,7 @@ def warn_of_straight_sides(surfaces: Sequence[Surface]) -> None:
 
 
 def _straight_sag(surface: Surface) -> float:
-    """Mean height of the curved surface above its flat parts where sides of second order are straight; else 0."""
+    """Mean height of the curved surface above its flat parts if sides of second order are straight; else 0."""
     if surface.quadratic is None or (surface.sag_shares() != 4.0).any():
         return 0.0
     count, k = surface.facets.shape
@@ -463,7 +463,7 @@ def _straight_sag(surface: Surface) -> float:
 
 
 def warn_beyond_edge(slave: Surface, master: Surface, lost: np.ndarray, advice: str = "") -> None:
-    """Warn of slave nodes that look at the master, past its edge, and get no condition; by a mask."""
+    """Warn of slave nodes, a mask ``lost``, that look past the edge of the master and get no condition."""
     if lost.any():
         warn(
             f"{int(lost.sum())} of {lost.size} nodes of slave surface {slave.tag} lie beyond the edge of master "
@@ -472,7 +472,7 @@ def warn_beyond_edge(slave: Surface, master: Surface, lost: np.ndarray, advice: 
 
 
 def beyond_overlap(deepest: float) -> str:
-    """Why surfaces that lie behind each other do not meet; see :func:`never_facing`."""
+    """Reason for :func:`never_facing` if surfaces lie behind each other."""
     return (
         f"one lies behind the other by up to {deepest:.3g}, more than a cell, as back sides do. Where bodies are meant "
         "to overlap so deeply, give the contact a normal, or mesh them apart and overlap them by an Opening"
@@ -505,7 +505,7 @@ def nodal_rows(nodes: np.ndarray, normals: np.ndarray, weights: np.ndarray, dofs
     values = weights[:, :, None] * normals[:, None, :]
     row = np.broadcast_to(np.arange(m)[:, None, None], columns.shape)
     rows = csr_matrix((values.ravel(), (row.ravel(), columns.ravel())), shape=(m, dofs))
-    # weights that are round-off would tie a row to nodes it has nothing to do with
+    # weights of the size of round-off would tie a row to unrelated nodes
     rows.data[np.abs(rows.data) < 1e-12] = 0.0
     rows.eliminate_zeros()
     return rows

@@ -1,4 +1,4 @@
-"""All dofs of two surfaces as rows: what pairings that are made anew as bodies slide are combinations of."""
+"""All dofs of two surfaces as rows. If bodies slide far, the rows of each new pairing are combinations of these."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from hhr_dolfinx.parameters import Tag
 
 @dataclass(frozen=True)
 class SurfaceDofs:
-    """Rows of the identity at the nodes of two surfaces, component by component: no conditions, but all of them.
+    """Rows of the identity at the nodes of two surfaces, component by component, which span all contact conditions.
 
     Attributes:
         slave, master: facet tags.
@@ -40,7 +40,7 @@ class SurfaceDofs:
 
 
 def nodes_of(surfaces: Sequence[Surface]) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes of some surfaces, (n,), each once and in order, and their coordinates, (n, dim)."""
+    """Sorted nodes of some surfaces, (n,), each once, and their coordinates, (n, dim)."""
     every = np.concatenate([surface.nodes for surface in surfaces])
     points = np.concatenate([surface.points for surface in surfaces])
     nodes, first = np.unique(every, return_index=True)
@@ -48,12 +48,12 @@ def nodes_of(surfaces: Sequence[Surface]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def renumbered(surface: Surface, nodes: np.ndarray) -> Surface:
-    """A surface whose nodes are counted among some nodes, (n,), in order."""
+    """A surface with node numbers relative to some sorted nodes, (n,)."""
     return replace(surface, nodes=np.searchsorted(nodes, surface.nodes))
 
 
-def moved(surface: Surface, displacement: np.ndarray) -> Surface:
-    """A surface whose nodes have moved, by the displacement of all nodes that it counts among, (n, dim)."""
+def deformed(surface: Surface, displacement: np.ndarray) -> Surface:
+    """A surface in its deformed position, from the displacement of all nodes that its numbers refer to, (n, dim)."""
     points = surface.points + displacement[surface.nodes]
     vectors = area_vectors(points[surface.facets])
     sizes = np.linalg.norm(vectors, axis=1)

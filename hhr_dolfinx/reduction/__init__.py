@@ -1,1 +1,1 @@
-"""From snapshots to a reduced model that can be trusted: recipe, basis, RID, enrichment, projection, build."""
+"""From snapshots to a checked reduced model: recipe, basis, RID, enrichment, projection, build."""

@@ -24,7 +24,7 @@ from hhr_dolfinx.certify.trust import (
 )
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ReductionError
-from hhr_dolfinx.models.bounds.error_bound import ErrorBound
+from hhr_dolfinx.models.bounds.difference import ExactDifference
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.estimates import known_error, warn_unbounded
 from hhr_dolfinx.models.model import AnsweringModel
@@ -308,6 +308,7 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
     if not isinstance(recipe, Recipe):
         raise ReductionError(f"{recipe!r} is no recipe: give a Recipe")
     problem = full.problem
+    problem.require_parts("hyper-reduction")
     if problem.reshaped is not None:
         raise NotOfferedError(
             "hyper-reduction is not offered where shapes are parameters: condensation is quicker there, and a million "
@@ -404,13 +405,11 @@ def _fields(shared: _Offline, basis: np.ndarray, sets: IndexSets, flow: ReducedF
 
             modes = shared.completion.force_modes
             fields = replace(fields, frictional=FrictionalFields.fitted(problem, sets.A_lambda, modes))
-    if isinstance(bound, ErrorBound) and full.functionals is not None:
-        from hhr_dolfinx.certify.output_bounds import output_bound
+    if isinstance(bound, ExactDifference) and full.functionals is not None and problem.rigid is None:
+        from hhr_dolfinx.certify.differences import output_difference
 
         with log.stage("bound", shared.announce):
-            # C lies among the columns of K^-1 B^T, which are there anyway
-            own = basis if response is None else basis[:, :0]
-            fields = replace(fields, output_bound=output_bound(full, bound, own, shared.snapshots))
+            fields = replace(fields, output_bound=output_difference(full, shared.snapshots))
     return fields
 
 

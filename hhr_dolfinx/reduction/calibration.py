@@ -1,4 +1,4 @@
-"""What an indicator of forces says of hyper-reduced contact with friction: told by histories that are known."""
+"""Calibration of the force indicator of hyper-reduced contact with friction, by full-order histories."""
 
 from __future__ import annotations
 
@@ -15,25 +15,25 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.timing import StageLog
 
 CALIBRATED = 0.95
-"""Part of the known increments whose error the indicator of forces is not below."""
+"""Part of the training increments whose error lies below the indicator of forces."""
 SMALL_FORCE = 1e-3
-"""Part of the largest known force below which a relative error of forces says nothing."""
+"""Part of the largest training force below which a relative error of forces is not meaningful."""
 EXPLAINED = 1e-9
-"""Part of the forces that modes leave unexplained which is round-off."""
+"""Part of the forces unexplained by modes that counts as round-off."""
 MOST_SHARE = 1e3
-"""Error per part of the forces that modes leave unexplained, above which that part is a matter of chance."""
+"""Error per part of the forces unexplained by modes, above which that part is arbitrary."""
 MOST_TRAINING_COMPARED = 50
-"""Training solutions compared where none were held out, about."""
+"""Approximate number of training solutions that are compared if none were held out."""
 
 
 def calibrated(model: Any, known: Sequence[Sequence[History]], log: StageLog) -> tuple[ReducedModel, ...]:
-    """The models that answer for one, itself or local ones, with what is known of how large errors are.
+    """Models, the given one or its local ones, with a calibrated indicator of errors.
 
     Args:
-        model: hyper-reduced, or several that take turns, with friction in which nothing flows.
-        known: sets of histories of the full order, of which the first that say anything count: those held out, and
-            those of training.
-        log: told where none do.
+        model: hyper-reduced with friction and elastic bodies, or several such models.
+        known: sets of histories of the full model, held out ones before training ones; the first set with usable
+            increments counts.
+        log: records the skip if no set has any.
     """
     largest = max(np.linalg.norm(answer.multipliers) for item in known for one in item for answer in one.answers)
     depth = 0.0
@@ -42,7 +42,7 @@ def calibrated(model: Any, known: Sequence[Sequence[History]], log: StageLog) ->
         for history in histories[:MOST_TRAINING_COMPARED]:
             try:
                 found = retraced(model, history)
-            except HHRError:  # which the comparison tells of
+            except HHRError:  # the comparison reports it
                 continue
             for here, there in zip(found.answers, history.answers, strict=True):
                 fields: Any = here.fields
@@ -57,11 +57,11 @@ def calibrated(model: Any, known: Sequence[Sequence[History]], log: StageLog) ->
     else:
         log.skip("calibration", "no known increment has forces that its modes leave unexplained")
     share = float(np.clip(np.quantile(shares, CALIBRATED), 1.0, MOST_SHARE)) if shares else 1.0
-    return tuple(_told(one, share, depth) for one in model.members)
+    return tuple(_calibrated(one, share, depth) for one in model.members)
 
 
-def _told(model: ReducedModel, share: float, depth: float) -> ReducedModel:
-    """A model whose indicator knows how large errors are."""
+def _calibrated(model: ReducedModel, share: float, depth: float) -> ReducedModel:
+    """The model with calibrated constants in its indicator."""
     frictional = model.fields.frictional
     assert frictional is not None
     return model.changed(fields=replace(model.fields, frictional=replace(frictional, share=share, depth=depth)))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -12,10 +11,10 @@ import numpy as np
 from scipy import linalg
 from scipy.optimize import nnls
 
-from hhr_dolfinx.certify.bounds import error_bound
+from hhr_dolfinx.certify.differences import exact_difference, field_response
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, ReductionError
-from hhr_dolfinx.models.bounds.error_bound import Bound
+from hhr_dolfinx.models.bounds.bound import Bound
 from hhr_dolfinx.models.estimates import NOT_ASKED
 from hhr_dolfinx.models.reconstruct import FlowFields, GappyField, Reconstruction
 from hhr_dolfinx.reduction.modes import pod, state_modes
@@ -24,8 +23,7 @@ from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.certify.bounds import MadeOfForces
-    from hhr_dolfinx.models.bounds.error_bound import FieldResponse
+    from hhr_dolfinx.models.field_response import FieldResponse
     from hhr_dolfinx.models.histories.reduced_flow import ReducedFlow
 
 
@@ -203,21 +201,10 @@ def bound_of(
 
                 return Bounding(varying_bound(full, basis, forces, announce=announce), basis)
             if recipe.cone:  # forces outside the RID are then those of training
-                return Bounding(error_bound(full, basis, forces), basis)
-            made = _made_of_forces(full)(full, forces, basis.shape[1])
+                return Bounding(exact_difference(full, basis, forces), basis)
+            made = field_response(full, forces, basis.shape[1])
             whole = replace(made.response, loaded=full.problem.spread.whole(made.response.loaded))
             return Bounding(made.bound, made.columns, whole)
     except BoundError as error:
         log.skip("bound", str(error))
         return Bounding(None, basis, unbounded=str(error))
-
-
-def _made_of_forces(full: Any) -> Callable[[Any, np.ndarray, int], MadeOfForces]:
-    """The displacement made of forces, with its bounds, of bodies that are held or that contact alone holds."""
-    if full.problem.rigid is None or full.equilibrium is not None:
-        from hhr_dolfinx.certify.bounds import field_response
-
-        return field_response
-    from hhr_dolfinx.certify.floating_bound import floating_bound
-
-    return floating_bound

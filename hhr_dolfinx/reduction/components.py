@@ -1,4 +1,4 @@
-"""Connected components of a scene, each eliminated by itself."""
+"""Connected components of a scene, each eliminated separately."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, spmatrix
 
 from hhr_dolfinx.contact.problem import ContactProblem, dependence, moduli_of
+from hhr_dolfinx.contact.stiffness import FactorStore
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.linear.shared import SharedCholesky
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of
@@ -22,9 +23,9 @@ from hhr_dolfinx.snapshots.arrays import ArrayStore
 from hhr_dolfinx.timing import Announce, unannounced
 
 LARGE = 1e5
-"""Dofs from which on the factors of a component, made anew, take less of its time than of the memory."""
+"""Number of dofs above which recomputed factors of a component take less of its time than of the memory."""
 KNOWN_BYTES = 2e9
-"""Memory that results of one component may take which are kept for whoever asks for the same once more."""
+"""Memory for results of one component that are kept for later queries."""
 
 
 @dataclass(frozen=True)
@@ -32,11 +33,11 @@ class Component:
     """A connected component of a scene.
 
     Attributes:
-        number: its place among the components of the problem.
+        number: its index among the components of the problem.
         dofs: its dofs that are free, as a mask, (N,).
         body: numbers of all of its dofs.
-        part: what acts on it.
-        moduli: of the parts of its stiffness, where these depend on parameters.
+        part: conditions, loads and imposed displacements that act on it.
+        moduli: of the parts of its stiffness, if these depend on parameters.
     """
 
     number: int
@@ -47,11 +48,11 @@ class Component:
 
 
 def components_of(problem: ContactProblem) -> list[Component]:
-    """Connected components of a scene, as far as they touch anything."""
+    """Connected components of a scene that conditions, loads or imposed displacements act on."""
     found = []
     shape_axes = () if problem.reshaped is None else problem.reshaped.axes
     lifts = sum(abs(term) for term in problem.lift_terms)
-    if problem.reshaped is not None:  # at another shape other dofs may be pulled
+    if problem.reshaped is not None:  # at another shape other dofs may have forces
         lifts = lifts + abs(problem.stiffness) @ abs(problem.lifts)
     for number, body in enumerate(problem.bodies):
         dofs = np.zeros(problem.free.size, dtype=bool)
@@ -73,15 +74,15 @@ def _acting(columns: csc_matrix, dofs: np.ndarray) -> np.ndarray:
 
 
 class Solves(Protocol):
-    """Makes arrays by name of one component at a point."""
+    """Computes arrays by name for one component at a point."""
 
     component: Component
 
     def __call__(self, point: np.ndarray) -> Mapping[str, np.ndarray]:
-        """At a point, (P,)."""
+        """Arrays at a point, (P,)."""
 
     def release(self) -> None:
-        """Let go of what takes much memory, until it is asked again."""
+        """Free large memory until the next query."""
 
 
 def interpolated_compliances(
@@ -92,10 +93,10 @@ def interpolated_compliances(
     announce: Announce = unannounced,
     stage: str = "compliances",
 ) -> tuple[Compliances, list[GrownGrid], list[dict[str, np.ndarray]]]:
-    """Solve for and interpolate all that contact needs of a full model, on one rank, and the modes of what is besides.
+    """Compute and interpolate all that contact needs of a full model, on one rank, and the modes of further arrays.
 
-    ``settings`` hold for all, unless each part has its ``own``. Each solution is announced under the name of a stage,
-    as a share of the fewest that the grids of all parts take.
+    ``settings`` apply to all parts, unless ``own`` has settings for each. Each solution is announced under the name of
+    a stage, as a share of the fewest that the grids of all parts need.
     """
     fewest = sum(1 + FIRST_LEVELS * solver.component.part.axes.size for solver in solvers)
     done = count(1)
@@ -126,22 +127,22 @@ def interpolated_compliances(
 
 
 class Solver:
-    """Solves for what one component leaves of itself, with factors of its own that take the values of each point.
+    """Computes S and the load response of one connected component, with factors that are updated at each point.
 
-    Where only moduli of whole bodies vary those of the full model serve all points. Columns of K^-1 B^T are used and
-    dropped.
+    If only moduli of whole bodies vary, the factors of the full model serve all points. Columns of K^-1 B^T are used
+    and discarded.
 
     Args:
         full: the full model, whose ranks have all rows.
         component: of its scene.
-        store: where solutions are kept for another run; None keeps them in memory alone.
+        store: keeps solutions for another run; None keeps them in memory alone.
     """
 
     def __init__(self, full: Any, component: Component, store: ArrayStore | None = None):
         self.problem: ContactProblem = full.problem
         self.component = component
         self._full = full
-        self._factors: FreeCholesky | SharedCholesky | None = None
+        self._factors = FactorStore(self._factored)
         self._known: dict[bytes, dict[str, np.ndarray]] = {}
         self._work: dict[bytes, np.ndarray] = {}
         self._last: tuple[bytes, ContactProblem] | None = None
@@ -150,24 +151,23 @@ class Solver:
     def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
         """S_c, (m_c, m_c), and B K^-1 F above B K^-1 K lift, (T, m_c), for the factor 1.
 
-        They depend on the axes of the part alone, and are kept while there is room.
+        They depend on the axes of the part alone, and are kept while memory allows.
         """
         part = self.component.part
         place = point[part.axes].tobytes()
         found = self._known.get(place)
         if found is None:
-            scaled = self._full.scaled is not None
             found = self._read(place)
             if found is None:
-                found = self._scaled() if scaled else self._solved(point)
+                found = self._scaled() if self.serves_all else self._solved(point)
                 self._keep(place, found)
-            # of what an exact factor alone changes there is one, which models and bounds share
-            if scaled or 8 * part.conditions.size**2 * (len(self._known) + 1) <= KNOWN_BYTES:
+            # if only an exact factor changes, there is one solution, which models and bounds share
+            if self.serves_all or 8 * part.conditions.size**2 * (len(self._known) + 1) <= KNOWN_BYTES:
                 self._known[place] = found
         return found
 
     def _key(self, place: bytes) -> str:
-        """Name of the solutions at a place in the store."""
+        """Name of the solutions at a point in the store."""
         return f"component {self.component.number} at {np.frombuffer(place).tolist()}"
 
     def _read(self, place: bytes) -> dict[str, np.ndarray] | None:
@@ -186,52 +186,52 @@ class Solver:
             self._store.save(self._key(place), {**found, **work})
 
     def _solved(self, point: np.ndarray) -> dict[str, np.ndarray]:
-        """By factors that eliminate contact last, or columns of K^-1 B^T: as K^-1 is symmetric loads take none."""
+        """Solve by factors that eliminate contact last, or by columns of K^-1 B^T, which serve loads too (symmetry)."""
         problem = self._at(point)
         part = self.component.part
         rows = csr_matrix(problem.contact[part.conditions])
         acting = csr_matrix(self.acting(problem).T)
-        factors = self._factored(problem)
-        known = factors.between_last(csr_matrix(rows.multiply(self.component.dofs)))
-        if known is not None:
-            moved = factors.solve_columns(acting.T)
-            columns = (rows @ moved).T
-            self._work[point[part.axes].tobytes()] = acting @ moved
-            return self._normed(known, columns, part.factor_at(point))
-        schur = np.empty((rows.shape[0],) * 2)
-        columns = np.empty((acting.shape[0], rows.shape[0]))
-        for places, block in factors.solved_blocks(rows.T):
-            schur[:, places] = rows @ block
-            columns[:, places] = acting @ block
+        with self._factors.of(problem.own_stiffness) as factors:
+            schur = factors.between_last(csr_matrix(rows.multiply(self.component.dofs)))
+            if schur is not None:
+                responses = factors.solve_columns(acting.T)
+                columns = (rows @ responses).T
+                self._work[point[part.axes].tobytes()] = acting @ responses
+                return self._normed(schur, columns, part.factor_at(point))
+            schur = np.empty((rows.shape[0],) * 2)
+            columns = np.empty((acting.shape[0], rows.shape[0]))
+            for places, block in factors.solved_blocks(rows.T):
+                schur[:, places] = rows @ block
+                columns[:, places] = acting @ block
         return self._normed(schur, columns, part.factor_at(point))
 
     def work(self, point: np.ndarray) -> np.ndarray:
-        """Loads on the component, and K times its lifts, times K^-1 of them, (T, T): at hand where it was factored."""
+        """Loads, and K times lifts, times their displacements, (T, T); cached if the component was factored."""
         found = self._work.get(point[self.component.part.axes].tobytes())
-        if found is None or self._full.scaled is not None:
+        if found is None or self.serves_all:
             problem = self.with_stiffness(point)
             loads = self.acting(problem)
             found = loads.T @ self.solved_columns(problem, point, loads)
         return found
 
     def _scaled(self) -> dict[str, np.ndarray]:
-        """From S of the full model in the middle of the box."""
+        """Scale S of the full model from the middle of the box."""
         problem = self.problem
         part = self.component.part
         rows = csr_matrix(problem.contact[part.conditions])
-        schur = self._full.schur_parts[self.component.number][np.ix_(part.conditions, part.conditions)]
-        moved = self.solved_columns(problem, problem.middle, self.acting(problem))
-        return self._normed(schur, (rows @ moved).T, part.factor_at(problem.middle))
+        schur = self._full.stiffness.parts[self.component.number][np.ix_(part.conditions, part.conditions)]
+        responses = self.solved_columns(problem, problem.middle, self.acting(problem))
+        return self._normed(schur, (rows @ responses).T, part.factor_at(problem.middle))
 
     def _normed(self, schur: np.ndarray, columns: np.ndarray, factor: float) -> dict[str, np.ndarray]:
-        """For the factor 1; lifts move a body by themselves."""
+        """Normalise to the factor 1; displacements by lifts do not depend on it."""
         columns[: self.component.part.forced.size] *= factor
         symmetric = schur + schur.T
         symmetric *= factor / 2
         return {"schur": symmetric, "columns": columns}
 
     def acting(self, problem: ContactProblem) -> csc_matrix:
-        """Loads on the component, and behind them K times its lifts, (N, T)."""
+        """Loads on the component, then K times its lifts, (N, T)."""
         part = self.component.part
         pulls = csc_matrix(problem.own_stiffness @ problem.lifts[:, part.lifted])
         return csc_matrix(hstack([problem.external[:, part.forced], pulls]))
@@ -240,14 +240,14 @@ class Solver:
         """Displacements under contact forces, (m, k), and under each load, (N, k + T)."""
         problem = self._at(point)
         part = self.component.part
-        pushed = csc_matrix(problem.contact[part.conditions].T @ forces[part.conditions])
+        contact_loads = csc_matrix(problem.contact[part.conditions].T @ forces[part.conditions])
         loads = problem.loads[:, np.union1d(part.forced, part.lifted)]
-        return self.solved_columns(problem, point, hstack([pushed, loads], format="csc"))
+        return self.solved_columns(problem, point, hstack([contact_loads, loads], format="csc"))
 
     def fields_under(self, point: np.ndarray, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """Displacements under the loads at some points, (k, P), and contact forces, (k, m), at another one: (N, k).
 
-        Of all components where factors serve all of them.
+        They are those of all components if the factors serve all of them.
         """
         problem = self.with_stiffness(point)
         loaded = np.stack([problem.external @ problem.amplitudes(one) for one in points], axis=1)
@@ -260,69 +260,63 @@ class Solver:
         """Displacements under K times its lifts, (N, T)."""
         problem = self.with_stiffness(point)
         drawn = csc_matrix(problem.own_stiffness @ problem.lifts[:, self.component.part.lifted])
-        if self._full.scaled is not None:
-            drawn *= self._full.scaled.at(point)[self.component.number]
+        if self.serves_all:
+            drawn *= self._full.system.bodies.at(point)[self.component.number]
         return self.solved_columns(problem, point, drawn)
 
     def release(self) -> None:
-        """Let go of large factors, since no two components are asked for together."""
+        """Free large factors: components are solved one after another."""
         if self.problem.free.size > LARGE:
             self._last = None
-            if self._factors is not None:
-                self._factors.release()
+            self._factors.release()
 
     def with_stiffness(self, point: np.ndarray) -> ContactProblem:
-        """The problem at a point; that of the middle where K of the component is a multiple of the one there."""
-        return self._at(point) if self._full.scaled is None else self.problem
+        """The problem at a point; that of the middle if K of the component is a multiple of the one there."""
+        return self.problem if self.serves_all else self._at(point)
 
     def _at(self, point: np.ndarray) -> ContactProblem:
-        """The problem at a point; that of the last one again, whose stiffness is factored then."""
+        """The problem at a point; the last one is kept, since its stiffness is factored."""
         place = point.tobytes()
         if self._last is None or self._last[0] != place:
-            self._last = None  # K may be as large as all else
+            self._last = None  # K may take half of the memory
             self._last = (place, self.problem.at(point))
         return self._last[1]
 
     @property
     def serves_all(self) -> bool:
-        """Whether its factors are those of all components: one solution serves them all."""
-        return self._full.scaled is not None
+        """True if its factors are those of all components: one solution serves them all."""
+        return self._full.system.bodies is not None
 
     def solved_everywhere(self, point: np.ndarray, columns: spmatrix) -> np.ndarray:
-        """K^-1 of all components at a point times columns, (N, k), where factors serve all of them."""
-        scaled = self._full.scaled
-        return self._full.solved_columns(csc_matrix(diags(1 / scaled.on_dofs(scaled.at(point))) @ columns))
+        """K^-1 of all components at a point times columns, (N, k), if the factors serve all of them."""
+        return self._full.system.stiffness(point).columns(columns)
 
     def solved_columns(self, problem: ContactProblem, point: np.ndarray, columns: spmatrix) -> np.ndarray:
         """K^-1 of the component times columns, (N, k), with the problem at this point."""
-        scaled = self._full.scaled
-        if scaled is None:
-            return self._factored(problem).solve_columns(columns)
+        if not self.serves_all:
+            with self._factors.of(problem.own_stiffness) as factors:
+                return factors.solve_columns(columns)
         dofs = self.component.dofs
-        scale = scaled.at(point)[self.component.number]
-        return self._full.solved_columns(csc_matrix(diags(dofs / scale) @ columns))
+        scale = self._full.system.bodies.at(point)[self.component.number]
+        return self._full.stiffness.columns(csc_matrix(diags(dofs / scale) @ columns))
 
-    def _factored(self, problem: ContactProblem) -> FreeCholesky | SharedCholesky:
-        """Factors of the component in a problem."""
-        if self._factors is None:
-            full = self._full
-            name = full.scene.name
-            if self.problem.free.size > LARGE:
-                full.factors.release()
-            dofs = self.component.dofs
-            low_rank = low_rank_of(problem.block_size, int(np.count_nonzero(dofs)), anew=True)
-            last = np.unique(problem.contact[self.component.part.conditions].indices)
-            if full.comm.size > 1:
-                given = problem.own_stiffness, dofs, name, full.comm
-                self._factors = SharedCholesky.of(*given, low_rank=low_rank, last=last, rows=full.factors.rows)
-                return self._factors
-            how = slice(0, problem.free.size), name, full.block_ordering, full.comm
-            self._factors = FreeCholesky(problem.own_stiffness, dofs, *how, low_rank=low_rank, last=last)
-        else:
-            self._factors.refactor(problem.own_stiffness)
-        return self._factors
+    def _factored(self, matrix: csr_matrix) -> FreeCholesky | SharedCholesky:
+        """Factors of the component of a matrix."""
+        full = self._full
+        problem = self.problem
+        if problem.free.size > LARGE:
+            full.store.release()
+        dofs = self.component.dofs
+        low_rank = low_rank_of(problem.block_size, int(np.count_nonzero(dofs)), anew=True)
+        last = np.unique(problem.contact[self.component.part.conditions].indices)
+        name = full.scene.name
+        if full.comm.size > 1:
+            given = matrix, dofs, name, full.comm
+            return SharedCholesky.of(*given, low_rank=low_rank, last=last, rows=full.store.first.rows)
+        how = slice(0, problem.free.size), name, full.block_ordering, full.comm
+        return FreeCholesky(matrix, dofs, *how, low_rank=low_rank, last=last)
 
 
 def solvers_of(full: Any, store: ArrayStore | None = None) -> list[Solver]:
-    """Of all components of a full model, with the store that keeps their solutions."""
+    """Solvers of all components of a full model, with the store that keeps their solutions."""
     return [Solver(full, component, store) for component in components_of(full.problem)]

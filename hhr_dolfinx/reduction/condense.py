@@ -1,6 +1,6 @@
-"""Interpolated condensation, offline: solve for S and the free slack at few parameters, and interpolate between them.
+"""Interpolated condensation, offline: compute S and the free slack at few parameters, and interpolate between them.
 
-Each connected component of a scene is solved for by itself, at parameters that its own sparse grid asks for.
+Each connected component of a scene is solved separately, at the parameters of its sparse grid.
 """
 
 from __future__ import annotations
@@ -43,14 +43,14 @@ from hhr_dolfinx.warn import warn
 STARTS = 256
 FEWEST_STARTS = 32
 START_BYTES = 0.13e9
-"""Points at which statuses are known beforehand: four times as many save a tenth of the iterations on the pellet. As
-many fewer as the displacements there take more memory than this."""
+"""Points with tabulated statuses: four times as many save a tenth of the iterations on the pellet. Their number is
+reduced if the displacements there would take more memory than this."""
 FIELD_TOLERANCE = 1e-13
 """Part of the squared sum of displacements that the basis of the fields may leave out."""
 FORCE_TOLERANCE = 1e-9
 FIELD_NODES = 8
 TINY = 1e-300
-"""Part of the squared forces that the fields of a shape may leave out, and at how many shapes they are solved for."""
+"""Part of the squared forces that the fields of a shape may leave out, and the number of shapes they are solved at."""
 _INTERPOLATED = (
     "S is interpolated between parameters and not resolved here: raise the budget of the grid or narrow the box"
 )
@@ -59,27 +59,27 @@ OF_FRICTION = "the moduli of bodies with friction vary, and how far interpolated
 ALONG_NODES = (4, 16)
 PER_NODE = 8
 TOGETHER = 16
-"""Nodes of a grid at which fields are solved for that no snapshot tells of, each a factorisation, at least and at most;
-fields for each of them, and how many are solved for at once. Of 32 fields those at 3 to 16 nodes were as good."""
+"""Nodes of a grid at which fields are solved without snapshots, each a factorisation, at least and at most; fields for
+each of them; and the number solved for at once. Of 32 fields those at 3 to 16 nodes were as good."""
 
 
 FEW = 150_000
-"""Numbers of an interpolation up to which it may be finer than asked for: they stay in the cache of a processor, so
-that answers take hardly longer, and have room on a page."""
+"""Numbers of an interpolation up to which it may be finer than requested: they fit into the cache of a processor, so
+that answers take hardly longer, and into a page."""
 
 
 @dataclass(frozen=True)
 class CondensedRecord:
-    """How interpolated condensation was made.
+    """Record of an interpolated condensation.
 
     Attributes:
-        settings: how far its grids were to grow.
+        settings: targets of its grids.
         evaluations: solutions of the parts of the scene, one number for each grid.
-        surpluses: what the terms tried last would have changed, relative.
-        unresolved: what formulas of moduli do between the nodes of the grids, as far as that is seen, relative.
-        comparison: what users get beside answers that are known; None where there were none.
+        surpluses: surplus of the terms tried last, relative.
+        unresolved: error of the formulas of moduli between the nodes of the grids, as far as it was tested, relative.
+        comparison: errors against known answers; None without known answers.
         log: seconds of the stages.
-        finer: whether answers are by what the bound interpolates, in the place of these grids.
+        finer: whether answers use the interpolation of the bound instead of these grids.
     """
 
     settings: GridSettings
@@ -93,10 +93,10 @@ class CondensedRecord:
 
 @dataclass(frozen=True)
 class Condensation:
-    """Interpolated condensation as a way to reduce, see :func:`condense`.
+    """Interpolated condensation as a reduction, see :func:`condense`.
 
     Attributes:
-        settings: how far the sparse grids grow; see :func:`condense`.
+        settings: targets of the sparse grids; see :func:`condense`.
         bound: whether answers have a bound of their error.
     """
 
@@ -122,27 +122,27 @@ def condense(
     spare: bool = False,
     announce: Announce = unannounced,
 ) -> CondensedModel:
-    """Build a model that keeps all contact conditions and interpolates what is behind them.
+    """Build a model that keeps all contact conditions and interpolates their compliance.
 
     Args:
         full: the full model, on one rank, whose stiffness depends on parameters.
-        snapshots: answers whose displacements span the fields; the contact forces do not need them. None takes what
-            forces and loads as they occur move at some nodes of the grids.
-        settings: how far the sparse grids grow; None for the usual.
+        snapshots: answers whose displacements span the fields; the contact forces do not need them. None computes
+            fields of typical forces and loads at some nodes of the grids.
+        settings: targets of the sparse grids; None for the defaults.
         held_out: answers the model is compared with.
-        bound: whether answers have a bound of their error, or an estimate where none is proved.
-        fields: whether displacements can be asked for; without them there is no bound either.
-        along: whether fields are spanned by what forces and loads move beside the displacements of snapshots.
-        finer: whether answers are by what the bound interpolates, where that is small; None without ``settings``.
-        solvers: of all components, by :func:`solvers_of`, which keep what they have found for another model.
-        spare: whether fields are left out if no bound can be made of them.
-        announce: called with each stage and the share of it that is done; what it raises stops the build.
+        bound: whether answers have a bound of their error, or an estimate if none is proved.
+        fields: whether answers have displacements; without them there is no bound either.
+        along: whether displacements under forces and loads span the fields in addition to snapshots.
+        finer: whether answers use the interpolation of the bound if it is small; None: only without ``settings``.
+        solvers: of all components, by :func:`solvers_of`, which keep their solutions for another model.
+        spare: whether to leave out fields if there can be no bound.
+        announce: called with each stage and the share of it that is done; an exception from it stops the build.
 
     Raises:
-        ReductionError: for a scene whose stiffness is constant, or that flows.
+        ReductionError: for a scene of constant stiffness, or of inelastic bodies.
 
     Warns:
-        StabilityWarning: if a grid spent its budget before it had settled.
+        StabilityWarning: if a grid spent its budget before it converged.
     """
     finer = settings is None if finer is None else finer
     settings = settings or DEFAULT_GRID
@@ -173,7 +173,7 @@ def condense(
 def _compared(
     full: Any, model: CondensedModel, snapshots: SnapshotSet | None, held_out: SnapshotSet | None, log: StageLog
 ) -> Comparison | None:
-    """The check beside answers held out; None without any."""
+    """Comparison with answers held out; None without any."""
     if held_out is None or snapshots is None:
         return None
     with log.stage("validation"):
@@ -185,20 +185,20 @@ def _compared(
 def _record(
     settings: GridSettings, grids: list[GrownGrid], comparison: Comparison | None, log: StageLog, *, finer: bool
 ) -> CondensedRecord:
-    """How a model was made."""
+    """Record of the construction of a model."""
     numbers = [grid.evaluations for grid in grids], [grid.surplus for grid in grids]
     unresolved = max((grid.unresolved for grid in grids), default=0.0)
     return CondensedRecord(settings, *numbers, unresolved, comparison, log, finer)
 
 
 def _starts(problem: ContactProblem) -> np.ndarray:
-    """Points at which statuses are known beforehand, a power of two of them, (S, P)."""
+    """Points with tabulated statuses, a power of two of them, (S, P)."""
     room = int(np.log2(START_BYTES / (8 * problem.free.size)))
     return Sobol(min(STARTS, max(FEWEST_STARTS, 2**room))).points(problem.parameters)
 
 
 def _warn_of_budget(full: Any, grids: list[GrownGrid], settings: GridSettings) -> None:
-    """Warn of a grid that spent its budget before it had settled."""
+    """Warn of a grid that spent its budget before it converged."""
     worst = max((grid.surplus for grid in grids), default=0.0)
     if worst > settings.tolerance:
         warn(
@@ -211,18 +211,18 @@ def _warn_of_budget(full: Any, grids: list[GrownGrid], settings: GridSettings) -
 
 
 def _warn_of_untouched(snapshots: SnapshotSet | None, solvers: list[Solver]) -> None:
-    """Warn of bodies that nothing can touch and that are moved: without snapshots no field of theirs is spanned."""
+    """Warn of loaded bodies without any contact: without snapshots nothing spans their fields."""
     if snapshots is not None:
         return
     problem = solvers[0].problem
     touched = {solver.component.number for solver in solvers}
-    moved = csr_matrix(problem.external)
+    loads = csr_matrix(problem.external)
     lifts = csr_matrix(problem.lifts)
     wrong = [
         body
         for number, body in enumerate(problem.bodies)
-        # factors that serve all bodies have found what loads do there
-        if number not in touched and moved[body].nnz and (lifts[body].nnz or not solvers[0].serves_all)
+        # factors that serve all bodies include the response to loads there
+        if number not in touched and loads[body].nnz and (lifts[body].nnz or not solvers[0].serves_all)
     ]
     if wrong:
         warn(
@@ -234,7 +234,7 @@ def _warn_of_untouched(snapshots: SnapshotSet | None, solvers: list[Solver]) -> 
 
 
 def _no_fields(full: Any, settings: GridSettings) -> InterpolatedFields:
-    """Outputs of forces, and no displacement."""
+    """Outputs of forces alone, without displacement."""
     problem = full.problem
     functionals = full.functionals
     basis = np.zeros((problem.free.size, 0))
@@ -246,10 +246,10 @@ def _no_fields(full: Any, settings: GridSettings) -> InterpolatedFields:
 
 
 def _fields(full: Any, seen: list[np.ndarray], settings: GridSettings) -> InterpolatedFields:
-    """Galerkin's method on what displacements span, (N, k) each, body by body; the list is empty behind it."""
+    """Galerkin's method on the span of displacements, (N, k) each, body by body; the list is emptied."""
     problem: ContactProblem = full.problem
     displacements = seen[0] if len(seen) == 1 else np.column_stack(seen)
-    seen.clear()  # as large as all else of a model
+    seen.clear()  # it may take half of the memory of a model
     basis = Pod(FIELD_TOLERANCE, relative=True, by_body=True).of_columns(problem, displacements, full.comm)
     del displacements
     if problem.reshaped is not None:
@@ -281,7 +281,7 @@ def _compliances(
 
 
 def _unbounded(full: Any, log: StageLog, solvers: list[Solver], announce: Announce) -> bool:
-    """Whether nothing bounds the errors of a model, whatever its fields."""
+    """True if the errors of a model have no bound, whatever its fields."""
     if full.problem.friction is not None:
         return True
     try:
@@ -303,7 +303,7 @@ def _bounded(
     *,
     wanted: bool,
 ) -> InterpolatedFields:
-    """Fields with a bound; as they are where there is none, with the reason in the log."""
+    """Fields with a bound; unchanged without one, with the reason in the log."""
     if not wanted or full.problem.friction is not None:
         return replace(fields, unbounded=NOT_ASKED if not wanted else OF_FRICTION)
     try:
@@ -317,7 +317,7 @@ def _bounded(
 
 
 def _finer(compliances: Compliances, bound: Any) -> Compliances:
-    """What the bound interpolates, where its grids are as fine and small: nothing else is off then."""
+    """Interpolation of the bound if its grids are as fine and small: it then has no other error."""
     if bound is None:
         return compliances
     pairs = list(zip(compliances.parts, bound.compliances.parts, strict=True))
@@ -329,7 +329,7 @@ def _finer(compliances: Compliances, bound: Any) -> Compliances:
 def _of_energy(basis: np.ndarray, problem: ContactProblem) -> np.ndarray:
     """Modes of the same span, orthonormal in the energy of the middle of the box.
 
-    K~ is then near the identity at every shape, and what is interpolated is as exact for soft modes as for stiff ones.
+    K~ is then near the identity at every shape, and the interpolation is as exact for soft modes as for stiff ones.
     """
     energies, ways = np.linalg.eigh(basis.T @ (problem.stiffness @ basis))
     kept = energies > 1e-12 * energies[-1]
@@ -346,7 +346,7 @@ def _spanning(
     *,
     along: bool,
 ) -> list[np.ndarray]:
-    """Displacements that span the fields, (N, k) each: of snapshots, and of forces, (S, m), at solved points."""
+    """Displacements that span the fields, (N, k) each: snapshots, and responses to forces, (S, m), of solved points."""
     _warn_of_untouched(snapshots, solvers)
     seen = [] if solvers[0].problem.reshaped is None else _fields_seen(compliances, solvers, forces)
     if snapshots is None or along:
@@ -357,7 +357,7 @@ def _spanning(
 
 
 def _fields_seen(compliances: Compliances, solvers: list[Solver], forces: np.ndarray) -> list[np.ndarray]:
-    """Displacements at some shapes under forces as they occur, (S, m), (N, k) each: few snapshots do not span them."""
+    """Displacements at some shapes under typical forces, (S, m), (N, k) each: few snapshots do not span them."""
     forces = forces.T
     forces = pod(forces / np.maximum(np.linalg.norm(forces, axis=0), TINY), FORCE_TOLERANCE)[0]
     found = []
@@ -374,16 +374,16 @@ def _fields_along(
 ) -> list[np.ndarray]:
     """Displacements under loads and forces of solved points, (S, P) and (S, m): (N, k) each.
 
-    Every node of a grid has its share of them. What imposed displacements move is by itself, since it does not depend
-    on a factor of the stiffness. Columns of all components lie in the same ones, as none moves another's dofs.
+    The points are shared out among the nodes of a grid. Displacements by lifts have their own columns, since they do
+    not depend on a factor of the stiffness. All components share columns, as each has displacements on its dofs alone.
     """
     count = len(points)
     least, most = ALONG_NODES
     few = max(least, min(most, count // PER_NODE))
     every = [part.interpolant.nodes[:few] for part in compliances.parts]
     lifts = sum(len(nodes) * part.lifted.size for nodes, part in zip(every, compliances.parts, strict=True))
-    # all of them in one array: stacked they would be there twice
-    moved = np.zeros((solvers[0].problem.free.size, count + lifts), order="F")
+    # one array, since stacking would copy it
+    fields = np.zeros((solvers[0].problem.free.size, count + lifts), order="F")
     place = count
     done = 0
     for part, solver, nodes in zip(compliances.parts, solvers, every, strict=True):
@@ -391,21 +391,22 @@ def _fields_along(
             point = solver.problem.middle
             share = slice(first, count, len(nodes))
             point[part.interpolant.axes] = node
-            # of all components by the first of them where factors serve all
+            # the first component solves for all if its factors serve all
             own = np.arange(count)[share] if solver is solvers[0] or not solver.serves_all else np.arange(0)
             for some in np.array_split(own, -(-own.size // TOGETHER)) if own.size else ():
-                moved[:, some] += solver.fields_under(point, points[some], forces[some])
-            moved[:, place : place + part.lifted.size] = solver.fields_of_lifts(point)
+                fields[:, some] += solver.fields_under(point, points[some], forces[some])
+            fields[:, place : place + part.lifted.size] = solver.fields_of_lifts(point)
             place += part.lifted.size
             done += 1
             announce("fields", done / sum(map(len, every)))
         solver.release()
-    return [moved]
+    return [fields]
 
 
 def _check_given(full: Any, snapshots: SnapshotSet | None) -> None:
-    """Raise ReductionError for a scene that interpolated condensation is not for, and snapshots of another one."""
+    """Raise ReductionError for a scene unsuitable for interpolated condensation, and for snapshots of another one."""
     problem: ContactProblem = full.problem
+    problem.require_parts("condensation")
     if full.equilibrium is not None or not problem.varies:
         raise ReductionError(
             f"the stiffness of scene '{full.scene.name}' does not depend on parameters, or its bodies flow: "

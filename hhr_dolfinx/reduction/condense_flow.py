@@ -1,9 +1,9 @@
-"""Condensed flow, offline: the elastic response, modes of the plastic correction, a cubature for it, and a check.
+"""Condensation of inelastic models, offline: elastic response, modes of the plastic correction, cubature, check.
 
 Weights of the cubature are fitted to two kinds of integrals: the stress of the correction at training states, see
-:mod:`hhr_dolfinx.models.histories.condensed_step`, and loosely the energies ∫ (G V)^T C G V of the modes where anything
-flowed. With the first alone, modes of small energy were overestimated by up to 70 % in the tangent, whose sign then
-turns: steps stalled, or jumped. With both, none did.
+:mod:`hhr_dolfinx.models.histories.condensed_step`, and loosely the energies ∫ (G V)^T C G V of the modes in inelastic
+regions. With the first alone, modes of small energy were overestimated by up to 70 % in the tangent, whose sign then
+changed: steps stalled, or jumped. With both, none did.
 """
 
 from __future__ import annotations
@@ -42,21 +42,21 @@ if TYPE_CHECKING:
 
 
 ROWS = 1500
-"""Integrals that a cubature is fitted to at most, before they are compressed."""
+"""Most integrals for the fit of a cubature, before compression."""
 CHUNK = 2000
-"""Gauss points whose contributions are made at once."""
+"""Gauss points whose contributions are computed at once."""
 FLOWED = 1e-4
-"""Plastic strain, relative to the largest of any training state, from which on a point may carry weight."""
+"""Plastic strain, relative to the largest of any training state, above which a point may have a weight."""
 ALIKE_MODES = 1e-4
-"""Part of the norm of training states that their compression leaves out."""
+"""Part of the norm of training states that their compression may leave out."""
 
 
 def correction_strain(
     full: Any, elastic: ElasticResponse, answer: Answer, correction: np.ndarray, strain: StrainAt
 ) -> np.ndarray:
-    """Strain ε_c of the correction of a full answer, (p, c): it moves contact forces, which strain too.
+    """Strain ε_c of the correction of a full answer, (p, c), with that of the change of contact forces.
 
-    But with friction, see :mod:`models.histories.rubbing_flow`.
+    With friction it has no such part, see :mod:`models.histories.rubbing_flow`.
     """
     problem = full.problem
     if problem.friction is not None:
@@ -72,7 +72,7 @@ def correction_strain(
 
 @dataclass(frozen=True)
 class FlowingDomain:
-    """Gauss points where anything flowed in training: the candidates of a cubature.
+    """Gauss points with plastic strain in training: the candidates of a cubature.
 
     Attributes:
         points: their numbers, (p,).
@@ -86,7 +86,7 @@ class FlowingDomain:
 
     @classmethod
     def of(cls, full: Any, basis: np.ndarray, answers: Sequence[Answer], sizes: np.ndarray) -> FlowingDomain:
-        """Of training answers with corrections of some energy norms."""
+        """Domain of training answers with corrections of given energy norms."""
         equilibrium = full.equilibrium
         largest = np.zeros(equilibrium.material.gauss_points)
         for answer, size in zip(answers, sizes, strict=True):
@@ -139,7 +139,7 @@ class FlowingDomain:
         return fitted(np.vstack([rows, loose]), settings.cubature, settings.most_points, start)
 
     def largest_energy(self, cubature: Cubature) -> float:
-        """Largest energy of a mode by a cubature."""
+        """Largest energy of a mode by the cubature."""
         scale = np.sqrt(cubature.weights * self.weights[cubature.points])
         chosen = self.deviators[cubature.points] * scale[:, None, None]
         return float(np.linalg.norm(chosen.reshape(-1, chosen.shape[2]), 2) ** 2)
@@ -162,14 +162,14 @@ def _chunks(count: int) -> Iterator[slice]:
 
 
 def _alike(states: np.ndarray, most: int) -> np.ndarray:
-    """Few rows with the products of many, (S, n) -> (r, n): by the method of snapshots."""
+    """Few rows with nearly the same products as many, (S, n) -> (r, n), by the method of snapshots."""
     squares, ways = linalg.eigh(states @ states.T)
     count = min(int((squares > ALIKE_MODES**2 * squares[-1]).sum()), most)
     return ways[:, ::-1][:, :count].T @ states
 
 
 class StrainAt:
-    """Strain at some Gauss points, by the cells around them alone.
+    """Strain at some Gauss points, from the cells around them alone.
 
     Args:
         operator: of the whole mesh.
@@ -187,27 +187,27 @@ class StrainAt:
         self.points = points
 
     def of(self, column: np.ndarray) -> np.ndarray:
-        """Of a field (N,), (n, c)."""
+        """Strain of a field (N,), (n, c)."""
         return self._operator.strain(column[self._dofs])[self._places]
 
     def __call__(self, columns: np.ndarray) -> np.ndarray:
-        """Of fields (N, k), component by component, (k, c n)."""
+        """Strain of fields (N, k), by component, (k, c n)."""
         return np.array([self.of(column).T.ravel() for column in columns.T])
 
 
 LEFT_OUT = {"plastic": 1e-8, "cumulated": 1e-6}
-"""Part of the squared training fields that the modes for plastic strain and for what of it is cumulated leave out.
-Stress is what is left of strain less plastic strain, which may be a hundred times as large: that one keeps more."""
+"""Part of the squared training fields that the modes for plastic and cumulated plastic strain leave out. Stress is the
+difference of strain and plastic strain, which may be a hundred times as large: the latter has the smaller tolerance."""
 WATCHED = 12
 """Points without weight at which laws are evaluated, or a tenth of the others if that is more."""
 ALIKE = 1e-6
-"""Part of the cumulated plastic strain by which that of symmetric points may differ."""
+"""Part of the cumulated plastic strain by which symmetric points may differ."""
 SPARE = 2
-"""Values that a fit has for each mode at least, so that those left over tell how good it is."""
+"""Least number of values per mode in a fit, so that the surplus ones measure its quality."""
 NOTHING = 1e-8
-"""Energy of a correction, relative to the largest, below which it is round-off of the elastic solution."""
+"""Energy of a correction, relative to the largest, below which it counts as round-off of the elastic solution."""
 LARGEST_ENERGY = 1.2
-"""Energy of a mode by the cubature above which tangents may turn their sign; the exact one is at most 1."""
+"""Energy of a mode by the cubature above which tangents may change sign; the exact one is at most 1."""
 
 
 def _limits() -> TrustLimits:
@@ -216,17 +216,17 @@ def _limits() -> TrustLimits:
 
 @dataclass(frozen=True)
 class CorrectionSettings:
-    """How far a reduced plastic correction is to go.
+    """Targets of a reduced plastic correction.
 
     Attributes:
-        modes: energy norm of training corrections, each over the root of its own, that the modes leave out, relative.
+        modes: energy norm that the modes leave out of training corrections, each over the root of its norm, relative.
         cubature: relative misfit of the integrals at training states.
         stability: relative misfit of the energies of the modes.
-        most_modes, most_points: bounds; None for none.
-        attempts: how often modes and cubature grow, by a factor of three in their tolerances, until errors are small.
-        primal, dual, stress, plastic: errors of displacement, forces, stress and cumulated plastic strain along known
-            histories that are small enough.
-        trust: when a model is refused or warned of; None leaves out the check.
+        most_modes, most_points: upper limits; None for none.
+        attempts: most attempts; each reduces the tolerances of modes and cubature by a factor of three.
+        primal, dual, stress, plastic: target errors of displacement, forces, stress and cumulated plastic strain along
+            known histories.
+        trust: limits at which a model is refused or raises a warning; None leaves out the check.
     """
 
     modes: float = 4e-3
@@ -242,7 +242,7 @@ class CorrectionSettings:
     trust: TrustLimits | None = field(default_factory=_limits)
 
     def __post_init__(self) -> None:
-        """Refuse what leaves nothing, with ReductionError."""
+        """Refuse invalid values with ReductionError."""
         for name in ("modes", "cubature", "stability"):
             if not (is_number(getattr(self, name)) and 0 < getattr(self, name) < 1):
                 raise ReductionError(f"{name} = {getattr(self, name)!r} must be a fraction in (0, 1)")
@@ -266,15 +266,15 @@ class CorrectionSettings:
 
 @dataclass(frozen=True)
 class CorrectionRecord:
-    """How a model of condensed flow was made.
+    """Record of a condensed inelastic model.
 
     Attributes:
-        settings: of the attempt that was taken.
+        settings: of the chosen attempt.
         modes, points: numbers of them.
-        candidates: Gauss points that flowed in training.
+        candidates: Gauss points with plastic strain in training.
         misfit: of the cubature.
-        energy: largest energy of a mode by the cubature, exactly at most 1.
-        comparison: what users get beside histories that are known; None where the check was left out.
+        energy: largest energy of a mode by the cubature; the exact one is at most 1.
+        comparison: errors against full-order histories; None without the check.
         log: seconds of the stages, attempts that were refused.
     """
 
@@ -295,18 +295,18 @@ def condense_flow(
     held_out: SnapshotSet | None = None,
     announce: Announce = unannounced,
 ) -> CondensedFlowModel:
-    """Build a model of bodies that flow that keeps all contact conditions and reduces the plastic correction alone.
+    """Build a model of inelastic bodies that keeps all contact conditions and reduces the plastic correction alone.
 
     Args:
         full: the full model, on one rank.
         snapshots: training histories.
-        settings: how far to go.
+        settings: targets.
         held_out: histories kept out of training, for the check.
-        announce: called with each stage that begins; what it raises stops the build.
+        announce: called at the start of each stage; an exception from it stops the build.
 
     Raises:
-        ReductionError: for a scene in which nothing flows, or whose moduli are no factors of connected components.
-        UnstableModelError: if a model with as many modes and points as are allowed is still off.
+        ReductionError: for a scene without inelastic bodies, or whose moduli are no factors of connected components.
+        UnstableModelError: if a model with the most modes and points allowed is still inaccurate.
 
     Warns:
         StabilityWarning, UncheckedWarning: as :func:`hhr_dolfinx.reduction.build.build`.
@@ -322,7 +322,7 @@ def condense_flow(
             "a reduced plastic correction is trained on histories, all steps: SnapshotSet.of_histories"
         )
     if not snapshots.flowed:
-        # corrections are round-off then, not zero
+        # corrections are then round-off, not zero
         raise ReductionError("no body flows in any training history: train at higher loads, or leave the laws out")
     if settings.trust is not None:
         warn_of_training(full, snapshots, held_out)
@@ -340,7 +340,7 @@ def condense_flow(
 
 @dataclass(frozen=True)
 class _Shared:
-    """What all attempts share."""
+    """Data that all attempts share."""
 
     full: Any
     snapshots: SnapshotSet
@@ -352,7 +352,7 @@ class _Shared:
     log: StageLog
     announce: Announce
     known: list[Cubature] = field(default_factory=list)
-    """That of the last attempt, if there was one: the next one begins with its points."""
+    """Cubature of the last attempt, if there was one: the next one starts from its points."""
 
 
 def _grown(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowModel:
@@ -387,7 +387,7 @@ def _grown(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowModel:
 
 
 def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowModel:
-    """One model."""
+    """Build one model."""
     full = shared.full
     log = shared.log
     elastic = shared.elastic
@@ -436,7 +436,7 @@ def _online(
     cubature: Cubature,
     answers: Sequence[Answer],
 ) -> CondensedFlow:
-    """Everything that a step needs, on the points of the cubature."""
+    """Arrays of a step, on the points of the cubature."""
     equilibrium = full.equilibrium
     problem = full.problem
     points, weights = _watched(domain, cubature, answers)
@@ -478,17 +478,17 @@ def _online(
 
 
 def _watched(domain: FlowingDomain, cubature: Cubature, answers: Sequence[Answer]) -> tuple[np.ndarray, np.ndarray]:
-    """Points of a cubature and their weights, and, without weight, those that flow most at training states.
+    """Points of a cubature and their weights, and, without weight, those of the largest plastic strain in training.
 
-    Where bodies flow first none of the few points of a cubature may be: a history that flows there alone would look
-    elastic, whatever stress it leaves behind.
+    The few points of a cubature may all lie away from the place of the first plastic strain. A history with plastic
+    strain there alone would look elastic, whatever stress it causes.
     """
     flowed = np.array([answer.state().state.cumulated[domain.points] for answer in answers])
     largest = flowed.max(axis=1, keepdims=True)
-    # the first of those that flow alike to round-off
+    # the first of points that are equal up to round-off
     order = [k for k in np.argsort(largest[:, 0], kind="stable") if largest[k] > 0]
     most = (flowed >= (1 - ALIKE) * largest).argmax(axis=1)[order]
-    # from the smallest states on, in which flow begins: more points would cost what a cubature saves
+    # start with the smallest states, the onset of plastic flow: more points would cost what a cubature saves
     known = set(cubature.points.tolist())
     others = [point for point in dict.fromkeys(most.tolist()) if point not in known]
     kept = np.array(others[: max(cubature.points.size // 10, WATCHED)], dtype=np.int64)
@@ -497,14 +497,14 @@ def _watched(domain: FlowingDomain, cubature: Cubature, answers: Sequence[Answer
 
 
 def _deviators(strains: np.ndarray, components: int) -> np.ndarray:
-    """Deviators of strains that lie component by component, (k, c n)."""
+    """Deviators of strains stored by component, (k, c n)."""
     found = strains.reshape(len(strains), components, -1).copy()
     found[:, :3] -= found[:, :3].mean(axis=1, keepdims=True)
     return found.reshape(strains.shape)
 
 
 def _parts_of_modes(basis: np.ndarray, elastic: ElasticResponse) -> np.ndarray:
-    """Part of the stiffness where each mode lives, (ell,): modes are of one part each where there are several."""
+    """Part of the stiffness of each mode, (ell,): if there are several parts, each mode belongs to one."""
     return elastic.parts[np.abs(basis).argmax(axis=0)]
 
 
@@ -513,7 +513,7 @@ def _symmetric(matrix: np.ndarray) -> np.ndarray:
 
 
 def _by_body(groups: tuple[Group, ...], points: np.ndarray) -> tuple[tuple[Group, ...], np.ndarray]:
-    """Groups of some points, one behind another, and the order of the points in which they are."""
+    """Groups of some points with consecutive indices, and the order of the points in them."""
     found = []
     order = []
     start = 0
@@ -528,24 +528,24 @@ def _by_body(groups: tuple[Group, ...], points: np.ndarray) -> tuple[tuple[Group
 
 @dataclass(frozen=True)
 class _FieldModes:
-    """POD modes of plastic strain and of what of it is cumulated, at the points that flowed in training.
+    """POD modes of plastic and cumulated plastic strain, at the points with plastic strain in training.
 
     Attributes:
         flowed: numbers of these points.
         plastic, cumulated: modes.
-        moved: displacement that each mode of the plastic strain leaves behind.
+        displacements: displacement of each mode of the plastic strain, K^-1 ∫ G^T C Φ.
         moduli: Lamé's λ and 2 μ of all Gauss points, in the middle of the box.
     """
 
     flowed: np.ndarray
     plastic: np.ndarray
     cumulated: np.ndarray
-    moved: np.ndarray
+    displacements: np.ndarray
     moduli: np.ndarray
 
     @classmethod
     def of(cls, full: Any, snapshots: SnapshotSet) -> _FieldModes:
-        """Of training histories."""
+        """Modes of training histories."""
         problem = full.problem
         equilibrium = full.equilibrium
         states = [item.state for item in snapshots.states]
@@ -557,14 +557,12 @@ class _FieldModes:
         for column, mode in zip(forces.T, plastic.T, strict=True):
             stress[flowed] = np.einsum("nij,nj->ni", elastic[flowed], mode.reshape(flowed.size, -1))
             column[:] = equilibrium.operator.internal(stress)[0] * problem.free
-        with full.factors.lock:
-            full.factors.refactor(problem.own_stiffness)
-            moved = full.factors.solve_columns(csc_matrix(forces))
+        displacements = full.stiffness.columns(csc_matrix(forces))
         cumulated = state_modes([state.cumulated[flowed] for state in states], LEFT_OUT["cumulated"])
-        return cls(flowed, plastic, cumulated, moved, np.stack([elastic[:, 0, 1], elastic[:, -1, -1]], axis=1))
+        return cls(flowed, plastic, cumulated, displacements, np.stack([elastic[:, 0, 1], elastic[:, -1, -1]], axis=1))
 
     def on(self, points: np.ndarray, equilibrium: FullEquilibrium) -> PlasticFields:
-        """How fields are completed from some points."""
+        """Completion of fields from some points."""
         rows = np.searchsorted(self.flowed, points)
         components = equilibrium.operator.components
         values = (rows[:, None] * components + np.arange(components)).ravel()
@@ -574,7 +572,7 @@ class _FieldModes:
             self.flowed,
             GappyField.fitted(self.plastic[:, :count], values),
             GappyField.fitted(self.cumulated, rows),
-            self.moved[:, :count],
+            self.displacements[:, :count],
             equilibrium.operator,
             equilibrium.eigenstrains,
             self.moduli,

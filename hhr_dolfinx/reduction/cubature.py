@@ -1,15 +1,15 @@
-"""Cubature: few points with non-negative weights that integrate what training showed.
+"""Cubature: few points with non-negative weights that integrate functions seen in training.
 
-Find weights w >= 0, most of them zero, with |A w - A 1| <= tolerance |A 1|, where a column of A holds what a
-point of integration contributes to each integral. As in energy-conserving sampling and weighting (Farhat, Avery,
-Chapman and Cortial, 2014, doi 10.1002/nme.4668) that is non-negative least squares, stopped as soon as the misfit is
-small; as in empirical cubature (Hernandez, Caicedo and Ferrer, 2017, doi 10.1016/j.cma.2016.10.022) the next point is
+Find weights w >= 0, most of them zero, with |A w - A 1| <= tolerance |A 1|, where a column of A holds the
+contribution of a point of integration to each integral. As in energy-conserving sampling and weighting (Farhat, Avery,
+Chapman and Cortial, 2014, doi 10.1002/nme.4668) this is non-negative least squares, stopped as soon as the misfit is
+small. As in empirical cubature (Hernandez, Caicedo and Ferrer, 2017, doi 10.1016/j.cma.2016.10.022) the next point is
 the one whose column, scaled to length one, is the most parallel to the misfit, and a factorisation follows the points.
 
 The iteration is that of Lawson and Hanson (Solving Least Squares Problems, chapter 23) with a QR factor of the chosen
-columns that gains and loses single columns: normal equations would lose half of the digits. Comparing all
-candidates with the misfit is the expensive step; so good ones from all over are copied to a short list, and points are
-taken from there as long as it holds some.
+columns that gains and loses single columns: normal equations would lose half of the digits. The expensive step compares
+all candidates with the misfit. So good candidates from the whole mesh are copied to a short list, which supplies
+points until it has no good ones left.
 """
 
 from __future__ import annotations
@@ -29,23 +29,23 @@ if TYPE_CHECKING:
 
 
 LISTED = 1000
-"""Candidates on the short list, about: a block of so many columns stays near the processor."""
+"""Approximate number of candidates on the short list: a block of so many columns fits into the cache."""
 WORTH = 0.5
-"""The list is good as long as it has a candidate this parallel to the misfit, relative to the best it had at first."""
+"""The list is good as long as it has a candidate this parallel to the misfit, relative to its best one at first."""
 SKETCHED = 1000
-"""Rows from which on their compression looks for eigenvectors in a subspace."""
+"""Number of rows above which their compression computes eigenvectors in a subspace."""
 BLOCK = 128
-"""Vectors by which the subspace grows."""
+"""Number of vectors by which the subspace grows."""
 SHARE = 0.1
-"""Part of what a compression may leave out that may lie outside of the subspace."""
+"""Part of the error allowed to a compression that may lie outside the subspace."""
 DEPENDENT = 1e-12
-"""A column with a smaller part outside of the chosen columns, relative to its length, is one of their combinations."""
+"""A column with a smaller part outside the chosen columns, relative to its length, counts as dependent on them."""
 PARALLEL = 1e-15
-"""Where no candidate is more parallel to the misfit, relative to the integrals, the least misfit is reached."""
+"""If no candidate is more parallel to the misfit, relative to the integrals, the least misfit is reached."""
 PATIENCE = 20
-"""The search ends after as many points for each row; it takes one or two where it is in good order."""
+"""Most points added for each row; normally one or two suffice."""
 REFRESHED = 200
-"""After as many changes the factor is made anew, and round-off with it."""
+"""Number of changes after which the factor is recomputed, to limit round-off."""
 
 
 @dataclass(frozen=True)
@@ -55,7 +55,7 @@ class Cubature:
     Attributes:
         points: numbers of the points among the candidates, increasing, (n,).
         weights: factors of their contributions, > 0, (n,).
-        misfit: |A w - A 1| / |A 1| of the rows they were fitted to.
+        misfit: |A w - A 1| / |A 1| for the rows of the fit.
     """
 
     points: np.ndarray
@@ -67,15 +67,15 @@ def fitted(rows: np.ndarray, tolerance: float, most: int | None = None, start: C
     """Few points and weights >= 0 whose sums are near those of all points.
 
     Args:
-        rows: what each of P points contributes to each of R integrals, weights of the quadrature included, (R, P).
-        tolerance: relative misfit at which the search stops; 0 goes on to the least misfit.
+        rows: contribution of each of P points to each of R integrals, weights of the quadrature included, (R, P).
+        tolerance: relative misfit at which the search stops; 0 continues to the least misfit.
         most: largest number of points; None for no limit but the number of rows.
-        start: a cubature of the same candidates for other integrals, such as those of fewer modes, to begin with: what
-            it integrates of these is not searched for again. None begins with nothing.
+        start: a cubature of the same candidates for other integrals, such as those of fewer modes, from which the
+            search starts. None starts without points.
 
     Returns:
-        The cubature. Where the tolerance is out of reach within ``most`` points it is the best that was found, as its
-        misfit says. Of integrals that are all zero it has no points.
+        The cubature. If ``most`` points do not reach the tolerance, it is the best one found; see its misfit. For
+        integrals that are all zero it has no points.
 
     Raises:
         ReductionError: for rows that are no finite table, a tolerance outside [0, 1), ``most`` below 1.
@@ -113,19 +113,19 @@ def fitted(rows: np.ndarray, tolerance: float, most: int | None = None, start: C
 
 
 def compressed(chunks: Callable[[], Iterable[np.ndarray]], tolerance: float) -> np.ndarray:
-    """Fewer rows that say nearly the same: rows in the directions of their largest singular values, times these.
+    """Fewer rows with nearly the same products: the leading right singular vectors times their singular values.
 
-    The singular vectors come of the Gram matrix of the rows, so that the table is never there as a whole: R' P + R^2
-    numbers and one chunk are. Of many rows only a subspace is looked at, in which all is but a part that is known: all
-    eigenvectors of 3500 rows took 17 s, those in the subspace 4. Squares lose half of the digits: what lies below 1e-7
-    of the largest value is round-off.
+    The singular vectors come from the Gram matrix of the rows, so that memory holds R' P + R^2 numbers and one chunk,
+    never the whole table. With many rows only a subspace is searched, which contains all but a known part: all
+    eigenvectors of 3500 rows took 17 s, those in the subspace 4 s. Squares lose half of the digits: values below 1e-7
+    of the largest are round-off.
 
     Args:
-        chunks: called twice, gives all rows of some of the points at a time, (R, p) each, in the same order both times.
-        tolerance: size of what may be left out, relative to that of all rows (Frobenius norms), in (0, 1).
+        chunks: called twice; yields all rows of some points at a time, (R, p) each, in the same order both times.
+        tolerance: size of the part that may be left out, relative to that of all rows (Frobenius norms), in (0, 1).
 
     Returns:
-        (R', P); with ``fitted`` they lead to weights for the rows themselves, but for what was left out.
+        (R', P); with ``fitted`` they give weights for the rows themselves, up to the part left out.
 
     Raises:
         ReductionError: for a tolerance outside (0, 1), chunks that are not finite, do not fit, or are missing.
@@ -139,7 +139,7 @@ def compressed(chunks: Callable[[], Iterable[np.ndarray]], tolerance: float) -> 
     if total == 0:
         return np.hstack([chunk[:0] for chunk in chunks()])
     basis, small = _large_part(gram, SHARE * tolerance**2 * total)
-    # all smaller ones together are still less than what may be left out, and round-off is below that
+    # the sum of all smaller ones is below the part that may be left out, and round-off is below that
     least = max((1 - SHARE) * tolerance**2 * total / len(small), np.finfo(float).eps * total)
     squares, directions = linalg.eigh(small, subset_by_value=(least, np.inf), check_finite=False)
     directions = directions if basis is None else basis @ directions
@@ -165,11 +165,11 @@ def _gram(chunks: Iterable[np.ndarray]) -> np.ndarray:
 
 
 def _large_part(gram: np.ndarray, outside: float) -> tuple[np.ndarray | None, np.ndarray]:
-    """A basis of a subspace (R, k) and the Gram matrix on it, (k, k), which lacks at most ``outside`` of the trace.
+    """Basis of a subspace (R, k), and the Gram matrix on it, (k, k), which lacks at most ``outside`` of the trace.
 
-    The subspace is that of images of random vectors (Halko, Martinsson and Tropp, 2011, doi 10.1137/090771806), which
-    are always the same ones; it grows by blocks until the trace says that it is large enough. Without a basis, None, it
-    is everything.
+    The subspace is that of images of random vectors (Halko, Martinsson and Tropp, 2011, doi 10.1137/090771806), with a
+    fixed seed. It grows by blocks until the trace shows that it is large enough. The basis None stands for the whole
+    space.
     """
     count = len(gram)
     generator = np.random.default_rng(0)
@@ -180,7 +180,7 @@ def _large_part(gram: np.ndarray, outside: float) -> tuple[np.ndarray | None, np
     left = float(np.trace(gram))
     floor = np.finfo(float).eps * count * float(np.trace(gram))
     while left > max(outside, floor):
-        if basis.shape[1] + BLOCK > count // 2:  # then nothing is saved
+        if basis.shape[1] + BLOCK > count // 2:  # a subspace saves nothing then
             return None, gram
         block = generator.normal(size=(count, BLOCK))
         block = gram @ (block - basis @ (basis.T @ block))
@@ -206,11 +206,11 @@ class _Factor:
         self._changes = 0
 
     def misfit(self) -> np.ndarray:
-        """What the weights leave of the integrals, (R,)."""
+        """Misfit of the integrals under the weights, (R,)."""
         return self.wanted - self._columns.all @ self.weights
 
     def add(self, point: int, column: np.ndarray) -> bool:
-        """Take in a column, with weight zero; False, and nothing is done, if it depends on those chosen."""
+        """Add a column, with weight zero; returns False, and does nothing, if it depends on those chosen."""
         rest = column
         shares = np.zeros(len(self.points))
         q = self._q.all
@@ -235,7 +235,7 @@ class _Factor:
         return True
 
     def take(self, points: np.ndarray, columns: np.ndarray, weights: np.ndarray) -> None:
-        """Begin with some columns, (R, n), n <= R, and weights > 0; those that depend on others are left out."""
+        """Start with some columns, (R, n), n <= R, and weights > 0; those that depend on others are left out."""
         q, r, order = linalg.qr(columns, mode="economic", pivoting=True, check_finite=False)
         kept = np.abs(np.diag(r)) > DEPENDENT
         order = order[: int(kept.sum())]
@@ -246,17 +246,17 @@ class _Factor:
         self.weights = weights[order]
 
     def remove(self, place: int) -> None:
-        """Leave out the column at a place."""
+        """Remove the column at an index."""
         count = len(self.points) - 1
         q, r = linalg.qr_delete(self._q.all, self._r, place, which="col", check_finite=False)
-        self._q, self._r = GrowingColumns(q[:, :count]), r[:count]  # of a square factor it leaves the rest
+        self._q, self._r = GrowingColumns(q[:, :count]), r[:count]  # a square factor keeps the remaining columns
         self._columns = GrowingColumns(np.delete(self._columns.all, place, axis=1))
         self.weights = np.delete(self.weights, place)
         del self.points[place]
         self._changed()
 
     def least_squares(self) -> np.ndarray:
-        """Weights of any sign that leave the least misfit."""
+        """Weights of any sign that give the least misfit."""
         return linalg.solve_triangular(self._r, self._q.all.T @ self.wanted, check_finite=False)
 
     def _changed(self) -> None:
@@ -269,8 +269,8 @@ class _Factor:
 class _ShortList:
     """Candidates parallel to a misfit, with their columns, each of length one.
 
-    Of each block of successive candidates the most parallel one: successive points are neighbours in a mesh, and the
-    best of all would lie side by side and say the same.
+    It has the most parallel candidate of each block of successive ones. Successive points are neighbours in a mesh; the
+    best of all candidates would be neighbours with nearly equal columns.
     """
 
     def __init__(self, rows: np.ndarray, lengths: np.ndarray, misfit: np.ndarray) -> None:
@@ -284,7 +284,7 @@ class _ShortList:
         self.columns = rows[:, self.points] * inverse[self.points]
 
     def along(self, misfit: np.ndarray, left_out: set[int]) -> np.ndarray:
-        """How parallel the columns are to a misfit; -inf for points left out."""
+        """Cosines of the columns with a misfit; -inf for points left out."""
         along = misfit @ self.columns
         along[np.isin(self.points, list(left_out))] = -np.inf
         return along
@@ -307,7 +307,7 @@ class _Search:
         self.tried: set[int] = set()
 
     def run(self, tolerance: float, most: int) -> _Factor:
-        """Add points until the misfit is at most ``tolerance``, there are ``most``, or none is left that helps."""
+        """Add points until the misfit is at most ``tolerance``, there are ``most``, or none reduces it."""
         floor = PARALLEL * self.size
         left = PATIENCE * len(self.rows)
 
@@ -327,7 +327,7 @@ class _Search:
         return self.factor
 
     def begin(self, start: Cubature, most: int) -> None:
-        """Take the points of another cubature, as many as may be, and the weights that are best on them."""
+        """Start from the points of another cubature, at most ``most``, with the best weights for them."""
         heavy = np.argsort(-start.weights * self.lengths[start.points], kind="stable")[:most]
         points = start.points[heavy]
         points = points[self.lengths[points] > 0]
@@ -338,7 +338,7 @@ class _Search:
         self.least = float(np.linalg.norm(self.factor.misfit()))
 
     def _settle(self) -> None:
-        """Weights of the least misfit on the chosen points, of which those are left out that would be negative."""
+        """Compute weights of the least misfit on the chosen points; remove points with negative weights."""
         free = self.factor.least_squares()
         while free.size and not free.min() > 0:
             self._step_to_zero(free)
@@ -346,7 +346,7 @@ class _Search:
         self.factor.weights = free
 
     def _take_best(self, listed: _ShortList, worth: float) -> bool:
-        """Bring in the best point of the list that makes the misfit smaller; False if none worth it does."""
+        """Add the best point of the list that reduces the misfit; returns False if none of enough worth does."""
         while True:
             along = listed.along(self.factor.misfit(), self.tried.union(self.factor.points))
             best = int(along.argmax())
@@ -358,12 +358,12 @@ class _Search:
             self.tried.add(int(listed.points[best]))
 
     def _brought_in(self, point: int, column: np.ndarray) -> bool:
-        """Whether the misfit became smaller with a point, which may cost others theirs."""
+        """Try a point; returns True if it reduced the misfit. Other points may be removed."""
         factor = self.factor
         if not factor.add(point, column):
             return False
         free = factor.least_squares()
-        if not free[-1] > 0:  # of round-off: its part along the misfit is positive
+        if not free[-1] > 0:  # only by round-off: its part along the misfit is positive
             factor.remove(len(factor.points) - 1)
             return False
         self._settle()
@@ -372,7 +372,7 @@ class _Search:
         return self.least < before
 
     def _step_to_zero(self, free: np.ndarray) -> None:
-        """Go towards weights of any sign until the first becomes zero, and leave out the points where that is so."""
+        """Move towards weights of any sign until the first becomes zero, and remove the points where it does."""
         factor = self.factor
         negative = free <= 0
         ways = np.full(free.size, np.inf)
@@ -385,8 +385,8 @@ class _Search:
 
 
 CHUNK = 500
-"""Gauss points whose rows are made at a time."""
+"""Gauss points whose rows are computed at once."""
 ROWS = 3000
-"""Integrals of forces that weights are fitted to at most, before compression: most time goes to their products."""
+"""Most integrals of forces for the fit of weights, before compression: most time goes to their products."""
 LEFT_OUT = 0.5
-"""What compressions of states and of rows may leave out, relative to the tolerance of the weights."""
+"""Part that compressions of states and of rows may leave out, relative to the tolerance of the weights."""

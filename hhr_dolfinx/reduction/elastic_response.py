@@ -1,4 +1,4 @@
-"""What of bodies that flow is elastic: solved for once, in the middle of the box, scaled elsewhere."""
+"""Elastic response of inelastic bodies: computed once, in the middle of the box, scaled elsewhere."""
 
 from __future__ import annotations
 
@@ -35,16 +35,13 @@ class ElasticResponse:
 
 
 def elastic_response(full: Any) -> ElasticResponse:
-    """Solve for what is elastic, in blocks, with the factors that the full model has."""
+    """Compute the elastic response in blocks, with the factors of the full model."""
     problem: ContactProblem = full.problem
     parts, factors = parts_of(problem)
-    solver = full.factors
-    # strains without stress move bodies alike, however stiff they are
+    # strains without stress give all bodies the same displacement, however stiff they are
     strained = csc_matrix(problem.loads - problem.external + _eigenforces(full))
-    with solver.lock:
-        solver.refactor(problem.own_stiffness)
-        forced = solver.solve_columns(problem.external)
-        imposed = solver.solve_columns(strained)
+    forced = full.stiffness.columns(problem.external)
+    imposed = full.stiffness.columns(strained)
     return ElasticResponse(forced, imposed + problem.lifts.toarray(), full.per_force, parts, factors)
 
 
@@ -64,7 +61,7 @@ def parts_of(problem: ContactProblem) -> tuple[np.ndarray, PartFactors]:
     """Part of the stiffness that holds each dof, (N,), and the moduli of the parts.
 
     Raises:
-        ReductionError: where parts with moduli of their own hang together.
+        ReductionError: if parts with different moduli are connected.
     """
     if not problem.moduli:
         return np.zeros(problem.free.size, dtype=np.int64), PartFactors((), np.ones(1))

@@ -1,11 +1,11 @@
 """Enrichment of the primal basis by finite element functions of the contact nodes, thesis section 3.4.1, Alg. 3.1.
 
 A candidate is the normal displacement of the slave node of one contact condition of the RID: its partner
-on the other body would change B~ by the same column. Only where two conditions share a slave node and a direction, as a
-pair and a stop on one surface do, are they told apart by the partner. Basis and candidates are orthonormalised first,
+on the other body would change B~ by the same column. If two conditions share a slave node and a direction, as a
+pair and a stop on one surface do, the partner distinguishes them. Basis and candidates are orthonormalised first,
 since kappa(B~) depends on the length of the columns while the reduced model depends on their span only.
 
-Where B~1 != B~2 (section 5.2.5) both must have full rank, (5.24)-(5.25), and kappa(B~1), the one in the error bound
+If B~1 != B~2 (section 5.2.5) both must have full rank, (5.24)-(5.25), and kappa(B~1), the one in the error bound
 of the forces, is lowered.
 """
 
@@ -26,22 +26,22 @@ from hhr_dolfinx.linear.rows import Rows
 from hhr_dolfinx.timing import StageLog
 
 DISTINCT = 1e-8
-"""Length of the part of a unit function outside a span below which it lies in that span, to the root of round-off."""
+"""Length of the part of a unit function outside a span below which it counts as inside: the root of round-off."""
 
 MOSTLY = math.sqrt(0.5)
-"""Length of what remains of a unit function behind which round-off is small enough (Daniel, Gragg, Kaufman and Stewart,
+"""Remaining length of a unit function above which round-off is small enough (Daniel, Gragg, Kaufman and Stewart,
 Mathematics of Computation 30, 1976)."""
 
 ORTHONORMAL = 1e-8
-"""What round-off leaves of products of modes that are zero, and of modes on imposed dofs."""
+"""Round-off allowed in products of orthogonal modes, and in modes on imposed dofs."""
 
 
 @dataclass(frozen=True)
 class Enrichment:
-    """An enriched basis and the way to it.
+    """An enriched basis and the steps of its enrichment.
 
     Attributes:
-        basis: V bar of (3.2), orthonormal columns, (N, ell_bar); own rows of it where ranks share them.
+        basis: V bar of (3.2), orthonormal columns, (N, ell_bar); local rows of it if it is distributed over ranks.
         added: conditions whose slave node was added, in order, L_c of Alg. 3.1.
         kappas: kappa(B~1) before the first and after each addition; infinite while rows of B~1 or B~2 are dependent.
         stalled: candidates were left, but none lowered kappa any more, before ``kappa_max`` was reached.
@@ -59,9 +59,9 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
     """Add finite element functions until kappa(B~1) <= ``kappa_max``, greedily, Alg. 3.1 and section 5.2.5.
 
     While rows are dependent no column lowers kappa; then the candidate that lies farthest from the
-    range of B~ is taken, which raises the rank. The singular values of a candidate come from a rank-one
-    update of B~ B~^T, without its basis being formed. That update knows the length of a candidate outside the basis to
-    the root of round-off only: the one chosen is orthogonalised for good, and left out where nothing remains of it.
+    range of B~ is added, which raises the rank. The singular values of a candidate come from a rank-one
+    update of B~ B~^T, without forming its basis. That update has the length of a candidate outside the basis only to
+    the root of round-off. So the chosen one is orthogonalised exactly, and left out if nothing remains of it.
 
     Raises:
         ReductionError: if the basis moves imposed dofs, or is not orthonormal.
@@ -69,7 +69,7 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
     candidates = _candidates(problem, sets)  # they vanish outside A_c
     every = problem.contact[sets.A_lambda]
     images = every[:, sets.A_c] @ candidates
-    columns = GrowingColumns(np.zeros((len(basis), 0)))  # behind those of the basis, which is not copied
+    columns = GrowingColumns(np.zeros((len(basis), 0)))  # after those of the basis, which is not copied
     rows = problem.spread
     # B~1 and B~2; a candidate has the same image in both
     tables = [_Table.of(problem, every[:, part], basis, part, images) for part in (sets.A_c, sets.A_c_tilde)]
@@ -81,7 +81,7 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
     kappas = [rows.first(_kappa(tables))]
     stalled = False
     while kappas[-1] > kappa_max:
-        # length of each candidate less its part in the basis
+        # length of each candidate minus its part in the basis
         lengths = np.sqrt(np.maximum(squares[left] - np.sum(weights[:, left] ** 2, axis=0), 0.0))
         left_out.extend(left[lengths <= DISTINCT])
         left = left[lengths > DISTINCT]
@@ -113,12 +113,12 @@ def enrich(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, kappa_ma
 
 
 def check_basis(problem: ContactProblem, basis: np.ndarray, whose: str = "the enriched basis") -> None:
-    """Raise ReductionError for own rows of a basis, (own, ell), that moves imposed dofs or is not orthonormal."""
+    """Raise ReductionError for local rows of a basis, (own, ell), that moves imposed dofs or is not orthonormal."""
     rows = problem.spread
-    moved = rows.largest(np.abs(basis).max(axis=1, initial=0.0) * ~rows.of(problem.free))[1]
-    if moved > ORTHONORMAL:
+    imposed = rows.largest(np.abs(basis).max(axis=1, initial=0.0) * ~rows.of(problem.free))[1]
+    if imposed > ORTHONORMAL:
         raise ReductionError(
-            f"{whose} moves imposed dofs by {moved:.1e} > {ORTHONORMAL:g}: make its modes of snapshots.displacements"
+            f"{whose} moves imposed dofs by {imposed:.1e} > {ORTHONORMAL:g}: make its modes of snapshots.displacements"
         )
     skew = float(np.abs(rows.sum(basis.T @ basis) - np.eye(basis.shape[1])).max())
     if skew > ORTHONORMAL:
@@ -130,15 +130,15 @@ def check_basis(problem: ContactProblem, basis: np.ndarray, whose: str = "the en
 def _outside(
     parts: tuple[np.ndarray, np.ndarray], column: np.ndarray, along: np.ndarray, rows: Rows
 ) -> np.ndarray | None:
-    """The unit function orthogonal to a basis that completes its span by another, (own,); None if it lies inside.
+    """Unit function that is orthogonal to a basis and adds another one to its span, (own,); None if that lies inside.
 
     Args:
         parts: two blocks of orthonormal columns of the basis, (own, ell) each.
         column: the other, of unit length, which is changed.
         along: its products with all columns.
-        rows: those of tables of this rank.
+        rows: local rows of distributed tables.
     """
-    for _ in range(2):  # twice is enough: the first leaves round-off of the length that was, not of what remains
+    for _ in range(2):  # twice is enough: the first pass leaves round-off of the original length, not of the remainder
         for part, own in zip(parts, np.split(along, [parts[0].shape[1]]), strict=True):
             column -= part @ own
         length = math.sqrt(rows.sum(column @ column))
@@ -152,7 +152,7 @@ def _outside(
 
 
 def record_enrichment(enrichment: Enrichment, kappa_max: float, log: StageLog) -> None:
-    """Tell the log that there was none, why it stopped early, and what was left out."""
+    """Log whether there was an enrichment, why it stopped early, and the conditions left out."""
     kappa = enrichment.kappas[-1]
     if len(enrichment.left_out):
         count = len(enrichment.left_out)
@@ -169,9 +169,9 @@ def record_enrichment(enrichment: Enrichment, kappa_max: float, log: StageLog) -
 
 
 def _candidates(problem, sets):
-    """Unit normal displacement of the slave node of each condition, or of its partners if that is imposed or taken.
+    """Unit normal displacement of the slave node of each condition, or of its partners if that is imposed or used.
 
-    It is taken where another condition moves the same node in the same direction: the one without partners keeps it.
+    It is used if another condition moves the same node in the same direction: the one without partners keeps it.
 
     Columns over A_c, (card A_c, N_lambda_C); zero where neither can move inside A.
     """
@@ -189,7 +189,7 @@ def _candidates(problem, sets):
 
 
 def _unit(rows: np.ndarray) -> np.ndarray:
-    """Rows of length one; those that are zero stay so."""
+    """Rows scaled to length one; rows of zeros stay so."""
     lengths = np.linalg.norm(rows, axis=1, keepdims=True)
     return rows / np.where(lengths > 0, lengths, 1.0)
 
@@ -199,7 +199,7 @@ class _Table:
     """B~1 or B~2 of a basis that grows (m conditions, ell columns, c candidates).
 
     Attributes:
-        problem: that it is of.
+        problem: of the tables.
         rows: B on some dofs, (m, k).
         part: these dofs, (k,).
         values: B~, (m, ell).
@@ -216,23 +216,23 @@ class _Table:
     def of(
         cls, problem: ContactProblem, rows: csr_matrix, basis: np.ndarray, part: np.ndarray, images: np.ndarray
     ) -> _Table:
-        """Of own rows of a basis, (own, ell), and images of candidates, (m, c)."""
+        """Table from local rows of a basis, (own, ell), and images of candidates, (m, c)."""
         values = rows @ problem.spread.at(basis, part)
         table = cls(problem, rows, part, values, np.zeros((0, images.shape[1])))
         directions, _ = table.spectrum
         return replace(table, outside=directions[:, table.rank :].T @ images)
 
     def grown(self, column: np.ndarray, chosen: int) -> _Table:
-        """With one more column of the basis, its values on these dofs, (k,), of a candidate.
+        """Table with one more column of the basis, its values on these dofs, (k,), from a candidate.
 
-        While rank is missing a direction is taken out of what lies outside, as in a QR decomposition with pivots: no
-        singular values are needed before rows are independent.
+        While the rank is too small, one direction is removed from the outside part, as in a QR decomposition with
+        pivots. No singular values are needed before rows are independent.
         """
         outside = self.outside
         direction = outside[:, chosen]
         size = np.linalg.norm(direction)
         if size > DEPENDENT * self.problem.contact_norm:
-            # Householder's reflection onto the first coordinate, which is left out then
+            # Householder's reflection onto the first coordinate, which is removed then
             normal = direction / size
             normal[0] += math.copysign(1.0, normal[0])
             outside = (outside - np.outer(normal, (2 / (normal @ normal)) * (normal @ outside)))[1:]
@@ -244,18 +244,18 @@ class _Table:
         full = self.values.shape[0] > self.values.shape[1]
         try:
             return linalg.svd(self.values, full_matrices=full)[:2]
-        except linalg.LinAlgError:  # divide and conquer, the fast way, ends so for a few matrices of full precision
+        except linalg.LinAlgError:  # divide and conquer, the fast way, fails so for a few matrices of full precision
             return linalg.svd(self.values, full_matrices=full, lapack_driver="gesvd")[:2]
 
     @property
     def rank(self) -> int:
-        """As singular values tell it."""
+        """Numerical rank, by the singular values."""
         _, values = self.spectrum
         return sum(math.isfinite(self.problem.condition_number(value, values[0])) for value in values)
 
     @property
     def kappa(self) -> float:
-        """Infinite where rows are dependent to round-off."""
+        """kappa(B~); infinite if rows are dependent to round-off."""
         directions, values = self.spectrum
         smallest = float(values[-1]) if len(directions) == values.size else 0.0
         return self.problem.condition_number(smallest, float(values[0]))
@@ -263,7 +263,7 @@ class _Table:
 
 def _kappa(tables: list[_Table]) -> float:
     """kappa(B~1); infinite unless both B~1 and B~2 have full rank."""
-    if any(len(table.outside) for table in tables):  # no singular values are needed to know
+    if any(len(table.outside) for table in tables):  # no need for singular values
         return math.inf
     found = [table.kappa for table in tables]
     return found[0] if all(map(math.isfinite, found)) else math.inf
@@ -275,8 +275,8 @@ def _best(tables: list[_Table], images: np.ndarray, weights: np.ndarray, lengths
     Args:
         tables: B~1 and B~2.
         images, weights: of candidates, and their products with the basis, (m, c) and (ell, c).
-        lengths: of what of them lies outside of the basis, (c,).
-        left: their places among all candidates, (c,).
+        lengths: of their parts outside the basis, (c,).
+        left: their indices among all candidates, (c,).
     """
     for table in tables:
         if len(table.outside):
@@ -296,7 +296,7 @@ def _extremes_after_update(squares, weights):
     """Smallest and largest eigenvalue of diag(squares) + z z^T for each column z^2 of ``weights``.
 
     They are roots of the secular equation 1 + sum_i z_i^2 / (d_i - x) = 0: the smallest lies between the two
-    smallest d_i, the largest between the largest one and that plus |z|^2. Bisection for all columns at once.
+    smallest d_i, the largest between the largest d_i and d_i + |z|^2. Bisection for all columns at once.
     """
 
     def root(low, high):

@@ -1,4 +1,4 @@
-"""What the reduction of bodies that flow needs besides: Gauss points of the RID, tangents, correction of forces."""
+"""Additional steps of the reduction of inelastic bodies: Gauss points of the RID, tangents, correction of forces."""
 
 from __future__ import annotations
 
@@ -46,14 +46,14 @@ def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> R
 
 
 def rows_of(points: np.ndarray, components: int) -> np.ndarray:
-    """Rows of some Gauss points in what has one for each component of a strain."""
+    """Rows of some Gauss points in an array with a row for each component of strain at each point."""
     return (points[:, None] * components + np.arange(components)).ravel()
 
 
 def training_tangents(full: FullEquilibrium, snapshots: SnapshotSet, count: int) -> list[tuple[np.ndarray, csr_matrix]]:
-    """Tangents and stiffness of the full model at some trained states of each history, the last one among them.
+    """Tangents and stiffness of the full model at some training states of each history, the last one among them.
 
-    Laws and elasticity have the constants of each state's own parameter.
+    Laws and elasticity have their constants at the parameter of each state.
     """
     states: list[tuple[Any, csr_matrix]] = []
     histories = zip(snapshots.histories, snapshots.steps_of_histories, strict=True)
@@ -76,7 +76,7 @@ def training_tangents(full: FullEquilibrium, snapshots: SnapshotSet, count: int)
 def check_margin(
     model: ReducedModel, states: Sequence[tuple[np.ndarray, csr_matrix]], least: float, layers: int
 ) -> float:
-    """Smallest tangent margin at training states, 1 where nothing flowed; UnstableModelError if below ``least``."""
+    """Smallest tangent margin at training states, 1 in elastic ones; UnstableModelError if below ``least``."""
     margin = min((tangent_margin(model, *state) for state in states), default=1.0)
     _require(margin, least, layers)
     return margin
@@ -91,7 +91,7 @@ def _require(margin: float, least: float, layers: int) -> None:
 
 
 def tangent_margin(model: ReducedModel, tangents: np.ndarray, stiffness: csr_matrix) -> float:
-    """Smallest real part of the eigenvalues of V[A]^T K_T V relative to V^T K_T V, 1 where the RID is everything.
+    """Smallest real part of the eigenvalues of V[A]^T K_T V relative to V^T K_T V; 1 if the RID is the whole mesh.
 
     ``tangents`` are those at all Gauss points of the full model, ``stiffness`` is its K_T.
     """
@@ -110,10 +110,10 @@ def _margin(whole: np.ndarray, projected: np.ndarray) -> float:
 
 
 def force_correction(full: Any) -> ForceCorrection:
-    """The correction of forces of any model of a scene whose bodies flow, see :mod:`models.histories.force_correction`.
+    """Correction of forces for any model of a scene of inelastic bodies, see :mod:`models.histories.force_correction`.
 
     Raises:
-        ReductionError: where nothing flows, and where moduli are no factors of connected components.
+        ReductionError: for an elastic scene, and if moduli are no factors of connected components.
     """
     if full.equilibrium is None:
         raise ReductionError(f"nothing flows in scene '{full.scene.name}': estimates of its answers bound forces")

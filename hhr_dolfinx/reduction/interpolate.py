@@ -1,9 +1,9 @@
-"""What interpolated condensation of a full and of a reduced problem share: grids, axes, the cut into arrays.
+"""Common parts of interpolated condensation of full and reduced problems: grids, axes, division into arrays.
 
-Whether a grid resolves the formulas of moduli is tested at thousands of points, since it takes nothing but numbers. The
-compliance of a part whose stiffness is sum w_q(μ) K_q is made of functions f_κ(μ) = 1 / sum κ_q w_q(μ), with
-shares κ >= 0 of energies: exactly so where there are two parts, see :mod:`hhr_dolfinx.certify.constants`. What the
-polynomials of a grid leave of these they leave of the compliance.
+Formulas of moduli are cheap, so their resolution by a grid is tested at thousands of points. The compliance of a part
+whose stiffness is sum w_q(μ) K_q is composed of functions f_κ(μ) = 1 / sum κ_q w_q(μ), with shares κ >= 0 of
+energies. This is exact for two parts, see :mod:`hhr_dolfinx.certify.constants`. The error of the polynomials of a
+grid for these functions is the error for the compliance.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 
 @dataclass(frozen=True)
 class GridSettings:
-    """How far a sparse grid grows.
+    """Targets of the growth of a sparse grid.
 
     Attributes:
-        tolerance: wished error of S and of the free slack, relative to their size.
+        tolerance: target error of S and of the free slack, relative to their size.
         budget: most solutions for each connected component of a scene.
-        compressed: whether directions are left out that the tolerance does not ask for; what is proved of an
-            interpolation needs them.
-        least: terms that there are, whatever the error.
+        compressed: whether directions are left out that the tolerance does not need; proofs about an interpolation need
+            them.
+        least: number of terms in any case.
     """
 
     tolerance: float = 1e-5
@@ -63,9 +63,9 @@ class Part:
     Attributes:
         conditions: contact conditions that act on it, increasing.
         forced, lifted: terms of θ whose loads or imposed displacements act on it.
-        factor: the modulus that all of it shares; None for none.
-        axes: parameters on which the rest depends.
-        moduli: of the parts of its stiffness, where these depend on parameters.
+        factor: the modulus common to all of it; None without one.
+        axes: parameters on which the remaining dependence is.
+        moduli: of the parts of its stiffness, if these depend on parameters.
     """
 
     conditions: np.ndarray
@@ -76,7 +76,7 @@ class Part:
     moduli: tuple[Modulus, ...] = ()
 
     def factor_at(self, point: np.ndarray) -> float:
-        """The modulus at a point; 1 where there is none."""
+        """The modulus at a point; 1 without one."""
         return 1.0 if self.factor is None else self.factor.value(point)
 
 
@@ -89,11 +89,11 @@ def grown(
 ) -> tuple[GrownGrid, dict[str, np.ndarray]]:
     """Interpolate arrays by name over some parameters; the others stay in the middle of the box.
 
-    Where they are the compliance of a ``part``, its formulas are held against the grid at thousands of points.
+    If they are the compliance of a ``part``, its formulas are compared with the grid at thousands of points.
 
     Returns:
-        The grid, and the modes of each array, its own shape with the modes along the last axis; those of a part, which
-        may be large, are not in the grid too.
+        The grid, and the modes of each array, in its shape with the modes along the last axis. The grid has no copy of
+        the modes of a part, which may be large.
     """
     if not axes.size:
         return _alone(solved, space, settings, part)
@@ -102,7 +102,7 @@ def grown(
     sizes: dict[str, float] = {}
 
     def joined(values: np.ndarray) -> np.ndarray:
-        """All arrays, each relative to its size at the first point: a small one would drown in a large one."""
+        """Concatenate all arrays, relative to their sizes at the first point: else a large one would dominate."""
         point = (lower + upper) / 2
         point[axes] = values
         found = solved(point)
@@ -112,7 +112,7 @@ def grown(
         return np.concatenate([np.ravel(part) / sizes[name] for name, part in found.items()])
 
     def scale(values: np.ndarray) -> float:
-        """The largest of the parts."""
+        """Largest of the parts."""
         ends = np.cumsum([0, *(int(np.prod(shape)) for shape in shapes.values())])
         return max((float(np.linalg.norm(values[a:b])) for a, b in pairwise(ends)), default=0.0)
 
@@ -138,7 +138,7 @@ def _alone(
     settings: GridSettings,
     part: Part | None,
 ) -> tuple[GrownGrid, dict[str, np.ndarray]]:
-    """The same over no parameters: the arrays as they are; those of a part may be large, and are not stacked."""
+    """Case without parameters: the arrays as they are; those of a part may be large, and are not stacked."""
     none = np.zeros(0)
     parts = {name: values[..., None] for name, values in solved(space.middle).items()}
     levels = np.zeros((1, 0), dtype=np.int64)
@@ -150,20 +150,20 @@ def _alone(
 
 
 def compliance_of(part: Part, grid: GrownGrid, modes: dict[str, np.ndarray], unknowns: np.ndarray | None) -> Compliance:
-    """A part from modes of ``schur`` (m, m), ``columns`` (T, m), and of ``pushed`` (n, m) and ``free`` (T, n)."""
+    """Compliance of a part, from modes of ``schur`` (m, m), ``columns`` (T, m), ``pushed`` (n, m), ``free`` (T, n)."""
     rank = len(grid.interpolant.weights)
     schur = np.asfortranarray(modes["schur"].reshape(-1, rank))
     interpolant: Interpolant = replace(grid.interpolant, modes=schur)
     primal = None
     if unknowns is not None:
-        pushed = np.ascontiguousarray(np.moveaxis(modes["pushed"], 2, 0))
-        primal = PrimalModes(unknowns, pushed, np.ascontiguousarray(modes["free"]))
+        per_force = np.ascontiguousarray(np.moveaxis(modes["pushed"], 2, 0))
+        primal = PrimalModes(unknowns, per_force, np.ascontiguousarray(modes["free"]))
     columns = np.ascontiguousarray(modes["columns"])
     return Compliance(part.conditions, part.forced, part.lifted, part.factor, interpolant, columns, primal)
 
 
 MIXED = (0.1, 0.5)
-"""Shares of one part beside equal ones of all others."""
+"""Shares of one part, with equal shares of all others."""
 
 
 @dataclass(frozen=True)
@@ -172,7 +172,7 @@ class FormulaGrid:
 
     Attributes:
         moduli: of the parts of its stiffness.
-        factor: what these share and the grid leaves out; None for nothing.
+        factor: common to these and not part of the grid; None without one.
         axes: parameters of the grid, (d,).
         space: the box.
     """
@@ -183,7 +183,7 @@ class FormulaGrid:
     space: ParameterSpace
 
     def error(self, levels: np.ndarray) -> float:
-        """Largest error that polynomials, (n, d), leave, relative to the largest f_κ; infinite where one is none."""
+        """Largest error of polynomials, (n, d), relative to the largest f_κ; infinite if one is not finite."""
         if not self.moduli or not len(self._points_along):
             return 0.0
         nodes = nodes_of(levels)
@@ -191,7 +191,7 @@ class FormulaGrid:
         exact = self._exact
         if not (np.isfinite(known).all() and np.isfinite(exact).all()):
             return np.inf
-        # each polynomial vanishes at the nodes before its own
+        # each polynomial vanishes at the nodes before its node
         surpluses = solve_triangular(polynomials_of(levels, nodes), known, lower=True)
         left = polynomials_of(levels, self._scaled(self._points_along)) @ surpluses - exact
         return float((np.abs(left).max(axis=0) / np.abs(exact).max(axis=0)).max(initial=0.0))
@@ -210,9 +210,9 @@ class FormulaGrid:
 
     @cached_property
     def _shares(self) -> np.ndarray:
-        """κ of a few mixtures that stand for all, (Q, k), of parts as large as they become.
+        """κ of a few representative mixtures, (Q, k), scaled to the largest size of the parts.
 
-        A part may be negative, as the change of volume is for auxetic bodies; a mixture that is does not occur.
+        A part may be negative, as the change of volume is for auxetic bodies; a negative mixture does not occur.
         """
         weights = self._weights(self._points_along)
         count = len(self.moduli)
@@ -236,13 +236,13 @@ class FormulaGrid:
         return self.space.middle
 
     def _points(self, scaled: np.ndarray) -> np.ndarray:
-        """Points of the box, (n, P), at places of the axes in [-1, 1]^d."""
+        """Points of the box, (n, P), from coordinates along the axes in [-1, 1]^d."""
         lower, upper = (np.array(end)[self.axes] for end in (self.space.lower, self.space.upper))
         points = np.repeat(self._middle[None], len(scaled), axis=0)
         points[:, self.axes] = lower + (scaled + 1) / 2 * (upper - lower)
         return points
 
     def _scaled(self, points: np.ndarray) -> np.ndarray:
-        """Places of the axes in [-1, 1]^d, (n, d)."""
+        """Coordinates along the axes in [-1, 1]^d, (n, d)."""
         lower, upper = (np.array(end)[self.axes] for end in (self.space.lower, self.space.upper))
         return 2 * (points[:, self.axes] - lower) / (upper - lower) - 1

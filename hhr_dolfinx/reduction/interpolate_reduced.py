@@ -1,7 +1,7 @@
-"""HHR models whose stiffness depends on parameters, with K~(mu) eliminated between few parameters.
+"""HHR models whose stiffness depends on parameters, with the elimination of K~(mu) interpolated between few of them.
 
-What the contact of a reduced model needs, S~ = B~2 K~^-1 B~1^T and the unknown under forces, is as smooth in the
-parameters as K~: a sparse grid of a dozen factorisations of K~ replaces the one for each query.
+The contact of a reduced model needs S~ = B~2 K~^-1 B~1^T and the unknown under forces, which are as smooth in the
+parameters as K~. A sparse grid of a dozen factorisations of K~ replaces one for each query.
 """
 
 from __future__ import annotations
@@ -25,17 +25,17 @@ from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of,
 from hhr_dolfinx.reduction.projection import project
 
 REDUCED_GRID = GridSettings(1e-5, 300)
-"""A factorisation of K~ costs milliseconds, so that the interpolation can be far better than the reduction."""
+"""Tolerance far below the error of the reduction: a factorisation of K~ costs milliseconds."""
 
 
 SHAPE_GRID = GridSettings(2e-5, 200)
-"""A shape of the RID costs a tenth of a second, and the reduction errs by more than this."""
+"""Tolerance below the error of the reduction: a shape of the RID costs a tenth of a second."""
 
 
 def interpolated_reduction(
     problem: ReducedProblem, amplitudes: Amplitudes, space: ParameterSpace, settings: GridSettings = REDUCED_GRID
 ) -> tuple[Compliances | None, list[GrownGrid]]:
-    """Interpolate what eliminates gamma; None for what should rather be factored for each query: it is not smooth."""
+    """Interpolate the elimination of gamma; None if it is not smooth and K~ should be factored for each query."""
     parts = []
     grids = []
     for block in blocks_of(problem):
@@ -52,7 +52,7 @@ def interpolated_reduction(
 
 
 def _part(terms: ReducedTerms, block: Block, space: ParameterSpace) -> Part:
-    """What acts on a block."""
+    """Conditions and terms that act on a block."""
     conditions = np.flatnonzero(block.test.any(axis=0) | block.trial.any(axis=1))
     forced = np.flatnonzero(terms.forces[block.modes].any(axis=0))
     lifted = np.flatnonzero(terms.lifts[:, block.modes].any(axis=(0, 1)))
@@ -62,7 +62,7 @@ def _part(terms: ReducedTerms, block: Block, space: ParameterSpace) -> Part:
 
 
 def _solved(terms: ReducedTerms, block: Block, part: Part, point: np.ndarray) -> dict[str, np.ndarray]:
-    """What is left of a block for the factor 1, see :func:`compliance_of`."""
+    """Arrays of an eliminated block for the factor 1, see :func:`compliance_of`."""
     weights = np.array([modulus.value(point) for modulus in terms.moduli])
     size = block.modes.size
     factor = part.factor_at(point)
@@ -71,10 +71,10 @@ def _solved(terms: ReducedTerms, block: Block, part: Part, point: np.ndarray) ->
         raise SingularError(f"K~ of {size} modes is singular at {point.tolist()}")
     forces = terms.forces[np.ix_(block.modes, part.forced)]
     lifts = np.tensordot(weights, terms.lifts[:, block.modes][:, :, part.lifted], 1)
-    pushed = factor * dgetrs(lu, pivots, block.test[:, part.conditions])[0]
+    per_force = factor * dgetrs(lu, pivots, block.test[:, part.conditions])[0]
     free = np.column_stack([factor * dgetrs(lu, pivots, forces)[0], dgetrs(lu, pivots, lifts)[0]])
     trial = block.trial[part.conditions]
-    return {"schur": trial @ pushed, "columns": (trial @ free).T, "pushed": pushed, "free": free.T}
+    return {"schur": trial @ per_force, "columns": (trial @ free).T, "pushed": per_force, "free": free.T}
 
 
 def interpolated_problem(
@@ -92,7 +92,7 @@ def interpolated_problem(
 
     def solved(point: np.ndarray) -> dict[str, np.ndarray]:
         reduced, terms = terms_of(problem.reshaped(point))
-        # each part as large as it is in the middle: a small one would drown in the error of a large one
+        # parts are scaled by their size in the middle: else the error of a large one would dominate
         return {
             "stiffness": sizes[:, None, None] * terms.stiffness,
             "lifts": sizes[:, None, None] * terms.lifts,

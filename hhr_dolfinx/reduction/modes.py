@@ -1,7 +1,7 @@
 """Modes of snapshots: proper orthogonal decomposition, thesis (1.49)-(1.54), and empirical interpolation, Alg. 1.2.
 
-Plastic corrections are decomposed in energy, and states of histories (stress, cumulated plastic strain) so that small
-states count like large ones.
+Plastic corrections are decomposed in energy. States of histories (stress, cumulated plastic strain) are decomposed so
+that small states count like large ones.
 """
 
 from __future__ import annotations
@@ -29,7 +29,7 @@ def pod(
         snapshots: (N, S), one column per snapshot.
         tolerance: epsilon, in (0, 1).
         gram: sparse Gram matrix of the norm in which the sum is measured, (N, N); None for the Euclidean one.
-        rows: those of the snapshots, and of the modes, that are here, where ranks share them; None for all.
+        rows: local rows of the snapshots and modes, if these are distributed over ranks; None for all.
 
     Returns:
         ``(modes, singular_values)``: modes (N, ell) with orthonormal columns, and all singular values.
@@ -64,7 +64,7 @@ def pod(
 def _decomposed(snapshots: np.ndarray, gram: Any, rows: Rows) -> tuple[np.ndarray, np.ndarray, float]:
     """Left singular vectors, singular values, and the relative size below which these are round-off.
 
-    In the norm of a Gram matrix by the method of snapshots, whose squares lose half of the digits.
+    With a Gram matrix by the method of snapshots, whose squares lose half of the digits.
     """
     noise = np.finfo(float).eps * max(rows.count, snapshots.shape[1])
     if gram is None and rows.comm is None:
@@ -80,7 +80,7 @@ def _decomposed(snapshots: np.ndarray, gram: Any, rows: Rows) -> tuple[np.ndarra
 
 
 SMALL_CORRECTION = 1e-3
-"""Size of a correction, relative to the largest, from which on it counts by its root, and below by itself."""
+"""Size of a correction, relative to the largest, above which its weight is the root of its size."""
 
 
 def correction_modes(
@@ -88,12 +88,12 @@ def correction_modes(
 ) -> tuple[np.ndarray, np.ndarray]:
     """Modes of corrections, (N, S), orthonormal in energy, (N, ell), and the energy norm of each state, (S,).
 
-    They leave out a part of the norm of all corrections together, unless there would be more than ``most``. Each counts
-    by the root of its size: by their sizes, corrections of trained part loads were left out beside those of full loads,
-    and the stress that stayed behind them was 75 to 90 % wrong on a cantilever, 12 to 25 % on the pellet; by the root
-    2 to 3 and 1 %, with twice as many modes. If all counted alike there were three times as many.
+    They leave out a part of the summed norm of all corrections, unless there would be more than ``most``. Each counts
+    by the root of its size. By their sizes, corrections of training part loads were left out compared with those of
+    full loads, and the remaining stress was 75 to 90 % wrong on a cantilever, 12 to 25 % on the pellet; by the root 2
+    to 3 and 1 %, with twice as many modes. With equal weights there were three times as many.
 
-    Where moduli vary each part has modes of its own: a mode across parts would have no energy of its own.
+    If moduli vary, each part has separate modes: a mode across parts would have no definite energy.
     """
     sizes = np.sqrt(np.maximum(np.einsum("ns,ns->s", corrections, problem.stiffness @ corrections), 0.0))
     weights = 1 / np.sqrt(np.maximum(sizes, SMALL_CORRECTION * sizes.max(initial=0.0)) + np.finfo(float).tiny)
@@ -120,7 +120,7 @@ def _energy_modes(problem: ContactProblem, columns: np.ndarray, left_out: float)
 
 
 def _orthonormal(problem: ContactProblem, modes: np.ndarray) -> np.ndarray:
-    """The same span, orthonormal in energy to round-off."""
+    """Basis of the same span, orthonormal in energy to round-off."""
     for _ in range(2):
         lower = np.linalg.cholesky(modes.T @ (problem.stiffness @ modes))
         modes = linalg.solve_triangular(lower, modes.T, lower=True).T
@@ -128,8 +128,8 @@ def _orthonormal(problem: ContactProblem, modes: np.ndarray) -> np.ndarray:
 
 
 SMALL_STATE = 1e-3
-"""Norm of a state, relative to the largest of any, from which on it counts in full; what is smaller counts by its size,
-so that round-off of bodies that are unloaded is no state."""
+"""Norm of a state, relative to the largest of any, above which it counts in full; smaller states count by their size,
+so that round-off of unloaded bodies does not count."""
 CHUNK = 20_000
 """Values of each field that are stacked at once."""
 
@@ -137,11 +137,11 @@ CHUNK = 20_000
 def state_modes(fields: Sequence[np.ndarray], tolerance: float) -> np.ndarray:
     """Orthonormal POD modes of states, (values, modes), each divided by its norm.
 
-    By their sizes a history that hardly flows, the first steps of any, and what stays when loads are gone would all be
-    left out beside those of full loads: on the pellet 36 to 60 % of plastic strain and stress of their own.
+    By their sizes, states of little plastic strain, first steps and residual states would be left out compared with
+    those of full loads: on the pellet 36 to 60 % of their plastic strain and stress.
 
     Args:
-        fields: one for each state, (values,), which may be too long to stack.
+        fields: one for each state, (values,); they may be too long to stack.
         tolerance: part of the squared sum that the modes leave out; by the method of snapshots, from 1e-14.
     """
     sizes = np.array([np.linalg.norm(field) for field in fields])
@@ -165,7 +165,7 @@ def deim(basis: np.ndarray, rows: Rows | None = None) -> np.ndarray:
 
     Args:
         basis: (N, ell) with independent columns, most important first.
-        rows: those of the basis that are here, where ranks share them; None for all.
+        rows: local rows of the basis, if it is distributed over ranks; None for all.
 
     Returns:
         Row indices in the order they are found, (ell,); ``basis[indices]`` is invertible.

@@ -1,10 +1,10 @@
 """The reduced integration domain (RID) with its index sets, thesis sections 1.4.3 and 5.2.3, and the Petrov-Galerkin
 projection of the contact problem on it, (1.61) and (5.23).
 
-A RID is *closed* if every contact condition that acts on a dof of A belongs to A_lambda. Only then do the equations
-tested on A hold all the forces that the full model has there; one multiplier missing makes answers useless (errors
-of 240 % were seen) without any other sign. Nodes bring in those they face; master nodes whose slaves do not all lie
-in A even so are taken out of A and become part of the interface (figure 5.3a).
+A RID is *closed* if every contact condition that acts on a dof of A belongs to A_lambda. Only then the equations tested
+on A include all the forces that the full model has there. One missing multiplier makes answers useless (errors of 240 %
+occurred) without any other sign. Nodes bring in those they face. Master nodes whose slaves still do not all lie in A
+are removed from A and become part of the interface (figure 5.3a).
 """
 
 from __future__ import annotations
@@ -22,9 +22,9 @@ from hhr_dolfinx.models.eliminations.projected import ReducedProblem, ReducedTer
 PANEL = 16
 """Modes that K of a whole mesh is multiplied with at once."""
 COPIED = 20_000_000
-"""Numbers of modes of one body that are copied at most, 160 MB, so that its part of K is multiplied with no others."""
+"""Most numbers copied of the modes of one body, 160 MB, so that its part of K is not multiplied with other modes."""
 NO_WORK = 1e-9
-"""Part of the largest work of a unit force along a rigid motion below which a condition has nothing to do with it."""
+"""Part of the largest work of a unit force along a rigid motion below which a condition does not act on it."""
 
 
 def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> ReducedProblem:
@@ -63,21 +63,21 @@ def _moved(problem: ContactProblem, rows: csr_matrix, basis: np.ndarray, dofs: n
 
 
 class _Modes:
-    """Modes, (N, ell), that test on some dofs, A, and try on these and those around them, I."""
+    """Modes, (N, ell), as test functions on some dofs, A, and as trial functions on these and those around them, I."""
 
     def __init__(self, basis: np.ndarray, sets: IndexSets):
         self._basis = basis
         self._rows = sets.A
         self._support = np.union1d(sets.A, sets.I)
         few = 2 * sets.A.size <= len(basis)
-        self._test = basis[sets.A] if few else None  # of most rows no modes are copied
+        self._test = basis[sets.A] if few else None  # modes are not copied for most of the rows
 
     def projected(self, stiffness: csr_matrix) -> np.ndarray:
         """V^T K V, tested on A, (ell, ell)."""
         basis = self._basis
         if self._test is not None:
             return self._test.T @ (stiffness[self._rows][:, self._support] @ basis[self._support])
-        # of most of a mesh rows and columns of K are not copied
+        # rows and columns of K are not copied for most of a mesh
         cut = np.zeros(len(basis), dtype=bool)
         cut[self._support] = True
         own = self._moved_by(stiffness, cut)
@@ -91,8 +91,8 @@ class _Modes:
         return found
 
     def _moved_by(self, stiffness: csr_matrix, cut: np.ndarray) -> np.ndarray:
-        """Numbers of the modes that move dofs of a matrix: a part of K is that of one body, often."""
-        # a row of zeros times random numbers is zero, and any other one is not, but with probability zero
+        """Numbers of the modes that are non-zero on the dofs of a matrix: often a part of K is that of one body."""
+        # a row of zeros times random numbers is zero; any other row gives zero with probability zero
         rows = cut & (stiffness @ np.random.default_rng(0).standard_normal(len(cut)) != 0)
         parts = [slice(first, first + PANEL) for first in range(0, self._basis.shape[1], PANEL)]
         return np.flatnonzero(np.concatenate([(self._basis[:, part] != 0)[rows].any(axis=0) for part in parts]))
@@ -102,7 +102,7 @@ class _Modes:
         return self._test.T @ columns[self._rows] if self._test is not None else self._test_by(self._basis, columns)
 
     def _test_by(self, modes: np.ndarray, columns: Any) -> np.ndarray:
-        """The same by other modes on the whole mesh, (N, r), where most rows are in A: (r, k)."""
+        """Columns of dofs tested by given modes on the whole mesh, (N, r), if most rows are in A: (r, k)."""
         outside = np.ones(len(modes), dtype=bool)
         outside[self._rows] = False
         if issparse(columns):
@@ -112,7 +112,7 @@ class _Modes:
 
 
 class _ModesOfRows:
-    """The same, (own, ell), of which each rank tests with the rows of its own dofs in A."""
+    """Distributed modes, (own, ell): each rank tests with the rows of its dofs in A."""
 
     def __init__(self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets):
         self._rows = problem.spread
@@ -137,10 +137,10 @@ class _ModesOfRows:
 
 
 def _balanced(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem) -> ReducedProblem:
-    """The same with the balance of whole bodies in the place of tests by their motions, the first modes, on A alone.
+    """Replace tests by rigid motions, the first modes, on A alone by the balance of whole bodies.
 
-    All conditions that hold the bodies are in the RID, so that none of their forces is left out; along a rigid motion K
-    does no work. Cut off outside A a motion would strain cells there, and forces would balance what projection leaves.
+    All conditions that hold the bodies are in the RID, so all of their forces are included; K does no work along rigid
+    motions. Cut off outside A, a motion would strain cells there, and forces would balance the projection error.
     """
     r = reduced.motions
     motions = basis[:, : reduced.motions]
@@ -172,7 +172,7 @@ def _balanced(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduc
 
 
 def holding(problem: ContactProblem) -> np.ndarray:
-    """Numbers of the conditions that hold bodies which nothing else holds."""
+    """Numbers of the conditions that hold the bodies with rigid motions."""
     if problem.rigid is None:
         return np.zeros(0, dtype=np.int64)
     work = np.abs(problem.contact @ problem.rigid)
@@ -180,7 +180,7 @@ def holding(problem: ContactProblem) -> np.ndarray:
 
 
 def _terms(problem: ContactProblem, modes: _Modes | _ModesOfRows, loads: np.ndarray) -> ReducedTerms:
-    """Parts of K~ and of its loads, of which some are tested already, (ell, 1 + T)."""
+    """Parts of K~ and of its loads, of which those on A are tested already, (ell, 1 + T)."""
     weights = problem.weights(problem.middle)
     lifts = np.stack([modes.tested(term) for term in problem.lift_terms])
     forces = loads + np.tensordot(weights, lifts, 1)
@@ -189,7 +189,7 @@ def _terms(problem: ContactProblem, modes: _Modes | _ModesOfRows, loads: np.ndar
 
 
 def _summed(problem: ContactProblem, terms: ReducedTerms) -> np.ndarray:
-    """K~ in the middle of the box, of its parts."""
+    """K~ in the middle of the box, summed over its parts."""
     return np.tensordot(problem.weights(problem.middle), terms.stiffness, 1)
 
 
@@ -197,9 +197,9 @@ def reduced_domain(problem: ContactProblem, nodes: np.ndarray, layers: int = 0) 
     """Closed union of the supports of the given nodes and of the nodes they face, thesis (1.55), section 5.2.3.
 
     A node of a contact surface brings in the slaves of its conditions and the nodes these face, so that gaps can be
-    computed inside the RID (figure 1.13b). The given nodes stay in A: where closing the RID would take one out,
-    the RID grows until it does not. Where every row overlaps the next (double pass, standard mortar
-    multipliers) that ends with the whole contact surface.
+    computed inside the RID (figure 1.13b). The given nodes stay in A: if closing the RID would remove one, the RID
+    grows until it does not. If every row overlaps the next (double pass, standard mortar multipliers) that ends with
+    the whole contact surface.
 
     Args:
         problem: the full problem; only its connectivity is used.
@@ -250,7 +250,7 @@ def _with_facing_nodes(problem, rows, wanted):
 
 
 def _close(problem, rows, inside):
-    """Take nodes out until no condition whose slave lies outside touches what is left."""
+    """Remove nodes until no condition whose slave lies outside acts on the others."""
     while True:
         touched = rows.T @ ~inside[problem.contact_slaves] > 0
         if not (touched & inside).any():
@@ -260,11 +260,11 @@ def _close(problem, rows, inside):
 
 def _index_sets(problem, cells, inside) -> IndexSets:
     in_A = np.repeat(inside, problem.block_size) & problem.free
-    # an imposed slave whose masters lie outside would leave a row of B~1 that is zero
+    # an imposed slave whose masters lie outside would give a row of zeros in B~1
     acts = abs(problem.contact) @ in_A.astype(float) > 0
     in_A_lambda = inside[problem.contact_slaves] & acts
     if problem.friction is not None:
-        # friction that acts on no unknown goes with the pressure that bounds it
+        # friction that acts on no unknown is kept with the pressure that bounds it
         friction = problem.friction
         idle = np.diff(problem.contact.indptr)[friction.tangential] == 0
         in_A_lambda[friction.tangential[idle]] = in_A_lambda[friction.normal[friction.owner[idle]]]
@@ -283,7 +283,7 @@ def _index_sets(problem, cells, inside) -> IndexSets:
 def load_nodes(problem: ContactProblem) -> np.ndarray:
     """One node for each term of θ that loads the problem.
 
-    A RID that no load reaches would answer zero to every parameter. A partial pressure has terms all along its line.
+    A RID without any load would answer zero to every parameter. A partial pressure has terms all along its line.
     The node is the one where the load acts most on free dofs; among equals that with the smallest coordinates, so that
     it does not depend on node numbers.
     """
@@ -297,7 +297,7 @@ def load_nodes(problem: ContactProblem) -> np.ndarray:
 
 
 def checked_nodes(nodes: np.ndarray, count: int, what: str = "the zone") -> np.ndarray:
-    """Node numbers, (n,), that ``what`` has chosen of ``count``; a mask of all nodes is as good."""
+    """Node numbers, (n,), that ``what`` has chosen of ``count``; a mask of all nodes is accepted too."""
     if nodes.dtype == bool:
         if nodes.shape != (count,):
             raise ReductionError(f"{what} is a mask of shape {nodes.shape}, the mesh has {count} nodes")

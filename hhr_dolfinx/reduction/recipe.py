@@ -1,10 +1,10 @@
-"""A recipe: how to reduce a scene, as typed steps. One that is not given is the usual one; None leaves out what may be.
+"""Recipe: the steps of a reduction, as typed objects. A missing step is the default; None leaves out an optional one.
 
-A basis of your own is an object with ``modes(problem, snapshots)``, a choice of nodes one with ``nodes(problem,
-snapshots, basis)``, an indicator one with ``prepared(problem, basis, sets)``; each is listed where the ones below are.
+A user-defined basis is an object with ``modes(problem, snapshots)``, a choice of nodes one with ``nodes(problem,
+snapshots, basis)``, an indicator one with ``prepared(problem, basis, sets)``. They are listed like those below.
 
-Where ranks solve together each has the rows of its own dofs. A basis or a choice of nodes that does with these, see
-:class:`~hhr_dolfinx.linear.rows.Rows`, ``problem.spread``, says ``by_rows = True``; else all ranks get all rows.
+On distributed problems each rank has the rows of its dofs. A basis or a choice of nodes for which these suffice, see
+:class:`~hhr_dolfinx.linear.rows.Rows`, ``problem.spread``, sets ``by_rows = True``; otherwise all ranks get all rows.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
 MOST_LAYERS = 1000
-"""Layers of cells beyond which any mesh of ours is covered."""
+"""Layers of cells that cover any mesh of this package."""
 
 
 def _weights(sizes: np.ndarray) -> np.ndarray:
@@ -42,14 +42,14 @@ def _weights(sizes: np.ndarray) -> np.ndarray:
 
 
 def _sizes(columns: np.ndarray, gram: Any, rows: Rows) -> np.ndarray:
-    """Norm of each column, (k,), in that of a Gram matrix; None is the Euclidean one."""
+    """Norm of each column, (k,), by a Gram matrix; None is the Euclidean norm."""
     if gram is None:
         return rows.norms(columns)
     return np.sqrt(np.maximum(rows.sum(np.einsum("nk,nk->k", columns, gram @ columns)), 0.0))
 
 
 def _cut(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
-    """Columns that are zero but for some rows."""
+    """Columns with zeros outside some rows."""
     found = np.zeros_like(columns)
     found[rows] = columns[rows]
     return found
@@ -62,14 +62,14 @@ def _nodes_of_values(problem: ContactProblem, values: np.ndarray, tolerance: flo
 
 
 class Basis(Protocol):
-    """A choice of the basis of displacements; on ranks that build together the rows of each of the same modes."""
+    """A choice of the basis of displacements; ranks of a distributed problem return their rows of the same modes."""
 
     def modes(self, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
         """V with orthonormal columns, most important first, zero on imposed dofs, (N, ell)."""
 
 
 class Nodes(Protocol):
-    """A choice of nodes, around which the RID is built; the same on all ranks that build together."""
+    """A choice of nodes, around which the RID is built; the same on all ranks of a distributed problem."""
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """Numbers of nodes, (n,)."""
@@ -79,11 +79,11 @@ class Indicator(Protocol):
     """An estimate of the error of an answer."""
 
     def prepared(self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Callable[[Answer], float]:
-        """What maps an answer to its estimate, with all that can be computed beforehand."""
+        """Function from an answer to its estimate, with all offline work done."""
 
 
 def _by_rows(step: Any) -> bool:
-    """Whether a step says that ranks may have some rows of the displacements each."""
+    """True if a step can work on local rows of the displacements."""
     return getattr(step, "by_rows", False) is True
 
 
@@ -98,7 +98,7 @@ def _check_truths(step: Any) -> None:
 
 @dataclass(frozen=True)
 class _Truncated:
-    """What takes a POD: ``tolerance`` is epsilon of (1.53), in (0, 1)."""
+    """Base of steps with a POD: ``tolerance`` is epsilon of (1.53), in (0, 1)."""
 
     tolerance: float
 
@@ -119,8 +119,8 @@ class Pod(_Truncated):
         relative: divide each snapshot by its norm first, so that grazing contact counts as much as strong contact; the
             thesis does not.
         norm: ``euclidean`` as in the thesis, ``energy`` or ``l2``.
-        by_body: decompose each connected component by itself, so that each mode moves one body only. Bodies that only
-            contact joins then share no entries of K~: a stiffness that depends on parameters is factored in blocks.
+        by_body: decompose each connected component separately, so that each mode moves one body only. Bodies joined by
+            contact alone then share no entries of K~: a stiffness that depends on parameters is factored in blocks.
     """
 
     relative: bool = False
@@ -137,7 +137,7 @@ class Pod(_Truncated):
         return self.of_columns(problem, snapshots.displacements)
 
     def of_columns(self, problem: ContactProblem, columns: np.ndarray, comm: Comm | None = None) -> np.ndarray:
-        """The same of any displacements, (N, S); ranks, if there are several, share out what is decomposed by body."""
+        """Modes of any displacements, (N, S); several ranks share the bodies of a decomposition by body."""
         gram = self._gram(problem)
         rows = problem.spread
         weights = _weights(_sizes(columns, gram, rows)) if self.relative else None
@@ -149,8 +149,8 @@ class Pod(_Truncated):
         if rows.comm is not None:
             parts = []
             for dofs in bodies:
-                moved = _cut(columns, rows.mine(dofs))
-                parts.append(pod(moved if weights is None else moved * weights, self.tolerance, gram, rows)[0])
+                cut = _cut(columns, rows.mine(dofs))
+                parts.append(pod(cut if weights is None else cut * weights, self.tolerance, gram, rows)[0])
             return np.hstack(parts)
 
         def of_body(number: int) -> np.ndarray:
@@ -166,7 +166,7 @@ class Pod(_Truncated):
         return found
 
     def _gram(self, problem: ContactProblem) -> Any:
-        """Of the norm, None for the Euclidean one."""
+        """Gram matrix of the norm; None for the Euclidean one."""
         if self.norm == "euclidean":
             return None
         if self.norm == "energy":
@@ -175,7 +175,7 @@ class Pod(_Truncated):
 
     @property
     def by_rows(self) -> bool:
-        """Whether ranks may have some rows of the displacements each."""
+        """True if it can work on local rows of the displacements."""
         return True
 
     def _of_body(self, dofs: np.ndarray, columns: np.ndarray, weights: np.ndarray | None, gram: Any) -> np.ndarray:
@@ -191,14 +191,14 @@ class Deim:
     """Nodes of the DEIM points of the basis, thesis Alg. 1.2.
 
     Attributes:
-        pod: another POD of which the points are taken; None takes the basis itself. A larger basis on the nodes of a
+        pod: another POD whose modes give the points; None uses the basis itself. A larger basis on the nodes of a
             smaller one is the POD + FE enrichment of section 3.4.2.
     """
 
     pod: Pod | None = None
 
     def __post_init__(self) -> None:
-        """Refuse what makes no modes."""
+        """Refuse a ``pod`` without modes."""
         if self.pod is not None and not _has(self.pod, "modes"):
             raise ReductionError(f"pod = {self.pod!r} of Deim must have modes(problem, snapshots), as Pod(1e-9) has")
 
@@ -241,7 +241,7 @@ class StressDeim(_Truncated):
     """Nodes of the cells in which DEIM picks Gauss points on a POD of the stress, section 6.2.3."""
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
-        """See :class:`Nodes`; none where nothing can flow."""
+        """See :class:`Nodes`; empty for elastic bodies."""
         if snapshots.stress is None:
             return np.zeros(0, dtype=np.int64)
         return _nodes_of_values(problem, snapshots.stress, self.tolerance)
@@ -252,7 +252,7 @@ class FlowDeim(_Truncated):
     """Nodes of the cells in which DEIM picks Gauss points on a POD of the cumulated plastic strain, section 6.2.3."""
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
-        """See :class:`Nodes`; none where nothing flowed in training."""
+        """See :class:`Nodes`; empty without plastic strain in training."""
         if snapshots.cumulated is None or not snapshots.flowed:
             return np.zeros(0, dtype=np.int64)
         return _nodes_of_values(problem, snapshots.cumulated, self.tolerance)
@@ -260,7 +260,7 @@ class FlowDeim(_Truncated):
 
 @dataclass(frozen=True)
 class LoadNodes:
-    """One node for each load: a RID that no load reaches would answer zero to every parameter."""
+    """One node for each load: a RID without any load would answer zero to every parameter."""
 
     def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
         """See :func:`load_nodes`."""
@@ -327,12 +327,12 @@ class Enrich:
 
 @dataclass(frozen=True)
 class Tangents:
-    """Check of the projected tangents at training states, where bodies flow.
+    """Check of the projected tangents at training states of inelastic bodies.
 
     Attributes:
-        least: smallest real part wanted of the eigenvalues of V[A]^T K_T V beside V^T K_T V. Of twenty recipes for the
-            pellet all above 0.1 kept within 5 % of the displacement at every step; all below -0.2 left it at some
-            step, by up to 26 %, or failed.
+        least: smallest real part allowed for the eigenvalues of V[A]^T K_T V relative to V^T K_T V. Of twenty recipes
+            for the pellet all above 0.1 kept within 5 % of the displacement at every step; all below -0.2 left it at
+            some step, by up to 26 %, or failed.
         states: training states of each history that are checked.
     """
 
@@ -348,19 +348,19 @@ class Tangents:
 
 @dataclass(frozen=True)
 class Recipe:
-    """How to reduce a scene; the defaults gave the best errors for their time on the elastic pellet-cladding scene.
+    """Steps of a reduction; the defaults gave the best errors for their time on the elastic pellet-cladding scene.
 
     Attributes:
         basis: of the displacements.
-        nodes: choices of nodes that make the RID, all of which count.
+        nodes: choices of nodes for the RID, all of which are used.
         domain: the RID around them.
-        enrichment: how the basis is enriched; None for not at all.
-        trust: what the trust check refuses or warns of; None leaves it out, to measure a model as it is.
-        tangents: how tangents are checked where bodies flow; None for not at all.
-        indicator: what estimates the error of each answer in the place of a bound; None for none.
-        bound: whether answers have a bound of their error, where its hypotheses hold.
-        cone: whether forces outside the RID are combinations of training forces, (1.70), even where a bound knows S, by
-            which they close their gaps: more exact, and fifty times as fast on the pellet.
+        enrichment: enrichment of the basis; None for none.
+        trust: limits of the trust check; None leaves it out, to measure a model without it.
+        tangents: check of the tangents of inelastic bodies; None for none.
+        indicator: estimates the error of each answer instead of a bound; None for none.
+        bound: whether answers have a bound of their error, if its hypotheses hold.
+        cone: whether forces outside the RID are combinations of training forces, (1.70), even if a bound has S. With S
+            forces close their gaps: more exact, and fifty times as fast on the pellet.
     """
 
     basis: Basis = Pod(1e-13, relative=True)
@@ -408,7 +408,7 @@ class Recipe:
 
     @classmethod
     def flowing(cls, **changes: Any) -> Recipe:
-        """For scenes whose bodies flow, section 6.2.3: DEIM of stress and plastic strain too, a larger RID."""
+        """Recipe for inelastic bodies, section 6.2.3: DEIM of stress and plastic strain too, a larger RID."""
         nodes = (Deim(), ForceDeim(1e-8), StressDeim(1e-9), FlowDeim(1e-6), LoadNodes())
         usual: dict[str, Any] = {
             "nodes": nodes,
@@ -420,7 +420,7 @@ class Recipe:
 
     @classmethod
     def with_friction(cls, **changes: Any) -> Recipe:
-        """For elastic bodies with friction, whose slip makes more modes, and RIDs with most of what rubs."""
+        """Recipe for elastic bodies with friction: slip needs more modes, and a RID with most frictional contacts."""
         usual: dict[str, Any] = {
             "nodes": (Deim(), ForceDeim(1e-4), LoadNodes()),
             "domain": Rid(2, 4),
@@ -431,20 +431,20 @@ class Recipe:
 
     @property
     def by_rows(self) -> bool:
-        """Whether all of its steps do with the rows of one rank each."""
+        """True if all of its steps can work on local rows."""
         return self.indicator is None and all(map(_by_rows, (self.basis, *self.nodes)))
 
     def as_it_is(self) -> Recipe:
-        """The same without any check and without growth, to measure what it gives."""
+        """The same recipe without any check and without growth, to measure its result."""
         return replace(self, trust=None, tangents=None, domain=replace(self.domain, most_layers=self.domain.layers))
 
     def described(self) -> dict[str, Any]:
-        """Steps and their numbers as plain values, for a report; a function by its name."""
+        """Steps and their numbers as plain values, for a report; functions by their names."""
         return {item.name: _plain(getattr(self, item.name)) for item in fields(self)}
 
 
 def _has(step: Any, method: str) -> bool:
-    """Whether a step is an object, not a class, with a method."""
+    """True if a step is an object, not a class, with a method."""
     return not isinstance(step, type) and callable(getattr(step, method, None))
 
 
@@ -461,12 +461,12 @@ def _plain(value: Any) -> Any:
 
 
 def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
-    """The basis of a step, of a user's own maybe, as the equations are written for it; rigid motions come first."""
+    """Basis of a step, which may be user-defined, in the form of the equations; rigid motions come first."""
     if problem.rigid is not None:
         rigid = problem.spread.of(problem.rigid)
-        moved = snapshots.displacements
-        along = problem.spread.sum(rigid.T @ moved)
-        snapshots = replace(snapshots, displacements=moved - rigid @ along)
+        fields = snapshots.displacements
+        along = problem.spread.sum(rigid.T @ fields)
+        snapshots = replace(snapshots, displacements=fields - rigid @ along)
     basis = np.asarray(step.modes(problem, snapshots))
     free = problem.spread.of(problem.free)
     shaped = basis.ndim == 2 and len(basis) == len(free) and 0 < basis.shape[1] <= len(problem.free)
@@ -480,12 +480,12 @@ def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.n
     if problem.rigid is not None:
         along = problem.spread.sum(rigid.T @ basis)
         others = problem.spread.orthonormal(np.hstack([rigid, basis - rigid @ along]))[0][:, rigid.shape[1] :]
-        basis = np.hstack([rigid, others])  # a QR may turn the sign of the motions
-    return np.where(free[:, None], basis, 0.0)  # without the round-off that was let pass
+        basis = np.hstack([rigid, others])  # a QR may change the sign of the motions
+    return np.where(free[:, None], basis, 0.0)  # without the round-off that the check allows
 
 
 def chosen_nodes(problem: ContactProblem, snapshots: SnapshotSet, recipe: Recipe, basis: np.ndarray) -> np.ndarray:
-    """Numbers of the nodes around which the RID of a recipe is built, those of a user's own choices too."""
+    """Numbers of the nodes around which the RID of a recipe is built, also by user-defined choices."""
     found = [np.asarray(step.nodes(problem, snapshots, basis)) for step in recipe.nodes]
     known = [checked_nodes(one, len(problem.points), repr(step)) for one, step in zip(found, recipe.nodes, strict=True)]
     nodes = np.unique(np.concatenate([*known, problem.contact_slaves[holding(problem)]]))

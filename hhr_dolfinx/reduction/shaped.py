@@ -1,4 +1,4 @@
-"""Outputs of bodies whose shape depends on parameters: prepared on few shapes, and interpolated between them."""
+"""Outputs of bodies whose shape depends on parameters: computed on few shapes, and interpolated between them."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ from hhr_dolfinx.models.functionals.shaped import ROWS, ReshapedFunctionals, Zon
 from hhr_dolfinx.reduction.interpolate import GridSettings, grown
 
 TOLERANCE = 3e-7
-"""Wished error of the arrays of outputs, relative to their size: forces and displacements cancel in them, as in a gap,
-and a grid so fine has a few shapes more than that of the model."""
+"""Target error of the arrays of outputs, relative to their size: forces and displacements cancel in them, as in a gap.
+A grid this fine has a few shapes more than that of the model."""
 _OF_ROWS = {item.name for item in fields(Functional)}
 
 
@@ -25,16 +25,16 @@ def reshaped_functionals(
 ) -> ReshapedFunctionals:
     """Outputs for displacements that are a basis, (N, ell), times coordinates and the lift.
 
-    Strain is not interpolated: its cells are moved, see :mod:`hhr_dolfinx.models.functionals.cells`.
+    Strain is not interpolated but computed from cells, see :mod:`hhr_dolfinx.models.functionals.cells`.
 
     Args:
         prepared: outputs of the full model.
         problem: its contact problem.
         basis: V.
-        settings: how far the sparse grid grows.
+        settings: targets of the sparse grid.
 
     Raises:
-        SceneError: for an output that is made of other conditions, or of arrays of other lengths, on other shapes.
+        SceneError: for an output with other conditions, or arrays of other lengths, on other shapes.
     """
     lifted = np.flatnonzero(np.diff(problem.lifts.indptr)).astype(np.int64)
     columns = np.column_stack([basis, problem.lifts[:, lifted].toarray()])
@@ -72,17 +72,17 @@ def reshaped_functionals(
 
 
 def _own(item: Functional) -> dict[str, Any]:
-    """What an output has beside its rows."""
+    """Fields of an output other than its rows."""
     return {field.name: getattr(item, field.name) for field in fields(item) if field.name not in _OF_ROWS | {"cells"}}
 
 
 def _smooth(value: Any) -> bool:
-    """Whether a field is interpolated."""
+    """True if a field is interpolated."""
     return isinstance(value, float) or (isinstance(value, np.ndarray) and value.dtype == np.float64)
 
 
 def _arrays(item: Functional, columns: np.ndarray) -> dict[str, np.ndarray]:
-    """What of an output is interpolated, by name."""
+    """Interpolated arrays of an output, by name."""
     found = {name: np.asarray(value) for name, value in _own(item).items() if _smooth(value) and np.size(value)}
     if not isinstance(item, MovingMises) and item.count:
         found[ROWS] = item.matrix(len(columns)) @ columns
@@ -102,7 +102,7 @@ def _check_alike(base: Functional, item: Functional) -> None:
 
 
 def _without_rows(item: Functional) -> Functional:
-    """An output whose rows are made elsewhere."""
+    """An output without rows, which come from elsewhere."""
     nowhere = np.zeros(0, dtype=np.int64)
     if isinstance(item, MovingMises):
         own = {field.name: getattr(item, field.name) for field in fields(Mises)}

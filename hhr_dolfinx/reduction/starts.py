@@ -1,4 +1,4 @@
-"""Statuses at known points and how they change there, found by a small model itself."""
+"""Statuses at training points and their changes there, computed by a small model itself."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ if TYPE_CHECKING:
 
 STAGE = "starts"
 ALONG = 4
-"""Points along each path that shows forces of friction."""
+"""Points along each path that samples forces of friction."""
 NO_FIELDS: Any = ModelFields()
-"""Fields of answers that nobody asks for any."""
+"""Fields of answers without fields."""
 
 
 def linear_starts(
@@ -33,17 +33,17 @@ def linear_starts(
     comm: Comm | None = None,
     announce: Announce = unannounced,
 ) -> LinearStarts:
-    """Starts at those of some points, (S, P), that have an answer, with derivatives.
+    """Starts from answers at some points, (S, P), with derivatives; points without an answer are left out.
 
-    Where no answers can be tabulated, searches often take a second equality problem: on the pellet 57 of 100, and 10 of
-    100 along derivatives.
+    Without tabulated answers, searches often take a second equality problem: on the pellet 57 of 100 do, and 10 of
+    100 with derivatives.
 
     Args:
         eliminated: makes the contact problem of a point.
         points: (S, P).
         pairs: number of the contact pair of each condition, (m,).
         active: statuses to start from there, (S, m) bool; None for those of the free slack.
-        comm: ranks that share the points out, if there are several.
+        comm: ranks that share the points, if there are several.
         announce: called with the share of the points that are done.
 
     Raises:
@@ -79,10 +79,10 @@ def starts_of(
     comm: Comm | None = None,
     announce: Announce = unannounced,
 ) -> tuple[KnownStatuses, np.ndarray]:
-    """What searches start from, and forces as they occur, (S, m), of a condensed model at some points, (S, P).
+    """Starts of searches, and typical forces, (S, m), of a condensed model at some points, (S, P).
 
-    With friction increments start from the one before, and forces are those along paths through a few points each,
-    which load, unload and turn round; what stays along a path is that of its first point.
+    With friction, increments start from the one before, and the forces are those along paths through a few points each,
+    which load, unload and reverse; the parameters that stay along a path are those of its first point.
     """
     if problem.friction is None:
         known = linear_starts(eliminated, points, problem.contact_pairs, comm=comm, announce=announce)

@@ -1,8 +1,8 @@
-"""How far apart spaces of displacements are: principal angles, distances of bases and of snapshots, theorem 9.
+"""Distances of spaces of displacements: principal angles, distances of bases and of snapshots, theorem 9.
 
-Everything is computed in coordinates of all columns in one orthonormal basis, as many rows as there are columns: one
-factorisation of the size of the mesh, whatever the number of pairs. Cosines tell angles below 1e-8 from zero by chance
-only; small ones are taken from sines, which are right to round-off.
+Everything is computed in coordinates of all columns in one orthonormal basis, as many rows as there are columns. This
+takes one factorisation of the size of the mesh for any number of pairs. Cosines do not resolve angles below 1e-8;
+small angles are computed from sines, which are accurate to round-off.
 """
 
 from __future__ import annotations
@@ -16,11 +16,11 @@ from scipy import linalg
 from hhr_dolfinx.errors import ReductionError
 
 ORTHONORMAL = 1e-8
-"""Largest entry of V^T V - I of a basis that is taken for orthonormal."""
+"""Largest entry of V^T V - I of a basis that counts as orthonormal."""
 SMALL = 0.01
 """Distance of two bases, in radians, below which it is computed from sines: cosines would leave 1e-16 over it."""
 MOST_NUMBERS = 4_000_000
-"""Numbers of a block of pairs that are in memory at a time."""
+"""Numbers in memory of a block of pairs."""
 
 
 class ChordalBounds(NamedTuple):
@@ -43,10 +43,10 @@ def coordinates(columns: np.ndarray, gram: Any = None) -> np.ndarray:
         gram: Gram matrix of the norm, (N, N), sparse or dense; None for the Euclidean one.
 
     Returns:
-        (r, S), r = min(N, S), or the columns themselves where these have no more rows.
+        (r, S), r = min(N, S), or the columns themselves if these have no more rows.
 
     Raises:
-        ReductionError: for what is no table of finite real numbers, or a matrix that is no Gram matrix of it.
+        ReductionError: for an invalid table of real numbers, or a matrix that is no Gram matrix for it.
     """
     columns = _checked("columns", columns)
     rows, count = columns.shape
@@ -70,13 +70,13 @@ def principal_angles(one: np.ndarray, other: np.ndarray, gram: Any = None) -> np
         gram: Gram matrix of the norm, (N, N); None for the Euclidean one.
 
     Returns:
-        In radians, from the smallest to the largest, (min(a, b),); each is right to about 1e-15, however small.
+        In radians, ascending, (min(a, b),); each is accurate to about 1e-15, however small.
 
     Raises:
         ReductionError: for a basis that is not orthonormal, or of another mesh.
     """
     second, first = sorted(_together({"one": one, "other": other}, gram), key=lambda part: part.shape[1])
-    # scipy.linalg.subspace_angles takes small angles from cosines where others of the same spaces are large
+    # scipy.linalg.subspace_angles computes small angles from cosines if others of the same spaces are large
     products = first.T @ second
     cosines = linalg.svdvals(products)
     sines = linalg.svdvals(second - first @ products)[::-1]
@@ -86,7 +86,7 @@ def principal_angles(one: np.ndarray, other: np.ndarray, gram: Any = None) -> np
 def chordal_distance(one: np.ndarray, other: np.ndarray, gram: Any = None) -> float:
     """Chordal distance of the spans of two orthonormal bases, (2.131): |sin(theta)|_F.
 
-    Where dimensions differ each of the surplus counts as a right angle, as in (4.2). See :func:`principal_angles`.
+    If dimensions differ, each surplus one counts as a right angle, as in (4.2). See :func:`principal_angles`.
     """
     sines = np.sin(principal_angles(one, other, gram))
     return float(np.sqrt(abs(one.shape[1] - other.shape[1]) + sines @ sines))
@@ -96,7 +96,7 @@ def grassmann_distance(one: np.ndarray, other: np.ndarray, gram: Any = None) -> 
     """Grassmann distance of the spans of two orthonormal bases, (4.2), whose dimensions may differ.
 
     In radians: the root of the sum of squares of the principal angles, and of a right angle for each dimension that
-    one has and the other has not. See :func:`principal_angles`.
+    one space has and the other lacks. See :func:`principal_angles`.
     """
     angles = principal_angles(one, other, gram)
     return float(np.sqrt(abs(one.shape[1] - other.shape[1]) * np.pi**2 / 4 + angles @ angles))
@@ -105,7 +105,7 @@ def grassmann_distance(one: np.ndarray, other: np.ndarray, gram: Any = None) -> 
 def basis_distances(bases: Sequence[np.ndarray], gram: Any = None) -> np.ndarray:
     """Dissimilarity of local bases, (4.1): the Grassmann distance of each pair.
 
-    For many bases give them in common :func:`coordinates`: their products take the time.
+    With many bases, give them in common :func:`coordinates`: their products take the time.
 
     Args:
         bases: orthonormal, (N, a_j) each, of any dimensions.
@@ -128,8 +128,8 @@ def basis_distances(bases: Sequence[np.ndarray], gram: Any = None) -> np.ndarray
 def snapshot_distances(columns: np.ndarray, gram: Any = None) -> np.ndarray:
     """Dissimilarity of snapshots, (4.4): the angle between the lines that they span.
 
-    As it is printed (4.4) has arccos(S_i^T S_j), which puts a snapshot and its opposite pi apart; (4.2), of which it is
-    a case, says zero, as both span one space. That is taken here, arccos |S_i^T S_j|.
+    The printed (4.4) has arccos(S_i^T S_j), which puts a snapshot and its opposite pi apart. (4.2), of which it is
+    a case, gives zero, as both span one space. This function uses (4.2): arccos |S_i^T S_j|.
 
     Args:
         columns: of any lengths, (N, S).
@@ -139,10 +139,10 @@ def snapshot_distances(columns: np.ndarray, gram: Any = None) -> np.ndarray:
         Symmetric with a zero diagonal, (S, S), in radians, at most pi / 2; errors are below 1e-12.
 
     Raises:
-        ReductionError: for snapshots that are not finite, or zero: these have no direction.
+        ReductionError: for snapshots that are not finite, or zero, which have no direction.
     """
     found = coordinates(columns, gram)
-    # squares of very small or large displacements would not be numbers
+    # squares of very small or large displacements would not be finite
     scales = np.abs(found).max(axis=0)
     if not scales.all():
         raise ReductionError(
@@ -157,10 +157,10 @@ def snapshot_distances(columns: np.ndarray, gram: Any = None) -> np.ndarray:
 def theorem_9(
     exact: np.ndarray, reduced: np.ndarray, weights: np.ndarray, factor: float = 1.0, gram: Any = None
 ) -> ChordalBounds:
-    """Right sides of theorem 9: how far a reduced answer is from the exact one, by the angles of their spaces.
+    """Right sides of theorem 9: the distance of a reduced answer from the exact one, by the angles of their spaces.
 
-    The first, |sin(theta) U*^T gamma*|, is the distance of the exact answer to the reduced space. Where this has more
-    functions than V* both hold as well; ell is the number of functions of V*.
+    The first, |sin(theta) U*^T gamma*|, is the distance of the exact answer to the reduced space. If this has more
+    functions than V*, both hold as well; ell is the number of functions of V*.
 
     Args:
         exact: V*, orthonormal, (N, ell).
@@ -187,17 +187,17 @@ def theorem_9(
 
 
 def _distances(padded: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """Grassmann distances of bases as rows, filled up by zeros, (n, a, r), of which ``counts`` are there, (n, n)."""
+    """Grassmann distances of bases stored as rows padded with zeros, (n, a, r), ``counts`` of them valid, (n, n)."""
     found = _from_cosines(padded, counts)
     upper = np.triu(np.ones(found.shape, dtype=bool), 1)
-    near = np.nonzero(upper & (found < SMALL))  # bases of other dimensions are a right angle apart
+    near = np.nonzero(upper & (found < SMALL))  # bases of different dimensions are a right angle apart
     found[near] = _from_sines(padded, *near)
     found = np.where(upper, found, 0.0)
     return found + found.T
 
 
 def _from_cosines(padded: np.ndarray, counts: np.ndarray) -> np.ndarray:
-    """The same, on and above the diagonal, with errors of 1e-16 over the distance."""
+    """Distances from cosines, on and above the diagonal, with errors of 1e-16 over the distance."""
     total, width, size = padded.shape
     found = np.zeros((total, total))
     rows = max(1, MOST_NUMBERS // (total * width**2))
@@ -215,7 +215,7 @@ def _from_cosines(padded: np.ndarray, counts: np.ndarray) -> np.ndarray:
 
 
 def _from_sines(padded: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.ndarray:
-    """The same for pairs of bases of one dimension that are close, given by their numbers, (k,) each."""
+    """Distances from sines, for pairs of bases of one dimension that are close, given by their numbers, (k,) each."""
     _, width, size = padded.shape
     found = [np.zeros(0)]
     step = max(1, MOST_NUMBERS // (width * size))

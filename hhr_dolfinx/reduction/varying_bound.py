@@ -13,11 +13,11 @@ from scipy.linalg import cholesky, eigvalsh, solve_triangular
 from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.certify.accuracy import least_sizes
-from hhr_dolfinx.certify.bounds import check_hypotheses
+from hhr_dolfinx.certify.differences import check_hypotheses
 from hhr_dolfinx.certify.interpolation import PartStiffness
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError
-from hhr_dolfinx.models.bounds.varying_bound import ROUND_OFF, PartEnergy, VaryingBound
+from hhr_dolfinx.models.bounds.varying_bound import OF_ENERGY, PartEnergy, VaryingBound
 from hhr_dolfinx.models.eliminations.interpolated import Compliance, Compliances
 from hhr_dolfinx.models.eliminations.interpolation import Interpolant
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
@@ -122,7 +122,7 @@ def _between(full: Any, solvers: Sequence[Solver], announce: Announce) -> Betwee
         PartEnergy(*(np.ascontiguousarray(np.moveaxis(part[name], 2, 0)) for name in ("work", "lifted")))
         for part in modes
     )
-    errors = [ROUND_OFF, *(_round_off(solver) for solver in solvers)]
+    errors = [OF_ENERGY, *(_round_off(solver) for solver in solvers)]
     proved = problem.reshaped is None
     for solver, part, energy, kind in zip(energetic, compliances.parts, energies, kinds, strict=True):
         if not part.interpolant.axes.size:  # nothing but an exact factor changes it

@@ -1,1 +1,1 @@
-"""Full-order answers and histories: at training parameters and held out, computed and kept on disk."""
+"""Full-order answers and histories, for training and held out, computed and stored on disk."""

@@ -1,4 +1,4 @@
-"""Arrays on disk that took long to solve for: a run that was stopped reads them instead of solving again."""
+"""Storage of arrays from long computations, which a restarted run reads instead of solving again."""
 
 from __future__ import annotations
 
@@ -20,9 +20,9 @@ class ArrayStore:
     """Arrays by name, one file per key.
 
     Args:
-        folder: where the files are.
-        problem: digest of the problem that they belong to, as of
-            :attr:`~hhr_dolfinx.snapshots.store.SnapshotStore.problem_digest`: files of another one are not read.
+        folder: folder of the files.
+        problem: digest of the problem that they belong to, as
+            :attr:`~hhr_dolfinx.snapshots.store.SnapshotStore.problem_digest`: files of other problems are not read.
 
     Raises:
         FileError: if the folder cannot be made.
@@ -34,7 +34,7 @@ class ArrayStore:
         self._problem = problem
 
     def load(self, key: str) -> dict[str, np.ndarray] | None:
-        """The arrays under a key; None if there are none, or their file is damaged, which is warned of."""
+        """Load the arrays of a key; None, with a warning for a damaged file, if they are not there."""
         path = self._path(key)
         try:
             header, arrays = read_arrays(path, FORMAT, VERSION)
@@ -46,7 +46,7 @@ class ArrayStore:
         return arrays if header == self._header(key) else None
 
     def save(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
-        """Keep arrays of finite numbers under a key.
+        """Store arrays of finite numbers under a key.
 
         Raises:
             FileError: if the file cannot be written.

@@ -1,7 +1,7 @@
 """Snapshots: full-order answers at training parameters or along training paths, thesis sections 1.4.2 and 6.2.3.
 
-Queries without an answer, beyond a limit load for example, are set aside and told. Held-out answers, against which a
-reduced model is checked, are taken at random and where contact grazes.
+Queries without an answer, for example beyond a limit load, are left out with a warning. The held-out points, at which a
+reduced model is checked, are random, or near parameters with light contact.
 """
 
 from __future__ import annotations
@@ -35,42 +35,42 @@ if TYPE_CHECKING:
 
 
 NAMED = 5
-"""Queries without an answer that are named."""
+"""Largest count of queries without an answer that a warning names."""
 
 
 @dataclass
 class Lost:
-    """Queries without an answer, beyond a limit load for example.
+    """Queries without an answer, for example beyond a limit load.
 
     Attributes:
-        told: which, in words, and why.
+        failures: label of each of these queries, and the reason.
     """
 
-    told: list[tuple[str, str]] = field(default_factory=list)
+    failures: list[tuple[str, str]] = field(default_factory=list)
 
     @contextmanager
-    def taken_in(self, label: str) -> Iterator[None]:
-        """Take in a query that has no answer."""
+    def recorded(self, label: str) -> Iterator[None]:
+        """Record the query ``label`` if it has no answer, instead of raising its error."""
         try:
             yield
         except (ConvergenceError, NotSolvableError) as error:
-            self.told.append((label, str(error)))
+            self.failures.append((label, str(error)))
 
     def warn(self, count: int, least: int, kind: str) -> None:
-        """Name what was lost of ``count`` queries.
+        """Report the failures among ``count`` queries.
 
         Raises:
             ConvergenceError: if fewer than ``least`` are left.
 
         Warns:
-            TrainingWarning: with the first queries that were lost, and why.
+            TrainingWarning: with the first of them and the reasons.
         """
-        if not self.told:
+        if not self.failures:
             return
-        named = "; ".join(f"{label}: {why}" for label, why in self.told[:NAMED])
-        more = f"; and {len(self.told) - NAMED} more" if len(self.told) > NAMED else ""
-        message = f"{len(self.told)} of {count} {kind} have no answer and are left out: {named}{more}"
-        if count - len(self.told) < least:
+        named = "; ".join(f"{label}: {why}" for label, why in self.failures[:NAMED])
+        more = f"; and {len(self.failures) - NAMED} more" if len(self.failures) > NAMED else ""
+        message = f"{len(self.failures)} of {count} {kind} have no answer and are left out: {named}{more}"
+        if count - len(self.failures) < least:
             raise ConvergenceError(f"{message}. Fewer than {least} are left: lower the loads, or narrow the box")
         warn(
             f"{message}. Models know nothing of what is near them: lower the loads, or narrow the box", TrainingWarning,
@@ -80,29 +80,29 @@ class Lost:
 
 HELD_OUT_SEED = 2000
 GRAZING_SHARE = 0.2
-"""Added to the seed of a training for points held out. Part of these that is drawn where contact grazes, and part of
-the training solutions that counts as grazing.
+"""Offset of the seed for held-out points to that of a training; fraction of held-out points drawn near light contact,
+and fraction of the training solutions that count as light contact.
 
-Forces are most wrong where a few nodes touch. On the pellet-cladding scene that is a corner of 1 % of the box: 100
-random points missed it for every second seed, and models 70 % wrong there were accepted."""
+Errors of forces are largest if only a few nodes touch. On the pellet-cladding scene this happens in a corner of 1 % of
+the parameter box: for every second seed 100 random points missed it, and models with errors of 70 % were accepted."""
 
 
 def uniform_points(space: ParameterSpace, number: int, seed: int) -> np.ndarray:
-    """Those of ``number`` points to solve for the trust check of which no answer decides: four fifths, (k, P).
+    """Held-out points that do not depend on training answers: four fifths of ``number``, (k, P).
 
     Args:
-        space: the box.
-        number: of all of them.
-        seed: of the training.
+        space: parameter box.
+        number: number of all held-out points.
+        seed: seed of the training.
     """
     return space.random(number - int(GRAZING_SHARE * number), seed + HELD_OUT_SEED)
 
 
 def held_out_points(problem: ContactProblem, training: SnapshotSet, number: int, seed: int) -> np.ndarray:
-    """Points to solve for the trust check, (number, P): uniform in the box, the last fifth where contact grazes.
+    """Held-out points for the trust check, (number, P): uniform in the box, the last fifth near light contact.
 
-    These lie within one step of the training points from the training solutions with the weakest forces that are no
-    round-off. Without contact in training all are uniform.
+    The latter lie within one spacing of the training points from the training solutions with the smallest forces above
+    round-off. Without contact in training all points are uniform.
     """
     space = problem.parameters
     sizes = np.linalg.norm(training.forces, axis=0)
@@ -118,14 +118,14 @@ def held_out_points(problem: ContactProblem, training: SnapshotSet, number: int,
     lower = np.array(space.lower)
     upper = np.array(space.upper)
     step = (upper - lower) / np.maximum(_counts(training.points) - 1, 1)
-    # a draw of its own: the uniform points of a seed stay what they are
+    # a separate generator, so that the uniform points of a seed do not change
     draw = np.random.default_rng([seed, aimed])
     near = draw.uniform(np.maximum(centres - step, lower), np.minimum(centres + step, upper))
     return np.concatenate([uniform, near])
 
 
 def _counts(points: np.ndarray) -> np.ndarray:
-    """Training points along each parameter, (P,): those of a grid, or of a grid with as many points."""
+    """Training points along each parameter, (P,): of their grid, or of a grid with as many points."""
     distinct = np.array([np.unique(column).size for column in points.T])
     return distinct if distinct.prod() == len(points) else np.full(distinct.size, len(points) ** (1 / distinct.size))
 
@@ -133,22 +133,22 @@ def _counts(points: np.ndarray) -> np.ndarray:
 _log = logging.getLogger(__name__)
 
 Progress = Callable[[Iterable], Iterable]
-"""Wraps an iteration, for a progress bar."""
+"""Wrapper of an iteration, for a progress bar."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
 class SnapshotSet(Shown):
-    """Answers of the full model, one column each: at single parameters, or of steps of some histories.
+    """Answers of the full model, one column each: at single parameters, or at steps of histories.
 
     Attributes:
         points: parameters, (S, P).
-        displacements: homogeneous parts U0, that is displacements less their lift, (N, S); of a full model that several
-            ranks have together the rows of each rank, (own, S), but for histories.
+        displacements: homogeneous parts U0, that is displacements minus their lift, (N, S). For a full model on several
+            ranks the local rows, (own, S), except for histories.
         forces: contact forces, (N_lambda, S).
         active: statuses, (N_lambda, S) bool.
-        states: stress and state at all Gauss points, one for each column; empty where nothing flows.
-        histories: whose steps the columns are; empty for answers at single parameters.
-        columns: which of all steps of these histories, one behind the other, the columns are, increasing; None for all.
+        states: stress and state at all Gauss points, one for each column; empty without inelastic bodies.
+        histories: histories whose steps are the columns; empty for answers at single parameters.
+        columns: numbers of the columns among all steps of the concatenated histories, increasing; None for all.
     """
 
     points: np.ndarray
@@ -160,7 +160,7 @@ class SnapshotSet(Shown):
     columns: np.ndarray | None = None
 
     def facts(self) -> dict[str, str]:
-        """See :class:`~hhr_dolfinx.models.shown.Shown`."""
+        """Facts to show, see :class:`~hhr_dolfinx.models.shown.Shown`."""
         steps = f"steps of {len(self.histories)} histories" if self.histories else "answers"
         return {
             "answers": f"{len(self.points)} {steps}",
@@ -171,7 +171,7 @@ class SnapshotSet(Shown):
 
     @classmethod
     def of_answers(cls, answers: Sequence[Answer], histories: Sequence[History] = ()) -> SnapshotSet:
-        """Answers of a full model side by side."""
+        """Make a set of answers of a full model, one column each."""
         names = ("unknown", "multipliers", "active")
         unknown, forces, active = (np.stack([getattr(answer, name) for answer in answers], axis=1) for name in names)
         states = () if answers[0].gauss is None else tuple(answer.state() for answer in answers)
@@ -180,7 +180,7 @@ class SnapshotSet(Shown):
 
     @classmethod
     def of_histories(cls, histories: Iterable[History]) -> SnapshotSet:
-        """All steps of some histories.
+        """Make a set of all steps of some histories.
 
         Raises:
             ReductionError: if there is no history, or one is invalid or has no step.
@@ -198,40 +198,40 @@ class SnapshotSet(Shown):
         return cls.of_answers([answer for history in histories for answer in history.answers], histories)
 
     def take(self, columns: Any) -> SnapshotSet:
-        """Some of the columns, possibly several times, as answers at single parameters."""
+        """Select columns, with repetitions if any, as answers at single parameters."""
         unknown, forces, active = (part[:, columns] for part in self._columns())
         chosen = np.arange(len(self.points))[columns]
         states = tuple(self.states[k] for k in chosen) if self.states else ()
         return SnapshotSet(self.points[columns], unknown, forces, active, states)
 
     def part(self, columns: np.ndarray) -> SnapshotSet:
-        """Some steps of the histories, by their increasing numbers among all of them, to train a local model on.
+        """Select steps of the histories, by increasing numbers among all steps, to train a local model on.
 
         Raises:
-            ReductionError: for answers at single parameters, of which ``take`` takes some.
+            ReductionError: for answers at single parameters; use ``take`` for these.
         """
         if not self.histories or self.columns is not None:
             raise ReductionError("parts are taken of whole histories: SnapshotSet.of_histories")
         return replace(self.take(columns), histories=self.histories, columns=np.asarray(columns))
 
     def gathered(self, problem: ContactProblem) -> SnapshotSet:
-        """The same with all rows on every rank, of answers of a problem whose rows they share. Collective."""
+        """Gather all rows on every rank, for answers of a problem with distributed rows. Collective."""
         if self.histories or problem.comm is None:
             return self
         return replace(self, displacements=problem.spread.whole(self.displacements))
 
     @property
     def steps_of_histories(self) -> list[np.ndarray]:
-        """Numbers of the steps of each history that the columns are, from 0."""
+        """Numbers, from 0, of the steps of each history that are columns."""
         ends = np.cumsum([0, *(len(history.answers) for history in self.histories)])
         columns = np.arange(ends[-1]) if self.columns is None else self.columns
         return [columns[(columns >= first) & (columns < last)] - first for first, last in pairwise(ends)]
 
     def joined(self, others: SnapshotSet) -> SnapshotSet:
-        """These answers, and others of the same problem behind them.
+        """Append other answers of the same problem.
 
         Raises:
-            ReductionError: for answers at single parameters beside histories, or those of another mesh.
+            ReductionError: for answers at single parameters with histories, or answers on another mesh.
         """
         if self.columns is not None or others.columns is not None:
             raise ReductionError("parts of histories cannot be joined: join whole ones, and take parts of them")
@@ -248,25 +248,25 @@ class SnapshotSet(Shown):
 
     @property
     def flowed(self) -> bool:
-        """Whether any body flowed in any answer."""
+        """True if any answer has plastic strain."""
         return any(state.state.cumulated.any() for state in self.states)
 
     @cached_property
     def stress(self) -> np.ndarray | None:
-        """At all Gauss points side by side, (points * components, S); None where nothing flows."""
+        """Stress at all Gauss points, one column for each answer, (points * components, S); None if all is elastic."""
         return np.stack([state.stress.ravel() for state in self.states], axis=1) if self.states else None
 
     @cached_property
     def cumulated(self) -> np.ndarray | None:
-        """Cumulated plastic strain side by side, (points, S); None where nothing flows."""
+        """Cumulated plastic strain, one column for each answer, (points, S); None if all bodies are elastic."""
         return np.stack([state.state.cumulated for state in self.states], axis=1) if self.states else None
 
     def known_statuses(self, conditions: Any = slice(None)) -> KnownStatuses:
-        """The statuses of some conditions as starting points for further queries."""
+        """Statuses of some conditions as initial statuses of further queries."""
         return KnownStatuses(self.points, np.ascontiguousarray(self.active[conditions].T))
 
     def any_contact(self, problem: ContactProblem) -> bool:
-        """Whether bodies touch anywhere, by more than round-off."""
+        """True if any answer has contact forces above round-off."""
         if self.histories:
             return bool(np.any(self.forces))
         return bool(np.linalg.norm(self.forces, axis=0).max() > round_off_force(problem, self))
@@ -283,20 +283,20 @@ def compute_snapshots(
     settings: MarchSettings = DEFAULT_MARCH,
     lost: Lost | None = None,
 ) -> SnapshotSet:
-    """Answer queries by the full model: single parameters, or paths where bodies flow.
+    """Answer queries by the full model: single parameters, or load paths for inelastic bodies.
 
     Args:
-        full: the full model.
-        queries: parameters, (S, P), each solved from the statuses of the one before; or paths, each with times and
-            parameters, the ones at rest first.
-        progress: wraps the iteration, for a progress bar.
-        store: answers found there are not computed, the others are kept as soon as they are there, step by step.
-        settings: how histories are solved.
-        lost: takes in what has no answer, so that the others are kept; None lets the first one end them all.
+        full: full model.
+        queries: parameters, (S, P), each solved from the statuses of the one before; or paths of times and parameters,
+            each with the state at rest first.
+        progress: wrapper of the iteration, for a progress bar.
+        store: storage of answers: those found there are not computed again, new ones are saved at once, step by step.
+        settings: settings of the solution of histories.
+        lost: record of queries without an answer, so that the others are kept; None raises at the first one.
 
     Raises:
         ParameterError: if a point or a path is invalid.
-        ConvergenceError, NotSolvableError: if a query has no answer, or where those are taken in, no query has.
+        ConvergenceError, NotSolvableError: if a query has no answer; with ``lost``, if no query has one.
     """
     found = _solved(full, queries, progress, store, settings, lost)
     return _some(found, lost, len(queries))
@@ -305,7 +305,7 @@ def compute_snapshots(
 def _solved(
     full: Any, queries: Any, progress: Progress, store: SnapshotStore | None, settings: MarchSettings, lost: Lost | None
 ) -> SnapshotSet | None:
-    """Answers of queries; None where all are lost."""
+    """Answers to the queries; None if none has an answer."""
     if not _are_paths(queries):
         full.problem.require_no_friction("a set of snapshots at single parameters")
     with ranks.together(full.comm, "solving for snapshots"):
@@ -320,20 +320,20 @@ def _solved(
 
 
 def _some(found: SnapshotSet | None, lost: Lost | None, count: int) -> SnapshotSet:
-    """Answers, of which there must be one."""
+    """Raise ConvergenceError if there is no answer."""
     if found is None:
         assert lost is not None
-        label, why = lost.told[0]
+        label, why = lost.failures[0]
         raise ConvergenceError(f"none of {count} queries has an answer; the first, {label}: {why}")
     return found
 
 
-def _taking_in(lost: Lost | None, label: str) -> AbstractContextManager[None]:
-    return nullcontext() if lost is None else lost.taken_in(label)
+def _recording(lost: Lost | None, label: str) -> AbstractContextManager[None]:
+    return nullcontext() if lost is None else lost.recorded(label)
 
 
 def _are_paths(queries: Any) -> bool:
-    """Whether queries are paths, pairs of times and parameters: these make no table."""
+    """True for paths, lists of times and parameters, which do not form a table."""
     try:
         return np.ndim(np.array(queries, dtype=float)) > 2
     except (TypeError, ValueError):
@@ -348,7 +348,7 @@ def _answers(
     for point in progress(points):
         answer = _stored(full, store, point)
         if answer is None:
-            with _taking_in(lost, full.parameters.described(point)):
+            with _recording(lost, full.parameters.described(point)):
                 answer = full.solve(point, start=start)
             if answer is None:
                 continue
@@ -360,7 +360,7 @@ def _answers(
 
 
 def _stored(full: Any, store: SnapshotStore | None, point: np.ndarray) -> Answer | None:
-    """The answer kept at a point; one rank reads it, and all of them look whether it is one."""
+    """Stored answer at a point, or None; one rank reads it, and all ranks check its residual."""
     if store is None:
         return None
     if full.comm.size == 1:
@@ -378,12 +378,12 @@ def _histories(
     settings: MarchSettings,
     lost: Lost | None,
 ) -> Iterator[History]:
-    """Histories along some paths, which go on behind the steps that are kept."""
+    """Histories along some paths, continued after the stored steps."""
     for number, path in enumerate(progress(paths), start=1):
         _log.info("history %d of %d, %d steps", number, len(paths), len(path) - 1)
         history = None
         label = getattr(path, "name", "") or f"a path that ends at {full.parameters.described(path[-1][1])}"
-        with _taking_in(lost, label):
+        with _recording(lost, label):
             if store is None:
                 history = full.march(path, settings)
             else:
@@ -393,7 +393,7 @@ def _histories(
 
 
 def _kept_history(full: Any, path: Path, store: SnapshotStore, settings: MarchSettings) -> History:
-    """A history that goes on behind the steps that are kept; of ranks that solve it together one decides which."""
+    """History continued after its stored steps; if several ranks solve it, one of them reads and writes these."""
     kept = store.steps(path, settings)
     if full.comm.size == 1:
         return kept.on_disk(full.march(path, settings, known=kept.load(), keep=kept.save))
@@ -412,25 +412,25 @@ def spread_snapshots(
     settings: MarchSettings = DEFAULT_MARCH,
     lost: Lost | None = None,
 ) -> SnapshotSet:
-    """As :func:`compute_snapshots`, shared out over the ranks of ``comm``; every rank gets all answers.
+    """Distribute the queries of :func:`compute_snapshots` over the ranks of ``comm``; every rank gets all answers.
 
-    Each rank has a full model of its own, on a communicator of one, and the same queries; they share the folder of the
-    store. If a query does not converge on any rank, all of them raise, unless ``lost`` takes it in, that of all ranks.
-    A model that all ranks have together is asked by all of them, one query after another.
+    Each rank has a serial full model and the same queries; the ranks share the folder of the store. If a query fails on
+    any rank, all ranks raise, unless ``lost`` records it, on all ranks. If the full model itself is distributed over
+    the ranks, all of them solve one query after another.
     """
     if full.comm.size > 1:
         return compute_snapshots(full, queries, progress, store, settings, lost)
     queries = queries if _are_paths(queries) else full.parameters.points(queries)
     own: Any = None
     with ranks.each_for_itself(comm, "solving for snapshots"):
-        # neighbours stay together, so that each start is a good one
+        # consecutive queries on one rank, so that each one starts from a near solution
         mine = ranks.share(len(queries), comm.rank, comm.size)
         if mine:
             own = _solved(full, [queries[k] for k in mine], progress, store, settings, lost)
     if comm.size == 1:
         return _some(own, lost, len(queries))
     if lost is not None:
-        lost.told = [item for items in comm.allgather(lost.told) for item in items]
+        lost.failures = [item for items in comm.allgather(lost.failures) for item in items]
     if not any(comm.allgather(own is not None)):
         return _some(None, lost, len(queries))
     if not _are_paths(queries):
@@ -439,7 +439,7 @@ def spread_snapshots(
             np.concatenate(item, axis=1) for item in zip(*(part._columns() for part in parts), strict=True)
         ]
         return SnapshotSet(np.concatenate([part.points for part in parts]), *columns)
-    # an answer knows its model, which belongs to one rank
+    # an answer refers to its model, which cannot be sent to another rank
     sent = () if own is None else [with_fields(history, NOWHERE) for history in own.histories]
     return SnapshotSet.of_histories(with_fields(item, full) for part in comm.allgather(sent) for item in part)
 
@@ -449,7 +449,7 @@ NOWHERE: Any = None
 
 
 def with_fields(history: History, fields: Any) -> History:
-    """A history whose answers are completed by other fields: an answer knows its model, which belongs to one rank."""
+    """History whose answers refer to other fields: those of an answer cannot be sent to another rank."""
     return replace(history, answers=[answer._replace(fields=fields) for answer in history.answers])
 
 

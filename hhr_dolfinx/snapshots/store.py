@@ -1,8 +1,8 @@
 """Snapshots on disk: one plain file per answer, at a parameter or a step of a history, so that nothing is solved twice.
 
-A file is named by a fingerprint of the problem and of the question, and says both inside; a run that was killed leaves
-only whole files. Files of another problem are never read. A step of a history is asked for by the whole path up to it
-and by how it is solved: an interrupted history goes on behind its last file.
+The name of a file is a fingerprint of the problem and the query, and its header has both; a run that was killed leaves
+only complete files. Files of another problem are never read. The query of a history's step is the whole path up to it
+with the settings of the solution: an interrupted history continues after its last file.
 """
 
 from __future__ import annotations
@@ -41,11 +41,11 @@ if TYPE_CHECKING:
 
 
 DEEPEST = 50
-"""Values within each other: what goes deeper holds itself."""
+"""Largest depth of nested values; deeper ones count as values that contain themselves."""
 
 
 def add_to(digest: Any, parts: list[Any]) -> None:
-    """Tell a digest of arrays, sparse or not, numbers and texts, and of lists of these, to the last bit."""
+    """Update a digest with arrays, sparse or not, numbers and texts, and lists of these, to the last bit."""
     for part in parts:
         for item in part if isinstance(part, tuple | list) else (part,):
             for array in _arrays(item):
@@ -53,18 +53,18 @@ def add_to(digest: Any, parts: list[Any]) -> None:
 
 
 def digest_of_values(value: Any, what: str) -> str:
-    """A digest of settings, hexadecimal: of their types, numbers, texts, arrays and functions, not of their ``repr``.
+    """Hexadecimal digest of settings: of their types, numbers, texts, arrays and functions, not of their ``repr``.
 
-    That of an array leaves out what is in its middle, and that of an object may be its address. Functions and classes
-    of a user's own count with the globals that they read and with their class attributes; those of installed packages
-    count with their names.
+    The ``repr`` of an array leaves out its middle, and that of an object may be its address. User-defined functions and
+    classes enter with the globals that they read and their class attributes, those of installed packages with their
+    names.
 
     Args:
-        value: numbers, texts, arrays, functions, types, and dataclasses, collections and objects that hold such.
+        value: numbers, texts, arrays, functions, types, and dataclasses, collections and objects of these.
         what: the value in words, for the message.
 
     Raises:
-        StudyError: for an object whose values cannot be told.
+        StudyError: for an object whose values are not accessible.
     """
     digest = hashlib.sha256()
     for piece in _pieces(value, what, 0, {}):
@@ -77,7 +77,7 @@ def _arrays(item: Any) -> tuple[np.ndarray, ...]:
 
 
 def _pieces(value: Any, what: str, depth: int, seen: dict[int, int]) -> Iterator[bytes]:
-    """Bytes that stand for a value and for no other one; functions and classes seen before count with their number."""
+    """Bytes that identify a value uniquely; functions and classes that occur again enter with their number."""
     if depth > DEEPEST:
         raise StudyError(f"{what} holds values more than {DEEPEST} deep, or itself: no digest can be made of it")
     kind = type(value)
@@ -99,7 +99,7 @@ def _pieces(value: Any, what: str, depth: int, seen: dict[int, int]) -> Iterator
 
 
 def _values_of(value: Any, what: str) -> list[Any]:
-    """What a value that is no number or text is made of."""
+    """Parts of a value that is neither number nor text."""
     if issparse(value):
         return [value.shape, *_arrays(value.tocsr())]
     if isinstance(value, np.ndarray | np.generic):
@@ -136,7 +136,7 @@ def _values_of(value: Any, what: str) -> list[Any]:
 
 
 def _installed(module: str) -> bool:
-    """Whether a module is of Python, of this package or of another one that is installed: its code is not a user's."""
+    """True for a module of Python, of this package or of another installed one, that is, not user-defined code."""
     first = module.partition(".")[0]
     file = getattr(sys.modules.get(first), "__file__", None) or ""
     if first in sys.stdlib_module_names or first == __name__.partition(".")[0]:
@@ -145,7 +145,7 @@ def _installed(module: str) -> bool:
 
 
 def _values_of_function(function: FunctionType) -> list[Any]:
-    """Code, defaults, closure and, of a user's own function, the globals that its code reads."""
+    """Code, defaults, closure and, for a user-defined function, the globals that its code reads."""
     held = [cell.cell_contents for cell in function.__closure__ or ()]
     names = [function.__module__, function.__qualname__]
     known = [*names, function.__code__, function.__defaults__, function.__kwdefaults__, held]
@@ -155,7 +155,7 @@ def _values_of_function(function: FunctionType) -> list[Any]:
     for code in _codes(function.__code__):
         for name in {step.argval for step in dis.get_instructions(code) if step.opname == "LOAD_GLOBAL"}:
             if name not in function.__globals__:
-                continue  # of Python itself
+                continue  # a built-in of Python
             item = found[name] = function.__globals__[name]
             if isinstance(item, ModuleType) and not _installed(item.__name__):
                 found |= {f"{name}.{part}": vars(item)[part] for part in code.co_names if part in vars(item)}
@@ -163,7 +163,7 @@ def _values_of_function(function: FunctionType) -> list[Any]:
 
 
 def _codes(code: CodeType) -> Iterator[CodeType]:
-    """A code and those of functions that are made in it."""
+    """A code object and those of the functions defined in it."""
     yield code
     for part in code.co_consts:
         if isinstance(part, CodeType):
@@ -171,7 +171,7 @@ def _codes(code: CodeType) -> Iterator[CodeType]:
 
 
 def _class_attributes(kind: type) -> list[Any]:
-    """Attributes and methods of a user's own class and of its own bases, without what Python writes itself."""
+    """Attributes and methods of a user-defined class and its user-defined bases, without those generated by Python."""
     found: list[Any] = []
     for base in kind.__mro__:
         if _installed(base.__module__):
@@ -183,7 +183,7 @@ def _class_attributes(kind: type) -> list[Any]:
                 item = item.fget if isinstance(item, property) else item.func
             written = isinstance(item, FunctionType) and item.__code__.co_filename != "<string>"
             plain = not name.startswith("__") and name != "_abc_impl" and not isinstance(item, FunctionType)
-            if written or (plain and not isinstance(item, MemberDescriptorType)):  # those of __slots__
+            if written or (plain and not isinstance(item, MemberDescriptorType)):  # descriptors of __slots__
                 found.append((name, item))
     return found
 
@@ -204,32 +204,32 @@ _GAUSS: dict[str, tuple[str, ...]] = {
     "ends": ("float", "ends"),
     "time_error": ("float",),
 }
-"""What a step of bodies that flow has besides."""
+"""Additional arrays of a step with inelastic bodies."""
 _PARTS: dict[str, tuple[str, ...]] = {name: _GAUSS[name] for name in ("iterations", "ends", "time_error")}
 _SLIP: dict[str, tuple[str, ...]] = {
     "position": ("float", "tangential"),
     **{name: ("float", "frictional") for name in ("path", "work", "wear", "pressure", "bound")},
     "statuses": ("int", "frictional"),
 }
-"""What a step with friction has besides."""
+"""Additional arrays of a step with friction."""
 
 UNKNOWN = -1.0
-"""Time error of a step of which none was estimated."""
+"""Time error of a step without an estimate."""
 SOLVED = 1e-2
-"""Largest relative residual of a solution: round-off reaches 1e-4 where bodies are carried by 1e8 times their size."""
+"""Largest relative residual of a solution: round-off reaches 1e-4 if bodies are displaced by 1e8 times their size."""
 
 
 class SnapshotStore:
     """Full-order answers of one problem in a folder.
 
     Args:
-        folder: where the files are; made if missing. Several problems and processes may share it.
-        full: the full model whose answers are kept. Any change of its problem or of its laws gives other files, but for
-            the bounds of its parameters, on which no answer depends. Ranks that have a model together make a store
-            together, of which one reads and writes.
+        folder: folder of the files, made if missing. Several problems and processes may share it.
+        full: full model whose answers are stored. Any change of its problem or laws changes the file names; the bounds
+            of its parameters do not, as no answer depends on them. If the model is distributed over ranks, all of them
+            make the store, and one reads and writes.
 
     Attributes:
-        found: number of answers that were there when asked for.
+        found: number of queries whose answer was in the store.
 
     Raises:
         FileError: if the folder cannot be made.
@@ -238,7 +238,7 @@ class SnapshotStore:
     def __init__(self, folder: str | Path, full: Any):
         self._full = full
         self._problem = full.problem
-        self._fingerprint = _digest_of(full)  # together, before any rank may fail by itself
+        self._fingerprint = _digest_of(full)  # collective, before anything that may fail on one rank
         self._folder = make_folder(folder)
         clear_leftovers(self._folder)
         self._behaviours: dict[tuple, str] = {}
@@ -253,56 +253,59 @@ class SnapshotStore:
         self.found = 0
 
     def load(self, point: np.ndarray) -> Answer | None:
-        """The answer kept at a parameter, or None if there is none or its file is damaged, which is warned of."""
+        """Load the answer at a parameter; None, with a warning for a damaged file, if it is not there."""
         point = np.array(point, dtype=float, ndmin=1)
-        return self._load(point, self._asked(point))
+        return self._load(point, self._query_at(point))
 
     def read(self, point: np.ndarray) -> Answer | None:
-        """The same, of which nobody has looked yet whether it is a solution."""
+        """Read the answer at a parameter as :meth:`load`, without a check of its residual."""
         point = np.array(point, dtype=float, ndmin=1)
-        question = self._asked(point)
-        with self._damaged_told(point, question):
-            return self._read(point, question)
+        query = self._query_at(point)
+        with self._damage_reported(point, query):
+            return self._read(point, query)
         return None
 
     def judged(self, answer: Answer, *, aloud: bool = True) -> Answer | None:
-        """An answer that was read, if it is a solution; ranks that share the rows ask together, and one warns aloud."""
-        question = self._asked(answer.parameter)
-        with self._damaged_told(answer.parameter, question, aloud):
-            self._judge(answer, question)
+        """The given answer if it is a solution, else None with a warning. Collective if rows are distributed.
+
+        Only one rank should warn ``aloud``.
+        """
+        query = self._query_at(answer.parameter)
+        with self._damage_reported(answer.parameter, query, aloud):
+            self._judge(answer, query)
             return answer
         return None
 
     def save(self, answer: Answer) -> None:
-        """Keep the answer at a parameter.
+        """Store the answer at a parameter.
 
         Raises:
             FileError: if its file cannot be written.
         """
-        self._save(answer, self._asked(answer.parameter))
+        self._save(answer, self._query_at(answer.parameter))
 
     @property
     def folder(self) -> Path:
-        """Where the files are."""
+        """Folder of the files."""
         return self._folder
 
     @property
     def problem_digest(self) -> str:
-        """What tells the problem of these answers from all others, hexadecimal."""
+        """Hexadecimal fingerprint of the problem of these answers."""
         return self._fingerprint.hex()
 
     def steps(self, path: History_path, settings: MarchSettings) -> KeptSteps:
-        """What is kept of a history."""
+        """Stored steps of a history."""
         return KeptSteps(self, checked_path(self._problem.parameters, path), settings)
 
-    def _asked(self, point: np.ndarray) -> list[Any]:
-        """A point, and what amplitudes that are not affine and laws with formulas are there."""
+    def _query_at(self, point: np.ndarray) -> list[Any]:
+        """Query of a point: its values, and those of non-affine amplitudes and of laws with formulas there."""
         driven = [amplitude(point) for amplitude in self._problem.amplitudes.nonaffine]
         numbers = [float(item) for pair in driven for part in pair for item in part]
         return [*point.tolist(), *numbers, *self._laws_at(point)]
 
     def _laws_at(self, point: np.ndarray) -> list[str]:
-        """A digest of what each body with formulas answers with its constants at a point, and of its modulus there."""
+        """Digests of the bodies with formulas: constants and modulus at a point, and answers of the law with them."""
         if self._full.equilibrium is None:
             return []
         material = self._full.equilibrium.material
@@ -317,56 +320,56 @@ class SnapshotStore:
                 digests.append(self._behaviours[key])
         return digests
 
-    def _load(self, point: np.ndarray, question: list, forces: float = 0.0) -> Answer | None:
-        """The answer to a question, see :meth:`_residual`."""
-        with self._damaged_told(point, question):
-            answer = self._read(point, question)
+    def _load(self, point: np.ndarray, query: list, forces: float = 0.0) -> Answer | None:
+        """Answer to a query, checked with ``forces`` as in :meth:`_residual`; None if it is not there."""
+        with self._damage_reported(point, query):
+            answer = self._read(point, query)
             if answer is not None:
-                self._judge(answer, question, forces)
+                self._judge(answer, query, forces)
             return answer
         return None
 
     @contextmanager
-    def _damaged_told(self, point: np.ndarray, question: list, aloud: bool = True) -> Iterator[None]:
-        """Warn of a file that holds no answer, and go on behind the block."""
+    def _damage_reported(self, point: np.ndarray, query: list, aloud: bool = True) -> Iterator[None]:
+        """Warn of a file without a valid answer instead of raising, and continue after the block."""
         try:
             yield
         except FileContentError as error:
-            message = f"{error}: {self._path(question).name} at {point.tolist()} is solved anew and replaced"
+            message = f"{error}: {self._path(query).name} at {point.tolist()} is solved anew and replaced"
             if aloud:
                 warn(message, SnapshotFileWarning, stacklevel=5)
 
-    def _read(self, point: np.ndarray, question: list) -> Answer | None:
-        """What a file holds; None if there is none."""
-        path = self._path(question)
+    def _read(self, point: np.ndarray, query: list) -> Answer | None:
+        """Answer in the file of a query; None without a file."""
+        path = self._path(query)
         try:
             header, arrays = read_arrays(path, FORMAT, VERSION, mapped=True)
         except FileNotFoundError:
             return None
-        if header != self._header(question):
+        if header != self._header(query):
             raise FileContentError(f"{path} belongs to another problem or parameter")
         check_layout(arrays, self._layout(), self._sizes)
         return self._answer(point, arrays)
 
-    def _judge(self, answer: Answer, question: list, forces: float = 0.0) -> None:
-        """Raise FileContentError for what is no solution, see :meth:`_residual`; count what is one."""
+    def _judge(self, answer: Answer, query: list, forces: float = 0.0) -> None:
+        """Raise FileContentError unless the answer is a solution, see :meth:`_residual`; count solutions."""
         worst = self._residual(answer, forces)
         if not worst <= SOLVED:
-            raise FileContentError(f"{self._path(question)} holds no solution, residuals of {worst:.1g}")
+            raise FileContentError(f"{self._path(query)} holds no solution, residuals of {worst:.1g}")
         self.found += 1
 
-    def _save(self, answer: Answer, question: list) -> None:
+    def _save(self, answer: Answer, query: list) -> None:
         values = {name: getattr(answer, name) for name in _LAYOUT}
         if answer.gauss is not None:
             values |= {"stress": answer.gauss.stress, **answer.gauss.state._asdict()}
         values |= {} if answer.slip is None else answer.slip._asdict()
         values |= {name: getattr(answer, name) for name in _PARTS if name in self._layout()}
-        if np.isnan(answer.time_error):  # of friction without a tolerance; files hold numbers
+        if np.isnan(answer.time_error):  # friction without a tolerance has none; files hold finite numbers
             values["time_error"] = UNKNOWN
         arrays = {name: np.asarray(values[name]) for name in self._layout()}
         check_layout(arrays, self._layout(), self._sizes)
         # one file in thousands: leftovers were cleared when the folder was opened
-        write_arrays(self._path(question), self._header(question), arrays, tidy=False)
+        write_arrays(self._path(query), self._header(query), arrays, tidy=False)
 
     def _layout(self) -> dict[str, tuple[str, ...]]:
         layout = _LAYOUT if self._full.equilibrium is None else _LAYOUT | _GAUSS
@@ -394,11 +397,11 @@ class SnapshotStore:
         return Answer(point, unknown, multipliers, active, *how, gauss=gauss, slip=slip, **steps)
 
     def _residual(self, answer: Answer, forces: float) -> float:
-        """Largest relative residual of an answer, whatever the checksum of its file says.
+        """Largest relative residual of an answer, since a checksum does not prove that a file holds a solution.
 
         Args:
-            answer: to be judged.
-            forces: norm of the forces at steps before, beside which those of unloaded bodies are measured.
+            answer: answer to check.
+            forces: norm of the forces at previous steps, the scale of residuals for unloaded bodies.
         """
         theta = self._problem.amplitudes(answer.parameter)
         if answer.gauss is None:
@@ -408,44 +411,44 @@ class SnapshotStore:
         _, pull = slack_residuals(self._problem, answer.unknown, answer.multipliers, theta)
         return max(pull, signs.imbalance / (max(signs.size, forces) or 1.0))
 
-    def _header(self, question: list) -> dict:
-        return {"format": FORMAT, "version": VERSION, "problem": self._fingerprint.hex(), "point": question}
+    def _header(self, query: list) -> dict:
+        return {"format": FORMAT, "version": VERSION, "problem": self._fingerprint.hex(), "point": query}
 
-    def _digest(self, question: list) -> str:
-        return hashlib.sha256(self._fingerprint + repr(question).encode()).hexdigest()[:40]
+    def _digest(self, query: list) -> str:
+        return hashlib.sha256(self._fingerprint + repr(query).encode()).hexdigest()[:40]
 
-    def _path(self, question: list) -> Path:
-        return self._folder / f"{self._digest(question)}.npz"
+    def _path(self, query: list) -> Path:
+        return self._folder / f"{self._digest(query)}.npz"
 
 
 class KeptSteps:
-    """The steps of one history in a store.
+    """Stored steps of one history.
 
     Args:
-        store: where they are.
+        store: store of the steps.
         path: checked times and parameters.
-        settings: how the history is solved.
+        settings: settings of the solution of the history.
     """
 
     def __init__(self, store: SnapshotStore, path: History_path, settings: MarchSettings):
         self._store = store
         self._path = path
         how = [getattr(settings, name) for name in settings.__dataclass_fields__ if name not in ("outside", "gradient")]
-        question = [item if item is None or isinstance(item, str) else float(item) for item in how]
-        self._questions: list[list] = []
+        query = [item if item is None or isinstance(item, str) else float(item) for item in how]
+        self._queries: list[list] = []
         for time, point in path:
-            # each asks for the one before by its digest: with the whole path in each, files would grow along it
-            question = [store._digest(question), time, *store._asked(point)]
-            self._questions.append(question)
+            # each query has the digest of the one before: with the whole path in each, files would grow along it
+            query = [store._digest(query), time, *store._query_at(point)]
+            self._queries.append(query)
         self._count = 0
 
     def load(self) -> list[Answer]:
-        """Answers to the first steps, up to the first that is not there."""
+        """Load the answers of the first steps, up to the first one that is missing."""
         answers = []
         forces = 0.0
         equilibrium = self._store._full.equilibrium
-        for (time, point), question in zip(self._path[1:], self._questions[1:], strict=True):
-            answer = self._store._load(point, question, forces)
+        for (time, point), query in zip(self._path[1:], self._queries[1:], strict=True):
+            answer = self._store._load(point, query, forces)
             if answer is None:
                 break
             answers.append(answer._replace(time=time))
@@ -454,7 +457,7 @@ class KeptSteps:
         return answers
 
     def on_disk(self, history: History) -> History:
-        """A history all of whose steps are kept; large ones are left on the disk and give their memory back."""
+        """The history, all of whose steps are stored; large ones are mapped from disk, which frees their memory."""
         gauss = history.answers[-1].gauss if history.answers else None
         if gauss is None or gauss.stress.nbytes < MAPPED:
             return history
@@ -464,25 +467,26 @@ class KeptSteps:
         return replace(history, answers=answers) if len(answers) == len(history.answers) else history
 
     def save(self, answer: Answer) -> None:
-        """Keep the next step.
+        """Store the next step.
 
         Raises:
             FileError: if its file cannot be written.
         """
         self._count += 1
-        self._store._save(answer, self._questions[self._count])
+        self._store._save(answer, self._queries[self._count])
 
 
 def _digest_of(full: Any) -> bytes:
-    """Fingerprint of every bit of a problem and of its laws, and of the version of the package that solves it.
+    """Fingerprint of every bit of a problem and its laws, and of the version of the package that solves it.
 
-    The bounds of the parameters are left out: a wider box finds the solutions of the narrower one. Amplitudes that are
-    not affine are left out too: each question holds what they are at its point. Of laws with formulas these stand here,
-    since a step may be cut, and what such a law answers in the questions. Rigid motions follow from the rest. Where a
-    machine assembles other last digits, snapshots are solved anew, and so where other ranks have other rows.
+    The bounds of the parameters are left out: a wider box finds the solutions of a narrower one. Non-affine amplitudes
+    are left out too: each query has their values at its point. Formulas of laws enter here, since a step may be cut,
+    and the answers of such laws enter the queries. Rigid-body motions follow from the rest. Snapshots are solved again
+    on a machine that assembles other last digits, or with another distribution of rows over ranks.
     """
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
     problem: ContactProblem = full.problem
+    problem.require_parts("a store of snapshots")
     others = "amplitudes parameters moduli reshaped rigid resting pins loose whole_contact friction comm".split()
     others += [] if problem.comm is None else ["stiffness_terms", "node_mass", "first"]  # the same on all ranks
     parts = [getattr(problem, item.name) for item in fields(problem) if item.name not in others]
@@ -505,7 +509,7 @@ def _digest_of(full: Any) -> bytes:
 
 
 def _digests_of_rows(problem: ContactProblem) -> list[str]:
-    """Digests of the rows that each rank has of the large matrices, in the order of the ranks. Collective."""
+    """Digests of the local rows of the large matrices on each rank, in the order of the ranks. Collective."""
     assert problem.comm is not None
     own = hashlib.sha256()
     add_to(own, [problem.stiffness_terms, problem.node_mass, problem.first])
@@ -513,13 +517,13 @@ def _digests_of_rows(problem: ContactProblem) -> list[str]:
 
 
 def _answers_of(group: Group) -> list[Any]:
-    """What the law of a body answers under fixed stresses: what counts is what it does, whatever its code says."""
+    """Answers of the law of a body under fixed stresses: its behaviour identifies it, not its code."""
     if group.law is None:
         return []
     from hhr_dolfinx.materials.constants import formulas_of
 
     formulas = formulas_of(group.law)
-    if formulas or isinstance(group.young, str):  # without numbers it answers nothing
+    if formulas or isinstance(group.young, str):  # without numbers it cannot be evaluated
         return [text for pair in formulas.items() for text in pair]
     _, shear = lame_parameters(group.young, group.poisson)
     trial = group.young * np.logspace(-8, 0, 201)
@@ -527,6 +531,6 @@ def _answers_of(group: Group) -> list[Any]:
     for strain, dt in product((0.0, 1e-3, 0.1, 1.0), (1e-3, 1.0, 1e3)):
         try:
             found += [np.asarray(part, float) for part in group.law.flow(trial.copy(), 0 * trial + strain, shear, dt)]
-        except Exception as error:  # that there is no flow says something too
+        except Exception as error:  # a failure belongs to the behaviour of the law, too
             found.append(type(error).__name__)
     return found

@@ -1,1 +1,1 @@
-"""Error against run time: measured, reported and drawn."""
+"""Studies of error against run time: measured, reported and drawn."""

@@ -1,4 +1,4 @@
-"""What every demo script shares: its options, its console, its progress bars, a folder it can write to."""
+"""Common parts of all demo scripts: options, console, progress bars, a writable folder."""
 
 from __future__ import annotations
 
@@ -12,8 +12,7 @@ from typing import NoReturn
 from mpi4py import MPI
 
 from hhr_dolfinx.errors import ParameterError
-from hhr_dolfinx.models.fallback import FallbackModel
-from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.online.tables import TableRow, answer_table, read_points
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.study.report.console import make_console, progress_on
@@ -40,21 +39,21 @@ def _seed(text: str) -> int:
 
 
 def points_or_exit(parser: argparse.ArgumentParser, table: Path | None, space: ParameterSpace) -> list[TableRow] | None:
-    """Rows of a table of parameters, before anything is computed; None where no table was asked for."""
+    """Rows of a table of parameters, read before anything is computed; None without a table."""
     try:
         return None if table is None else read_points(table, space)
     except ParameterError as error:
         parser.error(str(error))
 
 
-def answer_and_exit(model: ReducedModel | FallbackModel, rows: list[TableRow], options: argparse.Namespace) -> NoReturn:
-    """Answer a table of parameters and end on all ranks, with exit code 1 if a row has no answer."""
+def answer_and_exit(model: AnsweringModel, rows: list[TableRow], options: argparse.Namespace) -> NoReturn:
+    """Answer a table of parameters and exit on all ranks, with exit code 1 if a row has no answer."""
     bad = answer_table(model, rows, options.out / "answers.csv", options.console, options.progress("answers"))
     raise SystemExit(1 if bad else 0)
 
 
 def parse_on_first_rank(parser: argparse.ArgumentParser) -> argparse.Namespace:
-    """As :func:`parse`, for a demo that is serial: the other ranks end here."""
+    """Parse as :func:`parse`, for a serial demo: the other ranks exit here."""
     options = parse(parser)
     if not options.first_rank:
         raise SystemExit(0)
@@ -62,9 +61,9 @@ def parse_on_first_rank(parser: argparse.ArgumentParser) -> argparse.Namespace:
 
 
 def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
-    """The options, with a ``console`` that speaks on the first rank only and its ``progress`` bars by label.
+    """The options, with a ``console`` that prints on the first rank only, and its ``progress`` bars by label.
 
-    The folder ``out`` is made here: one that cannot be written ends the program before anything is computed.
+    The folder ``out`` is created here: one that cannot be written to ends the program before anything is computed.
     """
     options = parser.parse_args()
     options.first_rank = MPI.COMM_WORLD.rank == 0
@@ -75,16 +74,16 @@ def parse(parser: argparse.ArgumentParser) -> argparse.Namespace:
         raise SystemExit(2)
     options.console = make_console(quiet=not options.first_rank)
     options.progress = progress_on(options.console)
-    # what keeps one waiting is told, as where a function is compiled for the first time
+    # log long waits, such as the first compilation of a function
     logging.basicConfig(level=logging.WARNING, format="%(message)s")
     return options
 
 
 def _why_not_writable(folder: Path) -> str:
-    """What keeps files from being written to a folder, and the remedy; empty if nothing does. The folder is made."""
+    """Reason why no files can be written to a folder, and the remedy; empty if they can. The folder is created."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
-        # trying is surer than asking: rights, read-only mounts and full disks show alike
+        # trying is more reliable than checking: rights, read-only mounts and full disks all show
         with tempfile.NamedTemporaryFile(dir=folder) as probe:
             probe.write(b"results")
             probe.flush()
@@ -101,7 +100,7 @@ def _why_not_writable(folder: Path) -> str:
 
 
 def _owner(folder: Path) -> str:
-    """Whose the folder is, or the one it would be made in, and who asks, by number: names may mean nothing here."""
+    """Owner of the folder, or of its parent, and the user, by number: names may be unknown on this machine."""
     there = next(place for place in (folder.absolute(), *folder.absolute().parents) if os.path.exists(place))
     asks = f", this is user {os.geteuid()}" if hasattr(os, "geteuid") else ""
     return f"{there} belongs to user {there.stat().st_uid}{asks}"

@@ -1,4 +1,4 @@
-"""Condensation without a training: contact forces need no snapshots."""
+"""Condensation without training: contact forces need no snapshots."""
 
 from __future__ import annotations
 
@@ -7,51 +7,52 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.certify.strains import look_at_corners
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.scene import Scene
 
 STARTS = 64
-"""Points at which statuses are solved for on S beforehand, where nothing but loads varies."""
+"""Points whose statuses are solved in advance on S, if only loads vary."""
 
 
 def condense(scene: Scene | FullOrderModel, settings: Any = None, *, fields: bool | None = None) -> CondensedModel:
-    """A model that keeps all contact conditions and eliminates the rest, without snapshots.
+    """Build a model that keeps all contact conditions and eliminates the rest, without snapshots.
 
-    Where the stiffness is constant it answers as the full model does, to round-off. Where moduli or the shape depend on
-    parameters S and the free slack are interpolated between few of them, each a factorisation; displacements are then
-    Galerkin's on what forces and loads move at some of these.
+    For constant stiffness it answers as the full model does, to round-off. If moduli or the shape depend on parameters,
+    S and the free slack are interpolated between few of them, each a factorisation. Displacements then come from
+    Galerkin's method on responses to forces and loads at some of these.
 
     Args:
         scene: the scene, or its full model on one rank.
-        settings: a :class:`~hhr_dolfinx.reduction.interpolate.GridSettings`, how far interpolation goes; None for the
-            usual, or as far as the bound's where that is small. Of no effect where the stiffness is constant.
-        fields: whether displacements can be asked for where they are not exact at no price; None if an output of the
+        settings: a :class:`~hhr_dolfinx.reduction.interpolate.GridSettings` with the targets of interpolation. None
+            takes the defaults, or those of the bound if it is small. Without effect for constant stiffness.
+        fields: whether answers have displacements if these are not exact at no cost; None if an output of the
             scene needs one. Without them answers have forces and their outputs, and no bound.
 
     Raises:
-        ReductionError: for bodies that flow, which are condensed from histories: ``train(...).condense()``; or that
-            vary and are held by contact alone.
-        SceneError: for what is no scene, or one that cannot be built.
+        ReductionError: for inelastic bodies, which are condensed from histories: ``train(...).condense()``; or for
+            bodies with rigid motions and variable moduli or shapes.
+        SceneError: for an invalid scene, or one that cannot be built.
 
     Warns:
-        StabilityWarning: if a grid spent its budget before it had settled.
+        StabilityWarning: if a grid spent its budget before it converged.
         SmallStrainWarning: if strains or rotations are large in a corner of the box.
     """
     full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
     model = condensed(full, settings, fields=fields)
-    if full.friction is None:  # a point is a march of dozens of increments there, and the full model warns
+    if full.friction is None:  # with friction a point takes dozens of increments, and the full model warns
         look_at_corners(full, model)
     return model
 
 
 def condensed(full: FullOrderModel, settings: Any = None, *, fields: bool | None = None) -> CondensedModel:
-    """See :func:`condense`; strains are not looked at."""
+    """See :func:`condense`; without the check of strains."""
+    full.problem.require_parts("condensation")
     if full.equilibrium is not None:
         raise ReductionError(
             f"bodies of scene '{full.scene.name}' flow: a condensation of these is made of histories, "
@@ -69,7 +70,7 @@ def condensed(full: FullOrderModel, settings: Any = None, *, fields: bool | None
 
 
 def _known_statuses(full: FullOrderModel) -> KnownStatuses:
-    """Statuses at some points of the box, solved on S from none."""
+    """Statuses at some points of the box, solved on S."""
     problem = full.problem
     nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
     if problem.friction is not None:  # an increment starts from the one before

@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 class Run(NamedTuple):
-    """A history with its median seconds over repetitions, or why there is none and the seconds spent."""
+    """A history with its median seconds over repetitions, or the error that ended it and the seconds spent."""
 
     history: History | None
     seconds: float
@@ -48,9 +48,9 @@ def run_in_turns(
 def run_beside(
     models: Mapping[str, Model], path: Path, settings: MarchSettings, repetitions: int, exact: History
 ) -> dict[str, Run]:
-    """The same beside a full history: timed as a user asks, with answers found in the parts of the full history.
+    """Histories of several models compared with a full one: timed as a user runs them, answered in its parts of steps.
 
-    Where steps are cut by a tolerance each model has parts of its own, whose time errors would pass for its own.
+    With a time tolerance each model has different parts, whose time errors would count as model errors.
     """
     runs = run_in_turns(models, path, settings, repetitions)
     if settings.time_tolerance is None:
@@ -91,14 +91,14 @@ def run_in_full(full: FullOrderModel, path: Path, ways: Sequence[MarchSettings])
 def timed_searches(
     full: FullOrderModel, path: Path, march: MarchSettings
 ) -> tuple[list[MarchSettings], dict[str, float], list[dict[str, str]]]:
-    """Settings for full histories, the fastest search operator first; seconds of each on a path; what did not converge.
+    """Settings for full histories, the fastest search operator first; seconds of each on a path; those that failed.
 
     Raises:
         ConvergenceError: if none converges.
     """
     ways = {search: march if search == march.search else replace(march, search=search, iterations=200)
             for search in (march.search, *SEARCHES)}  # fmt: skip
-    # what is compiled or read at the first step is no part of any of them
+    # compilation and reading at the first step belong to none of them
     timed_run(full, path[:2], march)
     runs = {search: timed_run(full, path, settings) for search, settings in ways.items()}
     seconds = {search: run.seconds for search, run in runs.items() if run.failure is None}
@@ -115,8 +115,8 @@ def history_errors(
     """Relative errors at the last step as in thesis table 6.1, and the largest ones of the history.
 
     ``resultant`` is the error of the sum of all contact forces at the last step over the largest sum in the history.
-    What is compared in the RID too is left out of a model that has none; ``floor`` is the force norm below which a
-    relative error means nothing.
+    Errors in the RID are left out for a model without one; ``floor`` is the force norm below which a relative error is
+    not meaningful.
     """
     here = history.answers[-1]
     there = exact.answers[-1]
@@ -140,10 +140,10 @@ def history_errors(
 def errors_of_runs(
     full: FullOrderModel, model: Model, runs: Sequence[Run], exact: Sequence[History], floor: float
 ) -> list[dict[str, Any]]:
-    """Errors of each history, infinite where there is none.
+    """Errors of each history, infinite for one without result.
 
     Raises:
-        HHRError: if there is none at all: what ended the first one.
+        HHRError: without any: the error that ended the first one.
     """
     rows = [
         None if run.history is None else history_errors(full, model, run.history, known, floor)
@@ -189,27 +189,27 @@ def seconds_of_parts(full_or_reduced: FullOrderModel | ReducedModel, history: Hi
 
 
 KEYS = {"HHR": "hhr", "condensed": "condensed"}
-"""What the ``models`` of a report call the methods."""
+"""Names of the methods in the ``models`` of a report."""
 SETTINGS = {"HHR": "this model", "condensed": "plastic correction"}
-"""What rows of the work-precision table say of a method that was refused."""
+"""Entry in rows of the work-precision table for a method that was refused."""
 
 
 @told_once()
 def measure_histories(
     training: Training, settings: Any, tests: Mapping[Any, Path], progress: Progress
 ) -> tuple[ReducedModel | CondensedFlowModel, Measurement]:
-    """The model under study, and errors and times of both kinds of small models beside the full order.
+    """The model under study, and errors and times of both kinds of small models compared with the full model.
 
-    Under study is the hyper-reduced model; where that is refused, condensed flow. A path that one of them does not
-    solve counts with infinite errors and the time that it took. The full order is no more exact than its time steps,
-    which is reported, and not warned of.
+    Under study is the hyper-reduced model, or the condensed inelastic one if that is refused. A path that one of them
+    does not solve counts with infinite errors and the time that it took. The full model is no more accurate than its
+    time steps, which is reported without a warning.
 
     Raises:
         ReductionError, UnstableModelError: if both are refused.
-        ConvergenceError: if the full order does not solve the first path, or no small model solves any.
+        ConvergenceError: if the full model does not solve the first path, or no small model solves any.
 
     Warns:
-        TrainingWarning: for paths that the full order does not solve, which are left out.
+        TrainingWarning: for paths that the full model does not solve, which are left out.
     """
     full = training.full_order
     models, refused = _built(training, settings)
@@ -255,13 +255,13 @@ def measure_histories(
 def _runs(
     full: Any, models: Mapping[str, Any], tests: Mapping[Any, Path], ways: Any, settings: Any, progress: Progress
 ) -> tuple[dict[Any, Path], list[Run], dict[str, list[Run]]]:
-    """Paths that the full order solves, by label, and histories along them: of the full order, and of each model."""
+    """Paths that the full model solves, by label, and histories along them: of the full model, and of each model."""
     exact: list[Run] = []
     found: dict[str, list[Run]] = {name: [] for name in models}
     lost = Lost()
     solved = {}
     for label, path in progress("tests")(list(tests.items())):
-        with lost.taken_in(str(label)):
+        with lost.recorded(str(label)):
             exact.append(run_in_full(full, path, ways))
             solved[label] = path
         if label not in solved:
@@ -285,7 +285,7 @@ class _Measured:
 
 
 def _built(training: Training, settings: Any) -> tuple[dict[str, Any], dict[str, HHRError]]:
-    """Small models by method, HHR first, and why others were refused."""
+    """Small models by method, HHR first, and the errors of refused ones."""
     makers: dict[str, Callable[[], Any]] = {
         "HHR": partial(training.build, settings.recipe),
         "condensed": partial(training.condense, settings.correction),
@@ -303,7 +303,7 @@ def _built(training: Training, settings: Any) -> tuple[dict[str, Any], dict[str,
 
 
 def _setting(method: str, model: Any) -> str:
-    """What a row says of a model."""
+    """Text on a model in its row."""
     if method == "HHR":
         return SETTINGS[method]
     return f"{model.offline.modes} modes, {model.offline.points} points"
@@ -317,7 +317,7 @@ def _report(
     tests: Mapping[Any, Path],
     exact: list[Run],
 ) -> dict[str, Any]:
-    """Parts of a report that only histories have."""
+    """Parts of a report for histories only."""
     seconds = {name: measured[name].row.seconds if name in measured else None for name in KEYS}
     models: dict[str, Any] = {KEYS[name]: {"refused": str(error)} for name, error in refused.items()}
     if "HHR" in measured:
@@ -342,7 +342,7 @@ def _report(
 
 
 def _time_error(exact: list[Run]) -> dict[str, Any]:
-    """Largest estimated error of the time steps of each history of the full order, over all of them; the tolerance."""
+    """Largest estimated error of the time steps of all histories of the full model; the tolerance."""
     histories = [run.history for run in exact if run.history is not None]
     largest = [float(history.time_error.max(initial=0.0)) for history in histories]
     return {**summary(np.array(largest)), "tolerance": histories[0].time_tolerance}
@@ -353,19 +353,19 @@ def _ratio(slow: np.ndarray, fast: np.ndarray | None) -> float | None:
 
 
 def _described(tests: Mapping[Any, Path], measured: dict[str, _Measured], exact: list[Run]) -> list[dict[str, Any]]:
-    """The ``histories`` part of a report: errors of the model under study, and those of condensed flow beside it."""
+    """The ``histories`` part of a report: errors of the model under study, and of the condensed model if it has one."""
     rows = []
     own = next(iter(measured.values()))
     for k, (label, known) in enumerate(zip(tests, exact, strict=True)):
         assert known.history is not None
         steps = {"parts": sum(known.history.parts), "time_error": float(known.history.time_error.max(initial=0.0))}
-        row = {"value": label, **_told(own, k), "full_iterations": known.history.iterations, "full": steps}
-        rows.append(row | ({"condensed": _told(measured["condensed"], k)} if "condensed" in measured else {}))
+        row = {"value": label, **_history_row(own, k), "full_iterations": known.history.iterations, "full": steps}
+        rows.append(row | ({"condensed": _history_row(measured["condensed"], k)} if "condensed" in measured else {}))
     return rows
 
 
-def _told(item: _Measured, k: int) -> dict[str, Any]:
-    """One history of a model: errors, seconds, iterations, or why there are none."""
+def _history_row(item: _Measured, k: int) -> dict[str, Any]:
+    """One history of a model: errors, seconds, iterations, or the reason why there are none."""
     run = item.runs[k]
     row = {**item.errors[k], "seconds": item.runs[k].seconds}
     if run.history is None:

@@ -1,4 +1,4 @@
-"""What a study measures of a model, at single points or along histories: errors beside the full order, and times."""
+"""Measurements of a model, at single points or along histories: errors against the full model, and times."""
 
 from __future__ import annotations
 
@@ -29,10 +29,10 @@ class Errors:
     """Errors at every point or history, in their order; none is dropped.
 
     Attributes:
-        values: errors by name, (n,) each; infinite where there is no answer.
-        answered: whether there is one, (n,) bool.
+        values: errors by name, (n,) each; infinite without an answer.
+        answered: True for each point with an answer, (n,) bool.
         residuals: largest ones of the answers, the ``kkt`` part of a report.
-        counts: what else was counted, by name.
+        counts: other counts, by name.
     """
 
     values: dict[str, np.ndarray]
@@ -67,7 +67,7 @@ class Row:
     errors: Errors
 
     def as_report(self) -> dict[str, Any]:
-        """Medians as in every scene, and the tails beside them."""
+        """Medians as in every scene, and the tails."""
         row = {
             "method": self.method,
             "setting": self.setting,
@@ -82,17 +82,17 @@ class Row:
 
 @dataclass(frozen=True)
 class Measurement:
-    """What was measured of the model under study, and how others are measured beside it.
+    """Measurements of the model under study, and a function that measures others in the same way.
 
     Attributes:
         own: errors and seconds of the model under study.
-        others: those of other methods, measured on the same questions in turns.
-        beside: measures another model, from its method, its setting and itself.
+        others: those of other methods, measured on the same queries in turns.
+        beside: measures another model, given its method, its setting and the model.
         report: parts that only this kind of measurement has, ``times`` and ``ratios`` among them.
-        skipped: what was left out, and why.
-        drawn: what pictures need besides: the full and the reduced history at the last test; nothing of points.
+        skipped: items left out, with reasons.
+        drawn: further data for pictures: the full and the reduced history at the last test; empty for points.
         refused: rows of the work-precision table of methods that were refused, each with the reason.
-        models: small models beside the full order by ``hhr`` and ``condensed``, the names that an advice has for them.
+        models: small models under their names in the advice, ``hhr`` and ``condensed``.
     """
 
     own: Row
@@ -106,7 +106,7 @@ class Measurement:
 
 
 def conditions_inside(model: Any) -> np.ndarray | None:
-    """Contact conditions in the RID of a model, or of what completes an answer, if it has one."""
+    """Contact conditions in the RID of a model, or of the fields of an answer, if it has one."""
     fields = getattr(model, "fields", model)
     return fields.A_lambda if isinstance(fields, Reconstruction) else None
 
@@ -120,8 +120,8 @@ def answer_errors(
 ) -> dict[str, float]:
     """Relative errors of displacement and forces against exact ones.
 
-    ``*_floored`` divides by at least ``floor``, since a relative error means nothing near grazing contact.
-    ``dual_full`` looks at the whole contact surface, ``dual_rid`` at the conditions ``inside`` the RID.
+    ``*_floored`` divides by at least ``floor``, since a relative error is not meaningful near grazing contact.
+    ``dual_full`` covers the whole contact surface, ``dual_rid`` the conditions ``inside`` the RID.
     """
     errors = {
         "primal_l2": relative_error(answer[0], exact[0], problem.mass),
@@ -141,12 +141,12 @@ NAMES = ("primal_l2", "primal_energy", "primal_euclid", "energy_minimum",
 
 @dataclass(frozen=True)
 class References:
-    """Full-order solutions at test points, beside which approximations are measured.
+    """Full-order solutions at test points, with which approximations are compared.
 
     Attributes:
         problem: the full problem.
         solutions: of the full model.
-        floor: force norm below which a relative error means nothing.
+        floor: force norm below which a relative error is not meaningful.
     """
 
     problem: ContactProblem
@@ -176,7 +176,7 @@ class References:
             solutions.points, solutions.displacements.T, solutions.forces.T, strict=True
         ):
             try:
-                # a study asks on purpose; what it finds is what the report is for
+                # a study leaves the training range on purpose and reports the result
                 with ignored(OutsideTrainingWarning):
                     found = model.solve(point)
                     answer = found.displacement(), found.forces()
@@ -187,7 +187,7 @@ class References:
             exact = homogeneous + problem.lifts @ theta, forces
             there = problem.at(point)
             energies = [energy_minimum(there, field, theta) for field in (answer[0], exact[0])]
-            # local models have a RID each
+            # each local model has a different RID
             row = answer_errors(there, answer, exact, self.floor, conditions_inside(found.fields))
             rows.append({**row, "energy_minimum": abs(energies[0] - energies[1])})
             residuals.append(asdict(contact_residuals(there, *answer, theta)))

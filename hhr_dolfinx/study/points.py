@@ -1,4 +1,4 @@
-"""Error against run time at single parameters: every way to answer one, on the same points in the same process."""
+"""Error against run time at single parameters: all methods on the same points in the same process."""
 
 from __future__ import annotations
 
@@ -8,8 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.baselines.condensation import exact_condensation
-from hhr_dolfinx.baselines.naive import NaiveFullOrder
+from hhr_dolfinx import registry
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import HHRError
@@ -20,9 +19,9 @@ from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.measure import Errors, Measurement, References, Row
-from hhr_dolfinx.study.training.falling_back import fallback_report
 from hhr_dolfinx.study.training.train import Progress, Training
 from hhr_dolfinx.timing import time_queries
 
@@ -31,7 +30,7 @@ TIMED = (*COMPARED, "condensed_full", "online", "online_forces", "online_lapack"
 COLD = (*COMPARED, "online", "online_lapack")
 
 SAMPLED = {"displacement": "primal_energy", "forces": "dual_full_floored"}
-"""Errors that a report keeps point by point, by the name that estimates have for them."""
+"""Errors that a report keeps point by point, under their names in estimates."""
 
 Queries = dict[str, Callable[[np.ndarray], Any]]
 """Queries of a parameter by name."""
@@ -42,7 +41,7 @@ Times = dict[str, np.ndarray]
 def measure_points(
     training: Training, model: ReducedModel, settings: Any, points: np.ndarray, progress: Progress
 ) -> Measurement:
-    """Errors of the reduced model at test points, and its time beside that of all other models."""
+    """Errors of the reduced model at test points, and its time compared with those of all other models."""
     full = training.full_order
     space = training.full_order.parameters
     known = training.snapshots.known_statuses()
@@ -67,10 +66,11 @@ def measure_points(
         errors["condensed"] = references.errors(condensed)
         if forces_only.offline is not None:
             offline = {"offline_condensed": dict(forces_only.offline.log.times)}
-    naive = settings.naive and full.problem.pins is None
-    if naive:
-        models["fom_naive"] = NaiveFullOrder(full)
-    # those that are timed are neither trained nor tested on
+    baselines = {}
+    if settings.naive and full.problem.pins is None:
+        baselines = {name: registry.load(place)(full) for name, (place, _) in registry.parts("baselines").items()}
+    models |= baselines
+    # timed points belong neither to training nor to tests
     fresh, others = (space.random(settings.queries + 5, settings.seed + k) for k in (1000, 4000))
     warm = time_queries(_warm(models, known) | whole, fresh)
     cold = time_queries({name: partial(item.solve, start=None) for name, item in models.items()}, others)
@@ -79,10 +79,9 @@ def measure_points(
         errors = references.errors(other)
         return Row(method, setting, time_queries({"online": other.solve}, fresh)["online"], errors)
 
-    if naive:
-        # the same statuses by another solver: what differs is round-off, which tests of the full order measure
-        errors["fom_naive"] = errors["fom_best"]
-    else:
+    # another solver with the same statuses differs by round-off, which tests of the full model measure
+    errors |= dict.fromkeys(baselines, errors["fom_best"])
+    if not baselines:
         skipped.append({"stage": "fom_naive", "why": _without_naive(full)})
     report = {
         "times": {**_summaries(warm, TIMED), "cold_start": _summaries(cold, COLD), **offline},
@@ -91,8 +90,6 @@ def measure_points(
         "samples": _samples(points, answers, errors["online"]),
     }
     report |= _mesh_error(full, skipped) | _outputs(full, references.solutions, answers)
-    if model.fields.bound is not None:
-        report["fallback"] = fallback_report(model, full, fresh, float(np.mean(warm["fom_best"])))
     own = Row("HHR", "this model", warm["online"], errors["online"])
     how = {"condensed": "interpolated"} if offline else {}
     order = [name for name in ("condensed", "fom_best", "fom_naive") if name in errors]
@@ -102,7 +99,7 @@ def measure_points(
 
 
 def _samples(points: np.ndarray, answers: list[Answer], errors: Errors) -> dict[str, Any]:
-    """The ``samples`` part of a report: test points, errors there, and what the model said of these, relative."""
+    """The ``samples`` part of a report: test points, errors there, and their estimates, relative."""
     found: dict[str, Any] = {
         "points": points.tolist(),
         "errors": {name: errors.values[key].tolist() for name, key in SAMPLED.items()},
@@ -115,7 +112,7 @@ def _samples(points: np.ndarray, answers: list[Answer], errors: Errors) -> dict[
 
 
 def _mesh_error(full: FullOrderModel, skipped: list[dict[str, str]]) -> dict[str, Any]:
-    """The ``discretisation`` part of a report; none, and why, where it cannot be estimated."""
+    """The ``discretisation`` part of a report; empty, with the reason, if it cannot be estimated."""
     from hhr_dolfinx.full_order.mesh_error import mesh_error
 
     try:
@@ -126,9 +123,11 @@ def _mesh_error(full: FullOrderModel, skipped: list[dict[str, str]]) -> dict[str
 
 
 def _without_naive(full: FullOrderModel) -> str:
-    """Why the naive full order is not measured."""
+    """Reason why the naive full model is not measured."""
     if full.problem.pins is not None:
         return "nothing but contact holds a body: without it K is singular, and the first program fails"
+    if not registry.parts("baselines"):
+        return "no plug-in of baselines is installed"
     return "not asked for: one query takes too long to measure a hundred"
 
 
@@ -140,7 +139,7 @@ def _searches(answers: list[Answer]) -> dict[str, Any]:
 
 
 def _condensed(training: Training, known: KnownStatuses) -> tuple[CondensedModel, ...]:
-    """Condensation with forces alone and with fields: exact, or interpolated where the stiffness varies."""
+    """Condensation with forces alone and with fields: exact, or interpolated if the stiffness varies."""
     full = training.full_order
     if full.problem.varies:
         model: Any = training.condense()
@@ -149,7 +148,7 @@ def _condensed(training: Training, known: KnownStatuses) -> tuple[CondensedModel
 
 
 def _warm(models: dict[str, Model], known: KnownStatuses) -> Queries:
-    """Queries started from the nearest known statuses, of which full models have to be told."""
+    """Queries that start from the nearest training statuses, which full models need as an argument."""
 
     def near(solve: Callable) -> Callable:
         return lambda point: solve(point, start=known.active[known.nearest(point)])
@@ -158,7 +157,7 @@ def _warm(models: dict[str, Model], known: KnownStatuses) -> Queries:
 
 
 def _forces(model: Model) -> Callable[[np.ndarray], np.ndarray]:
-    """Queries of a model for the forces on the whole contact surface, as users get them."""
+    """Queries of a model for the forces on the whole contact surface, as users run them."""
     return lambda point: model.solve(point).forces()
 
 
@@ -175,7 +174,7 @@ def _everywhere(model: Model) -> Callable[[np.ndarray], tuple[np.ndarray, np.nda
 def _outputs(full: FullOrderModel, solutions: SnapshotSet, answers: list[Answer]) -> dict[str, Any]:
     """The ``outputs`` part of a report: unit, largest absolute value and errors relative to it, by name.
 
-    Errors are infinite where there is no answer. None of a scene without outputs.
+    Errors are infinite without an answer. Empty for a scene without outputs.
     """
     if full.functionals is None:
         return {}
@@ -193,7 +192,7 @@ def _outputs(full: FullOrderModel, solutions: SnapshotSet, answers: list[Answer]
 
 
 def _twin(model: ReducedModel, factorise: Factorise) -> ReducedModel:
-    """A model without what it kept from earlier queries."""
+    """A model without results kept from earlier queries."""
     return model.changed(trained=None, factorise=factorise)
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from hhr_dolfinx.baselines.condensation import exact_condensation
 from hhr_dolfinx.contact.friction import Coulomb, FrictionLaw
 from hhr_dolfinx.errors import SceneError, SceneWarning
 from hhr_dolfinx.full_order.checks import warn_of_idle_parameters
@@ -21,28 +20,29 @@ from hhr_dolfinx.outputs import ContactForce, DisplacementAt, LinearForm, VonMis
 from hhr_dolfinx.pairings.mortar import Mortar
 from hhr_dolfinx.pairings.node_to_surface import NodeToSurface
 from hhr_dolfinx.pairings.surface_dofs import SurfaceDofs, nodes_of, renumbered
+from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.warn import ignored
 
 REPEATED = NodeToSurface, Mortar
-"""Pairings that can be made anew as bodies slide."""
+"""Pairings that can be computed again as bodies slide."""
 OUTPUTS = (ContactForce, DisplacementAt, LinearForm, VonMises)
-"""Outputs that do not depend on where the surfaces have come to."""
+"""Outputs that do not depend on the position of the surfaces."""
 
 
 def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
-    """A model of a scene whose surfaces are paired anew in every increment of a path.
+    """Build a model of a scene whose surfaces are paired again in every increment of a path.
 
-    Strains and turns must be small, sliding need not be. Where nothing slides by more than a facet, ``hhr.condense`` is
-    the cheaper model of the same.
+    Strains and rotations must be small, sliding need not be. If nothing slides by more than a facet, ``hhr.condense``
+    is the cheaper model.
 
     Args:
-        scene: with contact pairs that are ``NodeToSurface`` or ``Mortar``, of bodies that nothing but imposed
-            displacements hold.
-        condensed: whether the compliance of the surfaces is made once; else the full order makes it for each path.
+        scene: with contact pairs that are ``NodeToSurface`` or ``Mortar``, of bodies held by imposed displacements
+            alone.
+        condensed: whether the compliance of the surfaces is computed once; else the full model does so for each path.
 
     Raises:
-        SceneError: for a scene that is not of that kind, with what is not.
+        SceneError: for an unsuitable scene, with the part that is unsuitable.
     """
     _check(scene)
     pairs = tuple(SurfaceDofs(*item.tags) for item in scene.contacts)
@@ -53,6 +53,8 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
     warn_of_idle_parameters(scene, problem.amplitudes)
     if problem.rigid is not None:
         raise SceneError(f"contact alone holds bodies of scene '{scene.name}', which slide: hold them")
+    if condensed:
+        problem.require_parts("condensation")
     if problem.varies and condensed:
         raise SceneError(
             f"moduli or shapes of scene '{scene.name}' depend on parameters: condensed models of bodies that slide are "
@@ -103,10 +105,10 @@ def _check(scene: Scene) -> None:
 
 
 def _pairs(full: FullOrderModel, scene: Scene) -> Iterator[SlidingPair]:
-    """The surfaces of each pair, which face each other where they are meshed.
+    """The surfaces of each pair, which must face each other as meshed.
 
     Raises:
-        SceneError: where they do not, or lie in each other; see the pairing.
+        SceneError: if they do not, or overlap; see the pairing.
 
     Warns:
         PairingWarning: as the pairing does.
@@ -114,7 +116,7 @@ def _pairs(full: FullOrderModel, scene: Scene) -> Iterator[SlidingPair]:
     first = 0
     for item in scene.contacts:
         assert isinstance(item, REPEATED)
-        pairing = dataclasses.replace(item, friction=None)  # a law of the model, not of rows
+        pairing = dataclasses.replace(item, friction=None)  # the model has the law, not the rows
         surfaces = [full.discretisation.surface(tag) for tag in item.tags]
         nodes, points = nodes_of(surfaces)
         slave, master = (renumbered(surface, nodes) for surface in surfaces)

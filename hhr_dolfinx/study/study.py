@@ -1,4 +1,4 @@
-"""Error against run time of one scene, elastic or flowing: every model on the same questions in the same process."""
+"""Error against run time of one scene, elastic or inelastic: all models on the same queries in the same process."""
 
 from __future__ import annotations
 
@@ -40,12 +40,12 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Rival:
-    """Another approximation to compare with.
+    """Another approximation to compare with, a baseline.
 
     Attributes:
         method: its name.
         setting: what distinguishes it from others of the same method.
-        model: any object with ``solve(mu)``, or ``march(path, settings)`` where bodies flow, whose answers have
+        model: any object with ``solve(mu)``, or ``march(path, settings)`` for inelastic bodies, whose answers have
             ``displacement()`` (N,) and ``forces()`` (N_lambda,). The call is timed, the fields are compared.
     """
 
@@ -56,23 +56,23 @@ class Rival:
 
 @dataclass(frozen=True)
 class StudySettings:
-    """What to train on and what to measure.
+    """Training and measurements of a study.
 
     Attributes:
-        training: training points along each parameter, or points (S, P); where bodies flow a list of paths, of your
-            own or drawn, ``family.paths(Sobol(12))``.
-        recipe: the recipe under study; None for the usual one of the scene.
+        training: training points along each parameter, or points (S, P); for inelastic bodies a list of paths,
+            user-defined or drawn, ``family.paths(Sobol(12))``.
+        recipe: the recipe under study; None for the default of the scene.
         variants: further recipes by label, for the work-precision table.
-        models: recipes that the report shows in full beside the one under study, built as they are, by name.
-        tests: random test points; where bodies flow paths by label, such as the value of a parameter, or a list of
+        models: recipes that the report shows in full next to the one under study, built without checks, by name.
+        tests: random test points; for inelastic bodies paths by label, such as the value of a parameter, or a list of
             paths with names, as families draw them.
-        held_out: for the trust check, random solutions or paths; None for the usual number of solutions, or no path.
-        seed: of test points; those that are timed are neither trained nor tested on.
-        queries: timed queries per model, at least 100 for a figure to quote; of scenes in which nothing flows.
-        naive: whether to time the naive full order too, likewise; in space one of its queries takes many seconds.
-        march: how histories are solved.
+        held_out: for the trust check, random solutions or paths; None for the default number of solutions, or no path.
+        seed: of test points; timed points belong neither to training nor to tests.
+        queries: timed queries per model, at least 100 for a figure to quote; for elastic scenes.
+        naive: whether to time the naive full model too, for elastic scenes; in space one query takes many seconds.
+        march: settings of histories.
         repetitions: histories timed for each test path.
-        correction: how far the plastic correction of condensed flow is to go, where bodies flow; None for the usual.
+        correction: targets of the reduced plastic correction, for inelastic bodies; None for the defaults.
     """
 
     training: Any
@@ -114,7 +114,7 @@ class StudySettings:
                 raise StudyError(f"{name} = {recipe!r} of a study must be a Recipe")
 
     def adapted(self, *, seed: int, quick: bool) -> StudySettings:
-        """These settings with another seed, and few points if it has to be quick."""
+        """These settings with another seed, and few points if ``quick``."""
         few: dict[str, Any] = {"queries": 15} if quick else {}
         if quick and not isinstance(self.tests, Mapping):
             few["tests"] = 20
@@ -127,11 +127,11 @@ class Study:
 
     Attributes:
         training: full model and training answers.
-        model: the reduced model under study; where bodies flow and the hyper-reduced one is refused, condensed flow.
+        model: the reduced model under study; for inelastic bodies the condensed one if hyper-reduction is refused.
         tests: test points, (n, P), or paths by label.
-        measured: errors and times of the model and of what it is compared with.
-        settings: what was measured, and how.
-        report: all figures under the keys that scenes share; a demo may add its own.
+        measured: errors and times of the model and of those compared with it.
+        settings: of the study.
+        report: all figures under the keys that scenes share; a demo may add others.
     """
 
     training: Training
@@ -144,7 +144,7 @@ class Study:
     def write(self, folder: str | Path, console: Console | None = None, view: View | None = None) -> None:
         """Write and print the report, keep the model, draw the pictures of a view; all of them in ``report.html``.
 
-        Where the report advises condensation that model is kept too, as ``condensed.npz``.
+        If the report advises condensation, that model is kept too, as ``condensed.npz``.
         """
         from hhr_dolfinx.online.model_file import save_model
         from hhr_dolfinx.study.report.page import write_page
@@ -180,15 +180,15 @@ def study_scene(
     Args:
         scene: the scene.
         settings: what to measure.
-        folder: where training answers are kept and found again.
+        folder: keeps training answers for later runs.
         points: test points, (n, P); None takes those of the settings.
-        rivals: makes other approximations for the work-precision table.
+        rivals: builds other approximations for the work-precision table.
         progress: for progress bars.
 
     Raises:
         StudyError: for a folder that is a file, or a training or tests that do not suit the scene.
         ParameterError: for invalid test points.
-        HHRError: if the reduced model under study is refused; where bodies flow, condensed flow too.
+        HHRError: if the reduced model under study is refused; for inelastic bodies, if the condensed one is too.
     """
     folder = checked_folder(folder)
     _tests_of(scene, settings, points)
@@ -217,7 +217,7 @@ def run_study(
     """Build the reduced model, measure its errors and time it against all other models; see :func:`study_scene`.
 
     Raises:
-        ValueError: if the full model is spread over ranks: what it is compared with is serial.
+        ValueError: if the full model is distributed over ranks: the models compared with it are serial.
         ConvergenceError: if a full history does not converge, or no reduced one does.
     """
     full = training.full_order
@@ -234,7 +234,7 @@ def run_study(
     report = make_report(training, model, measured, rows, settings.seed)
     if settings.models:
         others = {name: training.build(recipe, checked=False) for name, recipe in settings.models.items()}
-        # a study of histories has its own two there already
+        # a study of histories has its two models already
         first = {} if "models" in report else {"default": model_report(model, measured.own)}
         report["models"] = (
             report.get("models", {})
@@ -250,7 +250,7 @@ def _measured(
     tests: np.ndarray | dict[Any, HistoryPath],
     progress: Progress,
 ) -> tuple[Any, Measurement]:
-    """The model under study, measured at points or along paths; what only the other kind needs is not loaded."""
+    """The model under study, measured at points or along paths; modules of the other kind are not imported."""
     if isinstance(tests, dict):
         from hhr_dolfinx.study.histories import measure_histories
 
@@ -262,7 +262,7 @@ def _measured(
 
 
 def _check_correction(correction: Any) -> None:
-    """StudyError for an invalid correction; whoever has one has loaded its module."""
+    """StudyError for an invalid correction; its type is imported only by scenes that need it."""
     from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
     if not isinstance(correction, CorrectionSettings):
@@ -272,7 +272,7 @@ def _check_correction(correction: Any) -> None:
 
 
 def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray | dict[Any, HistoryPath]:
-    """Test points, (n, P), or checked paths by label where bodies flow; StudyError for the wrong one of both."""
+    """Test points, (n, P), or checked paths by label for inelastic bodies; StudyError for the wrong kind."""
     tests = settings.tests
     if any(law is not None for law in scene.friction):
         raise NotOfferedError(
@@ -296,7 +296,7 @@ def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray 
 
 
 def _labelled(paths: Sequence[Any]) -> dict[str, Any]:
-    """Paths by their names; StudyError for those without, and for two of one name."""
+    """Paths by their names; StudyError for paths without a name, and for two of the same name."""
     labelled: dict[str, Any] = {}
     for number, path in enumerate(paths):
         name = getattr(path, "name", None)
@@ -312,7 +312,7 @@ def _labelled(paths: Sequence[Any]) -> dict[str, Any]:
 
 
 def _row(measured: Measurement, method: str, setting: str, make: Callable[[], Model]) -> dict[str, Any]:
-    """Row of another model; one that is refused has the reason in its place, a doubtful one a warning."""
+    """Row of another model; a refused one has the reason instead, an unreliable one a warning."""
     try:
         with collected(StabilityWarning) as caught:
             model = make()

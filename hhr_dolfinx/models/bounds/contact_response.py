@@ -7,13 +7,11 @@ statuses are the same.
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set, settled
 from hhr_dolfinx.linear.dense import LapackCholesky
@@ -69,23 +67,13 @@ class Outside(NamedTuple):
 
 @dataclass(frozen=True)
 class ContactResponse(Rebuilt):
-    """S and its factor (m conditions).
+    """S of m conditions.
 
     Attributes:
         schur: S, symmetric and positive definite, (m, m).
-        lower: its Cholesky factor, (m, m); or L of a matrix which times ``least`` is at most S.
-        least: see there; 1 for the factor of S itself.
-        known: :func:`amplified_by` L; None where it is not known yet.
     """
 
     schur: np.ndarray
-    lower: np.ndarray
-    least: float = 1.0
-    known: tuple[float, np.ndarray] | None = None
-
-    def pushed(self, forces: np.ndarray) -> np.ndarray:
-        """S times forces, (n, m) each."""
-        return forces @ self.schur
 
     def outside(self, inside: np.ndarray, outside: np.ndarray | None = None) -> Outside:
         """What conditions do to each other where the forces of some, ``inside``, are given; the others if known."""
@@ -101,27 +89,18 @@ class ContactResponse(Rebuilt):
         """Equality problems on S; neighbouring answers share factors."""
         return SchurEqualities.symmetric(self.schur)
 
-    @cached_property
-    def amplified(self) -> tuple[float, np.ndarray]:
-        """The most that forces of S norm 1 have in the Euclidean norm, and at each condition, (m,)."""
-        longest, sizes = amplified_by(self.lower) if self.known is None else self.known
-        scale = math.sqrt(self.least)
-        return longest / scale, sizes / scale
+    def settled(self, forces: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Forces that solve the contact problem on S, (n, m), and whether the search for them settled, (n,) bool.
 
-    def settled(self, forces: np.ndarray, free: np.ndarray, pushed: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Forces that solve the contact problem on S, S times them, (n, m) each, and their error in the S norm, (n,).
-
-        The search starts from the statuses of given forces, which stay where it does not settle. Gaps that are closed
-        count as closed: round-off there is bounded by the sizes of the answers.
+        It starts from the statuses of given forces, which stay where it does not settle.
 
         Args:
             forces: not negative, (n, m).
             free: slack without forces, (n, m).
-            pushed: S times the forces, (n, m).
         """
         found = np.empty(forces.shape)
         left = list(range(len(forces)))
-        touching = self._stiffness * forces > free + pushed
+        touching = self._stiffness * forces > free + forces @ self.schur
         if len(forces) > 1:
             found, _, left = settled(self.schur, free, touching, LapackCholesky)
         closed = np.ones(len(forces), dtype=bool)
@@ -129,52 +108,9 @@ class ContactResponse(Rebuilt):
             alone = active_set(self.equalities, free[k], touching[k])
             closed[k] = alone.status is Status.CONVERGED
             found[k] = alone.forces if closed[k] else forces[k]
-        return kept(found, closed, free, self)
+        return np.maximum(found, 0.0), closed
 
     @cached_property
     def _stiffness(self) -> np.ndarray:
         """Diagonal of S, (m,)."""
         return self.schur.diagonal().copy()
-
-    def off(self, slack: np.ndarray, forces: np.ndarray, _: Any = None) -> np.ndarray:
-        """|r|_{S^-1} of slacks and forces, (n, m) each: r is the slack where there is a force, or it is negative."""
-        left = np.where((forces > 0) | (slack < 0), slack, 0.0)
-        if not left.any():
-            return np.zeros(len(left))
-        found = dtrtrs(self.lower, left.T, lower=1, overwrite_b=1)[0].T
-        return np.sqrt((found[:, None, :] @ found[:, :, None])[:, 0, 0] / self.least)
-
-
-def kept(found: np.ndarray, closed: np.ndarray, free: np.ndarray, response: Any) -> tuple[np.ndarray, ...]:
-    """Forces that a search found, without negative ones, S times them, (n, m) each, and their error, (n,).
-
-    Args:
-        found: by the search, (n, m).
-        closed: whether it settled, so that gaps are closed where there are forces, (n,) bool.
-        free: slack without forces, (n, m).
-        response: S of the answers.
-    """
-    better = np.maximum(found, 0.0)
-    less = response.pushed(better)
-    slack = free + less
-    # a force that was cut off leaves gaps open elsewhere
-    closed &= found.min(axis=1) >= 0
-    slack[(better > 0) & closed[:, None]] = 0.0
-    off = np.zeros(len(found))
-    rows = np.flatnonzero(~(closed & (slack.min(axis=1) >= 0)))
-    if rows.size:
-        off[rows] = response.off(slack[rows], better[rows], rows)
-    return better, less, off
-
-
-def amplified_by(lower: np.ndarray) -> tuple[float, np.ndarray]:
-    """The most that x with |L^T x| = 1 has in the Euclidean norm, and in each place, (m,).
-
-    Of the second ((L L^T)^-1)_ii^1/2 is the exact value. The first, |L^-1|, is at most the Frobenius norm, and at most
-    the root of the largest column sum times the largest row sum.
-    """
-    inverse = dtrtri(lower, lower=1)[0]
-    np.abs(inverse, out=inverse)
-    sizes = np.sqrt(np.einsum("ij,ij->j", inverse, inverse))
-    sums = float(inverse.sum(axis=0).max() * inverse.sum(axis=1).max())
-    return math.sqrt(min(sums, float(sizes @ sizes))), sizes

@@ -18,9 +18,10 @@ from typing import NamedTuple
 
 import numpy as np
 from scipy.linalg import cholesky, eigh, eigvalsh
+from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
-from hhr_dolfinx.models.bounds.contact_response import ContactResponse, amplified_by, kept
+from hhr_dolfinx.models.bounds.contact_response import ContactResponse
 from hhr_dolfinx.models.eliminations.interpolated import Compliance, Compliances, ManyContacts
 
 STEP = math.log(1.1)
@@ -81,23 +82,66 @@ class Share(NamedTuple):
 
 
 @dataclass(frozen=True)
+class FactoredResponse(ContactResponse):
+    """S and a factor of what it is at least (m conditions).
+
+    Attributes:
+        lower: Cholesky factor of S, (m, m); or L of a matrix which times ``least`` is at most S.
+        least: see there; 1 for the factor of S itself.
+        known: :func:`amplified_by` L; None where it is not known yet.
+    """
+
+    lower: np.ndarray
+    least: float = 1.0
+    known: tuple[float, np.ndarray] | None = None
+
+    @cached_property
+    def amplified(self) -> tuple[float, np.ndarray]:
+        """The most that forces of S norm 1 have in the Euclidean norm, and at each condition, (m,)."""
+        longest, sizes = amplified_by(self.lower) if self.known is None else self.known
+        scale = math.sqrt(self.least)
+        return longest / scale, sizes / scale
+
+    def off(self, slack: np.ndarray, forces: np.ndarray) -> float:
+        """|r|_{S^-1} of a slack and forces, (m,) each: r is the slack where there is a force, or it is negative."""
+        left = np.where((forces > 0) | (slack < 0), slack, 0.0)
+        if not left.any():
+            return 0.0
+        found = dtrtrs(self.lower, left[:, None], lower=1)[0][:, 0]
+        return math.sqrt(found @ found / self.least)
+
+
+def amplified_by(lower: np.ndarray) -> tuple[float, np.ndarray]:
+    """The most that x with |L^T x| = 1 has in the Euclidean norm, and in each place, (m,).
+
+    Of the second ((L L^T)^-1)_ii^1/2 is the exact value. The first, |L^-1|, is at most the Frobenius norm, and at most
+    the root of the largest column sum times the largest row sum.
+    """
+    inverse = dtrtri(lower, lower=1)[0]
+    np.abs(inverse, out=inverse)
+    sizes = np.sqrt(np.einsum("ij,ij->j", inverse, inverse))
+    sums = float(inverse.sum(axis=0).max() * inverse.sum(axis=1).max())
+    return math.sqrt(min(sums, float(sizes @ sizes))), sizes
+
+
+@dataclass(frozen=True)
 class ManyResponses:
-    """S of several answers, each its own (n answers, m conditions); see :class:`ContactResponse`.
+    """S of several answers, each its own (n answers, m conditions).
 
     Attributes:
         each: of each.
         schur: S, (n, m, m).
     """
 
-    each: list[ContactResponse]
+    each: list[FactoredResponse]
     schur: np.ndarray
 
-    def __getitem__(self, k: int) -> ContactResponse:
+    def __getitem__(self, k: int) -> FactoredResponse:
         return self.each[k]
 
     @property
     def amplified(self) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`ContactResponse`: (n,), and (n, m)."""
+        """See :class:`FactoredResponse`: (n,), and (n, m)."""
         found = [one.amplified for one in self.each]
         return np.array([longest for longest, _ in found]), np.array([sizes for _, sizes in found])
 
@@ -106,7 +150,16 @@ class ManyResponses:
         return (forces[:, None] @ self.schur)[:, 0]
 
     def settled(self, forces: np.ndarray, free: np.ndarray, pushed: np.ndarray) -> tuple[np.ndarray, ...]:
-        """See :class:`ContactResponse`."""
+        """Forces that solve the contact problem on S, S times them, (n, m) each, and their error in the S norm, (n,).
+
+        The search starts from the statuses of given forces, which stay where it does not settle. Gaps that are closed
+        count as closed: round-off there is bounded by the sizes of the answers.
+
+        Args:
+            forces: not negative, (n, m).
+            free: slack without forces, (n, m).
+            pushed: S times the forces, (n, m).
+        """
         touching = self.schur.diagonal(axis1=1, axis2=2) * forces > free + pushed
         found = forces.copy()
         slack = free + pushed
@@ -119,16 +172,25 @@ class ManyResponses:
             closed[k] = alone.status is Status.CONVERGED
             if closed[k]:
                 found[k] = alone.forces
-        return kept(found, closed, free, self)
+        better = np.maximum(found, 0.0)
+        less = self.pushed(better)
+        slack = free + less
+        # a force that was cut off leaves gaps open elsewhere
+        closed &= found.min(axis=1) >= 0
+        slack[(better > 0) & closed[:, None]] = 0.0
+        off = np.zeros(len(found))
+        rows = np.flatnonzero(~(closed & (slack.min(axis=1) >= 0)))
+        off[rows] = self.off(slack[rows], better[rows], rows)
+        return better, less, off
 
     def off(self, slack: np.ndarray, forces: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """See :class:`ContactResponse`; of some answers, by their numbers."""
-        return np.array([self.each[k].off(slack[[i]], forces[[i]])[0] for i, k in enumerate(rows)])
+        """Norms of residuals of some answers, by their numbers, (k,)."""
+        return np.array([self.each[k].off(slack[i], forces[i]) for i, k in enumerate(rows)])
 
 
-def _alone(schur: np.ndarray) -> ContactResponse:
+def _alone(schur: np.ndarray) -> FactoredResponse:
     """S with a factor of its own."""
-    return ContactResponse(schur, cholesky(schur, lower=True))
+    return FactoredResponse(schur, cholesky(schur, lower=True))
 
 
 class LeastResponse:
@@ -168,7 +230,7 @@ class LeastResponse:
                 responses.append(_alone(schur))
                 continue
             lower, amplified = self._factored(tuple(own))
-            responses.append(ContactResponse(schur, lower, size, amplified))
+            responses.append(FactoredResponse(schur, lower, size, amplified))
         return ManyResponses(responses, found.schur)
 
     @cached_property

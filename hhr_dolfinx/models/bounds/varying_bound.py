@@ -9,6 +9,11 @@ field V γ is off by
 
 whose first terms are small matrices. Its root resolves what is above the root of the error of the interpolation.
 docs/bounds.md says where that error is proved; elsewhere the estimate is called one.
+
+Forces are off the exact ones as those of the contact problem on S, found from the statuses of the answer, tell. With
+the field u in equilibrium with any λ >= 0, its slack s, and r = s where λ > 0 or s < 0, else 0, the exact (U, Λ) has
+|λ - Λ|_S = |u - U|_K <= |r|_{S^-1}. Another field, of the slack ŝ with its r̂, that is off from u by a in energy has an
+error of at most a + |r|_{S^-1}, and x^2 <= a x + |λ - Λ|_S |r̂|_{S^-1} of it: docs/bounds.md has the proof.
 """
 
 from __future__ import annotations
@@ -23,7 +28,7 @@ from scipy.linalg import LinAlgError
 
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import BoundError, ConvergenceError
-from hhr_dolfinx.models.bounds.error_bound import ForceScale, Given, bounded
+from hhr_dolfinx.models.bounds.bound import ROUND_OFF, ForceScale, estimates_of, lengths
 from hhr_dolfinx.models.bounds.least_response import LeastResponse, ManyResponses
 from hhr_dolfinx.models.eliminations.block import Block, blocks_of
 from hhr_dolfinx.models.eliminations.interpolated import Compliances, ManyContacts
@@ -37,8 +42,10 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.eliminations.shaped import InterpolatedProblem
     from hhr_dolfinx.models.gradient import Gradient
 
-ROUND_OFF = 1e-13
+OF_ENERGY = 1e-13
 """Part of an energy that is round-off of the sums it is made of."""
+NOTHING = 0.01
+"""Part of the bound of a field that a bound of forces adds without being worth a second look."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +63,7 @@ class PartEnergy:
 
 @dataclass(frozen=True)
 class VaryingBound(Rebuilt):
-    """See :class:`hhr_dolfinx.models.bounds.error_bound.Bound` (m conditions, ell modes).
+    """See :class:`hhr_dolfinx.models.bounds.bound.Bound` (m conditions, ell modes).
 
     Attributes:
         compliances: S and the free slack of all conditions.
@@ -65,7 +72,7 @@ class VaryingBound(Rebuilt):
         inexact: relative error of what is interpolated, in the order of energies.
         proved: whether that is more than what was observed.
         middle: of the box, (P,).
-        areas, least: see :class:`~hhr_dolfinx.models.bounds.error_bound.ForceScale`; S is that of the middle.
+        areas, least: see :class:`~hhr_dolfinx.models.bounds.bound.ForceScale`; S is that of the middle.
         reshaped_areas: areas where they change with the shape of the bodies; None where they do not.
     """
 
@@ -205,7 +212,7 @@ def _acting(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class VaryingThere(NamedTuple):
-    """See :class:`hhr_dolfinx.models.bounds.error_bound.BoundThere`.
+    """See :class:`hhr_dolfinx.models.bounds.bound.BoundThere`.
 
     Attributes:
         owner: what is interpolated.
@@ -243,14 +250,57 @@ class VaryingThere(NamedTuple):
         def fields(better: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             pulled = loaded - np.sum(better * pressed, axis=1)
             energies = self._energies(better)
-            noise = inexact * energies.moved + ROUND_OFF * (own + 2 * np.abs(pulled) + energies.scale)
+            noise = inexact * energies.moved + OF_ENERGY * (own + 2 * np.abs(pulled) + energies.scale)
             left = np.maximum(own - 2 * pulled + energies.moved, 0.0) + noise
             return np.sqrt(left), np.sqrt(energies.size), np.sqrt(energies.moved)
 
-        given = Given(forces, slack, self.found.free_slack)
+        return self._bounded(forces, slack, fields)
+
+    def _bounded(
+        self,
+        forces: np.ndarray,
+        slack: Callable[[], np.ndarray],
+        fields: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]],
+    ) -> Estimates:
+        """Bounds of displacements and forces.
+
+        Any forces may stand in the proof, and those of the contact problem on S are the exact ones up to round-off and
+        to what S is off by, δ in the S norm: errors are differences to them. An error e of the rest has
+        |e| <= |L^-1| δ and |e_i| <= (S^-1)_ii^1/2 δ.
+
+        Args:
+            forces: not negative, (n, m).
+            slack: makes that of the fields, (n, m).
+            fields: maps forces, (n, m), to how far the fields are off those in equilibrium with them, to the energy
+                norms of the fields, and of those in equilibrium, (n,) each.
+        """
+        response = self.response
+        inexact = self.owner.inexact
         scale = self.owner.scale_at(self.found.points)
-        how = scale, scale.amplified(self.response), self.owner.kind, inexact
-        return bounded(given, self.response, fields, *how).estimates()
+        pushed = response.pushed(forces)
+        better, less, nearer = response.settled(forces, self.found.free_slack, pushed)
+        off = forces - better
+        unbalanced, size, balanced = fields(better)
+        # products of many rows at once: each call has an overhead
+        one = np.array((forces, better, off, off, better))
+        other = np.array((pushed, less, pushed - less, off, better))
+        sizes, exact, apart, apart_euclid, exact_euclid = lengths(one, other)
+        noise = max(inexact, ROUND_OFF) * (sizes + exact + balanced)
+        primal = unbalanced + nearer
+        if (rows := np.flatnonzero(nearer > NOTHING * unbalanced)).size:
+            alone = unbalanced[rows]
+            left = response.off(slack()[rows], better[rows], rows)
+            primal[rows] = np.minimum(primal[rows], (alone + np.sqrt(alone**2 + 4 * nearer[rows] * left)) / 2)
+        # S and its inverse are right to a factor of 1 + ε or 1 - ε
+        wider = 1 + 2 * inexact
+        longest, most = response.amplified
+        amplified = np.array((np.ones_like(longest), longest, (most * scale.per_area).max(axis=-1)))
+        further = amplified * ((nearer + noise) * wider**2)
+        pressures = scale.peak(np.array((np.abs(off), better)))
+        errors = further + np.array((apart * wider, apart_euclid, pressures[0]))
+        least = np.maximum(np.array((exact / wider, exact_euclid, pressures[1])) - further, scale.least[:, None])
+        primal = (primal + ROUND_OFF * size + noise) * wider
+        return estimates_of(self.owner.kind, np.array((primal, *errors)), np.array((size - primal, *least)))
 
     def _energies(self, forces: np.ndarray) -> _Energies:
         """Of the fields in equilibrium with forces, (n, m)."""

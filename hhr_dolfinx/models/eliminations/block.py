@@ -1,6 +1,6 @@
 """Elimination of gamma from a reduced problem whose stiffness is a sum of parts with moduli.
 
-Bodies that only contact joins do not share entries of K~, if each mode moves one of them: K~ falls apart into blocks
+Bodies joined by contact alone share no entries of K~ if each mode moves one of them. K~ then falls apart into blocks
 that are factored one by one, a quarter of the work for two of them.
 """
 
@@ -24,19 +24,19 @@ from hhr_dolfinx.models.eliminations.projected import ReducedProblem, ReducedTer
 from hhr_dolfinx.plain import Rebuilt
 
 ROUND_OFF = 1e-12
-"""Part of the largest entry of a part of K~ below which an entry couples nothing."""
+"""Part of the largest entry of a part of K~ below which an entry couples no modes."""
 SYMMETRIC = 1e-10
-"""Largest difference of a part and its transpose, relative, of a projection on functions that are tested too."""
+"""Largest relative difference of a part and its transpose in a Galerkin projection (equal test and trial functions)."""
 DEFINITE = 1e-11
-"""Smallest eigenvalue of the sum of the parts, relative to the largest, with which modes keep five digits."""
+"""Smallest eigenvalue of the sum of the parts, relative to the largest, for which modes keep five digits."""
 
 
 class Block(NamedTuple):
-    """Modes that no other ones share entries of K~ with.
+    """Modes that share entries of K~ with each other alone.
 
     Attributes:
-        modes: their places, (k,).
-        parts: numbers of the parts that touch them, (q,).
+        modes: their indices, (k,).
+        parts: numbers of the parts that act on them, (q,).
         entries: entries of these parts transposed, one row each, (q, k * k).
         test: columns of B~1^T on them, (k, m), in Fortran order.
         trial: columns of B~2 on them, (m, k).
@@ -50,7 +50,7 @@ class Block(NamedTuple):
 
 
 class _Kept(NamedTuple):
-    """What points of one stiffness share.
+    """Arrays shared by all points of one stiffness.
 
     Attributes:
         weights: of the parts of K~, (Q,).
@@ -70,7 +70,7 @@ class BlockElimination(Rebuilt, Elimination):
     """Eliminates the unknown of a reduced problem whose stiffness is a sum of parts; plain data, for files.
 
     Attributes:
-        problem: with its terms.
+        problem: the reduced problem, with the terms of its stiffness.
         amplitudes: θ as a function of the parameters.
     """
 
@@ -79,11 +79,11 @@ class BlockElimination(Rebuilt, Elimination):
 
     @cached_property
     def blocks(self) -> list[Block]:
-        """Modes that share entries of K~."""
+        """Blocks of modes that share entries of K~."""
         return blocks_of(self.problem)
 
     def __call__(self, point: np.ndarray, kept: _Kept | None = None) -> CondensedContact:
-        """Eliminate at a point, (P,), of whose stiffness S may be kept.
+        """Eliminate at a point, (P,); ``kept`` has S of its stiffness if it is known.
 
         Raises:
             SingularError: if K~ is singular there.
@@ -96,12 +96,12 @@ class BlockElimination(Rebuilt, Elimination):
         for block, factor in zip(self.blocks, kept.factors, strict=True):
             free[block.modes] = dgetrs(*factor, loads[block.modes])[0]
             slack -= block.trial @ free[block.modes]
-        pushed = partial(self._pushed, kept.per_force)
+        respond = partial(self._compliance_times, kept.per_force)
         changes = partial(self._changes, point, weights, kept.factors)
-        return CondensedContact(kept.schur, slack, free, pushed, changes)
+        return CondensedContact(kept.schur, slack, free, respond, changes)
 
     def along_path(self) -> Callable[[np.ndarray], CondensedContact]:
-        """Neighbours that share their stiffness share S."""
+        """Elimination along a path: neighbours of equal stiffness share S."""
         shared: list[_Kept] = []
 
         def made(point: np.ndarray) -> CondensedContact:
@@ -113,7 +113,7 @@ class BlockElimination(Rebuilt, Elimination):
         return made
 
     def _kept(self, weights: np.ndarray) -> _Kept:
-        """What points with the same weights of the parts of K~ share, (Q,)."""
+        """Arrays shared by points with these weights of the parts of K~, (Q,)."""
         m = len(self.problem.gaps)
         schur = np.zeros((m, m))
         factors = [_factored(block, weights[block.parts]) for block in self.blocks]
@@ -123,7 +123,7 @@ class BlockElimination(Rebuilt, Elimination):
         return _Kept(weights, schur, factors, per_force)
 
     def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """The unknown, (ell,), at a point under known contact forces, (m,): no S, and hardly a factor.
+        """The unknown, (ell,), at a point under given contact forces, (m,). No S; diagonal blocks need no factors.
 
         Raises:
             SingularError: if K~ is singular there.
@@ -138,7 +138,7 @@ class BlockElimination(Rebuilt, Elimination):
         return found
 
     def many_under(self, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """The same at many points, (n, P), under forces of each, (n, m): (n, ell)."""
+        """The unknowns, (n, ell), at many points, (n, P), under the forces of each, (n, m)."""
         if None in self._diagonal:
             return np.array([self.under(*one) for one in zip(points, forces, strict=True)])
         theta = dense(self.amplitudes.of_many(points))
@@ -185,7 +185,7 @@ class BlockElimination(Rebuilt, Elimination):
             loads = loads - weights @ np.stack([lift @ theta for lift in self._lifts])
         return weights, loads
 
-    def _pushed(self, per_force: list[np.ndarray], forces: np.ndarray) -> np.ndarray:
+    def _compliance_times(self, per_force: list[np.ndarray], forces: np.ndarray) -> np.ndarray:
         """K~^-1 B~1^T times forces, (m,) or (m, k), from its columns by block."""
         found = np.empty((len(self.problem.stiffness), *forces.shape[1:]))
         for block, columns in zip(self.blocks, per_force, strict=True):
@@ -195,7 +195,7 @@ class BlockElimination(Rebuilt, Elimination):
     def _changes(
         self, point: np.ndarray, weights: np.ndarray, factors: list, forces: np.ndarray, unknown: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """K~ gamma' = f' - K~' gamma, and the slack that goes with it."""
+        """Derivatives from K~ gamma' = f' - K~' gamma, and those of the slack."""
         right, slack = self.problem.changes(self.amplitudes, point, weights, unknown)
         found = np.empty_like(right)
         for block, factor in zip(self.blocks, factors, strict=True):
@@ -231,7 +231,7 @@ class DiagonalBlock:
 
     @classmethod
     def of(cls, block: Block) -> DiagonalBlock | None:
-        """Of a block; None where it has more than two parts, or is not symmetric and definite."""
+        """Diagonal form of a block; None if it has more than two parts, or is not symmetric and definite."""
         size = block.modes.size
         parts = block.entries.reshape(-1, size, size)
         largest = np.abs(parts).max(axis=(1, 2), initial=0.0)
@@ -253,12 +253,12 @@ class DiagonalBlock:
         return self.modes @ ((right @ self.modes) / (weights @ self.entries))
 
     def many_solved(self, weights: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """The same of many, (n, k), each with its own weights, (n, q)."""
+        """K~^-1 times many right-hand sides, (n, k), each with its weights, (n, q)."""
         return ((right @ self.modes) / (weights @ self.entries)) @ self.modes.T
 
 
 def blocks_of(problem: ReducedProblem) -> list[Block]:
-    """What of a reduced problem whose stiffness is a sum of parts shares entries of K~."""
+    """Blocks of a reduced problem whose stiffness is a sum of parts."""
     terms = problem.terms
     if terms is None:
         return []

@@ -1,8 +1,8 @@
-"""Elimination where the stiffness is constant: once for all points, whose answers many share.
+"""Elimination for a constant stiffness: one factorisation serves all points.
 
 With fixed statuses the solution is affine in the parameters. These maps, the critical regions of multi-parametric
-programming (Bemporad, Morari, Dua and Pistikopoulos, Automatica 38, 2002), are tabulated: where the map of the nearest
-known statuses gives forces and slacks that are all non-negative, it is the solution, and no problem is solved online.
+programming (Bemporad, Morari, Dua and Pistikopoulos, Automatica 38, 2002), are tabulated. If the map of the nearest
+training statuses gives non-negative forces and slacks, it is the solution, and no problem is solved online.
 """
 
 from __future__ import annotations
@@ -27,19 +27,19 @@ if TYPE_CHECKING:
 Region = tuple[np.ndarray, np.ndarray] | None
 
 ENTRIES = 2_000_000
-"""Numbers (16 MB) that the tabulated critical regions of one model may take; beyond, none are kept."""
+"""Most numbers (16 MB) in the tabulated critical regions of one model; larger tables are not kept."""
 PREPARED_BYTES = 16 * 2**20
-"""Memory for factors of known statuses where there are no regions: a query that starts from them factors nothing."""
+"""Memory for factors of training statuses without regions: a query that starts from them factors nothing."""
 
 
 @dataclass(frozen=True, eq=False)
 class ConstantElimination(Rebuilt, Elimination):
-    """Eliminates once for all where the stiffness is constant.
+    """Elimination of constant stiffness, done once.
 
     Attributes:
-        responses: what the primal unknown leaves behind.
+        responses: of the eliminated unknown.
         amplitudes: θ as a function of the parameters.
-        factorise: what factors a dense block; a file does not keep it.
+        factorise: factors a dense block; files do not keep it.
     """
 
     responses: Responses
@@ -49,7 +49,7 @@ class ConstantElimination(Rebuilt, Elimination):
     shares_factors = True
 
     def __post_init__(self) -> None:
-        """One array for slack and unknown, so that one product makes both; ``responses`` look into it."""
+        """Put slack and unknown into one array, so that one product computes both; ``responses`` has views of it."""
         given = self.responses
         response = np.asfortranarray(np.vstack([given.free_slack, given.free_primal]))
         free_slack, free_primal = np.split(response, [len(given.schur)])
@@ -58,11 +58,11 @@ class ConstantElimination(Rebuilt, Elimination):
         object.__setattr__(self, "responses", Responses(free_primal, per_force, free_slack, given.schur))
 
     response: np.ndarray = field(init=False, repr=False)
-    """Free slack and, behind it, free primal unknown, (m + n, 1 + T)."""
+    """Free slack followed by the free primal unknown, (m + n, 1 + T)."""
 
     @classmethod
     def from_file(cls, **parts: Any) -> ConstantElimination:
-        """What a file keeps; LAPACK factors, so that answers are the same on all machines."""
+        """Rebuild from a file, with LAPACK's factors, so that answers are the same on all machines."""
         return cls(**parts, factorise=LapackLU)
 
     @cached_property
@@ -71,30 +71,30 @@ class ConstantElimination(Rebuilt, Elimination):
         return SchurEqualities.of(self.responses.schur, self.factorise)
 
     def __call__(self, point: np.ndarray) -> CondensedContact:
-        """What is left at a point, (P,)."""
+        """Contact problem at a point, (P,)."""
         schur = self.responses.schur
         response = self.response @ self.amplitudes(point)
         slack = response[: len(schur)]
         free = response[len(schur) :]
         return CondensedContact(
-            schur, slack, free, self._pushed, partial(self._changes, point), factored=self.equalities
+            schur, slack, free, self._compliance_times, partial(self._changes, point), factored=self
         )
 
-    def _pushed(self, forces: np.ndarray) -> np.ndarray:
+    def _compliance_times(self, forces: np.ndarray) -> np.ndarray:
         return self.responses.primal_per_force @ forces
 
     def _changes(self, point: np.ndarray, *_: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of slack and unknown, which loads and gaps alone have."""
+        """Derivatives of slack and unknown, from loads and gaps alone."""
         acting, slopes = self.amplitudes.slopes_at(point)
         changes = self.response[:, acting] @ slopes
         return changes[: len(self.responses.schur)], changes[len(self.responses.schur) :]
 
     def table_of(self, known: KnownStatuses) -> CriticalRegions | None:
-        """The critical regions of known statuses; else factors of these are made ready."""
+        """Critical regions of the training statuses; if there are none, factor these statuses in advance."""
         return CriticalRegions.of(self, known)
 
     def answers(self, model: Any, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
-        """Those with the same statuses share factors."""
+        """Answers to many points; equal statuses share factors."""
         from hhr_dolfinx.models.many import answers_by_statuses
 
         how: dict[str, Any] = {"raise_on_failure": raise_on_failure, "outside": "ignore"}
@@ -102,11 +102,11 @@ class ConstantElimination(Rebuilt, Elimination):
 
 
 class CriticalRegions:
-    """For each known status the affine map mu -> (forces, slacks, unknown); None of a singular set.
+    """Affine map mu -> (forces, slacks, unknown) of each training status; None for a singular set.
 
     Args:
-        known: statuses of solved parameters.
-        maps: of each of them, values at mu = 0 and slopes.
+        known: statuses of the training parameters.
+        maps: for each of them, values at mu = 0 and slopes.
     """
 
     def __init__(self, known: KnownStatuses, maps: list[Region]):
@@ -116,7 +116,7 @@ class CriticalRegions:
 
     @classmethod
     def of(cls, eliminated: ConstantElimination, known: KnownStatuses) -> CriticalRegions | None:
-        """Those of a constant stiffness; None where amplitudes are not affine, or tables would be too large."""
+        """Regions of a constant stiffness; None if amplitudes are not affine, or tables would be too large."""
         distinct, which = np.unique(known.active, axis=0, return_inverse=True)
         theta = eliminated.amplitudes
         response = eliminated.response
@@ -130,7 +130,7 @@ class CriticalRegions:
         return cls(known, [regions[k] for k in which.ravel()])
 
     def answer(self, point: np.ndarray, fields: Fields) -> Answer | None:
-        """The answer to a point, (P,); None where the nearest statuses are not its own."""
+        """Answer to a point, (P,); None if the nearest statuses do not hold there."""
         nearest = self._known.nearest(point)
         region = self._maps[nearest]
         if region is None:
@@ -146,11 +146,11 @@ class CriticalRegions:
 
 
 def _region(eliminated: ConstantElimination, active: np.ndarray, columns: np.ndarray) -> Region:
-    """The map of some statuses."""
+    """Affine map of some statuses."""
     m = len(active)
     try:
         found = [eliminated.equalities(active, column) for column in columns[:m].T]
-    except SingularError:  # the active set may find a way round
+    except SingularError:  # the active set may still find a solution
         return None
     forces, slack = (np.stack(item, axis=1) for item in zip(*found, strict=True))
     values = np.vstack([forces, slack, columns[m:] - eliminated.responses.primal_per_force @ forces])

@@ -1,12 +1,12 @@
-"""What is left of the primal unknown once it is eliminated: one contact problem at one point, and what makes it.
+"""Elimination of the primal unknown: the contact problem at one point without it.
 
 With K factored, the primal unknown of thesis (1.21) or (1.61) is
 
     primal(mu, lambda) = free_primal - primal_per_force lambda,
 
-and the contact conditions become slack = free_slack + S lambda with S = B K^-1 B^T, thesis (5.23). An elimination makes
-that :class:`CondensedContact` of a point: constant, by factors of K~(mu), interpolated, on another shape, or beside the
-rigid motions of bodies that contact alone holds. The active set, gradients and models see nothing else of a scene.
+and the contact conditions become slack = free_slack + S lambda with S = B K^-1 B^T, thesis (5.23). Eliminations return
+this :class:`CondensedContact` for a point. K may be constant, factored at each point, interpolated or of another shape;
+rigid motions of bodies held by contact alone stay unknowns. Active set, gradients and models need nothing else.
 """
 
 from __future__ import annotations
@@ -31,19 +31,27 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, eq=False)
 class Floating:
-    """Rigid motions of bodies that nothing but contact holds, beside what elimination leaves (r motions).
+    """Rigid motions of bodies that contact alone holds; they stay unknowns after elimination (r motions).
 
     Attributes:
-        equalities: on S with the motions.
+        equalities: equality problems on S with the motions.
         driving: loads along the motions, (r,).
         modes: the motions as primal unknowns, (n, r).
-        drift: maps forces and unknown to d(residual along the motions)/dμ while both stay, (r, P).
+        drift: maps forces and unknown to d(residual along the motions)/dμ at fixed forces and unknown, (r, P).
     """
 
     equalities: FloatingEqualities
     driving: np.ndarray
     modes: np.ndarray
     drift: Callable[[np.ndarray, np.ndarray], np.ndarray]
+
+
+class HasEqualities(Protocol):
+    """A value with equality problems on S."""
+
+    @property
+    def equalities(self) -> SchurEqualities:
+        """See above."""
 
 
 @dataclass(eq=False)  # one for each query: a frozen one takes a microsecond more to make
@@ -53,13 +61,13 @@ class CondensedContact:
     Attributes:
         schur: S, (m, m).
         free_slack: slack without contact forces, (m,).
-        free: the unknown without contact forces, (n,); none where fields are made when somebody asks.
-        pushed: maps forces, (m,) or (m, k), to what they take from the unknown, K^-1 B^T forces, (n,) or (n, k).
-        at_fixed_forces: maps forces and unknown to the derivatives along the parameters, while the forces stay, of the
-            slack, (m, P), and of the unknown, (n, P).
-        symmetric: whether S is.
-        floating: rigid motions that contact alone holds; None without any.
-        factored: equality problems on S that others share; None makes them when they are needed.
+        free: the unknown without contact forces, (n,); empty if fields are computed on request.
+        pushed: response of the unknown to contact forces, K^-1 B^T forces: (m,) or (m, k) to (n,) or (n, k).
+        at_fixed_forces: maps forces and unknown to derivatives along the parameters at fixed forces: of the slack,
+            (m, P), and of the unknown, (n, P).
+        symmetric: whether S is symmetric.
+        floating: rigid motions of bodies that contact alone holds; None without any.
+        factored: stiffness that shares its equality problems on S with other points; None creates them on demand.
     """
 
     schur: np.ndarray
@@ -69,7 +77,7 @@ class CondensedContact:
     at_fixed_forces: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
     symmetric: bool = False
     floating: Floating | None = None
-    factored: SchurEqualities | None = None
+    factored: HasEqualities | None = None
 
     def unknown(self, forces: np.ndarray) -> np.ndarray:
         """The primal unknown under contact forces, (n,)."""
@@ -79,21 +87,21 @@ class CondensedContact:
     def equalities(self) -> SchurEqualities:
         """Equality problems on S."""
         if self.factored is not None:
-            return self.factored
+            return self.factored.equalities
         if self.symmetric:
             return SchurEqualities.symmetric(self.schur)
         return SchurEqualities.of(self.schur, LapackLU)
 
 
 class AnswerTable(Protocol):
-    """Answers that were found beforehand."""
+    """Tabulated answers."""
 
     def answer(self, point: np.ndarray, fields: Fields) -> Answer | None:
-        """The answer to a point, (P,); None where the table has none."""
+        """Answer to a point, (P,); None if the table has none."""
 
 
 class Elimination(ABC):
-    """Makes the contact problem of any parameter; what can be shared between parameters is its own business.
+    """Elimination of the primal unknown at any parameter; subclasses share work between parameters.
 
     Attributes:
         shares_factors: whether points with the same statuses share all factors.
@@ -106,15 +114,15 @@ class Elimination(ABC):
         """Eliminate at a point, (P,).
 
         Raises:
-            NotSolvableError, ParameterError: where there is nothing to factor, or surfaces slide off what is known.
+            NotSolvableError, ParameterError: if nothing can be factored, or surfaces slide off the known ones.
         """
 
     def along_path(self) -> Callable[[np.ndarray], CondensedContact]:
-        """What eliminates at the points of one path, and may keep what neighbours share."""
+        """Elimination at the points of one path; it may keep what neighbours share."""
         return self.__call__
 
     def table_of(self, known: KnownStatuses) -> AnswerTable | None:
-        """Answers of known statuses as maps of the parameters; None where these are not affine."""
+        """Answers of training statuses as maps of the parameters; None if these are not affine."""
         return None
 
     def answers(self, model: Any, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
@@ -131,7 +139,7 @@ def answer_of(
     *,
     gradient: bool = False,
 ) -> Answer:
-    """Solve the contact problem that is left, from some statuses or, with None, those of the free slack."""
+    """Solve the condensed contact problem from given statuses, or with None from those of the free slack."""
     free_slack = contact.free_slack
     start = free_slack < 0 if start is None else start
     if contact.floating is not None:
@@ -142,7 +150,7 @@ def answer_of(
 
 
 def differentiated(contact: CondensedContact, answer: Answer) -> Answer:
-    """An answer with its derivatives on its statuses; as it is without an answer."""
+    """An answer with its derivatives at its statuses; unchanged if it has no solution."""
     if not answer.converged:
         return answer
     from hhr_dolfinx.models.gradient import gradient_of
@@ -164,7 +172,7 @@ def _floating_answer(
     fields: Fields,
     gradient: bool,
 ) -> Answer:
-    """The same where rigid motions are unknowns too."""
+    """Solve the condensed contact problem with rigid motions as unknowns."""
     from hhr_dolfinx.contact.floating import floating_set, open_motions
 
     equalities = floating.equalities
@@ -188,14 +196,14 @@ def _floating_answer(
 
     of_slack, of_unknown = contact.at_fixed_forces(found.forces, unknown)
     driven = floating.drift(found.forces, unknown)
-    changes, opened, moved = equalities.several(found.active, of_slack, driven)
-    of_unknown = of_unknown - contact.pushed(changes) + floating.modes @ moved
+    changes, opened, of_motions = equalities.several(found.active, of_slack, driven)
+    of_unknown = of_unknown - contact.pushed(changes) + floating.modes @ of_motions
     return answer._replace(gradient=Gradient(of_unknown, changes, grazing(found.active, found.forces, slack), opened))
 
 
 @dataclass(frozen=True)
 class Responses:
-    """All that is left of the primal unknown once it is eliminated (n unknowns, m conditions, 1 + T terms).
+    """Responses of the eliminated unknown (n unknowns, m conditions, 1 + T terms).
 
     Attributes:
         free_primal: primal unknown without contact forces, (n, 1 + T).

@@ -1,8 +1,8 @@
-"""Models of bodies that nothing but contact holds: the primal unknown is eliminated, rigid motions are not.
+"""Elimination for bodies with rigid motions: the primal unknown is eliminated, rigid motions are not.
 
-In a reduced model the first modes are rigid motions R, on which K~ has columns of zeros; the equations tested with
-them are the balance of whole bodies, see ``reduction.projection``. Gamma of the other modes is eliminated like
-everywhere, and G^T lambda = driving is left, see ``contact.floating``.
+In a reduced model the first modes are rigid motions R, on which K~ has columns of zeros. The equations tested with
+them are the balance of whole bodies, see ``reduction.projection``. The other modes are eliminated as usual. What
+remains is G^T lambda = driving, see ``contact.floating``.
 """
 
 from __future__ import annotations
@@ -27,11 +27,11 @@ Changed = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
 @dataclass(frozen=True, eq=False)
 class FloatingElimination(Rebuilt, Elimination):
-    """What elimination leaves at one stiffness (n unknowns, m conditions, r motions, 1 + T terms).
+    """Eliminated problem at one stiffness (n unknowns, m conditions, r motions, 1 + T terms).
 
     Attributes:
-        responses: of the unknown, which is pinned.
-        taken: what the motions take from the slack, (m, r).
+        responses: of the pinned unknown.
+        taken: change of the slack by the motions, B R, (m, r).
         driving: loads along the motions, (r, 1 + T).
         modes: the motions as unknowns, (n, r).
         amplitudes: θ as a function of the parameters.
@@ -45,16 +45,16 @@ class FloatingElimination(Rebuilt, Elimination):
 
     @cached_property
     def equalities(self) -> FloatingEqualities:
-        """On S with the motions."""
+        """Equality problems on S with the motions."""
         return FloatingEqualities(self.responses.schur, self.taken)
 
     def __call__(self, point: np.ndarray, changed: Changed | None = None) -> CondensedContact:
-        """What is left at a point, (P,).
+        """Contact problem at a point, (P,).
 
         Args:
-            point: where.
-            changed: maps the unknown to derivatives of slack, unknown and balance while forces and motions stay; None
-                where the stiffness is constant.
+            point: parameters.
+            changed: maps the unknown to derivatives of slack, unknown and balance at fixed forces and motions; None
+                for a constant stiffness.
         """
         theta = self.amplitudes(point)
         left = self.responses
@@ -62,9 +62,9 @@ class FloatingElimination(Rebuilt, Elimination):
         motions = Floating(self.equalities, self.driving @ theta, self.modes, lambda _, unknown: changes(unknown)[2])
         slack = left.free_slack @ theta
         free = left.free_primal @ theta
-        pushed = partial(np.matmul, left.primal_per_force)
+        respond = partial(np.matmul, left.primal_per_force)
         return CondensedContact(
-            left.schur, slack, free, pushed, lambda _, unknown: changes(unknown)[:2], floating=motions
+            left.schur, slack, free, respond, lambda _, unknown: changes(unknown)[:2], floating=motions
         )
 
     def _changes(self, point: np.ndarray, _: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -76,7 +76,7 @@ class FloatingElimination(Rebuilt, Elimination):
 
 @dataclass(frozen=True)
 class ReducedFloatingElimination(Elimination):
-    """Eliminates gamma of a reduced problem at any parameter; once for all where its stiffness is constant.
+    """Eliminates gamma of a reduced problem at any parameter; once if its stiffness is constant.
 
     Attributes:
         problem: the projected problem, with its motions.
@@ -99,20 +99,22 @@ class ReducedFloatingElimination(Elimination):
         return self._eliminated(self.problem)[1]
 
     def _eliminated(self, problem: ReducedProblem) -> tuple[LapackLU, FloatingElimination]:
-        """Factors of K~ without the motions, and what elimination leaves, of a problem of constant stiffness."""
+        """Factors of K~ without the motions, and the eliminated problem, for a problem of constant stiffness."""
         r = problem.motions
         held = problem.held
         factor = LapackLU(held.stiffness)
         found = Responses.eliminate(factor, held.loads, held.gaps, held.contact_test, held.contact_trial)
-        taken = np.ascontiguousarray(problem.contact_trial[:, :r])
+        contact_of_motions = np.ascontiguousarray(problem.contact_trial[:, :r])
         free, per_force = (_after(r, part) for part in (found.free_primal, found.primal_per_force))
         responses = replace(found, free_primal=free, primal_per_force=per_force)
-        return factor, FloatingElimination(responses, taken, problem.loads[:r], np.eye(len(free), r), self.amplitudes)
+        return factor, FloatingElimination(
+            responses, contact_of_motions, problem.loads[:r], np.eye(len(free), r), self.amplitudes
+        )
 
     def _changed(
         self, factor: LapackLU, point: np.ndarray, weights: np.ndarray, unknown: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """K~ gamma' = f' - K~' gamma, and what goes with it."""
+        """Derivatives from K~ gamma' = f' - K~' gamma, with those of slack and balance."""
         right, slack = self.problem.changes(self.amplitudes, point, weights, unknown)
         r = self.problem.motions
         held = factor.solve(right[r:])
@@ -120,5 +122,5 @@ class ReducedFloatingElimination(Elimination):
 
 
 def _after(count: int, rows: np.ndarray) -> np.ndarray:
-    """Rows behind as many rows of zeros."""
+    """Rows below ``count`` rows of zeros."""
     return np.concatenate([np.zeros((count, *rows.shape[1:])), rows])

@@ -1,7 +1,7 @@
-"""Condensation on the contact, interpolated: S(mu) and the free slack of a scene whose stiffness depends on parameters.
+"""Interpolated condensation: S(mu) and the free slack of a scene whose stiffness depends on parameters.
 
-Bodies touch only through contact, so that S = sum of S_c over connected components c, each smooth in the parameters
-of its own. Where all of a part has one factor E(mu), S_c = S_c(E = 1) / E, which is exact; what is left is
+Bodies interact through contact alone, so that S = sum of S_c over connected components c, each smooth in the parameters
+of that component. If a whole part has one factor E(mu), S_c = S_c(E = 1) / E exactly. The remaining dependence is
 interpolated.
 """
 
@@ -21,7 +21,7 @@ from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.answer import Answer, ElasticFields, SeveralAnswers, unanswered
-from hhr_dolfinx.models.bounds.error_bound import Bound
+from hhr_dolfinx.models.bounds.bound import Bound
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination
 from hhr_dolfinx.models.eliminations.interpolation import Interpolant
@@ -37,19 +37,19 @@ if TYPE_CHECKING:
 
 
 TOGETHER_BYTES = 4e6
-"""Memory of matrices S that are made at once."""
+"""Memory of matrices S that are computed at once."""
 MOSTLY = 0.5
-"""Share of points that bring another stiffness from which on S is made for many of them at once."""
+"""Share of points with a new stiffness from which on S is computed for many of them at once."""
 
 
 @dataclass(frozen=True)
 class PrimalModes:
-    """What the unknown of one part is made of, along the modes of its compliance.
+    """Modes of the displacement of one part, along the modes of its compliance.
 
     Attributes:
-        unknowns: places of its unknowns, (n_c,).
+        unknowns: indices of its unknowns, (n_c,).
         pushed: modes of K^-1 B^T, (r, n_c, m_c).
-        columns: modes of K^-1 F of the terms forced and, behind them, of K^-1 K lift, (T_F + T_L, n_c, r).
+        columns: modes of K^-1 F of the terms forced, then of K^-1 K lift, (T_F + T_L, n_c, r).
     """
 
     unknowns: Annotated[Integers, "unknowns"]
@@ -59,16 +59,16 @@ class PrimalModes:
 
 @dataclass(frozen=True)
 class Compliance:
-    """What is left of one connected component of a scene once it is eliminated.
+    """Interpolated compliance of one connected component of a scene.
 
     Attributes:
         conditions: contact conditions that act on it, (m_c,), increasing.
         forced: terms of θ whose loads act on it, (T_F,).
-        lifted: terms whose imposed displacements do, (T_L,).
-        factor: the modulus that all of it has in common; None for none, or one that is constant.
+        lifted: terms whose imposed displacements act on it, (T_L,).
+        factor: modulus common to all of it; None without one, or for a constant one.
         interpolant: of S_c for the factor 1, (m_c^2, r) modes.
-        columns: modes of B K^-1 F of the terms forced and, behind them, of B K^-1 K lift, (T_F + T_L, m_c, r).
-        primal: what its unknown is made of; None where fields are made in another way.
+        columns: modes of B K^-1 F of the terms forced, then of B K^-1 K lift, (T_F + T_L, m_c, r).
+        primal: modes of its unknown; None if fields are computed in another way.
     """
 
     conditions: Annotated[Integers, "conditions"]
@@ -81,14 +81,14 @@ class Compliance:
 
     @cached_property
     def where(self) -> slice | np.ndarray:
-        """Its conditions, as a slice if they are neighbours: adding there is several times as fast."""
+        """Its conditions, as a slice if they are contiguous: adding there is several times as fast."""
         first = self.conditions[0]
         last = self.conditions[-1]
         return slice(first, last + 1) if last - first + 1 == self.conditions.size else self.conditions
 
     @cached_property
     def block(self) -> tuple:
-        """Place of S_c in S."""
+        """Index of S_c in S."""
         return (self.where, self.where) if isinstance(self.where, slice) else np.ix_(self.conditions, self.conditions)
 
     @cached_property
@@ -109,17 +109,17 @@ class Compliance:
         m = self.conditions.size
         return (along @ self.interpolant.modes.T).reshape(*along.shape[:-1], m, m)
 
-    def moved(self, columns: np.ndarray, along: np.ndarray, theta: np.ndarray, compliance: float) -> np.ndarray:
-        """Columns of F less those of K lift: forces move by the compliance 1/E, lifts by 1 whatever it is."""
+    def load_response(self, columns: np.ndarray, along: np.ndarray, theta: np.ndarray, compliance: float) -> np.ndarray:
+        """Columns of F minus those of K lift. Load terms scale with 1/E; terms of imposed displacements do not."""
         weights = theta[self.terms]
         weights[: self.forced.size] *= compliance
         weights[self.forced.size :] *= -1.0
-        # a partial pressure has hundreds of columns, of which three act
+        # a partial pressure has hundreds of columns, of which three are non-zero
         used = weights.nonzero()[0]
         return weights[used] @ (columns[used] @ along) if used.size else np.zeros(columns.shape[1])
 
-    def many_moved(self, along: np.ndarray, theta: np.ndarray, compliances: np.ndarray) -> np.ndarray:
-        """The same of its own columns at many points, of (n, r), (n, 1 + T) and (n,): (n, m_c)."""
+    def load_responses(self, along: np.ndarray, theta: np.ndarray, compliances: np.ndarray) -> np.ndarray:
+        """The same of its columns at many points, from (n, r), (n, 1 + T) and (n,): (n, m_c)."""
         weights = theta[:, self.terms]
         weights[:, : self.forced.size] *= compliances[:, None]
         weights[:, self.forced.size :] *= -1.0
@@ -129,35 +129,35 @@ class Compliance:
             found[rows] += weights[rows, term, None] * (along[rows] @ self.columns[term].T)
         return found
 
-    def moved_slopes(
+    def load_response_slopes(
         self, columns: np.ndarray, ways: np.ndarray, theta: np.ndarray, changes: np.ndarray, factor: Factored
     ) -> np.ndarray:
-        """Derivatives of what :meth:`moved` returns along the parameters, (rows, P).
+        """Derivatives of what :meth:`load_response` returns along the parameters, (rows, P).
 
         ``ways`` holds components along the modes and their derivatives along the axes, (r, 1 + d); ``changes`` the
         derivatives of θ.
         """
-        # terms that act or change, of which there may be hundreds that do neither
+        # terms that act or change; hundreds of others may do neither
         used = np.flatnonzero(theta[self.terms].astype(bool) | changes[self.terms].any(axis=1))
-        moved = np.moveaxis(columns[used] @ ways, 0, 2)
+        values = np.moveaxis(columns[used] @ ways, 0, 2)
         terms = self.terms[used]
         forced = used < self.forced.size
         scales = np.where(forced, factor.compliance, -1.0)
-        found = np.outer(moved[:, 0] @ (theta[terms] * forced), factor.slopes)
-        found += moved[:, 0] @ (scales[:, None] * changes[terms])
-        found[:, self.interpolant.axes] += moved[:, 1:] @ (scales * theta[terms])
+        found = np.outer(values[:, 0] @ (theta[terms] * forced), factor.slopes)
+        found += values[:, 0] @ (scales[:, None] * changes[terms])
+        found[:, self.interpolant.axes] += values[:, 1:] @ (scales * theta[terms])
         return found
 
-    def pushed_slopes(self, pushed: np.ndarray, ways: np.ndarray, factor: Factored) -> np.ndarray:
-        """Derivatives of compliance times what forces push along the modes, (rows, r): (rows, P)."""
-        along = pushed @ ways
+    def force_response_slopes(self, modes: np.ndarray, ways: np.ndarray, factor: Factored) -> np.ndarray:
+        """Derivatives of the compliance times responses to forces along the modes, (rows, r): (rows, P)."""
+        along = modes @ ways
         found = np.outer(along[:, 0], factor.slopes)
         found[:, self.interpolant.axes] += factor.compliance * along[:, 1:]
         return found
 
 
 def _check_places(part: Compliance, number: int, conditions: int, terms: int, parameters: int, unknowns: int) -> None:
-    """Raise ValueError for a part that names places which are not there, or whose arrays have other sizes."""
+    """Raise ValueError for a part with indices out of range, or with arrays of other sizes."""
     named = {
         "conditions": (part.conditions, conditions), "forced": (part.forced, terms), "lifted": (part.lifted, terms),
         "axes": (part.interpolant.axes, parameters),
@@ -192,7 +192,7 @@ class Factored(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class InterpolatedStiffness:
-    """S at a point, (m, m), and what it is made of: each part with components along its modes, and its compliance."""
+    """S at a point, (m, m), with the components of each part along its modes and its compliance."""
 
     schur: np.ndarray
     parts: list[tuple[Compliance, np.ndarray, float]]
@@ -206,7 +206,7 @@ class InterpolatedStiffness:
 
 @dataclass(frozen=True, eq=False)
 class ManyContacts:
-    """What is left at many points (n points, m conditions).
+    """Condensed contact problems at many points (n points, m conditions).
 
     Attributes:
         owner: all parts.
@@ -227,27 +227,27 @@ class ManyContacts:
     free_slack: np.ndarray
 
     def stiffness(self, k: int) -> InterpolatedStiffness:
-        """S at one of them."""
+        """S at one of the points."""
         along, compliances = ([values[k] for values in part] for part in (self.along, self.compliances))
         parts = list(zip(self.owner.parts, along, compliances, strict=True))
         return InterpolatedStiffness(self.schur[k], parts, self.owner.symmetric)
 
     def __getitem__(self, k: int) -> CondensedContact:
-        """What is left at one of them, of parts that say nothing of unknowns."""
+        """Contact problem at one of the points, for parts without modes of the unknown."""
         return self.owner.contact(self.points[k], self.theta[k], self.stiffness(k), self.free_slack[k], np.zeros(0))
 
 
 @dataclass(frozen=True)
 class Compliances(Elimination):
-    """Eliminates between parameters: all parts of a scene, interpolated.
+    """Interpolated elimination: all parts of a scene.
 
     Attributes:
         parts: of the scene.
         amplitudes: θ as a function of the parameters.
         gaps: D as terms of θ, (m, 1 + T).
-        reshaped: D where it changes with the shape of the bodies, (m (1 + T), r) modes; None where it does not.
-        unknowns: number of unknowns, if the parts say what they are made of; 0 otherwise.
-        symmetric: whether S is.
+        reshaped: D if it changes with the shape of the bodies, (m (1 + T), r) modes; else None.
+        unknowns: number of unknowns if the parts have modes of them; otherwise 0.
+        symmetric: whether S is symmetric.
     """
 
     parts: tuple[Compliance, ...]
@@ -258,34 +258,33 @@ class Compliances(Elimination):
     symmetric: bool = True
 
     def __post_init__(self) -> None:
-        """Refuse parts that are not of these gaps, amplitudes and parameters; a file may say anything."""
+        """Refuse parts that do not fit these gaps, amplitudes and parameters; files may be wrong."""
         sizes = (*self.gaps.shape, self.amplitudes.slopes.shape[1], self.unknowns)
         for number, part in enumerate(self.parts):
             _check_places(part, number, *sizes)
 
     def __call__(self, point: np.ndarray, stiffness: InterpolatedStiffness | None = None) -> CondensedContact:
-        """What is left at a point, (P,), of which the stiffness may be known."""
+        """Contact problem at a point, (P,); ``stiffness`` is S there if it is known."""
         theta = self.theta(point)  # first, since it refuses moduli that are impossible
         found = self.stiffness(point) if stiffness is None else stiffness
         slack = self.gaps_at(point) @ theta
         free = np.zeros(self.unknowns)
         for part, along, compliance in found.parts:
-            slack[part.where] -= part.moved(part.columns, along, theta, compliance)
+            slack[part.where] -= part.load_response(part.columns, along, theta, compliance)
             if part.primal is not None:
-                free[part.primal.unknowns] = part.moved(part.primal.columns, along, theta, compliance)
+                free[part.primal.unknowns] = part.load_response(part.primal.columns, along, theta, compliance)
         return self.contact(point, theta, found, slack, free)
 
     def contact(
         self, point: np.ndarray, theta: np.ndarray, found: InterpolatedStiffness, slack: np.ndarray, free: np.ndarray
     ) -> CondensedContact:
-        """What is left at a point, (P,), of known θ, S, free slack, (m,), and free unknown."""
-        pushed = partial(self._pushed, found)
+        """Contact problem at a point, (P,), from θ, S, free slack, (m,), and free unknown there."""
+        respond = partial(self._compliance_times, found)
         changes = partial(self._changes, point, theta, found)
-        shared = found.equalities
-        return CondensedContact(found.schur, slack, free, pushed, changes, self.symmetric, factored=shared)
+        return CondensedContact(found.schur, slack, free, respond, changes, self.symmetric, factored=found)
 
     def many(self, points: np.ndarray) -> ManyContacts:
-        """What is left at many points, (n, P), by products of matrices; see :attr:`together` for how many."""
+        """Contact problems at many points, (n, P), by products of matrices; :attr:`together` limits their number."""
         theta = dense(self.amplitudes.of_many(points))
         slack = self.many_driven(points, theta)
         schur = np.zeros((len(points), *[len(self.gaps)] * 2))
@@ -293,11 +292,11 @@ class Compliances(Elimination):
         compliances = [part.compliances(points) for part in self.parts]
         for part, ways, sizes in zip(self.parts, along, compliances, strict=True):
             schur[(slice(None), *part.block)] += part.schur(sizes[:, None] * ways)
-            slack[:, part.where] -= part.many_moved(ways, theta, sizes)
+            slack[:, part.where] -= part.load_responses(ways, theta, sizes)
         return ManyContacts(self, points, theta, along, compliances, schur, slack)
 
     def many_driven(self, points: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """D θ at many points, of θ, (n, 1 + T): (n, m)."""
+        """D θ at many points from θ, (n, 1 + T): (n, m)."""
         if self.reshaped is None:
             return theta @ self.gaps.T
         gaps = self.reshaped.many_along_modes(points) @ self.reshaped.modes.T
@@ -305,7 +304,7 @@ class Compliances(Elimination):
 
     @property
     def together(self) -> int:
-        """Points whose S are made at once, so that they stay small."""
+        """Number of points whose S are computed at once, limited by memory."""
         return max(1, int(TOGETHER_BYTES / (8 * self.gaps.shape[0] ** 2)))
 
     def theta(self, point: np.ndarray) -> np.ndarray:
@@ -313,7 +312,7 @@ class Compliances(Elimination):
         return _dense(self.amplitudes, point, self.gaps.shape[1])
 
     def stiffness(self, point: np.ndarray) -> InterpolatedStiffness:
-        """S and what it is made of at a point, (P,)."""
+        """S and its parts at a point, (P,)."""
         schur = np.zeros((len(self.gaps), len(self.gaps)))
         found = []
         for part in self.parts:
@@ -323,14 +322,14 @@ class Compliances(Elimination):
             found.append((part, along, compliance))
         return InterpolatedStiffness(schur, found, self.symmetric)
 
-    def _pushed(self, stiffness: InterpolatedStiffness, forces: np.ndarray) -> np.ndarray:
+    def _compliance_times(self, stiffness: InterpolatedStiffness, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T times forces, (m,) or (m, k)."""
         found = np.zeros((self.unknowns, *forces.shape[1:]))
         for part, along, compliance in stiffness.parts:
             if part.primal is not None and forces.ndim == 1:
                 found[part.primal.unknowns] = compliance * (along @ (part.primal.pushed @ forces[part.where]))
             elif part.primal is not None:
-                # the modes are read once, not once for each column
+                # one pass over the modes, not one for each column
                 per_force = np.tensordot(along, part.primal.pushed, 1)
                 found[part.primal.unknowns] = compliance * (per_force @ forces[part.where])
         return found
@@ -358,29 +357,29 @@ class Compliances(Elimination):
             own = forces[part.where]
             ways = np.column_stack([along, part.interpolant.slopes_along_modes(point)])
             # S_c forces of every mode, so that no derivative forms S_c
-            pushed = (part.interpolant.modes.T.reshape(-1, own.size, own.size) @ own).T
-            slack[part.where] += part.pushed_slopes(pushed, ways, factor)
-            slack[part.where] -= part.moved_slopes(part.columns, ways, theta, changes, factor)
+            schur_forces = (part.interpolant.modes.T.reshape(-1, own.size, own.size) @ own).T
+            slack[part.where] += part.force_response_slopes(schur_forces, ways, factor)
+            slack[part.where] -= part.load_response_slopes(part.columns, ways, theta, changes, factor)
             if part.primal is not None:
-                free = part.moved_slopes(part.primal.columns, ways, theta, changes, factor)
-                taken = part.pushed_slopes((part.primal.pushed @ own).T, ways, factor)
-                found[part.primal.unknowns] = free - taken
+                free = part.load_response_slopes(part.primal.columns, ways, theta, changes, factor)
+                forced = part.force_response_slopes((part.primal.pushed @ own).T, ways, factor)
+                found[part.primal.unknowns] = free - forced
         return slack, found
 
     @cached_property
     def stiffness_axes(self) -> np.ndarray:
-        """Places of the parameters on which S depends."""
+        """Indices of the parameters that S depends on."""
         factors = [part.factor for part in self.parts if part.factor is not None]
         places = [factor.names.index(name) for factor in factors for name in factor.formula.variables]
         places += [axis for part in self.parts for axis in part.interpolant.axes.tolist()]
         return np.unique(np.array(places, dtype=np.int64))
 
     def same_stiffness(self, one: np.ndarray, other: np.ndarray) -> bool:
-        """Whether two points, (P,), have the same S."""
+        """True if two points, (P,), have the same S."""
         return bool((one[self.stiffness_axes] == other[self.stiffness_axes]).all())
 
     def along_path(self) -> Callable[[np.ndarray], CondensedContact]:
-        """Neighbours that share their stiffness share S."""
+        """Elimination along a path: neighbours of equal stiffness share S."""
         shared: list[tuple[np.ndarray, InterpolatedStiffness]] = []
 
         def made(point: np.ndarray) -> CondensedContact:
@@ -391,7 +390,7 @@ class Compliances(Elimination):
         return made
 
     def answers(self, model: Any, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
-        """Neighbours that share their stiffness share S and its factors; else S of many points is made at once."""
+        """Answers; neighbours of equal stiffness share S and factors, else S of many points is computed at once."""
         from hhr_dolfinx.models.many import ManyAnswers
 
         answers: list[Answer] = []
@@ -405,7 +404,7 @@ class Compliances(Elimination):
         for block in np.array_split(points, -(-len(points) // self.together)):
             try:
                 contacts = self.many(block)
-            except (NotSolvableError, ParameterError):  # at one of them: at which, and why, is told one by one
+            except (NotSolvableError, ParameterError):  # at one of them: one by one, errors name the point
                 answers += [self._answer(model, point, self, raise_on_failure) for point in block]
                 continue
             answers += [model.from_contact(contacts[k], block[k], raise_on_failure) for k in range(len(block))]
@@ -414,7 +413,7 @@ class Compliances(Elimination):
     def _answer(
         self, model: Any, point: np.ndarray, made: Callable[[np.ndarray], CondensedContact], raise_on_failure: bool
     ) -> Answer:
-        """The answer to one point; none where nothing can be made of it, unless that is to be raised."""
+        """Answer to one point; NaN if it has no contact problem, unless ``raise_on_failure``."""
         try:
             contact = made(point)
         except (NotSolvableError, ParameterError):
@@ -429,30 +428,30 @@ class Compliances(Elimination):
 
 
 class FieldBound(Bound, Protocol):
-    """A bound that knows the reduced problem whose solution a field is."""
+    """Bound for fields that solve a reduced problem, which it has."""
 
     def slack_of(self, unknown: np.ndarray, points: np.ndarray, theta: np.ndarray) -> np.ndarray:
-        """Slack of fields of unknowns, (n, ell), at points, (n, P), of θ, (n, 1 + T): (n, m)."""
+        """Slack of fields from unknowns, (n, ell), at points, (n, P), and θ, (n, 1 + T): (n, m)."""
 
 
 @dataclass(frozen=True)
 class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
-    """What completes answers of interpolated condensation, see :class:`hhr_dolfinx.models.answer.Fields`.
+    """Fields of interpolated condensation, see :class:`hhr_dolfinx.models.answer.Fields`.
 
-    Under known contact forces the displacement is a linear problem, solved by Galerkin's method on a basis: the best
-    one there is in energy.
+    Under given contact forces the displacement solves a linear problem. Galerkin's method on a basis gives the best
+    approximation in energy.
 
     Attributes:
         amplitudes: θ as a function of the parameters.
         basis: V, (N, ell).
         lifts: imposed displacements, sparse, (N, 1 + T).
-        galerkin: eliminates the unknown of the basis at a point, (P,), and finds it under known forces; None where no
-            field can be asked for.
+        galerkin: eliminates the unknown of the basis at a point, (P,), and computes it under given forces; None if
+            the model has no fields.
         dimension: components of the displacement at a node.
-        stress_of: stress of a displacement at a parameter; None where there is no mesh.
-        functionals: outputs of the scene; None where it has none.
-        bound: bounds the error of an answer; None where its hypotheses fail.
-        unbounded: why there is none.
+        stress_of: stress of a displacement at a parameter; None without a mesh.
+        functionals: outputs of the scene; None if it has none.
+        bound: bounds the error of an answer; None if its hypotheses fail.
+        unbounded: reason why there is no bound.
         full: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
     """
 
@@ -468,13 +467,13 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
     full: Any = field(default=None, metadata=OF_THE_MESH)
 
     def estimate(self, answer: Answer) -> Estimate | None:
-        """The bound; None without one, or without an answer."""
+        """The bound; None without one, or without a solution."""
         if self.bound is None or not answer.converged:
             return None
         return self._estimated(self.bound, answer.parameter[None], answer.multipliers[None])[0]
 
     def estimates(self, many: Any) -> Estimates | None:
-        """The bounds of many answers, so many at once as have room."""
+        """Bounds of many answers, as many at once as memory allows."""
         bound = self.bound
         if bound is None:
             return None
@@ -485,7 +484,7 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
         return Estimates.by_blocks(bound.kind, many.converged, bound.together, bounded)
 
     def _estimated(self, bound: FieldBound, points: np.ndarray, forces: np.ndarray) -> Estimates:
-        """The bounds of answers at points, (n, P), of forces, (n, m)."""
+        """Bounds of answers at points, (n, P), from forces, (n, m)."""
         forces = np.maximum(forces, 0.0)
         gamma = self._solver.many_under(points, forces)
         theta = dense(self.amplitudes.of_many(points))
@@ -498,7 +497,7 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
         return self.basis @ self._coordinates(answer) + self.lifts @ self.amplitudes(answer.parameter)
 
     def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in the middle of each cell, Kelvin's notation.
+        """Stress at the midpoint of each cell, Kelvin's notation.
 
         Raises:
             NotOfferedError: by a model without a mesh.
@@ -514,7 +513,7 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
         return dense(rows @ self.lifts)
 
     def _coordinates(self, answer: Answer) -> np.ndarray:
-        """The displacement in the basis under the forces of an answer, gamma, (ell,).
+        """Coordinates in the basis, gamma, (ell,), of the displacement under the forces of an answer.
 
         Raises:
             NotOfferedError: for a model without fields.

@@ -1,9 +1,9 @@
-"""Smooth functions of a few parameters, interpolated by polynomials on sparse grids that grow where they are needed.
+"""Interpolation of smooth functions of a few parameters by polynomials on adaptive sparse grids.
 
-Each polynomial is known by its levels, one number per axis, and adds one node, so that a function of d parameters costs
-no more evaluations than it has terms. Nodes along an axis are Leja points, nested and nearly as good as Chebyshev's.
-Which term comes next is decided by its surplus, the error of the interpolation so far at its node (T. Gerstner and M.
-Griebel, Computing 71, 2003; A. Chkifa, A. Cohen and C. Schwab, Found. Comput. Math. 14, 2014).
+Each polynomial has a level per axis and adds one node, so that a function of d parameters costs as many evaluations
+as it has terms. Nodes along an axis are Leja points, which are nested and nearly as good as Chebyshev's. The next term
+is chosen by its surplus, the error of the interpolation so far at its node (T. Gerstner and M. Griebel, Computing 71,
+2003; A. Chkifa, A. Cohen and C. Schwab, Found. Comput. Math. 14, 2014).
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import SceneError
 
 MOST_LEVELS = 40
-"""Longest sequence of nodes along one axis."""
+"""Most nodes along one axis."""
 FIRST_LEVELS = 2
-"""Levels along each axis that are always there: a surplus may vanish by chance, two of them hardly do."""
+"""Levels along each axis that are always included: one surplus may vanish by chance, two hardly do."""
 
 PROBES = 2
 NEAR = 10.0
-"""Places at which an interpolation is held against its function in the end, and how many tolerances it may be off."""
+"""Places of the final check of an interpolation against its function, and the error allowed there in tolerances."""
 FAR = 30.0
-"""How many tolerances it may be off at the worst of thousands of places: two of no pattern see no corner of a box."""
+"""Error allowed in tolerances at the worst of thousands of places; two random places miss the corners of a box."""
 
 
 @cache
@@ -48,7 +48,7 @@ class Interpolant:
     """A vector-valued polynomial, sum of ``modes @ weights[:, k] h_k``.
 
     Attributes:
-        axes: places of its d parameters in a point, (d,).
+        axes: indices of its d parameters in a point, (d,).
         lower, upper: their box, (d,).
         levels: of each polynomial along each axis, (n, d).
         modes: directions of the values, (M, r); products are fastest in Fortran order.
@@ -73,11 +73,11 @@ class Interpolant:
 
     @cached_property
     def _bases(self) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes and denominators of the polynomials along an axis, as far as they are needed, (L,) each."""
+        """Nodes and denominators of the polynomials along an axis, up to the largest level, (L,) each."""
         return _bases_up_to(int(self.levels.max(initial=0)))
 
     def value(self, point: np.ndarray) -> np.ndarray:
-        """At a point of the whole box, (M,)."""
+        """Value at a point of the whole box, (M,)."""
         return self.modes @ self.along_modes(point)
 
     def along_modes(self, point: np.ndarray) -> np.ndarray:
@@ -85,17 +85,17 @@ class Interpolant:
         return self.weights @ self.polynomials(point)
 
     def many_along_modes(self, points: np.ndarray) -> np.ndarray:
-        """The same at many points, (n, P): (n, r)."""
+        """Components along the modes at many points, (n, P): (n, r)."""
         scaled = 2 * (points[:, self.axes] - self.lower) / (self.upper - self.lower) - 1
         return polynomials_of(self.levels, scaled) @ self.weights.T
 
     def slopes_along_modes(self, point: np.ndarray) -> np.ndarray:
-        """Their derivatives along its own axes, (r, d)."""
+        """Derivatives of these components along its axes, (r, d)."""
         columns = [self.weights @ self._derived(point, axis) for axis in range(self.axes.size)]
         return np.stack(columns, axis=1) if columns else np.zeros((len(self.weights), 0))
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
-        """Derivatives along its own axes, (M, d)."""
+        """Derivatives along its axes, (M, d)."""
         return self.modes @ self.slopes_along_modes(point)
 
     @property
@@ -157,13 +157,13 @@ def nodes_of(levels: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class GrownGrid:
-    """How a sparse grid grew.
+    """Result of the growth of a sparse grid.
 
     Attributes:
-        interpolant: what it interpolates.
-        surplus: largest surplus of the terms that were tried last, or error elsewhere, relative to the values.
-        evaluations: how often the function was evaluated.
-        unresolved: largest error of what is cheap to know everywhere and depends on parameters as the function does.
+        interpolant: the interpolation.
+        surplus: largest surplus of the terms tried last, or error elsewhere, relative to the values.
+        evaluations: number of evaluations of the function.
+        unresolved: largest error of a cheap function that depends on the parameters as this one does.
     """
 
     interpolant: Interpolant
@@ -188,18 +188,18 @@ def grow(
     least: int = 0,
     everywhere: Callable[[np.ndarray], float] | None = None,
 ) -> GrownGrid:
-    """Interpolate a function, one term after another, until the surplus of what would come next is small.
+    """Interpolate a function, term by term, until the surplus of the next terms is small.
 
     Args:
         function: maps parameters, (d,), to values, (M,).
         scale: size of a surplus, (M,), relative to that of the values.
         box: axes, lower and upper ends, (d,) each.
-        tolerance: wished surplus.
+        tolerance: target surplus.
         budget: most evaluations.
-        compressed: keep only the directions of the values that the tolerance asks for, not all of them.
-        least: terms that there are, whatever the surplus.
-        everywhere: maps levels of polynomials, (n, d), to the largest error that they leave of what is cheap to know
-            at thousands of points: a few places tell nothing of spikes between them. None where nothing is known.
+        compressed: keep only the directions of the values that the tolerance needs, not all of them.
+        least: number of terms to include in any case.
+        everywhere: maps levels of polynomials, (n, d), to the largest error that they leave in a cheap function at
+            thousands of points: a few places do not detect spikes between them. None if there is no such function.
     """
     axes, lower, upper = box
     growing = _Growing(function, scale, box)
@@ -215,14 +215,14 @@ def grow(
             if missed <= NEAR * tolerance:
                 missed = last = 0.0
                 break
-            # nothing that is known says where: one more level everywhere
+            # no surplus shows where the error is: one more level along every axis
             growing.waiting = dict.fromkeys(growing.waiting, missed)
         last = growing.follow(chosen, budget)
-    values = growing.taken()
+    values = growing.surplus_columns()
     order = growing.order
     modes, weights = _compressed(values, tolerance * 0.1) if compressed else (values, np.eye(len(order)))
     grown = Interpolant(axes, lower, upper, growing.levels, modes, weights)
-    # where the budget ends it, what would come behind the last term is not known but by its own size
+    # if the budget ends the growth, the next terms are unknown; the surplus of the last one stands for them
     left = max(*growing.ended, *growing.waiting.values(), missed, last) if axes.size else 0.0
     return GrownGrid(grown, left, len(order) + len(growing.probes), unresolved())
 
@@ -233,9 +233,9 @@ class _Growing:
     Attributes:
         order: levels of the terms.
         surpluses: of each.
-        waiting: sizes of the surpluses of terms behind which none was tried yet.
-        ended: those where no longer axis could follow.
-        probes: places of no pattern, and the function there.
+        waiting: sizes of the surpluses of terms whose successors were not tried yet.
+        ended: terms that no longer axis could follow.
+        probes: random places, and the function there.
     """
 
     def __init__(
@@ -261,17 +261,17 @@ class _Growing:
         return np.array(self.order, dtype=np.int64).reshape(len(self.order), len(self._lower))
 
     def next(self) -> tuple[int, ...]:
-        """The term to follow: those that are always there first, then that of the largest surplus."""
+        """The next term: first the levels that are always included, then the term of the largest surplus."""
         early = [levels for levels in self.waiting if self.is_early(levels)]
         return early[0] if early else max(self.waiting, key=self.waiting.__getitem__)
 
     @staticmethod
     def is_early(levels: tuple[int, ...]) -> bool:
-        """Whether a term is always followed."""
+        """True if a term is always followed."""
         return sum(levels) < FIRST_LEVELS and int(np.count_nonzero(levels)) <= 1
 
     def follow(self, chosen: tuple[int, ...], budget: int) -> float:
-        """Try the terms behind one; returns its own surplus."""
+        """Try the successors of a term; returns its surplus."""
         surplus = self.waiting.pop(chosen)
         for axis in range(len(chosen)):
             after = (*chosen[:axis], chosen[axis] + 1, *chosen[axis + 1 :])
@@ -281,8 +281,8 @@ class _Growing:
                 self._try(after)
         return surplus
 
-    def taken(self) -> np.ndarray:
-        """All surpluses side by side, (M, n), which are gone behind it: they may be as large as all else."""
+    def surplus_columns(self) -> np.ndarray:
+        """All surpluses as columns, (M, n); the list is emptied, since it may take half of the memory."""
         found = np.empty((self.surpluses[0].size, len(self.surpluses)), order="F")
         for place in range(len(self.surpluses)):
             found[:, place] = self.surpluses[place]
@@ -290,7 +290,7 @@ class _Growing:
         return found
 
     def off(self) -> float:
-        """Largest error at places of no pattern: a term that vanishes at its node hides those behind it."""
+        """Largest error at random places: a term that vanishes at its node hides its successors."""
         if not self.probes and len(self._lower):
             places = np.random.default_rng(0).uniform(-1, 1, (PROBES, len(self._lower)))
             self.probes = [(place, self._at(place)) for place in places]
@@ -307,7 +307,7 @@ class _Growing:
         return self._function(self._lower + (place + 1) / 2 * (self._upper - self._lower))
 
     def _left(self, value: np.ndarray, place: np.ndarray) -> np.ndarray:
-        """What the terms leave of a value."""
+        """Residual of a value after all terms."""
         factors = np.ones(len(self.order))
         levels = np.array(self.order, dtype=np.int64).reshape(factors.size, place.size)
         for x, along in zip(place.tolist(), levels.T, strict=True):
@@ -318,7 +318,7 @@ class _Growing:
 
 
 def _admissible(levels: tuple[int, ...], order: list[tuple[int, ...]]) -> bool:
-    """Whether all terms one level below are there, and this one is not."""
+    """True if all terms one level below are there, and this one is not."""
     if levels in order:
         return False
     return all(
@@ -327,7 +327,7 @@ def _admissible(levels: tuple[int, ...], order: list[tuple[int, ...]]) -> bool:
 
 
 def _compressed(values: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
-    """Few directions for all columns, which leave out less than a part of the largest singular value."""
+    """Few directions for all columns; the rest is less than ``tolerance`` of the largest singular value."""
     modes, sizes, weights = svd(values, full_matrices=False, overwrite_a=True)
     rank = max(1, int((sizes > tolerance * sizes[0]).sum()))
     modes *= sizes

@@ -1,4 +1,4 @@
-"""What a projection leaves: the reduced contact problem (5.23), and how its stiffness depends on the parameters."""
+"""Projected contact problem (5.23), and the dependence of its stiffness on the parameters."""
 
 from __future__ import annotations
 
@@ -33,11 +33,11 @@ class ReducedTerms:
     moduli: Annotated[tuple[Modulus, ...], "parts"]
 
     def __post_init__(self) -> None:
-        """As files keep them."""
+        """Convert the arrays to the form of files."""
         lay_out(self)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Moduli that are not those of a stiffness in proportion to them."""
+        """Faults of moduli that do not belong to a stiffness proportional to them."""
         if not self.moduli:
             yield "a stiffness that varies has no parts"
 
@@ -46,7 +46,7 @@ class ReducedTerms:
         return np.array([modulus.value(point) for modulus in self.moduli])
 
     def many_weights(self, points: np.ndarray) -> np.ndarray:
-        """The same at many points, (n, P): (n, Q)."""
+        """Weights at many points, (n, P): (n, Q)."""
         return np.stack([modulus.values(points) for modulus in self.moduli], axis=1)
 
 
@@ -54,19 +54,19 @@ class ReducedTerms:
 class ReducedProblem:
     """Find gamma and lambda >= 0 with K~ gamma + B~1^T lambda = loads θ, B~2 gamma <= gaps θ, thesis (5.23).
 
-    A generalised saddle point (5.27): where conditions of the RID touch its interface B~1 and B~2 differ;
-    elsewhere they are the same and it is (1.61).
+    A generalised saddle point (5.27): B~1 and B~2 differ if conditions of the RID touch its interface; otherwise they
+    are equal and it is (1.61).
 
     Attributes:
         stiffness: K~ = V[A]^T K[A, A u I] V[A u I], (1.63), (ell, ell), not symmetric.
-        contact_test: B~1 = B[A_lambda, A_c] V[A_c], (5.26), (N_lambda_C, ell): how forces act.
-        contact_trial: B~2 = B[A_lambda, A_c~] V[A_c~], (5.26), (N_lambda_C, ell): how gaps are read.
+        contact_test: B~1 = B[A_lambda, A_c] V[A_c], (5.26), (N_lambda_C, ell): maps forces to loads.
+        contact_trial: B~2 = B[A_lambda, A_c~] V[A_c~], (5.26), (N_lambda_C, ell): maps displacements to gaps.
         loads: V[A]^T loads[A], (ell, 1 + T).
         gaps: gaps[A_lambda], (N_lambda_C, 1 + T).
         pairs: number of the contact pair of each condition, (N_lambda_C,).
-        terms: parts of the stiffness where it depends on parameters; ``stiffness`` and ``loads`` are then those in the
-            middle of the box. None where it does not.
-        motions: how many modes, the first ones, are rigid motions of bodies that nothing but contact holds.
+        terms: parts of the stiffness if it depends on parameters; ``stiffness`` and ``loads`` are then those in the
+            middle of the box. None for a constant stiffness.
+        motions: number of modes, the first ones, that are rigid motions of bodies held by contact alone.
     """
 
     stiffness: Annotated[Floats, "modes", "modes"]
@@ -79,11 +79,11 @@ class ReducedProblem:
     motions: int = 0
 
     def __post_init__(self) -> None:
-        """As files keep them."""
+        """Convert the arrays to the form of files."""
         lay_out(self)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Modes that are no rigid motions."""
+        """Faults of modes that are not rigid motions."""
         count = self.motions
         ell = len(self.stiffness)
         if count and not (0 < count < ell and not self.stiffness[:, :count].any() and not self.stiffness[:count].any()):
@@ -91,7 +91,7 @@ class ReducedProblem:
 
     @property
     def held(self) -> ReducedProblem:
-        """The problem without rigid motions, whose K~ is regular; itself where there are none."""
+        """The problem without rigid motions, whose K~ is regular; itself if it has none."""
         r = self.motions
         terms = self.terms
         if not r:
@@ -113,7 +113,7 @@ class ReducedProblem:
     def changes(
         self, amplitudes: Amplitudes, point: np.ndarray, weights: np.ndarray, unknown: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """f' - K~' gamma, (ell, P), and derivatives of the gaps, (m, P), where parts of K~ have these weights, (Q,)."""
+        """f' - K~' gamma, (ell, P), and derivatives of the gaps, (m, P), for weights of the parts of K~, (Q,)."""
         assert self.terms is not None
         theta = amplitudes(point)
         acting, slopes = amplitudes.slopes_at(point)
@@ -125,7 +125,7 @@ class ReducedProblem:
         return right, self.gaps[:, acting] @ slopes
 
     def weighted(self, weights: np.ndarray) -> ReducedProblem:
-        """The problem for weights of the parts of its stiffness, (Q,), which is constant then; itself without parts."""
+        """The problem of constant stiffness for weights of its parts, (Q,); itself without parts."""
         if self.terms is None:
             return self
         stiffness = np.tensordot(weights, self.terms.stiffness, 1)

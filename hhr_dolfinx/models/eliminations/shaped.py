@@ -1,8 +1,8 @@
 """Reduced problems of scenes whose shape depends on parameters: assembled for each query, on the RID only.
 
-The projection of (5.23) does not commute with a change of shape. What it needs of the mesh are the cells of the RID and
-the parts of the contact surfaces around its conditions; they are kept as arrays, and moved and integrated anew.
-Pairings see only these parts of the surfaces. Where the whole basis is small its arrays are interpolated instead.
+The projection of (5.23) does not commute with a change of shape. It needs the cells of the RID and the parts of the
+contact surfaces around its conditions. These are kept as arrays; each query moves and integrates them again. Pairings
+see only these parts of the surfaces. If the whole basis is small, its arrays are interpolated instead.
 """
 
 from __future__ import annotations
@@ -25,18 +25,18 @@ from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.parameters import ParameterSpace
 
 DIFFERENCE = 1e-4
-"""Part of the box by which the problem is moved to either side for its derivatives: their error is its square."""
+"""Step of the central differences, as a part of the box: their error is its square."""
 
 
 @dataclass(frozen=True)
 class InterpolatedProblem:
-    """A reduced problem whose arrays are interpolated over the parameters of a shape; maps a point to the one there.
+    """Reduced problem whose arrays are interpolated over the shape parameters; maps a point to the problem there.
 
     Attributes:
         pairs: number of the contact pair of each condition, (m,).
         moduli: of the parts of its stiffness.
         sizes: these moduli in the middle of the box, by which the parts are multiplied, (Q,).
-        interpolant: of the arrays beside each other, in the order of ``shapes``.
+        interpolant: of the concatenated arrays, in the order of ``shapes``.
         shapes: of the arrays: parts of K~, their lifts, forces, B~1, B~2, gaps.
     """
 
@@ -76,7 +76,7 @@ class ReshapedElimination(Elimination):
     parameters: ParameterSpace
 
     def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """gamma, (ell,), at a point under known contact forces, (m,): one solve, and not one for each condition.
+        """gamma, (ell,), at a point under given contact forces, (m,), by one solve.
 
         Raises:
             SingularError: if K~ is singular there.
@@ -85,11 +85,11 @@ class ReshapedElimination(Elimination):
         return dgetrs(*factors, problem.loads @ theta - problem.contact_test.T @ forces)[0]
 
     def many_under(self, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """The same at many points, (n, P), under forces of each, (n, m): (n, ell)."""
+        """gamma at many points, (n, P), under the forces of each, (n, m): (n, ell)."""
         return np.array([self.under(*one) for one in zip(points, forces, strict=True)])
 
     def __call__(self, point: np.ndarray) -> CondensedContact:
-        """Factor K~ of a point.
+        """Contact problem at a point, with factors of K~ there.
 
         Raises:
             SingularError: if K~ is singular there.
@@ -105,11 +105,11 @@ class ReshapedElimination(Elimination):
     def _changes(
         self, point: np.ndarray, trial: np.ndarray, factors: tuple, forces: np.ndarray, unknown: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """K~ gamma' = -R' with the residual R differenced between problems a little to either side."""
+        """Derivatives from K~ gamma' = -R', with central differences of the residual R."""
 
-        def residual_and_slack(moved: np.ndarray) -> np.ndarray:
-            problem = self.problem_at(moved)
-            theta = self.amplitudes(moved)
+        def residual_and_slack(shifted: np.ndarray) -> np.ndarray:
+            problem = self.problem_at(shifted)
+            theta = self.amplitudes(shifted)
             left = problem.stiffness @ unknown + problem.contact_test.T @ forces - problem.loads @ theta
             return np.append(left, problem.gaps @ theta - problem.contact_trial @ unknown)
 
@@ -119,7 +119,7 @@ class ReshapedElimination(Elimination):
         return explicit[size:] - trial @ found, found
 
     def _factored(self, point: np.ndarray) -> tuple[ReducedProblem, Theta, tuple[np.ndarray, np.ndarray]]:
-        """The problem of a point, θ there and the LU factors of K~.
+        """Problem of a point, θ there and LU factors of K~.
 
         Raises:
             SingularError: if K~ is singular there.

@@ -1,7 +1,7 @@
 """Cells in NumPy: their stiffness and strain from their nodes and tabulated shape functions, without a mesh library.
 
-Shape functions of the displacement are those of the geometry. Where shapes move the nodes, the strain in the middle of
-a cell is computed anew: interpolated it would suffer from cancellation, as a small difference of large displacements.
+The displacement has the shape functions of the geometry. If shapes move the nodes, the strain at cell midpoints is
+recomputed: interpolated, it would suffer from cancellation, as a small difference of large displacements.
 """
 
 from __future__ import annotations
@@ -33,23 +33,23 @@ class CellRule:
 
 @dataclass(frozen=True)
 class Middles:
-    """Nodes in the middle of others, wherever these lie.
+    """Nodes at the mean of others, wherever these lie.
 
     Attributes:
         nodes: their numbers, (h,).
-        between: nodes that each lies between, (h, k), one for each k-th of its weight.
+        between: nodes whose mean each is, (h, k); a node may repeat, and each entry weighs 1 / k.
     """
 
     nodes: Annotated[Integers, "middles"]
     between: Annotated[Integers, "middles", "weights"]
 
     def placed(self, points: np.ndarray) -> np.ndarray:
-        """Coordinates of all nodes, (n, dim), with those of the middles put right in place."""
+        """Coordinates of all nodes, (n, dim), with the midpoints recomputed in place."""
         points[self.nodes] = points[self.between].mean(axis=1)
         return points
 
     def among(self, nodes: np.ndarray) -> Middles:
-        """Those among some nodes, in ascending order, by their places there; all that they lie between must be too."""
+        """Middles among ``nodes``, which ascend, by their indices there; ``nodes`` must hold all of ``between`` too."""
         kept = np.isin(self.nodes, nodes)
         return Middles(np.searchsorted(nodes, self.nodes[kept]), np.searchsorted(nodes, self.between[kept]))
 
@@ -60,8 +60,8 @@ def element_stiffness(
     """Stiffness of isotropic cells, (c, n dim, n dim), dofs node by node.
 
     With g the gradients of the shape functions, it is the sum over Gauss points of λ' tr ε tr ε + 2 μ' ε : ε, and
-    2 ε : ε of u_ai and u_bj is g_aj g_bi + δ_ij g_a·g_b, in axisymmetry with the strain u_r / r besides. A mean
-    dilatation m in place of the trace t, a third of it on each axis, changes these to m² and ε : ε + (m² - t²) / 3.
+    2 ε : ε of u_ai and u_bj is g_aj g_bi + δ_ij g_a·g_b; in axisymmetry the strain u_r / r is added. A mean
+    dilatation m instead of the trace t, a third of it on each axis, changes these to m² and ε : ε + (m² - t²) / 3.
 
     Args:
         nodes: their coordinates, (c, n, dim).
@@ -69,7 +69,7 @@ def element_stiffness(
         hypothesis: of the scene; axisymmetric weights are 2 π r.
         volume: λ', weight of the change of volume.
         shape: μ', weight of the change of shape.
-        mean_dilatation: whether every point takes the mean of the trace over the volume of its cell.
+        mean_dilatation: whether every point has the mean of the trace over the volume of its cell.
 
     Raises:
         ParameterError: for cells without volume.
@@ -150,13 +150,13 @@ def _squared(rows: np.ndarray) -> np.ndarray:
 
 
 class CellStrain(NamedTuple):
-    """Strain of fields on cells that lie in one way; multiplies values at their nodes like a matrix.
+    """Strain of fields on cells with given nodes; multiplies values at their nodes like a matrix.
 
     Attributes:
         cells: nodes of each, (c, k).
-        gradients: of the shape functions in the middles, (c, dim, k).
+        gradients: of the shape functions at the midpoints, (c, dim, k).
         hoop: shape functions over the radius, (c, k); None outside axisymmetry.
-        dilatation: mean of what the trace takes of each dof, (c, k, dim); None where it is that of the middle.
+        dilatation: mean contribution of each dof to the trace, (c, k, dim); None for the trace at the midpoint.
     """
 
     cells: np.ndarray
@@ -188,19 +188,19 @@ class CellStrain(NamedTuple):
 
 @dataclass(frozen=True, eq=False)
 class MovingCells:
-    """Cells of a body, and how shapes move their nodes; maps a point to the strain of cells that lie as they do there.
+    """Cells of a body whose nodes depend on shapes; maps a point to the strain of the cells there.
 
     Attributes:
-        shapes: that move any of its nodes.
-        moved: which of its nodes each moves, (n,) bool.
+        shapes: of the scene that move any of its nodes.
+        moved: nodes that each shape moves, (n,) bool.
         coordinates: names of the coordinates in their formulas.
         parameters: names of the parameters.
-        middles: nodes that stay in the middle of others, by their places among these.
+        middles: nodes that stay at the midpoint of others, by their indices among these.
         points: the nodes as the mesh of the scene has them, (n, dim).
         nodes: their numbers in the mesh, (n,).
-        cells: places of the nodes of each cell among these, (c, k).
-        values, slopes: of the shape functions in the middle of the reference cell, (k,) and (k, dim).
-        weights: of the points where the dilatation is taken, (q,); none where it is that of the middle.
+        cells: indices of the nodes of each cell among these, (c, k).
+        values, slopes: of the shape functions at the midpoint of the reference cell, (k,) and (k, dim).
+        weights: of the points where the dilatation is evaluated, (q,); empty for the midpoint.
         gauss_values, gauss_slopes: of the shape functions there, (q, k) and (q, k, dim).
         axisymmetric: whether the first coordinate is a radius.
     """
@@ -230,19 +230,19 @@ class MovingCells:
         """The strain at a point, (P,)."""
         values = dict(zip(self.parameters, point.tolist(), strict=True))
         points = self.points.copy()
-        for shape, moved in zip(self.shapes, self.moved, strict=True):
-            points[moved] = shape.moved(self.points[moved], self.coordinates, values)
+        for shape, own in zip(self.shapes, self.moved, strict=True):
+            points[own] = shape.moved(self.points[own], self.coordinates, values)
         corners = self.middles.placed(points)[self.cells]
-        gradients, _ = _moved_gradients(corners, self.slopes)
+        gradients, _ = _mapped_gradients(corners, self.slopes)
         hoop = self.values / (corners[:, :, 0] @ self.values)[:, None] if self.axisymmetric else None
         return CellStrain(self.cells, gradients, hoop, self._dilatation(corners) if self.weights.size else None)
 
     def _dilatation(self, corners: np.ndarray) -> np.ndarray:
-        """Mean over the volume of each cell of what the trace of the strain takes of each dof, (c, k, dim)."""
+        """Mean contribution of each dof to the trace of the strain over the volume of each cell, (c, k, dim)."""
         total = np.zeros_like(corners)
         volume = np.zeros(len(corners))
         for weight, values, slopes in zip(self.weights, self.gauss_values, self.gauss_slopes, strict=True):
-            gradients, size = _moved_gradients(corners, slopes)
+            gradients, size = _mapped_gradients(corners, slopes)
             if self.axisymmetric:
                 radius = corners[:, :, 0] @ values
                 gradients[:, 0] += values / radius[:, None]
@@ -252,11 +252,11 @@ class MovingCells:
         return total / volume[:, None, None]
 
 
-def _moved_gradients(corners: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def _mapped_gradients(corners: np.ndarray, slopes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Gradients of the shape functions, (c, dim, k), and sizes of the map, (c,), from slopes on the reference cell."""
     count = len(corners)
     dim = slopes.shape[1]
-    # one product for all cells and an inverse by hand: a quarter of the time of numpy's own for thousands of matrices
+    # one product for all cells and an explicit inverse: a quarter of the time of numpy's for thousands of matrices
     jacobians = np.ascontiguousarray(corners.transpose(0, 2, 1)).reshape(-1, len(slopes)) @ slopes
     columns = np.ascontiguousarray(jacobians.reshape(count, dim, dim).transpose(2, 0, 1))
     if len(columns) == 2:

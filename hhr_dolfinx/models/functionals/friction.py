@@ -1,4 +1,4 @@
-"""Outputs of contact with friction: what has slipped, and where contact sticks or slips."""
+"""Outputs of frictional contact: slip, and areas that stick or slip."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from hhr_dolfinx.models.functionals.functional import Functional, State
 
 @dataclass(frozen=True, eq=False)
 class Remembered(Functional):
-    """What friction remembers of some contacts, times a factor: the largest value, or the sum.
+    """Slip path, work or wear of some contacts, times a factor: the largest value, or the sum.
 
     Attributes:
         contacts: numbers of contacts with friction, (c,).
@@ -29,7 +29,7 @@ class Remembered(Functional):
     largest: bool
 
     def value(self, state: State) -> float:
-        """Up to the time of the answer."""
+        """Value up to the time of the answer."""
         if state.slip is None:
             return 0.0
         values = {"path": state.slip.path, "work": state.slip.work, "wear": state.slip.wear}[self.quantity]
@@ -54,7 +54,7 @@ class StatusArea(Functional):
     sticks: bool
 
     def value(self, state: State) -> float:
-        """At the time of the answer."""
+        """Area at the time of the answer."""
         if state.slip is None:
             return 0.0
         meant = STICKS if self.sticks else SLIPS

@@ -1,8 +1,7 @@
 """Named outputs of a model: numbers that depend on the contact forces, on a few rows of the displacement, on the point.
 
-They are plain data, so that a model file keeps them, and are read without a field: a model multiplies the rows with its
-basis once. Derivatives are exact; where an output has a kink, as a largest value has where two are equal, they hold on
-one side only.
+They are plain data, so that a model file keeps them, and need no field: a model multiplies the rows with its basis
+once. Derivatives are exact. At a kink, as a largest value has where two are equal, they hold on one side only.
 """
 
 from __future__ import annotations
@@ -25,7 +24,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import SlipState
 
 DIFFERENCE = 1e-4
-"""Part of the box by which shapes are moved to either side for derivatives: their error is its square."""
+"""Step of the central differences over shapes, as a part of the box: their error is its square."""
 _NOTHING = np.zeros(0)
 _NOWHERE = np.zeros(0, dtype=np.int64)
 
@@ -38,7 +37,7 @@ class Outputs:
         values: by name; NaN without an answer.
         units: as the scene gives them.
         gradient: derivatives along the parameters by name, (P,) each, of outputs that have any; None unless they were
-            asked for.
+            requested.
         one_sided: whether some of the derivatives hold on one side only.
     """
 
@@ -68,7 +67,7 @@ class Outputs:
 
 
 class _Gradient(dict[str, np.ndarray]):
-    """Derivatives by the names of outputs, of those that have any."""
+    """Derivatives by the names of outputs; only outputs that have any."""
 
     def __missing__(self, name: str) -> np.ndarray:
         raise NotOfferedError(
@@ -77,11 +76,11 @@ class _Gradient(dict[str, np.ndarray]):
 
 
 class MeasuredFields(Protocol):
-    """What the fields of a model that knows outputs do besides, see :class:`models.answer.Fields`."""
+    """Additional interface of fields with outputs, see :class:`models.answer.Fields`."""
 
     @property
     def functionals(self) -> Functionals | None:
-        """Outputs of the scene; None where it has none."""
+        """Outputs of the scene; None if it has none."""
 
     def measured(self, answer: Any, theta: np.ndarray) -> np.ndarray:
         """Rows of the outputs times the displacement, (K,), for amplitudes (1 + T,)."""
@@ -89,18 +88,18 @@ class MeasuredFields(Protocol):
     def measured_changes(self, answer: Any, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P).
 
-        ``changes`` are those of the amplitudes, (1 + T, P); the answer has a gradient. Where no output depends on
-        forces, theirs may be left out.
+        ``changes`` are those of the amplitudes, (1 + T, P); the answer has a gradient. If no output depends on forces,
+        their derivatives may be left out.
         """
 
 
 class ShapeFunctionals(Protocol):
-    """All outputs of a scene whose shape depends on parameters; those of a scene without shapes are their own.
+    """All outputs of a scene whose shape depends on parameters.
 
     Attributes:
-        axes: places of the parameters that change the shape; none where nothing does.
+        axes: indices of the shape parameters; empty for a scene without shapes.
         parameters: the box of the parameters.
-        items: one for each output, as in the middle of the box.
+        items: one for each output, in the middle of the box.
         amplitudes: θ as a function of the parameters.
     """
 
@@ -110,33 +109,33 @@ class ShapeFunctionals(Protocol):
     amplitudes: Amplitudes
 
     def at(self, point: np.ndarray) -> Functionals:
-        """Those of the shape at a point, (P,)."""
+        """Outputs on the shape at a point, (P,)."""
 
 
 class ShapedFields(Protocol):
-    """What the fields of a model of bodies whose shape depends on parameters do instead of :class:`MeasuredFields`."""
+    """Interface of fields on bodies whose shape depends on parameters, instead of :class:`MeasuredFields`."""
 
     @property
     def functionals(self) -> ShapeFunctionals | None:
-        """Outputs of the scene; None where it has none."""
+        """Outputs of the scene; None if it has none."""
 
     def coordinates(self, answer: Any, theta: np.ndarray) -> np.ndarray:
-        """What the rows of the outputs act on, (s,): the displacement, or what it is made of."""
+        """Coordinates on which the rows of the outputs act, (s,): the displacement, or its components in a basis."""
 
     def coordinate_changes(self, answer: Any, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all contact forces, (N_lambda, P), and of these coordinates, (s, P)."""
 
 
 class State(NamedTuple):
-    """What an output is a function of.
+    """Arguments of an output.
 
     Attributes:
-        forces: on all contact conditions, (m,); nothing where no output asks.
+        forces: on all contact conditions, (m,); empty if no output needs them.
         measured: rows of the output times the displacement, (k,).
         point: the parameter, (P,).
         theta: amplitudes of all terms, (1 + T,).
-        stress: makes the stress at all Gauss points, where bodies flow.
-        slip: what friction remembers; None without friction.
+        stress: computes the stress at all Gauss points of inelastic bodies.
+        slip: slip and work of friction; None without friction.
     """
 
     forces: np.ndarray
@@ -151,11 +150,11 @@ class Slopes(NamedTuple):
     """Partial derivatives of an output.
 
     Attributes:
-        conditions: contact conditions on whose forces it depends.
+        conditions: contact conditions whose forces the output depends on.
         forces: along these forces.
         measured: along its rows, (k,).
-        theta: along the amplitudes, (1 + T,), or nothing.
-        point: along the parameters by themselves, (P,), or nothing.
+        theta: along the amplitudes, (1 + T,), or empty.
+        point: along the parameters directly, (P,), or empty.
         kink: whether they hold on one side only.
     """
 
@@ -176,13 +175,11 @@ class Functional:
         count: k, number of its rows.
         rows, columns, entries: of the sparse matrix of its rows, (k, N).
         uses_forces: whether it depends on contact forces.
-        affine: whether at one point it is affine in forces and displacement, so that its slopes hold everywhere.
         differentiable: whether it has derivatives along the parameters.
     """
 
     uses_forces: ClassVar[bool] = False
     differentiable: ClassVar[bool] = True
-    affine: ClassVar[bool] = False
 
     name: str
     unit: str
@@ -196,33 +193,19 @@ class Functional:
         return csr_matrix((self.entries, (self.rows, self.columns)), shape=(self.count, size))
 
     def value(self, state: State) -> float:
-        """Its value."""
+        """Value of the output."""
         raise NotImplementedError(f"{type(self).__name__} must have value(state), which returns a number")
 
     def slopes(self, state: State) -> Slopes:
-        """Its partial derivatives."""
+        """Partial derivatives of the output."""
         raise NotImplementedError(f"{type(self).__name__} must have slopes(state), or differentiable = False")
 
-    def steepness(self, measured: Callable[[slice], np.ndarray], forces: np.ndarray) -> float | None:
-        """How much it changes at most along a unit combination of some directions, wherever it starts from.
-
-        It is what bounds of outputs need that are not affine, see :mod:`hhr_dolfinx.models.bounds.output_bound`.
-
-        Args:
-            measured: some of its rows times the directions, (rows, r); of many rows all at once are too many.
-            forces: along the directions, (m, r).
-
-        Returns:
-            A Lipschitz constant for the Euclidean norm of the r weights; None where there is none, as here.
-        """
-        return None
-
-    def followed(self, state: State, there: Functional, moved: State) -> float:
-        """Value of the same output on another shape, on the smooth piece that is its own at ``state``."""
-        return there.value(moved)
+    def followed(self, state: State, there: Functional, shifted: State) -> float:
+        """Value of the same output on another shape, on the smooth piece that is active at ``state``."""
+        return there.value(shifted)
 
     def indices(self) -> dict[str, np.ndarray]:
-        """Its indices of ``conditions`` and ``terms``, to be checked."""
+        """Its indices of ``conditions`` and ``terms``, for checks."""
         return {}
 
 
@@ -252,22 +235,22 @@ class Functionals:
 
     @cached_property
     def rows(self) -> csr_matrix:
-        """Rows of all outputs, one behind another, (K, N)."""
+        """Rows of all outputs, concatenated, (K, N)."""
         return csr_matrix(vstack([item.matrix(self.size) for item in self.items], format="csr"))
 
     @cached_property
     def places(self) -> list[slice]:
-        """Rows of each."""
+        """Rows of each output."""
         ends = np.cumsum([0, *(item.count for item in self.items)]).tolist()
         return [slice(*pair) for pair in pairwise(ends)]
 
     @cached_property
     def uses_forces(self) -> bool:
-        """Whether any depends on the contact forces."""
+        """True if any output depends on the contact forces."""
         return any(item.uses_forces for item in self.items)
 
     def check(self, space: ParameterSpace, conditions: int, gauss_points: int) -> None:
-        """Raise SceneError for what does not fit a model; what was read from a file may be anything."""
+        """Raise SceneError for parts that do not fit a model; files may be wrong."""
         sizes = {"conditions": conditions, "terms": self.amplitudes.firsts[-1], "points": gauss_points}
         point = space.middle
         for item in self.items:
@@ -343,12 +326,12 @@ def outputs_of(answer: Any) -> Outputs:
 def _shape_slopes(
     whole: ShapeFunctionals, functionals: Functionals, states: list[State], coordinates: np.ndarray
 ) -> np.ndarray:
-    """Derivatives of all outputs along what changes the shape while the state stays, by differences, (outputs, P)."""
+    """Derivatives of all outputs along the shape parameters at fixed state, by differences, (outputs, P)."""
     point = states[0].point
     found = np.zeros((len(states), point.size))
 
-    def followed(moved: np.ndarray) -> np.ndarray:
-        there = whole.at(moved)
+    def followed(shifted: np.ndarray) -> np.ndarray:
+        there = whole.at(shifted)
         measured = there.measured(coordinates) if coordinates.size else _NOTHING
         after = [
             state._replace(measured=measured[part]) for state, part in zip(states, functionals.places, strict=True)

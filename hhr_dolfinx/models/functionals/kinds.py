@@ -1,9 +1,8 @@
-"""What outputs are made of: a class for each way in which a number depends on forces, displacement and point."""
+"""Kinds of outputs: a class for each way in which a number depends on forces, displacement and point."""
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, ClassVar
 
@@ -17,12 +16,12 @@ from hhr_dolfinx.models.functionals.cells import MovingCells
 from hhr_dolfinx.models.functionals.functional import Functional, Slopes, State
 
 TIE = 1e-9
-"""Relative difference below which two values are both the largest, and the derivative holds on one side only."""
+"""Relative difference below which two values both count as the largest; the derivative is then one-sided."""
 LOADED = 1e-3
-"""Part of the largest pressure of a contact from which on a condition is under load: below it forces that a reduced
+"""Part of the largest pressure of a contact above which a condition is under load: smaller forces that a reduced
 model completes outside its domain are noise."""
 BLOCK = 1024
-"""Cells whose stress is looked at together."""
+"""Cells whose stress is evaluated in one batch."""
 _NOTHING = np.zeros(0)
 _NOWHERE = np.zeros(0, dtype=np.int64)
 
@@ -36,8 +35,6 @@ class Linear(Functional):
         along: weights of its rows, (k,).
         terms, coefficients: of the amplitudes, (t,) each.
     """
-
-    affine: ClassVar[bool] = True
 
     conditions: Annotated[Integers, "conditions"]
     weights: Annotated[Floats, "conditions"]
@@ -57,7 +54,7 @@ class Linear(Functional):
         terms: np.ndarray = _NOWHERE,
         coefficients: np.ndarray = _NOTHING,
     ) -> Linear:
-        """From conditions and weights of their forces, one row of the displacement, (1, N), and amplitudes."""
+        """Output from conditions and weights of their forces, one row of the displacement, (1, N), and amplitudes."""
         matrix = (0, _NOWHERE, _NOWHERE, _NOTHING)
         along = _NOTHING
         if row is not None:
@@ -70,7 +67,7 @@ class Linear(Functional):
 
     @property
     def uses_forces(self) -> bool:  # type: ignore[override]
-        """Whether it depends on any."""
+        """True if it depends on any force."""
         return self.conditions.size > 0
 
     def value(self, state: State) -> float:
@@ -103,24 +100,20 @@ class Largest(Functional):
     areas: Annotated[Floats, "conditions"]
 
     def value(self, state: State) -> float:
-        """Of any condition."""
+        """Largest pressure of all conditions."""
         return float((state.forces[self.conditions] / self.areas).max())
 
-    def steepness(self, measured: Callable[[slice], np.ndarray], forces: np.ndarray) -> float:
-        """Of the condition where it is largest: a largest value changes by no more than one of the values."""
-        return float((np.linalg.norm(forces[self.conditions], axis=1) / self.areas).max())
-
     def slopes(self, state: State) -> Slopes:
-        """Of the condition where it is attained."""
+        """Slopes of the condition where the maximum is attained."""
         pressures = state.forces[self.conditions] / self.areas
         place = pressures.argmax()
         return Slopes(self.conditions[[place]], 1 / self.areas[[place]], kink=_tied(pressures, place))
 
-    def followed(self, state: State, there: Functional, moved: State) -> float:
-        """Of the condition where it is attained."""
+    def followed(self, state: State, there: Functional, shifted: State) -> float:
+        """Pressure of the condition where the maximum is attained."""
         assert isinstance(there, Largest)
         place = (state.forces[self.conditions] / self.areas).argmax()
-        return float(moved.forces[self.conditions[place]] / there.areas[place])
+        return float(shifted.forces[self.conditions[place]] / there.areas[place])
 
     def indices(self) -> dict[str, np.ndarray]:
         """Conditions."""
@@ -129,13 +122,13 @@ class Largest(Functional):
 
 @dataclass(frozen=True, eq=False)
 class Loaded(Functional):
-    """Area under load times a factor and an offset; on one mesh piecewise constant, so that its derivatives are zero.
+    """Area under load times a factor and an offset; piecewise constant on one mesh, so that its derivatives are zero.
 
-    It jumps where a condition comes under load, however little forces change: no error of forces bounds its own.
+    It jumps when a condition comes under load.
 
     Attributes:
         conditions, areas: (c,) each.
-        offset, factor: what its value is made of.
+        offset, factor: terms of its value.
     """
 
     uses_forces: ClassVar[bool] = True
@@ -146,20 +139,20 @@ class Loaded(Functional):
     factor: float
 
     def value(self, state: State) -> float:
-        """By what is pressed by more than :data:`LOADED` of the largest pressure."""
+        """Area whose pressure exceeds :data:`LOADED` of the largest pressure."""
         return float(self.offset + self.factor * self.areas[self._loaded(state)].sum())
 
     def slopes(self, state: State) -> Slopes:
-        """None."""
+        """Zero."""
         return Slopes()
 
-    def followed(self, state: State, there: Functional, moved: State) -> float:
-        """Of what is under load."""
+    def followed(self, state: State, there: Functional, shifted: State) -> float:
+        """Area on the other shape of the conditions under load."""
         assert isinstance(there, Loaded)
         return float(there.offset + there.factor * there.areas[self._loaded(state)].sum())
 
     def _loaded(self, state: State) -> np.ndarray:
-        """What is under load, (c,) bool."""
+        """Conditions under load, (c,) bool."""
         pressures = state.forces[self.conditions] / self.areas
         largest = pressures.max()
         return (pressures > LOADED * largest) & (largest > 0)
@@ -171,14 +164,14 @@ class Loaded(Functional):
 
 @dataclass(frozen=True, eq=False)
 class Mises(Functional):
-    """Von Mises' stress of elastic cells: rows are the strain in their middles, Kelvin's notation, cell by cell.
+    """Von Mises' stress of elastic cells: rows are the strain at their midpoints, Kelvin's notation, cell by cell.
 
     Attributes:
         names: of the parameters.
         volume, shape: λ' and μ' as formulas, see :func:`hhr_dolfinx.forms.elasticity.isotropic_parts`.
         plane_stress: whether the stress across the plane vanishes.
         grading: factor of the moduli of each cell, (cells,).
-        shares: of each cell in the mean, (cells,); none for the largest value.
+        shares: of each cell in the mean, (cells,); empty for the largest value.
     """
 
     names: tuple[str, ...]
@@ -189,7 +182,7 @@ class Mises(Functional):
     shares: Annotated[Floats, "shares"]
 
     def __post_init__(self) -> None:
-        _ = self._moduli  # what cannot be read is refused where it is made
+        _ = self._moduli  # refuse unreadable formulas here
 
     @cached_property
     def _moduli(self) -> tuple[Scalar, Scalar]:
@@ -212,45 +205,16 @@ class Mises(Functional):
         values = von_mises(self._stress(state)[0])
         return float(self.shares @ values if self.shares.size else values.max())
 
-    def steepness(self, measured: Callable[[slice], np.ndarray], forces: np.ndarray) -> float | None:
-        """Of the cell where it is largest, or of the mean: von Mises' stress is a seminorm of strain.
-
-        With stresses T_c w of cells c and weights w the mean is sum s_c |T_c w| <= |w| max eig(sum s_c T_c^T T_c)^1/2,
-        as the shares s_c sum to 1. None where moduli depend on parameters.
-        """
-        if any(modulus.formula.variables for modulus in self._moduli):
-            return None
-        nowhere = np.zeros(0)
-        cells = self.grading.size
-        components = self.count // cells
-        largest = 0.0
-        mean = np.zeros((forces.shape[1],) * 2)
-        for first in range(0, cells, BLOCK):
-            some = slice(first, min(first + BLOCK, cells))
-            rows = measured(slice(some.start * components, some.stop * components))
-            strain = np.moveaxis(rows.reshape(some.stop - some.start, components, -1), 2, 1)
-            one = replace(self, grading=np.repeat(self.grading[some], strain.shape[1]))
-            stress = one._stress(State(nowhere, strain.ravel(), nowhere, nowhere, nowhere.copy))[0]
-            stress[:, :3] -= stress[:, :3].mean(axis=1, keepdims=True)
-            stress = np.sqrt(1.5) * stress.reshape(strain.shape)
-            if self.shares.size:
-                weighted = (np.sqrt(self.shares[some])[:, None, None] * stress).swapaxes(1, 2)
-                weighted = weighted.reshape(-1, weighted.shape[2])
-                mean += weighted.T @ weighted
-            else:
-                largest = max(largest, float(np.linalg.eigvalsh(stress.swapaxes(1, 2) @ stress)[:, -1].max()))
-        return float(np.sqrt(np.linalg.eigvalsh(mean)[-1] if self.shares.size else largest))
-
-    def followed(self, state: State, there: Functional, moved: State) -> float:
-        """In the cell where it is largest, or the mean."""
+    def followed(self, state: State, there: Functional, shifted: State) -> float:
+        """Stress of the cell where it is largest, or the mean."""
         assert isinstance(there, Mises)
         if self.shares.size:
-            return there.value(moved)
+            return there.value(shifted)
         place = von_mises(self._stress(state)[0]).argmax()
-        return float(von_mises(there._stress(moved)[0])[place])
+        return float(von_mises(there._stress(shifted)[0])[place])
 
     def slopes(self, state: State) -> Slopes:
-        """Through the stress."""
+        """Slopes by the chain rule through the stress."""
         stress, of_volume, of_shape, unit = self._stress(state)
         values = von_mises(stress)
         shares = self.shares
@@ -278,7 +242,7 @@ class MovingMises(Mises):
     """Von Mises' stress of cells whose shape depends on parameters.
 
     Attributes:
-        cells: of which its rows are made elsewhere.
+        cells: from which a model computes its rows.
     """
 
     cells: MovingCells
@@ -286,11 +250,11 @@ class MovingMises(Mises):
 
 @dataclass(frozen=True, eq=False)
 class FlowMises(Functional):
-    """Von Mises' stress at Gauss points of bodies that flow; derivatives of histories do not reach the stress.
+    """Von Mises' stress at Gauss points of inelastic bodies; derivatives of histories do not include the stress.
 
     Attributes:
         points: numbers of the Gauss points, (g,).
-        shares: of each in the mean, (g,); none for the largest value.
+        shares: of each in the mean, (g,); empty for the largest value.
     """
 
     differentiable = False
@@ -310,9 +274,9 @@ class FlowMises(Functional):
 
 @dataclass(frozen=True, eq=False)
 class Energy(Functional):
-    """Elastic energy by the work of all forces: (U0·F θ + U0·K lift + lift·K lift - λ·D θ) / 2.
+    """Elastic energy from the work of all forces: (U0·F θ + U0·K lift + lift·K lift - λ·D θ) / 2.
 
-    It is u·K u / 2 in equilibrium, since K U0 = F - K lift - B^T λ, and B U0 = D wherever λ is not zero.
+    In equilibrium it is u·K u / 2, since K U0 = F - K lift - B^T λ, and B U0 = D wherever λ is not zero.
 
     Attributes:
         names: of the parameters.
@@ -323,12 +287,11 @@ class Energy(Functional):
         lifts: lift·K_q lift of each part, (Q, l, l).
         gap_terms: terms on which gaps depend, (g,).
         gaps: D, (m, g).
-        own: rows times the lifts, (k, l), which the rows read in the displacement and U0 has not; zero where lifts live
-            on the imposed dofs alone.
+        own: rows times the lifts, (k, l): the part of the displacement that U0 lacks; zero if lifts are non-zero on the
+            imposed dofs alone.
     """
 
     uses_forces: ClassVar[bool] = True
-    affine: ClassVar[bool] = True
 
     names: tuple[str, ...]
     moduli: tuple[str, ...]
@@ -348,26 +311,26 @@ class Energy(Functional):
         return tuple(Scalar(text, tuple(self.names)) for text in self.moduli)
 
     def value(self, state: State) -> float:
-        """Half the work."""
+        """Half the work of all forces."""
         weights = np.array([*(modulus.value(state.point) for modulus in self._moduli), 1.0])
         theta = state.theta
-        moved = state.theta[self.lifted]
-        work = (theta[self.terms] * weights[self.parts]) @ (state.measured - self.own @ moved)
-        work += weights[:-1] @ (self.lifts @ moved @ moved)
+        imposed = state.theta[self.lifted]
+        work = (theta[self.terms] * weights[self.parts]) @ (state.measured - self.own @ imposed)
+        work += weights[:-1] @ (self.lifts @ imposed @ imposed)
         return float(work - state.forces @ (self.gaps @ theta[self.gap_terms])) / 2
 
     def slopes(self, state: State) -> Slopes:
-        """Product by product."""
+        """Slopes by the product rule."""
         weights = np.array([*(modulus.value(state.point) for modulus in self._moduli), 1.0])
         theta = state.theta
-        moved = state.theta[self.lifted]
+        imposed = state.theta[self.lifted]
         of_theta = np.zeros(theta.size)
-        measured = state.measured - self.own @ moved
+        measured = state.measured - self.own @ imposed
         np.add.at(of_theta, self.terms, weights[self.parts] * measured)
         np.add.at(of_theta, self.lifted, -(theta[self.terms] * weights[self.parts]) @ self.own)
-        np.add.at(of_theta, self.lifted, 2 * np.tensordot(weights[:-1], self.lifts, 1) @ moved)
+        np.add.at(of_theta, self.lifted, 2 * np.tensordot(weights[:-1], self.lifts, 1) @ imposed)
         np.add.at(of_theta, self.gap_terms, -(state.forces @ self.gaps))
-        of_weights = self.lifts @ moved @ moved
+        of_weights = self.lifts @ imposed @ imposed
         inner = self.parts >= 0
         np.add.at(of_weights, self.parts[inner], (theta[self.terms] * measured)[inner])
         point = np.zeros(state.point.size)
@@ -383,6 +346,6 @@ class Energy(Functional):
 
 
 def _tied(values: np.ndarray, place: int) -> bool:
-    """Whether another value is as large as the largest, or all are zero."""
+    """True if another value is as large as the largest, or all are zero."""
     largest = values[place]
     return bool(np.count_nonzero(values >= largest - TIE * abs(largest)) > 1)

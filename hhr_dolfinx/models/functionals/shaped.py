@@ -1,9 +1,8 @@
 """Outputs of bodies whose shape depends on parameters, for models without a mesh.
 
-At each shape they are ordinary :class:`~hhr_dolfinx.models.functionals.functional.Functionals` whose arrays, such as
-areas of conditions and arms of forces, are interpolated over the parameters of the shape. Their rows act on the
-coordinates of a reduced displacement; those of strain, of which there are many, are made of cells that are moved
-instead.
+At each shape they are ordinary :class:`~hhr_dolfinx.models.functionals.functional.Functionals`. Their arrays, such as
+areas of conditions and arms of forces, are interpolated over the shape parameters. Their rows act on the coordinates of
+a reduced displacement. Rows of strain are too many to interpolate; they are computed from cells at their new nodes.
 """
 
 from __future__ import annotations
@@ -44,8 +43,8 @@ class ShapedFunctionals(Functionals):
     """All outputs at one shape.
 
     Attributes:
-        blocks: what the rows of each that has any are made of: the rows (k, s), or the strain of cells and (n dim, s)
-            by which coordinates are multiplied before.
+        blocks: factors of the rows of each output that has any: the rows (k, s), or the strain of cells and (n dim, s),
+            which acts on the coordinates first.
     """
 
     blocks: tuple[np.ndarray | tuple[CellStrain, np.ndarray], ...]
@@ -64,13 +63,13 @@ class ShapedFunctionals(Functionals):
 class ReshapedFunctionals:
     """All outputs of a scene whose shape depends on parameters, for a displacement of s coordinates.
 
-    These are the modes of a basis and, behind them, the amplitudes of imposed displacements.
+    The coordinates are the modes of a basis, followed by the amplitudes of imposed displacements.
 
     Attributes:
-        items: one for each output, as in the middle of the box; without rows.
-        arrays: place of an output, name and lengths of each array that is interpolated, in the order of the values; of
-            a number there are no lengths.
-        interpolant: of these arrays, one behind another.
+        items: one for each output, in the middle of the box; without rows.
+        arrays: index of an output, name and shape of each interpolated array, in the order of the values; the shape
+            of a number is empty.
+        interpolant: of these arrays, concatenated.
         zones: of the outputs whose rows are strain; None for the others.
         lifted: terms of θ that impose displacements, (l,).
         amplitudes: θ as a function of the parameters.
@@ -87,16 +86,16 @@ class ReshapedFunctionals:
 
     @property
     def axes(self) -> np.ndarray:
-        """Places of the parameters that change the shape."""
+        """Indices of the shape parameters."""
         return self.interpolant.axes
 
     def check(self, space: ParameterSpace, conditions: int, gauss_points: int) -> None:
-        """Raise SceneError for what is no output; their arrays change with the shape, and are tried by an answer."""
+        """Raise SceneError for invalid outputs; arrays depend on the shape, and one answer tests them."""
         if not all(isinstance(item, Functional) for item in self.items):
             raise SceneError("an output must be a Functional")
 
     def at(self, point: np.ndarray) -> ShapedFunctionals:
-        """Those of the shape at a point, (P,)."""
+        """Outputs on the shape at a point, (P,)."""
         changed: list[dict[str, Any]] = [{} for _ in self.items]
         blocks: list[Any] = [None if zone is None else (zone.cells(point), zone.columns) for zone in self.zones]
         values = self.interpolant.value(point)
@@ -114,7 +113,7 @@ class ReshapedFunctionals:
 
 
 def _changed(item: Functional, change: dict[str, np.ndarray | float]) -> Functional:
-    """A copy with other arrays, and with the formulas that have been read: to read them again takes a millisecond."""
+    """A copy with other arrays that keeps the parsed formulas: parsing takes a millisecond."""
     found = copy(item)
     for name, value in change.items():
         object.__setattr__(found, name, value)

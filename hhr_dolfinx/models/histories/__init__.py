@@ -1,1 +1,1 @@
-"""Histories: one loop over time steps, and what each kind of model says of a step."""
+"""Histories: one loop over time steps for all models, and the steps of each kind of model."""

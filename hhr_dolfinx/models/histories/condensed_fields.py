@@ -1,4 +1,4 @@
-"""Fields of condensed flow on the whole mesh.
+"""Fields of condensed inelastic models on the whole mesh.
 
 The displacement is exact up to the plastic correction. Stress and plastic strain follow from it and from the plastic
 strain at few Gauss points.
@@ -36,25 +36,25 @@ if TYPE_CHECKING:
 
 
 LEAST = 0.05
-"""Part of its own value that a fit must leave open at a point before what the others say there is told: below, a point
-is fitted by itself, and what it would be without it is round-off over round-off."""
+"""Lower limit of 1 - h_ii (leverage) in the leave-one-out residual: below it a point is fitted by itself, and the
+residual is round-off over round-off."""
 
 
 @dataclass(frozen=True, eq=False)
 class PlasticFields:
-    """What completes the fields of Gauss points.
+    """Completion of the fields at Gauss points.
 
-    Gappy POD (thesis section 6.2.3) completes the plastic strain ε_p alone, from modes Φ a. Displacement and stress
-    that balance it are known for each mode: K u = ∫ G^T C Φ, σ = C (ε(u) - Φ). So the stress is exact where nothing has
-    flowed, and balances the loads whatever a is. Of the stress itself few points tell too little: elastic part loads,
-    which are no combination of what yields, would be wrong as a whole.
+    Gappy POD (thesis section 6.2.3) completes the plastic strain ε_p alone, from modes Φ a. The displacement and stress
+    that balance each mode are computed in advance: K u = ∫ G^T C Φ, σ = C (ε(u) - Φ). So the stress is exact in elastic
+    regions, and balances the loads for any a. The stress itself is not completed from few points: its elastic part is
+    no combination of training modes and would be wrong as a whole.
 
     Attributes:
         points: numbers of the Gauss points Z where laws are evaluated, (n,).
-        flowed: numbers of the points where anything flowed in training, increasing, (f,).
-        plastic: how the plastic strain is completed on these, components of a point side by side.
-        cumulated: how the cumulated plastic strain is.
-        moved: displacement that each mode of the plastic strain leaves behind, K^-1 ∫ G^T C Φ, (N, k).
+        flowed: numbers of the points with plastic strain in training, increasing, (f,).
+        plastic: completion of the plastic strain on these; components of a point are adjacent.
+        cumulated: completion of the cumulated plastic strain.
+        moved: displacement K^-1 ∫ G^T C Φ of each mode of the plastic strain, (N, k).
         strain: ε(u) at all Gauss points.
         unstressed: strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T).
         moduli: Lamé's λ and 2 μ of each Gauss point in the middle of the box, (Gauss points, 2).
@@ -70,11 +70,11 @@ class PlasticFields:
     moduli: Annotated[Floats, "gauss points", "2"]
 
     def __post_init__(self) -> None:
-        """Arrays lie as files keep them."""
+        """Convert the arrays to the layout of files."""
         lay_out(self)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Points that do not increase, moduli that are not positive, strain and modes of other sizes."""
+        """Faults: points that do not increase, moduli that are not positive, strain and modes of other sizes."""
         if not (np.diff(self.flowed) > 0).all() or not np.isin(self.points, self.flowed).all():
             yield "the points that flowed must increase, those where laws are evaluated among them"
         if not (self.moduli[:, 1] > 0).all() or not (3 * self.moduli[:, 0] + self.moduli[:, 1] > 0).all():
@@ -94,7 +94,7 @@ class PlasticFields:
         return len(self.moduli)
 
     def stress(self, elastic: np.ndarray, theta: np.ndarray, plastic: np.ndarray) -> np.ndarray:
-        """Stress at all Gauss points if moduli were those in the middle of the box, (Gauss points, components).
+        """Stress at all Gauss points for the moduli in the middle of the box, (Gauss points, components).
 
         Args:
             elastic: displacement of loads and contact forces, lift included, (N,).
@@ -119,24 +119,24 @@ class PlasticFields:
         return field
 
     def unforeseen(self, plastic: np.ndarray) -> np.ndarray:
-        """2 μ times the plastic strain at each point less what all the others say of it, (n, components).
+        """Leave-one-out residual of the plastic strain at each point, times 2 μ, (n, components).
 
-        What is left at points to which the modes were fitted, (I - H) ε_p, is far less than what is left elsewhere:
-        each point is predicted without itself, by (I - H_ii)^-1.
+        The residual at points to which the modes were fitted, (I - H) ε_p, is far less than elsewhere. The factor
+        (I - H_ii)^-1 predicts each point without itself.
         """
         left = plastic - (self.shown @ (self.plastic.fit @ plastic.ravel())).reshape(plastic.shape)
         return np.einsum("nij,nj->ni", self.without, left)
 
     @cached_property
     def shown(self) -> np.ndarray:
-        """The modes of the plastic strain where laws are evaluated, (n components, modes)."""
+        """Modes of the plastic strain at the points where laws are evaluated, (n components, modes)."""
         rows = np.searchsorted(self.flowed, self.points)
         modes = self.plastic.modes.reshape(self.flowed.size, self.strain.components, -1)
         return modes[rows].reshape(rows.size * self.strain.components, -1)
 
     @cached_property
     def without(self) -> np.ndarray:
-        """2 μ (I - H_ii)^-1 of each point, (n, components, components); where next to nothing is open, as of LEAST."""
+        """2 μ (I - H_ii)^-1 of each point, (n, components, components), with I - H_ii at least LEAST."""
         count = self.points.size
         components = self.strain.components
         shown = self.shown.reshape(count, components, -1)
@@ -148,7 +148,7 @@ class PlasticFields:
 
 @dataclass(frozen=True)
 class CondensedFlowFields(Rebuilt, ModelFields):
-    """What completes answers of condensed flow, see :class:`hhr_dolfinx.models.answer.Fields`.
+    """Fields of condensed inelastic models, see :class:`hhr_dolfinx.models.answer.Fields`.
 
     Attributes:
         amplitudes: θ as a function of the parameters.
@@ -157,11 +157,11 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         basis: V, (N, ell).
         per_force: K^-1 B^T in the middle of the box, (N, m).
         forced: K^-1 F there, (N, 1 + T).
-        given: imposed displacements and what follows them, (N, 1 + T).
+        given: imposed displacements and the response to them, (N, 1 + T).
         dimension: components of the displacement at a node.
-        flow: what completes stress and plastic strain.
-        functionals: outputs of the scene; None where it has none.
-        friction: which of the conditions are tangential; None without friction.
+        flow: completes stress and plastic strain.
+        functionals: outputs of the scene; None if it has none.
+        friction: tangential conditions and their laws; None without friction.
         full: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
     """
 
@@ -180,7 +180,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
 
     @property
     def conditions(self) -> int:
-        """Number of contact conditions, all of which are kept."""
+        """Number of contact conditions; the model keeps all."""
         return self.per_force.shape[1]
 
     def displacement(self, answer: Answer) -> np.ndarray:
@@ -188,7 +188,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         return self._elastic(answer) + self.basis @ answer.unknown[: self.basis.shape[1]]
 
     def _elastic(self, answer: Answer) -> np.ndarray:
-        """What of it loads and contact forces make, and what is imposed."""
+        """Part of the displacement from loads, contact forces and imposed displacements, (N,)."""
         theta = self.amplitudes(answer.parameter)
         elastic = self.forced @ theta - self.per_force @ answer.multipliers
         if self.factors.moduli:
@@ -196,7 +196,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         return elastic + self.given @ theta
 
     def forces(self, answer: Answer) -> np.ndarray:
-        """The multipliers, all of which the model has, (m,)."""
+        """The multipliers, (m,): the model keeps all conditions."""
         return answer.multipliers.copy()
 
     def stress(self, answer: Answer) -> np.ndarray:
@@ -210,20 +210,20 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         return self.flow.cumulated_everywhere(answer.state().state.cumulated)
 
     def estimate(self, answer: Answer) -> Estimate | None:
-        """What an indicator says, see :meth:`unexplained`, over the stress; None without an answer."""
+        """Indicator of the error, :meth:`unexplained` over the stress; None without a solution."""
         if not answer.converged:
             return None
         return Estimate.indicated(share_of_stress(*self.unexplained(answer)), STRESS)
 
     def unexplained(self, answer: Answer) -> tuple[float, float]:
-        """Stress of the plastic strain where laws are evaluated that the others do not foretell, and |σ| there."""
+        """Norms of the leave-one-out residual, as a stress, and of σ, where laws are evaluated."""
         gauss = answer.state()
         inside = self.flow.points
         left = self.flow.unforeseen(gauss.state.plastic) / self._giving(answer.parameter, inside)
         return float(np.linalg.norm(left)), float(np.linalg.norm(gauss.stress))
 
     def _giving(self, point: np.ndarray, places: Any = slice(None)) -> Any:
-        """How much more some Gauss points give than in the middle of the box, (places, 1); 1 of constant moduli."""
+        """Compliance of some Gauss points relative to the middle of the box, (places, 1); 1 for constant moduli."""
         if not self.factors.moduli:
             return 1.0
         return self.factors.compliances(point)[self._parts_of_points[places]][:, None]
@@ -236,7 +236,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
 
     @cached_property
     def _measures(self) -> tuple[np.ndarray, ...]:
-        """Rows of the outputs times all that the displacement is made of; what is elastic for each part."""
+        """Rows of the outputs times the terms of the displacement; elastic terms for each part."""
         functionals: Any = self.functionals
         rows = csr_matrix(functionals.rows)
         count = max(len(self.factors.moduli), 1)
@@ -272,23 +272,23 @@ class CondensedFlowFields(Rebuilt, ModelFields):
 
 
 SAME = 1e-9
-"""Relative difference of moduli in the middle of the box that is round-off."""
+"""Relative difference of moduli in the middle of the box that counts as round-off."""
 
 
 @dataclass(frozen=True)
 class PartFactors:
-    """Young's moduli as factors of the connected components of a scene (Q parts, one where elasticity is constant).
+    """Young's moduli as factors of the connected components of a scene (Q parts, one for constant elasticity).
 
     Attributes:
-        moduli: of each part; none where elasticity is constant.
-        middle: their values where the arrays of a model were made, (Q,).
+        moduli: of each part; empty for constant elasticity.
+        middle: their values in the middle of the box, for which arrays of a model are computed, (Q,).
     """
 
     moduli: tuple[Modulus, ...]
     middle: Annotated[Floats, "parts"]
 
     def faults_for(self, space: ParameterSpace) -> Iterator[str]:
-        """Moduli that are no formulas of these parameters, or have other values in the middle of their box.
+        """Faults: moduli that are no formulas of these parameters, or have other values in the middle of their box.
 
         Raises:
             SceneError: for a modulus that is not positive somewhere in the box.
@@ -305,7 +305,7 @@ class PartFactors:
             yield f"the moduli are {values} in the middle of the box, and the arrays are made for {self.middle}"
 
     def compliances(self, point: np.ndarray) -> np.ndarray:
-        """How much more each part gives at a point, (P,), than in the middle, (Q,)."""
+        """Compliance of each part at a point, (P,), relative to the middle of the box, (Q,)."""
         if not self.moduli:
             return np.ones(1)
         return self.middle / np.array([modulus.value(point) for modulus in self.moduli])

@@ -1,14 +1,13 @@
-"""Bodies that flow with their elastic response eliminated exactly: a few plastic corrections and all contact forces.
+"""Condensed inelastic models: the elastic response is eliminated exactly; unknowns are corrections and contact forces.
 
-Where elasticity is constant along a history the displacement of the full order is
+If elasticity is constant along a history, the displacement of the full model is
 
     u = u_F θ - X λ + u_p,      X = K^-1 B^T,      u_p = K^-1 ∫ G^T C ε_p,
 
-and only the last part is not known beforehand. Its training states have few modes V, orthonormal in energy: u_p = V g
-with g = ∫ (G V)^T C ε_p, an integral that few Gauss points Z with weights of their own carry out. The unknowns are g
-and λ; laws see the strain ε = ε_F θ + E_p g - E_X^T λ on Z. Kin in the literature, without contact: transformation
-field analysis with non-uniform modes (Michel and Suquet 2003) and empirical cubature (Hernandez, Caicedo and Ferrer
-2017).
+and only the last part is unknown. Its training states have few modes V, orthonormal in energy: u_p = V g with
+g = ∫ (G V)^T C ε_p, an integral over few Gauss points Z with weights of their cubature. The unknowns are g and λ; laws
+see the strain ε = ε_F θ + E_p g - E_X^T λ on Z. Related methods without contact are transformation field analysis with
+non-uniform modes (Michel and Suquet 2003) and empirical cubature (Hernandez, Caicedo and Ferrer 2017).
 
 Needs neither DOLFINx nor PETSc.
 """
@@ -45,12 +44,12 @@ from hhr_dolfinx.trained import Signs, TrainedPaths
 
 @dataclass(frozen=True)
 class CondensedFlow:
-    """Arrays of condensed flow, in the middle of the box (n points of c components, ell modes, m conditions, Q parts).
+    """Arrays in the middle of the box (n points of c components, ell modes, m conditions, Q parts).
 
     Attributes:
-        points: numbers of the Gauss points Z in the full model, body by body, (n,); some have no weight, and tell what
-            flows where the others do not look.
-        groups: elasticity and laws of these points by body, their indices one behind another.
+        points: numbers of the Gauss points Z in the full model, body by body, (n,). Points without weight are there to
+            detect plastic strain away from the others.
+        groups: elasticity and laws of these points by body, with consecutive indices.
         per_cell: Gauss points of a cell of the full model.
         parts: part of the stiffness that holds each point, (n,).
         factors: moduli of the parts.
@@ -58,14 +57,14 @@ class CondensedFlow:
         tested: weight of each point times 2 μ times the deviator of this strain, (ell, c n).
         per_force: strain of K^-1 B^T, (m, c n).
         forced: strain of K^-1 F, (c n, 1 + T).
-        given: strain of imposed displacements and of the rest that they strain, less strains without stress, likewise.
+        given: strain of imposed displacements and of the response to them, minus strains without stress, (c n, 1 + T).
         moved: B V, (m, ell).
         modal: Q of :mod:`models.histories.condensed_step`, (ell, ell).
         coupled: P there, (ell, m).
-        mode_parts: part of the stiffness to which each mode belongs, where moduli vary, (ell,).
+        mode_parts: part of the stiffness to which each mode belongs, if moduli vary, (ell,).
         schur: B K^-1 B^T of each part, (Q, m, m).
         pressed: B K^-1 F of each part, (Q, m, 1 + T).
-        gaps: gaps less imposed displacements, (m, 1 + T).
+        gaps: gaps minus imposed displacements, (m, 1 + T).
     """
 
     points: Annotated[Integers, "points", "< gauss points"]
@@ -87,7 +86,7 @@ class CondensedFlow:
     gaps: Annotated[Floats, "m", "terms"]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Points that are there twice; groups that do not lie one behind another, as compiled loops know them; S."""
+        """Faults: repeated points, groups that are not consecutive (compiled loops rely on it), and an indefinite S."""
         if np.unique(self.points).size < self.points.size:
             yield "flow.points has a number twice"
         indices = np.concatenate([np.zeros(0, dtype=np.int64), *(group.indices for group in self.groups)])
@@ -108,24 +107,24 @@ class CondensedFlow:
 
     @cached_property
     def ends(self) -> np.ndarray:
-        """Last point of each group and one, (G,)."""
+        """End of each group: its last point and one, (G,)."""
         return np.cumsum([group.indices.size for group in self.groups])
 
 
 class CondensedEquilibrium:
-    """Equilibrium of g and λ; what :class:`hhr_dolfinx.models.histories.equilibrium.Marching` asks for.
+    """Equilibrium of g and λ, see :class:`hhr_dolfinx.models.histories.equilibrium.Marching`.
 
-    The unknown holds g and, behind it, λ.
+    The unknown holds g followed by λ.
 
     Args:
         flow: arrays.
         amplitudes: θ as a function of the parameters.
         parameters: the box of the parameters.
-        fields: what completes its answers.
+        fields: completes its answers.
 
     Attributes:
-        trained: what the model was trained on, None until that is known.
-        schur: S in these moduli, (m, m).
+        trained: training range of the model; None until it is known.
+        schur: S for the present moduli, (m, m).
         scale: factor of the strain of contact forces, (c n,).
     """
 
@@ -143,7 +142,7 @@ class CondensedEquilibrium:
         self.amplitudes = amplitudes
         self.parameters = parameters
         self.fields = fields
-        self.lock = nullcontext()  # histories share nothing that is written to
+        self.lock = nullcontext()  # histories share no mutable state
         self.material = Material(flow.groups, flow.components, parameters.names)
         self.young = tuple(modulus.factor for modulus in flow.factors.moduli)
         self.points = flow.points
@@ -157,7 +156,7 @@ class CondensedEquilibrium:
         self._set_elasticity(flow.factors.compliances(parameters.middle))
 
     def _set_elasticity(self, compliances: np.ndarray) -> None:
-        """Take what each part gives more than in the middle, (Q,)."""
+        """Set the compliance of each part relative to the middle, (Q,)."""
         flow = self.flow
         self.scale = np.tile(compliances[flow.parts], flow.components)
         self._coupled = compliances[flow.mode_parts][:, None] * flow.coupled
@@ -167,7 +166,7 @@ class CondensedEquilibrium:
         self.free_strain = np.asfortranarray(self.scale[:, None] * flow.forced + flow.given)
 
     def at(self, point: np.ndarray) -> CondensedEquilibrium:
-        """The equilibrium whose elasticity is that of a point, (P,); the one of the last elasticity is kept."""
+        """Equilibrium with the elasticity of a point, (P,); the one of the last elasticity is kept."""
         middle = self._middle
         if not middle.flow.factors.moduli:
             return self
@@ -176,12 +175,12 @@ class CondensedEquilibrium:
         if last is not None and np.array_equal(last[0], compliances):
             return last[1]
         found = copy(middle)
-        # what is kept of the middle is that of its elasticity
+        # the array kept from the middle belongs to its elasticity
         vars(found).pop("step_model", None)
         found._last = None
         found.material = middle.material.moduli_at(point)
         found._set_elasticity(compliances)
-        # in one assignment, since several threads may ask
+        # one assignment, so that threads see a complete value
         middle._last = compliances, found
         return found
 
@@ -196,7 +195,7 @@ class CondensedEquilibrium:
         return self._by_point(self._strain_of(change))
 
     def _by_point(self, values: np.ndarray) -> np.ndarray:
-        """Strains component by component, (c n,), as laws take them, (n, c)."""
+        """Strains by component, (c n,), reordered by point, (n, c), as laws take them."""
         return np.ascontiguousarray(values.reshape(-1, self.points.size).T)
 
     def _strain_of(self, x: np.ndarray) -> np.ndarray:
@@ -204,11 +203,11 @@ class CondensedEquilibrium:
         return correction @ self.flow.per_mode - self.scale * (forces @ self.flow.per_force)
 
     def strain_under(self, free: np.ndarray, correction: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """Strain on Z, (n, c), of a free one, (c n,), a correction, (ell,), and forces, (m,)."""
+        """Strain on Z, (n, c), from a free one, (c n,), a correction, (ell,), and forces, (m,)."""
         return self._by_point(free + self._strain_of(np.concatenate([correction, forces])))
 
     def flowing(self, tangents: np.ndarray) -> np.ndarray:
-        """w (G V)^T 2 μ dε_p/dε of consistent tangents on Z, (n, c, c): (ell, c n)."""
+        """w (G V)^T 2 μ dε_p/dε from consistent tangents on Z, (n, c, c): (ell, c n)."""
         shape = (self.modes, self.flow.components, self.points.size)
         # C - C_t over 2 μ is the derivative of the plastic strain
         shear = np.repeat(self.shear(self.material.groups), np.diff([0, *self.flow.ends]))
@@ -220,7 +219,7 @@ class CondensedEquilibrium:
         return self._free_slack @ theta
 
     def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Slack without correction under the contact forces of an unknown, (m,): bodies give by their elasticity."""
+        """Slack without correction under the contact forces of an unknown, (m,), with their elastic response."""
         return self.gaps(theta) + self.schur @ x[self.modes :]
 
     def residual(self, x: np.ndarray, gauss: Any, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
@@ -232,7 +231,7 @@ class CondensedEquilibrium:
         return found, np.array([np.linalg.norm(correction)])
 
     def elastic_forces(self, theta: Theta) -> np.ndarray:
-        """Contact forces λ_e if nothing had ever flowed, (m,).
+        """Contact forces λ_e of the elastic bodies, without any plastic strain, (m,).
 
         Raises:
             NotSolvableError: if there are none.
@@ -244,9 +243,9 @@ class CondensedEquilibrium:
         return found.forces
 
     def signs(self, answer: Answer) -> Signs:
-        """Stress on Z whose plastic strain is unlike that of training; no overlap, since all conditions are kept.
+        """Signs of leaving the training: stress of unfamiliar plastic strain on Z; no overlap, as all rows are kept.
 
-        What is out of balance says nothing here: steps balance on Z whatever flows.
+        The residual is no sign: steps balance on Z for any plastic strain.
         """
         left, size = self.fields.unexplained(answer)
         return Signs(0.0, 0.0, 0.0, misfit=left, stress=size)
@@ -257,11 +256,11 @@ class CondensedEquilibrium:
         return np.array([lame_parameters(float(group.young), group.poisson)[1] for group in groups])
 
     def linearised(self, tangents: np.ndarray) -> _CondensedLinearisation:
-        """The linearisation of consistent tangents on Z."""
+        """Linearisation for consistent tangents on Z."""
         return _CondensedLinearisation(self, tangents)
 
     def stepper(self, settings: MarchSettings) -> Stepper:
-        """What solves the steps of one history: one compiled loop, but with friction."""
+        """Solver of the steps of one history: a compiled loop, except with friction."""
         if self.friction is None:
             return CondensedStepper(self, settings)
         from hhr_dolfinx.models.histories.rubbing_flow import RubbingFlowStepper
@@ -283,10 +282,10 @@ class CondensedEquilibrium:
 
 
 class _CondensedLinearisation:
-    """The linearisation of a converged step, for derivatives of histories.
+    """Linearisation of a converged step, for derivatives of histories.
 
     Args:
-        model: whose moduli are numbers.
+        model: with numbers as moduli.
         tangents: consistent tangents on Z, (n, c, c).
     """
 
@@ -296,7 +295,7 @@ class _CondensedLinearisation:
         self._plain = model.flow.modal - self._tested @ model.flow.per_mode.T
 
     def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """g and λ, and λ, of a small change of the residual and the free slack, with the statuses as they are.
+        """g and λ, and λ, for a small change of the residual and the free slack at fixed statuses.
 
         Solves Q dg + P dλ = tested dε_p/dε (E_p dg - E_X^T dλ) + residual and B V dg - S dλ = gaps where active,
         dλ = 0 elsewhere.
@@ -325,15 +324,15 @@ _WHY = {
     compiled_step.NOT_FINITE: "a law found no flow, or one that is impossible",
     compiled_step.CONTACT: "the contact forces were not found",
 }
-"""What ended a step, in words."""
+"""Message for each way in which a step may end."""
 
 
 class CondensedStepper:
-    """Solves the steps of one history with arrays of its own.
+    """Solves the steps of one history; has its own work arrays.
 
     Args:
-        model: whose moduli are numbers.
-        settings: how, of which ``relative_force`` and ``iterations`` count.
+        model: with numbers as moduli.
+        settings: ``relative_force`` and ``iterations`` count.
     """
 
     def __init__(self, model: CondensedEquilibrium, settings: MarchSettings):
@@ -358,10 +357,10 @@ class CondensedStepper:
         return self._model.signs(answer)
 
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """A step from the extrapolation of the corrections before, else from the last one.
+        """Solve a step from the extrapolation of the corrections before; if that fails, from the last one.
 
         Raises:
-            Diverged: with what was tried last.
+            Diverged: with the reason of the last attempt.
         """
         here = trail[-1]
         model = self._model
@@ -387,7 +386,7 @@ class CondensedStepper:
         raise Diverged(f"{why}{left_over} after {spent} iterations")
 
     def _solve(self, load: StepLoad, material: Material) -> int:
-        """One attempt from the correction in the work arrays; why it ended."""
+        """Try once from the correction in the work arrays; returns why it ended."""
         settings = self._settings
         work = self._work
         self._said = ""
@@ -413,7 +412,7 @@ class CondensedStepper:
         return int(code)
 
     def _complaint(self, material: Material) -> str:
-        """What is wrong with the flow that was tried last, in words."""
+        """Message on what is wrong with the plastic strain tried last."""
         if self._said:
             return self._said
         work = self._work
@@ -427,7 +426,7 @@ class CondensedStepper:
         return _WHY[compiled_step.NOT_FINITE]
 
     def _evaluate(self, load: StepLoad, material: Material) -> None:
-        """Flow by laws of which some are a user's own, in Python."""
+        """Evaluate laws in Python, for models with user-defined ones."""
         work = self._work
         for group, shear in zip(material.groups, self._arrays.shear, strict=True):
             own = slice(int(group.indices[0]), int(group.indices[-1]) + 1)
@@ -436,7 +435,7 @@ class CondensedStepper:
                 continue
             trial = work.trial[own].copy()
             cumulated = load.cumulated[own].copy()
-            # a law that wrote there would spoil the return, or a step before
+            # a law that writes into its arguments would corrupt the return mapping or an earlier step
             trial.setflags(write=False)
             cumulated.setflags(write=False)
             amount, slope = flow_of(group.law, trial, cumulated, float(shear), load.dt)
@@ -446,7 +445,7 @@ class CondensedStepper:
             work.slope[own] = slope
 
     def _answer(self, goal: Goal, load: StepLoad, iterations: int) -> Answer:
-        """What was found."""
+        """Answer from the work arrays."""
         model = self._model
         work = self._work
         self._work.numbers[compiled_step.SIZE] = max(work.numbers[compiled_step.SIZE], np.linalg.norm(work.here))
@@ -462,16 +461,16 @@ class CondensedStepper:
 
 
 class CondensedFlowModel(KeptModel):
-    """Answers paths of bodies that flow, see :mod:`hhr_dolfinx.models.histories.condensed_flow`.
+    """Condensed model of inelastic bodies; answers paths. See :mod:`hhr_dolfinx.models.histories.condensed_flow`.
 
-    Several threads may ask one model; it can be copied and pickled.
+    Threads may share a model; it can be copied and pickled.
 
     Args:
         flow: arrays of the step.
         parameters: the box of the parameters.
-        fields: what completes the answers.
-        trained: what it was trained on.
-        offline: how it was made, a ``CorrectionRecord``; None for a model from a file.
+        fields: completes the answers.
+        trained: training range.
+        offline: record of its construction, a ``CorrectionRecord``; None for a model from a file.
     """
 
     kept = ("flow", "parameters", "fields", "trained")

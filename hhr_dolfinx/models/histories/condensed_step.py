@@ -1,26 +1,26 @@
-"""One step of condensed flow, compiled: plastic correction g and all contact forces λ, by Newton's method.
+"""Compiled step of condensed inelastic models: plastic correction g and all contact forces λ, by Newton's method.
 
 With the elastic response eliminated exactly (see :mod:`hhr_dolfinx.models.histories.condensed_flow`), a step is
 
     ∫ (G V)^T C ε_p(ε) - g = 0,      ε = ε_e + ε_c,      ε_c = E_p g - E_X^T (λ(g) - λ_e),
 
-where λ(g) solves the contact problem with the slack s - B V g + S λ, and λ_e that without any correction, of strain
-ε_e. λ is piecewise linear and continuous in g, so that the residual is continuous and a line search on its norm has a
-meaning. What a few points Z integrate is the stress of the correction where anything flowed, C (ε_p - dev ε_c); the
-rest is linear in g and λ, and known exactly. In sum over Z, with w for their weights, that is
+where λ(g) solves the contact problem with the slack s - B V g + S λ, and λ_e the one without correction, of strain
+ε_e. λ is piecewise linear and continuous in g, so that the residual is continuous and a line search on its norm is
+meaningful. The few points Z integrate the stress of the correction in inelastic regions, C (ε_p - dev ε_c). The rest is
+linear in g and λ, and computed exactly. Summed over Z, with weights w, that is
 
     R(g) = sum of w (G V)^T 2 μ ε_p - Q g - P (λ - λ_e),
     Q = I - (∫ - sum of w) (G V)^T 2 μ dev G V,      P = (∫ - sum of w) (G V)^T 2 μ dev G K^-1 B^T,
 
-so that Q and P hold what the cubature does wrong where ε_p follows dev ε, as where a body creeps at its leisure: the
-tangent stays definite there. With Q = I and P = 0 its sign turns with the errors of the weights. On statuses A, with
-E_A = E_p - E_X,A^T W and W = S_AA^-1 (B V)_A, the derivative is, a sum over the points that flow,
+so that Q and P correct the error of the cubature when ε_p follows dev ε, as in slow creep: the tangent stays definite
+there. With Q = I and P = 0 its sign would change with the errors of the weights. On statuses A, with
+E_A = E_p - E_X,A^T W and W = S_AA^-1 (B V)_A, the derivative is a sum over the points with plastic flow,
 
     J = sum of w (G V)^T 2 μ (dε_p/dε) dev E_A - Q - P_A W.
 
-Laws are evaluated between :func:`prepare` and :func:`judge`, those of the package in the same compiled loop, those of a
-user in Python. The first step of an installation waits for the compiler: whatever a function calls is optimised once
-more with it, so that calls are few and shallow, and loops are written out, which compile ten times as fast as
+Laws are evaluated between :func:`prepare` and :func:`judge`: those of the package in the same compiled loop,
+user-defined ones in Python. The first step of an installation waits for the compiler. It optimises a called function
+again for each caller, so calls are few and shallow. Loops are written out: they compile ten times as fast as
 expressions of whole arrays.
 
 The sections of this file: arrays of a step and their names (few arguments, since each takes time to compile), contact
@@ -37,24 +37,24 @@ from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.materials.compiled_laws import flow_at
 
 EVALUATE, CONVERGED, STALLED, LIMIT, NOT_FINITE, CONTACT = range(6)
-"""What :func:`judge` answers: evaluate the laws at the trial point, or why it stopped."""
+"""Results of :func:`judge`: evaluate the laws at the trial point, or the reason to stop."""
 ITERATION, MERIT, SHARE, SIZE, COUNT, SWITCHED, LINEAR, NUMBERS = range(8)
-"""Places in ``Work.numbers``: laws evaluated, |R| at ``here``, part of the direction tried, largest |g| so far, active
-conditions, changes of the inverse; whether J is none, an old one, or of ``here``."""
+"""Indices in ``Work.numbers``: evaluations of laws, |R| at ``here``, part of the direction tried, largest |g| so far,
+active conditions, changes of the inverse; and the state of J: absent, outdated, or that of ``here``."""
 NO_TANGENT, OLD_TANGENT, NEW_TANGENT = range(3)
 
 
 class StepModel(NamedTuple):
     """Arrays of a model at its moduli (n points of c components, ell modes, m conditions, G groups of points).
 
-    Strains lie component by component, so that loops over points run side by side.
+    Strains are stored by component, so that loops over points vectorise.
 
     Attributes:
         per_mode: strain of each mode, (ell, c n).
         tested: quadrature weight times 2 μ times the deviator of each, (ell, c n), in the moduli for which modes have
             unit energy.
         per_force: strain of K^-1 B^T in these moduli, (m, c n).
-        scale: factor of the strain of contact forces, (c n,); nothing where it is 1.
+        scale: factor of the strain of contact forces, (c n,); empty if it is 1.
         schur: S, (m, m).
         moved: B V, (m, ell).
         modal: Q, (ell, ell).
@@ -80,7 +80,7 @@ class StepModel(NamedTuple):
 
 
 class StepLoad(NamedTuple):
-    """What a step is given.
+    """Input of a step.
 
     Attributes:
         strain: strain without correction and contact forces, (c n,).
@@ -88,7 +88,7 @@ class StepLoad(NamedTuple):
         slack: slack without correction and contact forces, (m,).
         plastic: plastic strain before the step, (c, n).
         cumulated: cumulated plastic strain before it, (n,).
-        dt: its length in seconds.
+        dt: its duration in seconds.
     """
 
     strain: np.ndarray
@@ -100,19 +100,19 @@ class StepLoad(NamedTuple):
 
 
 class Work(NamedTuple):
-    """What a step works on; ``here`` is the last accepted correction, ``there`` the one that is tried.
+    """Work arrays of a step; ``here`` is the last accepted correction, ``there`` the one that is tried.
 
     Attributes:
         here, there, direction, residual, left: corrections, direction, and R at ``there`` and ``here``, (ell,) each.
         forces, slack: of the contact problem at ``there``, (m,) each.
         active: its statuses, (m,) bool.
-        order: active conditions as they stand in ``inverse``, (m,).
+        order: active conditions in the order of ``inverse``, (m,).
         inverse: of S_AA in its upper left corner, (m, m).
-        rows: E_X,A above, in this order, (m, c n).
+        rows: E_X,A, (m, c n), with the active conditions first, in this order.
         newton: inverse of -J, (ell, ell).
         strain: at ``there``, (c n,).
         deviator: of the trial stress, (c, n).
-        trial, amount, slope: equivalent trial stress, flow and its slope, (n,) each.
+        trial, amount, slope: equivalent trial stress, plastic increment and its slope, (n,) each.
         plastic: plastic strain at ``there``, (c, n).
         numbers: iterations and the like, see ``ITERATION``.
     """
@@ -139,7 +139,7 @@ class Work(NamedTuple):
 
     @classmethod
     def of(cls, modes: int, conditions: int, points: int, components: int) -> Work:
-        """Arrays of these sizes, with nothing active."""
+        """Arrays of these sizes, without active conditions."""
         ell = modes
         m = conditions
         n = points
@@ -154,25 +154,25 @@ class Work(NamedTuple):
 
 
 PATIENCE = 10
-"""Contact solutions that switch all wrong statuses without getting nearer before one is switched at a time."""
+"""Contact iterations that switch all wrong statuses without progress before one is switched at a time."""
 UPDATES = 64
-"""Changes of the inverse of S_AA after which it is made anew: round-off of as many stays below 1e-12."""
+"""Updates of the inverse of S_AA after which it is computed again: round-off of as many stays below 1e-12."""
 TOLERANCE = 1e-11
 """Negative forces and slacks below this part of the largest are round-off, as in :mod:`contact.active_set`."""
 
 STEP = "steps of condensed flow"
-"""What takes long to compile."""
+"""Name of the compiled functions, for messages."""
 
 
 @compiled(dear=STEP)
 def touch(model: StepModel, load: StepLoad, work: Work) -> bool:
-    """Contact forces at ``work.there``, from the statuses at hand; whether they were found."""
+    """Solve for contact forces at ``work.there`` from the present statuses; returns False if none were found."""
     return touched(model, load.slack, work)
 
 
 @compiled(inner=True)
 def touched(model: StepModel, free: np.ndarray, work: Work) -> bool:
-    """See :func:`touch`: from the slack without a correction, for other compiled functions."""
+    """Solve as :func:`touch` does, from the slack without a correction, for other compiled functions."""
     slack = work.slack
     for i in range(slack.size):
         slack[i] = free[i]
@@ -184,11 +184,11 @@ def touched(model: StepModel, free: np.ndarray, work: Work) -> bool:
 
 @compiled(inner=True)
 def _search(slack, forces, schur, per_force, inverse, order, active, rows, numbers):
-    """Forces under a slack and their statuses.
+    """Solve for the forces under a slack and their statuses.
 
-    All wrong statuses are switched at once as long as that leads nearer, then the first wrong one alone, by which a
-    P-matrix is solved in finitely many steps (Murty 1974; Júdice and Pires 1994). Where rows are dependent the
-    statuses at hand may leave no way on: the search then begins once more with nothing active.
+    All wrong statuses are switched at once as long as that brings progress, then the first wrong one alone, which
+    solves P-matrices in finitely many steps (Murty 1974; Júdice and Pires 1994). With dependent rows the present
+    statuses may lead to a dead end; the search then begins once more with nothing active.
     """
     m = forces.size
     fewest = m + 1
@@ -209,7 +209,7 @@ def _search(slack, forces, schur, per_force, inverse, order, active, rows, numbe
             patience -= 1
         switched = False
         for i in range(m):
-            # a condition that depends on active ones is passed over
+            # skip a condition that depends on active ones
             if wrong[i] and (patience > 0 or not switched):
                 if _switch(schur, per_force, inverse, order, active, rows, numbers, i):
                     switched = True
@@ -226,7 +226,7 @@ def _search(slack, forces, schur, per_force, inverse, order, active, rows, numbe
 
 @compiled(inner=True)
 def _forces(slack, forces, found, local, schur, inverse, order, count):
-    """Forces of the active conditions, the slack ``found`` under them, and the largest one."""
+    """Compute forces of the active conditions and the slack ``found`` under them; returns the largest force."""
     largest = 0.0
     for i in range(forces.size):
         forces[i] = 0.0
@@ -247,7 +247,7 @@ def _forces(slack, forces, found, local, schur, inverse, order, count):
 
 @compiled(inner=True)
 def _mark(slack, forces, found, active, largest, wrong):
-    """Mark the conditions that pull or overlap by more than round-off; how many there are."""
+    """Mark the conditions that pull or overlap by more than round-off; returns their number."""
     through = 0.0
     for i in range(wrong.size):
         through = max(through, abs(slack[i]))
@@ -263,14 +263,14 @@ def _mark(slack, forces, found, active, largest, wrong):
 
 @compiled(inner=True)
 def _switch(schur, per_force, inverse, order, active, rows, numbers, condition):
-    """Change a status, and with it the inverse of S_AA; whether that is regular, else all stays as it is."""
+    """Change a status and update the inverse of S_AA; returns False and changes nothing if that is singular."""
     count = int(numbers[COUNT])
     if active[condition]:
         active[condition] = False
         _leave(inverse, order, rows, condition, count)
         numbers[COUNT] = count - 1
     else:
-        # one that is called active without a place in the inverse would let bodies overlap from then on
+        # an active condition that the inverse lacks would let bodies overlap from then on
         if not _join(schur, per_force, inverse, order, rows, condition, count):
             return False
         active[condition] = True
@@ -310,7 +310,7 @@ def _join(schur, per_force, inverse, order, rows, condition, count):
 
 @compiled(inner=True)
 def _leave(inverse, order, rows, condition, count):
-    """Take one condition out of the inverse of S_AA."""
+    """Remove one condition from the inverse of S_AA."""
     place = 0
     while order[place] != condition:
         place += 1
@@ -331,7 +331,7 @@ def _leave(inverse, order, rows, condition, count):
 
 @compiled(inner=True)
 def _refresh(schur, inverse, order, count):
-    """The inverse of S_AA from S."""
+    """Compute the inverse of S_AA from S."""
     if count == 0:
         return
     block = np.empty((count, count))
@@ -351,7 +351,7 @@ def inverse_of(matrix: np.ndarray) -> np.ndarray:
 
 
 ANY_ORDER = {"reassoc", "contract"}
-"""Sums in any order, so that they run side by side; what is not finite stays so."""
+"""Sums in any order, so that they vectorise; non-finite values stay so."""
 
 
 @compiled(inner=True, fastmath=ANY_ORDER)
@@ -366,7 +366,7 @@ def set_strain(
     there: np.ndarray,
     per_mode: np.ndarray,
 ) -> None:
-    """Strain that the laws see."""
+    """Compute the strain that the laws see."""
     for k in range(strain.size):
         strain[k] = 0.0
     for a in range(count):
@@ -392,7 +392,7 @@ def set_trial(
     deviator: np.ndarray,
     trial: np.ndarray,
 ) -> None:
-    """Deviator and equivalent stress of a step without flow."""
+    """Compute deviator and equivalent stress of an elastic trial step."""
     components, points = plastic.shape
     start = 0
     for group in range(ends.size):
@@ -416,7 +416,7 @@ def set_trial(
 
 @compiled(inner=True)
 def possible(ends: np.ndarray, shear: np.ndarray, amount: np.ndarray, slope: np.ndarray, trial: np.ndarray) -> bool:
-    """Whether flows are finite and turn no stress round."""
+    """True if plastic increments are finite and reverse no stress."""
     start = 0
     for group in range(ends.size):
         stiff = 3 * shear[group]
@@ -431,7 +431,7 @@ def possible(ends: np.ndarray, shear: np.ndarray, amount: np.ndarray, slope: np.
 def set_plastic(
     old: np.ndarray, amount: np.ndarray, trial: np.ndarray, deviator: np.ndarray, plastic: np.ndarray
 ) -> None:
-    """Plastic strain behind the step."""
+    """Compute the plastic strain after the step."""
     components, points = plastic.shape
     for i in range(components):
         for k in range(points):
@@ -450,7 +450,7 @@ def set_residual(
     elastic: np.ndarray,
     residual: np.ndarray,
 ) -> float:
-    """R, and the sum of it."""
+    """Compute R; returns the sum of its entries, which is finite if all are."""
     components, points = plastic.shape
     total = 0.0
     for j in range(residual.size):
@@ -514,15 +514,15 @@ def flowing_of(
 LEAST_SHARE = 1 / 256
 """Smallest part of a Newton step that the line search tries."""
 DECREASE = 1e-4
-"""Part of the decrease of |R| that the linear model promises which a step has to bring (Armijo)."""
+"""Least part of the decrease of |R| predicted by the linear model that a step must bring (Armijo)."""
 ROUND_OFF = 1e-14
-"""Part of what the residual is made of that is round-off."""
+"""Part of the terms of the residual that counts as round-off."""
 SLOW = 0.35
-"""An old J serves as long as |R| falls at least by this factor in each iteration."""
+"""Factor by which |R| must fall in each iteration for an outdated J to be kept."""
 
 
 def begin(work: Work) -> None:
-    """Before the first iterate of a step."""
+    """Reset the work arrays before the first iterate of a step."""
     numbers = work.numbers
     numbers[ITERATION] = 0.0
     numbers[SHARE] = 1.0
@@ -543,7 +543,7 @@ def solve(
     tolerance: float,
     most: int,
 ) -> int:
-    """The whole step, from the correction in ``work.there`` and the statuses in ``work``, by laws of the package.
+    """Solve a step with laws of the package, from the correction in ``work.there`` and the statuses in ``work``.
 
     ``kinds`` and ``constants`` are those of :mod:`materials.compiled_laws`, (G,) and (G, 2); see :func:`judge`.
     """
@@ -574,7 +574,7 @@ def solve(
 
 @compiled()
 def prepare(model: StepModel, load: StepLoad, work: Work) -> int:
-    """Contact forces, strain and trial stress at ``work.there``."""
+    """Compute contact forces, strain and trial stress at ``work.there``."""
     if not touched(model, load.slack, work):
         return CONTACT
     _try(model, load.strain, load.plastic, work)
@@ -583,33 +583,33 @@ def prepare(model: StepModel, load: StepLoad, work: Work) -> int:
 
 @compiled()
 def judge(model: StepModel, load: StepLoad, work: Work, tolerance: float, most: int) -> int:
-    """Take in flows at the trial point, and go on to the next one.
+    """Judge the trial point by the plastic increments there, and choose the next one.
 
     Args:
-        model, load, work: see there.
+        model, load, work: see their classes.
         tolerance: |R| over the size of the correction at which a step is solved.
-        most: evaluations of the laws.
+        most: most evaluations of the laws.
     """
     return _judge(model, load, work, tolerance, most)
 
 
 @compiled(inner=True)
 def _judge(model, load, work, tolerance, most):
-    """See :func:`judge`."""
+    """Inlined body of :func:`judge`."""
     numbers = work.numbers
     numbers[ITERATION] += 1
     first = numbers[MERIT] == np.inf
     if first:
-        # of a correction as small as that, as where the first point is about to yield, there is no more to know
+        # the residual of a correction as small as this is round-off, as when the first point is about to yield
         numbers[SIZE] = max(numbers[SIZE], ROUND_OFF * model.weight * _norm(work.strain) / tolerance)
     fine = possible(model.ends, model.shear, work.amount, work.slope, work.trial)
     if fine:
         set_plastic(load.plastic, work.amount, work.trial, work.deviator, work.plastic)
-        pushed = model.coupled, work.forces, load.forces
-        left = set_residual(model.tested, work.plastic, model.modal, work.there, *pushed, work.residual)
+        coupling = model.coupled, work.forces, load.forces
+        left = set_residual(model.tested, work.plastic, model.modal, work.there, *coupling, work.residual)
         fine = bool(np.isfinite(left))
     if not fine:
-        # a correction too far off, where a law has no answer
+        # the correction is too large: a law has no answer there
         return NOT_FINITE if first else _nearer(work, most)
     merit = _norm(work.residual)
     solved = merit <= tolerance * max(_norm(work.there), numbers[SIZE])
@@ -644,7 +644,7 @@ def _norm(values):
 
 @compiled(inner=True)
 def _learn(there, here, newton, left, residual):
-    """Make the inverse of -J true of the step just taken (Broyden 1965, the first of his updates)."""
+    """Update the inverse of -J by the step just made (Broyden 1965, the first of his updates)."""
     ell = here.size
     missed = np.empty(ell)
     turned = np.zeros(ell)
@@ -667,7 +667,7 @@ def _learn(there, here, newton, left, residual):
 
 @compiled(inner=True)
 def _go(work):
-    """The whole of Newton's step from ``here``."""
+    """Make a full Newton step from ``here``."""
     total = 0.0
     for i in range(work.here.size):
         value = 0.0
@@ -682,12 +682,12 @@ def _go(work):
 
 @compiled(inner=True)
 def _nearer(work, most):
-    """A new J at ``here`` where that at hand is old, else half of the part of the direction that was tried last."""
+    """Recompute J at ``here`` if it is outdated; otherwise halve the step."""
     numbers = work.numbers
     if numbers[ITERATION] >= most:
         return LIMIT
     if numbers[LINEAR] == OLD_TANGENT:
-        # what the laws say at ``here`` was overwritten: they are asked again
+        # the values of the laws at ``here`` were overwritten: evaluate them again
         numbers[LINEAR] = NO_TANGENT
         numbers[MERIT] = np.inf
         for j in range(work.here.size):
@@ -703,7 +703,7 @@ def _nearer(work, most):
 
 @compiled(inner=True)
 def _try(model, free, plastic, work):
-    """Strain and trial stress at ``work.there`` under the forces there."""
+    """Compute strain and trial stress at ``work.there`` under the forces there."""
     strain = work.strain
     count = int(work.numbers[COUNT])
     set_strain(strain, free, work.forces, work.order, count, work.rows, model.scale, work.there, model.per_mode)
@@ -712,51 +712,51 @@ def _try(model, free, plastic, work):
 
 @compiled()
 def linearise(model: StepModel, work: Work) -> bool:
-    """The inverse of -J at ``work.here``, of which laws, strain and statuses are those; whether J is regular.
+    """Compute the inverse of -J at ``work.here`` from laws, strain and statuses there; returns False if J is singular.
 
-    What flows is taken in single precision: what J is off by is seen in the number of iterations, if at all.
+    The plastic part is in single precision: an inaccurate J costs iterations at most, not accuracy.
     """
     return _linearise(model, work)
 
 
 @compiled(inner=True)
 def _linearise(model, work):
-    """See :func:`linearise`."""
+    """Inlined body of :func:`linearise`."""
     count = int(work.numbers[COUNT])
     ell = work.here.size
-    moved = np.empty((count, ell))
+    responses = np.empty((count, ell))
     coupled = np.empty((ell, count))
     inverse = np.empty((count, count))
     for a in range(count):
         for j in range(ell):
-            moved[a, j] = model.moved[work.order[a], j]
+            responses[a, j] = model.moved[work.order[a], j]
             coupled[j, a] = model.coupled[j, work.order[a]]
         for b in range(count):
             inverse[a, b] = work.inverse[a, b]
     # W
-    moved = np.dot(inverse, moved)
-    jacobian = np.dot(coupled, moved)
+    responses = np.dot(inverse, responses)
+    jacobian = np.dot(coupled, responses)
     for i in range(ell):
         for j in range(ell):
             jacobian[i, j] += model.modal[i, j]
     if _norm(work.amount) > 0:
-        _add_flowing(model, work, moved, jacobian)
+        _add_flowing(model, work, responses, jacobian)
     found = inverse_of(jacobian)
     total = 0.0
     for i in range(ell):
         for j in range(ell):
             work.newton[i, j] = found[i, j]
             total += found[i, j]
-    # kept for an old one it would stop all steps to come
+    # a singular J marked as outdated would stop all steps to come
     regular = bool(np.isfinite(total))
     work.numbers[LINEAR] = NEW_TANGENT if regular else NO_TANGENT
     return regular
 
 
 @compiled(inner=True)
-def _add_flowing(model, work, moved, jacobian):
-    """What flows of -J, by W."""
-    count, ell = moved.shape
+def _add_flowing(model, work, responses, jacobian):
+    """Add the plastic part of -J, by W."""
+    count, ell = responses.shape
     laws = work.deviator, work.trial, work.amount, work.slope
     flowing = flowing_of(model.tested, model.ends, model.shear, *laws)
     direct = np.dot(flowing, model.single.T)
@@ -773,4 +773,4 @@ def _add_flowing(model, work, moved, jacobian):
             jacobian[i, j] -= direct[i, j]
         for a in range(count):
             for j in range(ell):
-                jacobian[i, j] += pressed[i, a] * moved[a, j]
+                jacobian[i, j] += pressed[i, a] * responses[a, j]

@@ -1,10 +1,10 @@
-"""The contract of equilibrium: what a history needs of a model, whether full, cut to a RID, or reduced to small arrays.
+"""Protocols of equilibrium: what a history needs of a full model, one cut to a RID, or one of small arrays.
 
-A scene in which nothing flows is one whose linearisation never changes: its models solve with that one and need no
-more of the contract.
+An elastic scene has a linearisation that never changes. Its models solve with that one and need no other part of the
+protocols.
 
-The settings of a history stand here too, and warnings of time steps that are too long: one for each history, or one
-for all of a training.
+The settings of a history are here too, and warnings of time steps that are too long: one for each history, or one for
+a whole training.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ class Changing(Protocol):
 
 
 class Linearisation(Changing, Protocol):
-    """A linear model in the place of a model, exact for one in which nothing flows."""
+    """Linearisation of a model; exact for elastic models."""
 
     @property
     def moduli(self) -> np.ndarray:
@@ -63,11 +63,11 @@ class Linearisation(Changing, Protocol):
     def correct(
         self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray, rubbing: RubbingStep | None = None
     ) -> Correction:
-        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps, with friction if there is any, from some statuses."""
+        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps from some statuses, with friction if there is any."""
 
 
 class Diverged(Exception):
-    """A step did not converge: why, and the Gauss point that moves or flows most, if that is known."""
+    """A step did not converge: the reason, and the Gauss point with the largest change or flow, if known."""
 
     def __init__(self, why: str, worst: int | None = None):
         super().__init__(why)
@@ -85,7 +85,7 @@ class Stepper(Protocol):
     """Solves the steps of one history."""
 
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """The answer at a goal, from the last answers, at most three, the present one at the end.
+        """Answer at a goal from the last answers, at most three; the last of them is the present one.
 
         Raises:
             Diverged: if it was not found.
@@ -95,21 +95,21 @@ class Stepper(Protocol):
         """Take in a step that was solved before."""
 
     def signs(self, answer: Answer) -> Signs:
-        """What shows at a solved step whether the model still knows what it does."""
+        """Signs at a solved step that the model left its training."""
 
 
 class Marching(Protocol):
-    """Model along whose histories the loop over steps goes, and whose derivatives are asked; ``x`` is the unknown.
+    """Model whose histories are solved step by step and differentiated; ``x`` is the unknown.
 
     Attributes:
         parameters: the box of the parameters.
         material: elasticity and laws at its Gauss points; ``material.at(parameter)`` has their constants there.
-        points: numbers of these points, of those of all ranks, in the full model.
-        together: what all of its points say together, where ranks have some each.
+        points: numbers of these points in the full model; of the points of all ranks.
+        together: reductions over the Gauss points of all ranks.
         per_cell: Gauss points of a cell of the full model.
         size, conditions: number of unknowns and of contact conditions.
-        friction: which of the conditions are tangential; None without friction.
-        young: formulas of Young's moduli of all bodies, those without Gauss points in the model too.
+        friction: tangential conditions and their laws; None without friction.
+        young: formulas of Young's moduli of all bodies, also of those without Gauss points in the model.
     """
 
     parameters: ParameterSpace
@@ -124,56 +124,56 @@ class Marching(Protocol):
 
     @property
     def fields(self) -> Fields:
-        """What completes its answers."""
+        """Completion of its answers."""
 
     @property
     def trained(self) -> TrainedPaths | None:
-        """What a reduced model was trained on; None for a full one."""
+        """Training range of a reduced model; None for a full one."""
 
     @property
     def lock(self) -> AbstractContextManager:
-        """Held through a history."""
+        """Lock to hold during a history."""
 
     def amplitudes(self, point: np.ndarray) -> Theta:
         """θ at a parameter."""
 
     def stepper(self, settings: MarchSettings) -> Stepper:
-        """What solves the steps of a history."""
+        """Solver of the steps of a history."""
 
     def at(self, point: np.ndarray) -> Marching:
-        """The model whose elasticity is that of a point, (P,): itself where elasticity is constant.
+        """The model with the elasticity of a point, (P,); itself for constant elasticity.
 
-        The one of the last elasticity is kept. Where it varies, what is not asked through this has formulas in its
-        material, and the elastic linearisation of the middle of the box.
+        The one of the last elasticity is kept. If elasticity varies, the model itself has formulas in its material, and
+        the elastic linearisation of the middle of the box.
         """
 
     def responding_at(self, point: np.ndarray) -> Marching:
-        """The model whose strain, gaps and residual at a given unknown are those of a point's elasticity, (P,)."""
+        """The model whose strain, gaps and residual at a given unknown have the elasticity of a point, (P,)."""
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Strain at all Gauss points, lift included, less strains without stress: what laws see."""
+        """Strain at all Gauss points, lift included, minus strains without stress: the input of laws."""
 
     def strain_of(self, change: np.ndarray) -> np.ndarray:
         """Strain of a change of the unknown."""
 
     def gaps(self, theta: Theta) -> np.ndarray:
-        """Gaps less what is known of the motion, (conditions,), which bound B x."""
+        """Gaps minus the known part of the motion, (conditions,): upper bounds of B x."""
 
     def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """The same for the unknowns beside a given one: with the motion by its forces, where these are unknowns."""
+        """Gaps for the unknowns next to a given one: with the motion by its forces, if these are unknowns."""
 
     def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
-        """What is out of balance at an unknown with stress and state, in the test space, and the size of it."""
+        """Residual at an unknown with stress and state, in the test space, and the size of its terms."""
 
     def signs(self, answer: Answer) -> Signs:
-        """What shows at a solved step whether the model still knows what it does."""
+        """Signs at a solved step that the model left its training."""
 
     def linearised(self, tangents: Any) -> Changing:
-        """The linearisation of consistent tangents; those of earlier tangents are then out of date."""
+        """Linearisation for consistent tangents; linearisations of earlier tangents become invalid."""
 
 
 class Equilibrium(Marching, Protocol):
-    """What steps by linearisation need besides; ``x`` is U0 or gamma."""
+    """Additional interface for steps by linearisation; ``x`` is U0 or gamma."""
 
     @property
     def elastic(self) -> Linearisation:
@@ -183,13 +183,13 @@ class Equilibrium(Marching, Protocol):
         """See :class:`Marching`."""
 
     def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
-        """Loads less internal forces, in the test space, and the size of both for each body, (bodies,)."""
+        """Loads minus internal forces, in the test space, and the size of both for each body, (bodies,)."""
 
     def norms(self, residual: np.ndarray) -> np.ndarray:
         """Norm of a residual for each body, (bodies,)."""
 
     def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Residual that is round-off at an unknown, for each body, (bodies,)."""
+        """Size of round-off in the residual at an unknown, for each body, (bodies,)."""
 
     def contact_load(self, forces: np.ndarray) -> np.ndarray:
         """B^T λ in the test space."""
@@ -199,7 +199,7 @@ class Equilibrium(Marching, Protocol):
 
 
 def extrapolated(trail: Sequence[Answer], time: float, count: int | None = None) -> np.ndarray:
-    """The polynomial through the (first ``count``) unknowns of some answers, at a later time."""
+    """Extrapolation of the (first ``count``) unknowns of some answers to a later time, by a polynomial."""
     x = np.zeros_like(trail[0].unknown[:count])
     for answer in trail:
         # Lagrange's polynomials
@@ -209,24 +209,24 @@ def extrapolated(trail: Sequence[Answer], time: float, count: int | None = None)
 
 
 ACCEPTED = 0.05
-"""Estimated time error above which a history that nobody controls is warned of."""
+"""Estimated time error above which a history without a time tolerance raises a warning."""
 _COLLECTED: ContextVar[list[float] | None] = ContextVar("time errors of a training", default=None)
 
 
-def complain(estimate: float, tolerance: float | None) -> None:
-    """Warn of a history with a large time error, unless it was asked for, or is told of together with others."""
-    together = _COLLECTED.get()
-    if together is not None:
-        together.append(estimate)
+def warn_of_time_error(estimate: float, tolerance: float | None) -> None:
+    """Warn of a large time error, unless a tolerance was given, or :func:`told_once` collects the warnings."""
+    collected = _COLLECTED.get()
+    if collected is not None:
+        collected.append(estimate)
     elif tolerance is None and estimate > ACCEPTED:
         warn(f"the time steps of this history {_said(estimate)}", TimeStepWarning, stacklevel=5)
 
 
 @contextmanager
 def told_once(what: str = "") -> Iterator[None]:
-    """Histories in a block warn together at its end, as ``what``; not at all without a name."""
-    together = _COLLECTED.get()
-    if together is not None:  # whoever asked first tells
+    """Collect the time errors of histories in a block and warn once at its end, as ``what``; never without a name."""
+    collected = _COLLECTED.get()
+    if collected is not None:  # the outermost block warns
         yield
         return
     estimates: list[float] = []
@@ -252,30 +252,30 @@ SEARCHES = ("tangent", "frozen", "elastic")
 
 
 LEAST_TOLERANCE = 1e-5
-"""Time tolerance below which what a step leaves out of balance counts as much as its length."""
+"""Time tolerance below which the residual left in a step counts as much as its duration."""
 
 
 @dataclass(frozen=True)
 class MarchSettings:
-    """How histories are solved.
+    """Settings of the solution of histories.
 
     Attributes:
-        search: operator of the linearisation: ``tangent``, renewed in each iteration; ``frozen``, the elastic one until
-            a step takes many iterations, then the tangent at the start of a step until another one does; ``elastic``.
-            The latter two with Anderson's acceleration.
-        relative_stress: ε_r of (6.19). In the place of R_σ (6.18), by which a prediction was wrong, stands what the
-            next one still moves, H : ε(δ).
+        search: operator of the linearisation. ``tangent`` is renewed in each iteration. ``frozen`` is the elastic one
+            until a step takes many iterations, then the tangent at the start of a step until another step does.
+            ``elastic`` never changes. The latter two have Anderson's acceleration.
+        relative_stress: ε_r of (6.19). Instead of R_σ (6.18), the error of the last prediction, the criterion uses the
+            change by the next one, H : ε(δ).
         floor_stress: ε_a of (6.19) as a fraction of the largest root mean square of the stress so far, without a unit.
-        relative_force: residual over the size of the forces; the stress criterion alone sees only how much
-            iterates still change.
+        relative_force: residual over the size of the forces; the stress criterion alone only measures the change of
+            iterates.
         iterations: most iterations of a step before it is cut.
         cuts: how often a step that does not converge may be halved.
-        time_tolerance: estimated error of the time steps, relative to the largest stress, that is to be kept where laws
-            have rates: steps of the path are solved in as many parts as that takes, and answers handed out at their
-            ends. None solves them as they are; ``History.time_error`` says the estimate in any case.
-        outside: what happens to a step outside what a reduced model was trained on: ``warn``, ``refuse`` or ``ignore``.
-        gradient: whether each answer is to have its derivatives along the parameters, each shifted by the same at all
-            times, as a constant of the whole history is; see :mod:`hhr_dolfinx.models.histories.history_gradient`.
+        time_tolerance: largest estimated error of the time steps, relative to the largest stress, for laws with rates.
+            A step of the path is solved in as many parts as that takes, and answered at its end. None does not cut
+            steps; ``History.time_error`` has the estimate in any case.
+        outside: policy for a step outside the training range of a reduced model: ``warn``, ``refuse`` or ``ignore``.
+        gradient: compute derivatives of each answer along the parameters, each shifted by the same at all times, as a
+            constant of the whole history; see :mod:`hhr_dolfinx.models.histories.history_gradient`.
     """
 
     search: str = "frozen"

@@ -1,4 +1,4 @@
-"""Surfaces that have slid so far that they press on what they were paired with where they were meshed."""
+"""Detection of surfaces that have slid too far for the pairing of their undeformed meshes."""
 
 from __future__ import annotations
 
@@ -16,38 +16,38 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Friction, SlipState
 
 PRESSED = 1e-9
-"""Part of the largest pressure of a history below which a contact only touches."""
+"""Part of the largest pressure of a history below which a contact is not under load."""
 
 
-_TOLD: ContextVar[list[str] | None] = ContextVar("what several histories have told", default=None)
+_WARNED: ContextVar[list[str] | None] = ContextVar("places of histories that slid far", default=None)
 
 
 @contextmanager
 def first_alone() -> Iterator[None]:
-    """Of the histories in a block, the first that slides far is told of."""
-    if _TOLD.get() is not None:  # whoever asked first
+    """Warn of the first of the histories in a block that slides far, not of the others."""
+    if _WARNED.get() is not None:  # the outermost block counts
         yield
         return
-    token = _TOLD.set([])
+    token = _WARNED.set([])
     try:
         yield
     finally:
-        _TOLD.reset(token)
+        _WARNED.reset(token)
 
 
 class FarSliding:
-    """Looks at the steps of one history; what has slid far is said once."""
+    """Checks the steps of one history for far sliding; warns once."""
 
     def __init__(self) -> None:
         self._largest = 0.0
         self._said = False
 
     def check(self, friction: Friction, slip: SlipState, place: str) -> None:
-        """Look at a step.
+        """Check a step.
 
         Args:
             friction: of the whole contact surface.
-            slip: what it remembers.
+            slip: slip state of the step.
             place: the parameter, in words.
 
         Warns:
@@ -60,11 +60,11 @@ class FarSliding:
         if self._said or not share.max(initial=0.0) > 1.0:
             return
         self._said = True
-        told = _TOLD.get()
-        if told:
+        warned = _WARNED.get()
+        if warned:
             return
-        if told is not None:
-            told.append(place)
+        if warned is not None:
+            warned.append(place)
         at = int(share.argmax())
         warn(
             f"at {place}: contact {at} has slid by {slid[at]:.3g}, {share[at]:.2g} times the distance between the "

@@ -1,13 +1,13 @@
-"""An indicator of the contact forces of histories, and better forces, by one defect correction of each step.
+"""Indicator of the contact forces of histories, and better forces, by one defect correction of each step.
 
-Along the displacement that a small model hands out the laws are run at *all* Gauss points of the mesh, from a state of
-their own that they carry on from step to step. With the plastic strain ε_p that they find there, held fixed, forces
-follow from an elastic contact problem on all conditions,
+The laws are evaluated at *all* Gauss points of the mesh, along the displacement of a small model; their state is
+carried from step to step. With the resulting plastic strain ε_p held fixed, forces follow from an elastic contact
+problem on all conditions,
 
     slack = s - B K^-1 ∫ G^T C ε_p + S λ >= 0,      λ >= 0,      S = B K^-1 B^T,
 
 with the slack s of the elastic bodies alone. The distance of λ from the forces of the model ranks their errors, which
-the misfit of the stress does not, and λ is the better answer. Nothing is proved; see docs/bounds.md.
+the residual of the stress does not, and λ is the better answer. It is no bound; see docs/bounds.md.
 
 Needs neither DOLFINx nor PETSc.
 """
@@ -38,7 +38,7 @@ class CorrectedForces(NamedTuple):
     Attributes:
         forces: on all conditions, (m,).
         error: their distance from those of the model, an indicator of its error, in the unit of force.
-        relative: the same over the norm of these forces; infinite where bodies part and the model lets them touch.
+        relative: the same over the norm of these forces; infinite if bodies part that touch in the model.
     """
 
     forces: np.ndarray
@@ -48,7 +48,7 @@ class CorrectedForces(NamedTuple):
 
 @dataclass(frozen=True)
 class ForceCorrection(Rebuilt):
-    """What the correction needs, as arrays (N dofs, m conditions, T terms of θ, Q parts of the stiffness).
+    """Arrays of the correction (N dofs, m conditions, T terms of θ, Q parts of the stiffness).
 
     Attributes:
         operator: strain at all Gauss points.
@@ -60,7 +60,7 @@ class ForceCorrection(Rebuilt):
         per_force: K^-1 B^T in the middle of the box, (N, m).
         schur: B K^-1 B^T of each part there, (Q, m, m).
         pressed: B K^-1 F of each part, (Q, m, 1 + T).
-        gaps: gaps less what is imposed, (m, 1 + T).
+        gaps: gaps minus imposed displacements, (m, 1 + T).
         pairs: number of the contact pair of each condition, (m,).
     """
 
@@ -82,7 +82,7 @@ class ForceCorrection(Rebuilt):
         return sum(item.nbytes for item in (self.operator.gradients, self.per_force, self.schur))
 
     def of(self, history: History) -> list[CorrectedForces]:
-        """Corrected forces of each step of a history of a model of the same scene, full or small.
+        """Corrected forces of each step of a history, by a full or small model of the same scene.
 
         Raises:
             ReductionError: for a history of another scene.
@@ -94,7 +94,7 @@ class ForceCorrection(Rebuilt):
     def _steps(self, history: History) -> Iterator[CorrectedForces]:
         state = self.material.at_rest()
         time = history.start
-        compliances = self.factors.compliances(history.parameter)  # elasticity is the same along a history
+        compliances = self.factors.compliances(history.parameter)  # elasticity is constant along a history
         elastic = self._elastic if not self.factors.moduli else self._elastic_at(compliances)
         for answer in history.answers:
             displacement = answer.displacement()
@@ -111,15 +111,15 @@ class ForceCorrection(Rebuilt):
                 strain = strain - (self.eigenstrains @ theta).reshape(strain.shape)
             state = material.update(strain, state, answer.time - time, tangent=False).state
             time = answer.time
-            pushed, _ = self.operator.internal(np.einsum("nij,nj->ni", material.elastic, state.plastic))
+            plastic_loads, _ = self.operator.internal(np.einsum("nij,nj->ni", material.elastic, state.plastic))
             slack = self.gaps @ theta - np.tensordot(compliances, self.pressed, 1) @ theta
-            slack -= self.per_force.T @ (compliances[self.parts] * pushed)
+            slack -= self.per_force.T @ (compliances[self.parts] * plastic_loads)
             yield self._corrected(answer, elastic, slack, forces)
 
     def _corrected(
         self, answer: Answer, elastic: SchurEqualities, slack: np.ndarray, forces: np.ndarray
     ) -> CorrectedForces:
-        """The elastic contact problem of a slack, from the statuses of an answer."""
+        """Solve the elastic contact problem of a slack, from the statuses of an answer."""
         found = active_set(elastic, slack, forces > 0, pairs=self._pairs)
         if found.status is not Status.CONVERGED:
             raise NotSolvableError(

@@ -1,13 +1,13 @@
-"""Derivatives of histories along their parameters, step by step and without solving a nonlinear problem again.
+"""Derivatives of histories along their parameters, step by step, without another nonlinear solve.
 
-A converged step holds R(x, s, μ) = B^T λ and B_A x = d_A(μ) on its active conditions A, with the residual R of the
+A converged step satisfies R(x, s, μ) = B^T λ and B_A x = d_A(μ) on its active conditions A, with the residual R of the
 laws that started from the state s before the step. Along a direction of the path its derivative solves
 
     K_T dx + B^T dλ = dR,      B_A dx = dd_A,      dλ = 0 elsewhere,
 
-with the consistent tangent K_T at the step. dR is the difference of R at fixed x along (ds, dμ), and the state behind
-the step changes by the difference of its update along (dx, ds, dμ): arithmetic of the laws as they are, whatever they
-depend on. Statuses are those of the history, so that what comes out is the derivative away from kinks: where a
+with the consistent tangent K_T at the step. dR is the difference of R at fixed x along (ds, dμ). The state after the
+step changes by the difference of its update along (dx, ds, dμ). These differences evaluate the laws as they are, with
+all their dependencies. Statuses are those of the history, so the result is the derivative away from kinks: where a
 condition is about to change its status, or points are about to yield, the two sides differ.
 """
 
@@ -26,9 +26,9 @@ from hhr_dolfinx.models.histories.equilibrium import Marching
 
 STEP = 1e-5
 """Length of a difference, as a part of the box of the parameters and of the strain so far: curvature costs its square,
-cancellation round-off over it. On the flowing pellet differences of whole histories agree to 1e-8."""
+cancellation round-off over it. For the plastic pellet differences of whole histories agree to 1e-8."""
 SAME_STRESS = 1e-8
-"""Part of the stress by which a step may differ from what its end says: it was not solved in one part."""
+"""Part of the stress by which a step may differ from a single step to its end; above it, the step was cut."""
 _CENTRAL = ((-1.0, -0.5), (1.0, 0.5))
 _FORWARD = ((0.0, -1.5), (1.0, 2.0), (2.0, -0.5))
 _BACKWARD = tuple((-place, -weight) for place, weight in _FORWARD)
@@ -40,7 +40,7 @@ class StepGradient(NamedTuple):
 
     Attributes:
         unknown: of the unknown of the answer, (n, K); the lift is not part of it.
-        multipliers: of the forces on the model's own conditions, (m, K).
+        multipliers: of the forces on the conditions of the model, (m, K).
     """
 
     unknown: np.ndarray
@@ -52,15 +52,15 @@ def history_gradient(model: Marching, history: History, directions: np.ndarray |
 
     Args:
         model: equilibrium of the full or the reduced model that solved it, ``full.equilibrium``.
-        history: solved, with tight settings if much is asked of the derivatives.
-        directions: derivatives of the path, (steps + 1, P, K): how the parameters at each of its times change along
-            each of K directions; None shifts each parameter, K = P, by the same at all times, as a constant of the
+        history: solved, with tight settings for accurate derivatives.
+        directions: derivatives of the path, (steps + 1, P, K): changes of the parameters at each of its times along
+            each of K directions. None shifts each parameter, K = P, by the same at all times, as a constant of the
             whole history such as a yield stress or a gap.
 
     Raises:
         ParameterError: for directions of another shape, or not finite.
-        ConvergenceError: for a step whose end is not that of a single step, as of one that was cut.
-        SingularError: where the tangent or the active conditions of a step are singular.
+        ConvergenceError: for a step whose end is not that of a single step, such as a step that was cut.
+        SingularError: if the tangent or the active conditions of a step are singular.
     """
     path = history.path
     count = len(model.parameters.names)
@@ -97,13 +97,13 @@ def with_gradients(model: Marching, history: History) -> None:
     for place, found in enumerate(history_gradient(model, history)):
         answer = history.answers[place]
         near = GRAZING * np.abs(answer.multipliers).max(initial=0.0)
-        slack = np.full_like(found.multipliers, np.nan)  # that of a history is not kept
+        slack = np.full_like(found.multipliers, np.nan)  # histories keep no slack
         gradient = Gradient(found.unknown, found.multipliers, answer.active & (answer.multipliers <= near), slack)
         history.answers[place] = answer._replace(gradient=gradient)
 
 
 class _Step:
-    """A solved step: its consistent linearisation, and what it does along directions."""
+    """A solved step: its consistent linearisation, and its derivatives along directions."""
 
     def __init__(self, model: Marching, answer: Answer, before: State, dt: float, number: int):
         self._model = model
@@ -126,13 +126,13 @@ class _Step:
         Args:
             direction: of the parameter, (P,).
             change: derivative of the state before the step.
-            scale: largest strain so far, by which strains are measured.
+            scale: largest strain so far, the unit of strains.
         """
         model = self._model
         length = self._length(direction, _largest(change.plastic), scale)
 
         def loaded(place: float) -> tuple[np.ndarray, ...]:
-            """Residual and gaps beside the step, at its unknown."""
+            """Residual and gaps at a shifted parameter and state, at the unknown of the step."""
             point, before = self._beside(place, direction, change)
             there = model.responding_at(point)
             theta = model.amplitudes(point)
@@ -142,17 +142,17 @@ class _Step:
 
         residual, gaps = self._difference(loaded, direction, length)
         dx, forces = self._linear.changed(residual, gaps, self._answer.active)
-        # the unknown moves too: a shorter difference, where it strains more
+        # the unknown changes too: a shorter difference if it strains more
         length = min(length, self._length(direction, _largest(model.strain_of(dx)), scale))
 
         def updated(place: float) -> tuple[np.ndarray, ...]:
-            """State behind the step beside it."""
+            """State after the step, shifted."""
             return self._updated(self._answer.unknown + place * dx, *self._beside(place, direction, change)).state
 
         return dx, forces, State(*self._difference(updated, direction, length))
 
     def _beside(self, place: float, direction: np.ndarray, change: State) -> tuple[np.ndarray, State]:
-        """Parameter and state before the step, a little along the direction."""
+        """Parameter and state before the step, shifted along the direction."""
         before = State(*(old + place * slope for old, slope in zip(self._before, change, strict=True)))
         return self._answer.parameter + place * direction, before
 
@@ -162,7 +162,7 @@ class _Step:
         return self._model.material.at(point).update(strain, before, self._dt, tangent=False)
 
     def _length(self, direction: np.ndarray, strain: float, scale: float) -> float:
-        """Length of a difference that moves neither parameters nor strains by more than a small part of their size."""
+        """Length of a difference that changes parameters and strains by a small part of their size."""
         space = self._model.parameters
         sides = np.array(space.upper) - np.array(space.lower)
         rates = [_largest(direction / sides), strain / scale if scale > 0 else 0.0]
@@ -176,7 +176,7 @@ class _Step:
         return [np.sum([weight * parts[k] for weight, parts in samples], axis=0) for k in range(len(samples[0][1]))]
 
     def _stencil(self, direction: np.ndarray, length: float) -> tuple[tuple[float, float], ...]:
-        """A difference to both sides, or to the inside at an end of the box, behind which a law may be impossible."""
+        """Central difference, or one-sided inwards at an end of the box, beyond which a law may be undefined."""
         if self._inside(length * direction) and self._inside(-length * direction):
             return _CENTRAL
         if self._inside(2 * length * direction):
@@ -185,7 +185,7 @@ class _Step:
         return _BACKWARD if self._inside(-2 * length * direction) else _CENTRAL
 
     def _inside(self, change: np.ndarray) -> bool:
-        """Whether the box holds a parameter beside that of the step."""
+        """True if the box contains the shifted parameter of the step."""
         space = self._model.parameters
         point = self._answer.parameter + change
         return bool((point >= space.lower).all() and (point <= space.upper).all())

@@ -1,8 +1,8 @@
-"""A step of a history by linearisation, thesis Alg. 6.1 and 6.2: what full and hyper-reduced models do alike.
+"""A step of a history by linearisation, thesis Alg. 6.1 and 6.2, for full and hyper-reduced models.
 
 Each iteration linearises the stress, solves the contact problem of that linearisation to the end, (6.16) or (6.17), and
 updates the material. The operator of the linearisation is the consistent tangent, or the elastic one (6.21) with
-Anderson's acceleration. A step that does not converge is tried with new tangents in each iteration.
+Anderson's acceleration. A step that does not converge is tried again with new tangents in each iteration.
 """
 
 from __future__ import annotations
@@ -33,30 +33,30 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
 
 ROUND_OFF_STRAIN = 1e-13
-"""A strain this small is round-off of displacements that strain nothing, as where a gap closes without stress."""
+"""Strain that counts as round-off of displacements without strain, as when a gap closes without stress."""
 PATIENCE = 5
-"""A frozen tangent, or the elastic operator with which a history begins or turns, is kept for the next step if this one
-took no more iterations. In the plane the flowing pellet takes the same time with 5, 8, 10 and 15; its reduced model 1.6
+"""Most iterations of a step after which its frozen tangent, or the elastic operator at a start or turn of a history, is
+kept for the next one. In the plane the plastic pellet takes the same time with 5, 8, 10 and 15; its reduced model 1.6
 times as long with 15."""
 PATIENCE_IN_SPACE = 15
-"""The same where a tangent costs as much as ten iterations, as of full models in space: the smallest indentation of the
-demo takes .46 s, as by the elastic operator alone, and .69 s with 5."""
+"""The same if a tangent costs as much as ten iterations, as of full models in space: the smallest indentation of the
+demo takes 0.46 s, as by the elastic operator alone, and 0.69 s with 5."""
 NEWTON = 15
-"""Most iterations of Newton's method from an extrapolation: it takes four to eight, or takes turns for ever."""
+"""Most iterations of Newton's method from an extrapolation: it takes four to eight, or cycles forever."""
 TIRED = 30
-"""Iterations by an old tangent above which a step is gone on with by Newton's method: where a body creeps through a
-hold, they end with a stress that is right to 1e-5 and a displacement that was off by 2 %."""
+"""Iterations with an outdated tangent above which a step continues with Newton's method: for a body that creeps at
+constant load, they end with a stress accurate to 1e-5 and a displacement that was off by 2 %."""
 TIGHT = 1e-8
-"""To which that is done; Newton's method squares what is left."""
+"""Tolerances of these Newton iterations; the method squares the remaining error."""
 
 
 class LinearisedStepper:
     """Solves the steps of one history; see :class:`hhr_dolfinx.models.histories.equilibrium.Stepper`.
 
     Args:
-        model: whose moduli are numbers.
-        settings: how.
-        patience: iterations of a step after which a frozen tangent serves for no other one.
+        model: with numbers as moduli.
+        settings: of the history.
+        patience: iterations of a step above which its frozen tangent is not used again.
     """
 
     def __init__(self, model: Equilibrium, settings: MarchSettings, patience: int = PATIENCE):
@@ -65,7 +65,7 @@ class LinearisedStepper:
         self._memory = _Memory(patience)
 
     def learn(self, answer: Answer) -> None:
-        """Take in a step that was solved before, by what it left behind."""
+        """Take in a step that was solved before, by its results."""
         gauss = answer.state()
         memory = self._memory
         _, scale = self._model.residual(answer.unknown, gauss, self._model.amplitudes(answer.parameter))
@@ -76,7 +76,7 @@ class LinearisedStepper:
         return self._model.signs(answer)
 
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """A step from the extrapolation of the answers before; if that fails, with new tangents from an elastic start.
+        """Solve from the extrapolation of the answers before; if that fails, with new tangents from an elastic start.
 
         Raises:
             Diverged: with the worst point.
@@ -87,7 +87,7 @@ class LinearisedStepper:
         first = settings
         if settings.search == "tangent" and len(trail) > 1:
             first = replace(settings, iterations=min(settings.iterations, NEWTON))
-        if len(trail) == 1:  # at rest, or where a path turns back: nothing flows at first
+        if len(trail) == 1:  # at rest, or where a path reverses: the first response is elastic
             memory.linearisation = self._model.elastic if settings.search == "frozen" else None
         try:
             return self._finished(_step(self._model, trail, goal, first, memory), trail, goal)
@@ -100,7 +100,7 @@ class LinearisedStepper:
         return after._replace(iterations=first.iterations + after.iterations)
 
     def _finished(self, found: Answer, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """The answer, or a better one where iterations by an old tangent crept to it."""
+        """The answer, or a more accurate one if iterations with an outdated tangent converged slowly."""
         if self._settings.search != "frozen" or found.iterations <= TIRED:
             return found
         newton = replace(
@@ -120,9 +120,8 @@ class LinearisedStepper:
 
 @dataclass
 class _Memory:
-    """How long a linearisation serves, that of the last step if it did, the largest forces and stress (mean square).
-
-    Beside them what was said of strains.
+    """Memory of a history: the linearisation of the last step if it may be used again, the iterations that allow it,
+    the largest forces and stress (mean square), and the strains that were warned of.
     """
 
     patience: int
@@ -161,7 +160,7 @@ def _step(
     flows = material.flows and settings.search != "elastic"
     mixing = Anderson() if material.flows and settings.search != "tangent" else None
     active = (here if start is None else start).active
-    rubbing = _rubbing(model, here, goal.parameter)
+    friction_step = _friction_step(model, here, goal.parameter)
     noise = model.round_off(x, theta)
     together = model.together
     linear: Any = memory.linearisation if flows else model.elastic
@@ -175,36 +174,36 @@ def _step(
         flowed = update.state.cumulated - here.state().state.cumulated
         try:
             linear = model.linearised(update.tangents) if renew else linear
-            change, found = linear.correct(residual, x, theta, active, rubbing)
+            change, found = linear.correct(residual, x, theta, active, friction_step)
         except (NotSolvableError, np.linalg.LinAlgError) as error:
             raise Diverged(f"{error}, a singular tangent", together.place(flowed)) from None
         if found.status is not Status.CONVERGED:
             why = f"of the linearised contact problem, {found.status.value}, or the load is more than is borne"
             raise Diverged(why, together.place(flowed))
         left = model.norms(residual - model.contact_load(found.forces))
-        # each body by its own forces, and where it is unloaded by those it bore before
+        # each body by its own forces, or if it is unloaded by its largest forces before
         if (left <= settings.relative_force * np.maximum(scale, memory.forces) + noise).all():
-            # the dearer of the two criteria is asked last
-            moved = _moves(linear, model.strain_of(change))
+            # the more expensive of the two criteria comes last
+            remaining = _stress_change(linear, model.strain_of(change))
             largest = max(memory.stress, _root_mean_square(update.stress, together))
             floor = max(settings.floor_stress * largest, ROUND_OFF_STRAIN * together.largest(linear.moduli.max()))
-            if together.largest((moved - settings.relative_stress * np.abs(update.stress)).max()) <= floor:
+            if together.largest((remaining - settings.relative_stress * np.abs(update.stress)).max()) <= floor:
                 memory.strains.check(strain, together)
                 slow = settings.search == "tangent" or iteration > memory.patience
                 memory.linearisation = None if slow else linear
                 memory.grow(scale, largest)
                 answer = found_as(found._replace(iterations=iteration), goal.parameter, x, model.fields)
-                slip = None if rubbing is None else rubbing.slip(x)
+                slip = None if friction_step is None else friction_step.slip(x)
                 return answer._replace(time=goal.time, gauss=GaussState(update.stress, update.state), slip=slip)
         active = found.active
         x = x + change if mixing is None else mixing(x, change)
-    moved = _moves(linear, model.strain_of(change)).max(axis=1)
-    why = f"after {settings.iterations} iterations the stress still moves by {together.largest(moved.max()):.3g}"
-    raise Diverged(why, together.place(moved))
+    remaining = _stress_change(linear, model.strain_of(change)).max(axis=1)
+    why = f"after {settings.iterations} iterations the stress still moves by {together.largest(remaining.max()):.3g}"
+    raise Diverged(why, together.place(remaining))
 
 
-def _rubbing(model: Equilibrium, here: Answer, point: np.ndarray) -> RubbingStep | None:
-    """What solves the contact problems of a step with friction; None without."""
+def _friction_step(model: Equilibrium, here: Answer, point: np.ndarray) -> RubbingStep | None:
+    """Solver of the contact problems of a step with friction; None without friction."""
     if model.friction is None:
         return None
     from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
@@ -214,10 +213,10 @@ def _rubbing(model: Equilibrium, here: Answer, point: np.ndarray) -> RubbingStep
 
 
 def _elastic_start(model, here, theta, point):
-    """The unknown if nothing flowed in the step.
+    """The unknown if the step were elastic.
 
-    Imposed displacements move the boundary alone: left where they are, the points behind it would strain and flow by
-    all of the motion, even a rigid one.
+    Imposed displacements move the boundary alone. If the points inside stayed in place, they would strain and flow by
+    all of the motion, even by a rigid one.
     """
     x = here.unknown
     before = model.amplitudes(here.parameter)
@@ -227,12 +226,12 @@ def _elastic_start(model, here, theta, point):
     stress = here.state().stress + np.einsum("nij,nj->ni", model.material.elastic, change)
     residual, _ = model.residual(x, GaussState(stress, here.state().state), theta)
     try:
-        change, found = model.elastic.correct(residual, x, theta, here.active, _rubbing(model, here, point))
+        change, found = model.elastic.correct(residual, x, theta, here.active, _friction_step(model, here, point))
     except NotSolvableError:
         return x
     return x + change if found.status is Status.CONVERGED else x
 
 
-def _moves(linear: Linearisation, strain: np.ndarray) -> np.ndarray:
-    """By how much the linearisation still moves the stress, |H : ε(δ)|, in the place of R_σ in (6.19)."""
+def _stress_change(linear: Linearisation, strain: np.ndarray) -> np.ndarray:
+    """Change of the stress by the linearisation, |H : ε(δ)|, instead of R_σ in (6.19)."""
     return np.abs(np.einsum("nij,nj->ni", linear.moduli, strain))

@@ -1,10 +1,10 @@
-"""Quasi-static histories of contact between bodies that flow, thesis Alg. 6.1 and 6.2: one loop for full and reduced.
+"""Quasi-static histories of contact between inelastic bodies, thesis Alg. 6.1 and 6.2: one loop for all models.
 
-How a step is solved is the business of the stepper of a model: by linearisation
-(:mod:`models.histories.linearised_step`), or in one compiled loop (:mod:`models.histories.condensed_flow`). One that
-does not converge is cut in halves; nothing unconverged is ever kept. The error of the steps in time is estimated, and
-where a tolerance is given steps are cut by it (:mod:`models.histories.time_error`). Loads, imposed displacements, gaps,
-and constants of laws that are formulas are those at the end of a step or of a part of it.
+The stepper of a model solves its steps: by linearisation (:mod:`models.histories.linearised_step`), or in one compiled
+loop (:mod:`models.histories.condensed_flow`). A step that does not converge is halved; only converged steps are kept.
+The error of the steps in time is estimated, and with a tolerance steps are cut by it
+(:mod:`models.histories.time_error`). Loads, imposed displacements, gaps, and constants of laws that are formulas have
+their values at the end of a step or of a part of it.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from hhr_dolfinx.models.histories.equilibrium import (
     Marching,
     MarchSettings,
     Stepper,
-    complain,
+    warn_of_time_error,
 )
 from hhr_dolfinx.models.histories.path import check_elasticity, check_settings
 from hhr_dolfinx.models.histories.time_error import TimeError, in_parts
@@ -50,20 +50,20 @@ def march(
     """Solve a history from rest.
 
     Args:
-        model: equilibrium of a full or a reduced model, or of several that take turns.
+        model: equilibrium of a full or a reduced model, or of several in turn.
         path: times and parameters, as :func:`checked_path` returns them; parameters are linear between them.
-        settings: how.
-        known: answers to the first steps, solved before; the history goes on behind them.
-        keep: told of each answer as soon as it is there.
+        settings: of the history.
+        known: answers to the first steps, solved before; the history continues after them.
+        keep: called with each answer as soon as it is solved.
 
     Raises:
         ParameterError: for invalid settings, or a path along which elasticity changes.
-        OutsideTrainingError: if a step is outside what was trained, and ``settings`` say to refuse that.
+        OutsideTrainingError: if a step is outside the training range, and ``settings`` refuse that.
         ConvergenceError: with the step, the time and the worst point.
-        Whatever ends a history, an interrupt from the keyboard too, has an attribute ``history`` with the steps before.
+        Anything that ends a history, a keyboard interrupt too, has an attribute ``history`` with the steps before.
 
     Warns:
-        OutsideTrainingWarning: if a step is outside what was trained, and ``settings`` do not say otherwise.
+        OutsideTrainingWarning: if a step is outside the training range, and ``settings`` do not say otherwise.
         LawWarning: if the slope of a law is not the derivative of its flow.
         TimeStepWarning: if the estimated error of the time steps is large, and no tolerance was given.
     """
@@ -86,11 +86,11 @@ def march(
         )
         error.history = history  # type: ignore[attr-defined]
         raise error from None
-    except BaseException as stop:  # a law may raise anything, and a user may stop it
+    except BaseException as stop:  # a law may raise anything, and a user may interrupt
         with suppress(AttributeError):
             stop.history = history  # type: ignore[attr-defined]
         raise
-    complain(float(history.time_error.max(initial=0.0)), settings.time_tolerance)
+    warn_of_time_error(float(history.time_error.max(initial=0.0)), settings.time_tolerance)
     if settings.gradient:
         from hhr_dolfinx.models.histories.history_gradient import with_gradients
 
@@ -116,7 +116,7 @@ def _march(
     for number, (time, target) in enumerate(path[1:], start=1):
         watch.before(number, trail[-1].time, time, trail[-1].parameter, target)
         if _turns(model, trail, target):
-            # what flowed before it flows no more: an extrapolation says nothing of this step
+            # the inelastic bodies of the last step respond elastically now: an extrapolation would mislead
             trail = trail[-1:]
         if number <= len(known):
             after = model.together.own(known[number - 1])
@@ -129,21 +129,21 @@ def _march(
             slopes_seen = slopes_seen or _check_slopes(model, trail[-1], after)
         check_sliding(after)
         signs = stepper.signs(after)
-        # a step that is refused is not kept
+        # a refused step is not kept
         watch.after(number, time, signs)
         whole = model.together.whole(after) if number > len(known) else known[number - 1]
         history.answers.append(whole)
         history.signs.append(signs)
         history.cuts += after.parts > 1
-        told = number, len(path) - 1, time, after.iterations, after.parts
-        _log.info("step %d of %d, t = %g s: %d iterations in %d parts", *told)
+        report = number, len(path) - 1, time, after.iterations, after.parts
+        _log.info("step %d of %d, t = %g s: %d iterations in %d parts", *report)
         if number > len(known):
             keep(whole)
         trail = (*trail[-2:], after)
 
 
 class _Stepped(NamedTuple):
-    """A step of a path, and what is known of its time error."""
+    """A step of a path and its time error."""
 
     answer: Answer
     error: TimeError
@@ -157,7 +157,7 @@ def _stepped(
     settings: MarchSettings,
     error: TimeError,
 ) -> _Stepped:
-    """A step of a path: as it is, or cut by a time tolerance."""
+    """A step of a path, cut by the time tolerance if there is one."""
 
     def advance(trail: tuple[Answer, ...], goal: Goal) -> list[Answer]:
         return _advance(stepper, trail, goal, settings)
@@ -174,7 +174,7 @@ def _stepped(
 
 
 def _turns(model: Marching, trail: tuple[Answer, ...], target: np.ndarray) -> bool:
-    """Whether the path goes back on its last step, as where a load is taken off."""
+    """True if the path reverses its last step, as when a load is removed."""
     if len(trail) < 2:
         return False
     sides = np.subtract(model.parameters.upper, model.parameters.lower)
@@ -185,7 +185,7 @@ def _turns(model: Marching, trail: tuple[Answer, ...], target: np.ndarray) -> bo
 
 
 def _check_slopes(model: Marching, before: Answer, after: Answer) -> bool:
-    """Warn of laws with a wrong slope; whether the step flowed enough to tell."""
+    """Warn of laws with a wrong slope; returns True if there was enough plastic flow to judge."""
     together = model.together
     if not together.largest(after.state().state.cumulated.max(initial=0.0)) > 0:
         return False
@@ -201,7 +201,7 @@ def _check_slopes(model: Marching, before: Answer, after: Answer) -> bool:
 
 
 def _check_of_sliding(model: Marching) -> Callable[[Answer], None]:
-    """What looks at how far surfaces have slid at the end of a step; nothing without friction."""
+    """Check of the sliding distance at the end of a step; does nothing without friction."""
     if model.friction is None:
         return lambda answer: None
     from hhr_dolfinx.models.histories.far_sliding import FarSliding
@@ -232,7 +232,7 @@ def _at_rest(model: Marching, time: float, parameter: np.ndarray) -> Answer:
 
 
 def _place(model, worst):
-    """Where in the full mesh a Gauss point of the model lies, in words."""
+    """Position of a Gauss point of the model in the full mesh, in words."""
     if worst is None:
         return ""
     number = int(model.points[worst])
@@ -240,10 +240,10 @@ def _place(model, worst):
 
 
 def _advance(stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, settings: MarchSettings) -> list[Answer]:
-    """One step as asked for, then in 2, 4, ... parts, each of which is tried like a step of its own.
+    """Solve one step as given; if that fails, in 2, 4, ... parts, each of which is tried like a step.
 
-    ``trail`` holds the last answers, at most three, the present one at the end. Returned are the answers at the ends of
-    the parts; the first one has the iterations of all attempts that failed, besides its own.
+    ``trail`` holds the last answers, at most three; the last of them is the present one. Returns the answers at the
+    ends of the parts; the iterations of the first one include those of all failed attempts.
     """
     here = trail[-1]
     spent = 0

@@ -1,4 +1,4 @@
-"""The path of a history, and how models in which nothing flows answer one."""
+"""The path of a history, and its solution by elastic models."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ from hhr_dolfinx.parameters import ParameterSpace
 
 
 def check_settings(settings: Any) -> None:
-    """Refuse what says nothing of how to solve a history.
+    """Refuse invalid settings of a history.
 
     Raises:
-        ParameterError: with what was given.
+        ParameterError: with the value given.
     """
     if not isinstance(settings, MarchSettings):
         raise ParameterError(f"the settings {settings!r} of a history must be MarchSettings, or left out")
 
 
 def checked_path(parameters: ParameterSpace, path: Iterable[tuple[float, Any]]) -> Path:
-    """A whole path, before any of it is solved.
+    """Check a whole path before any of it is solved.
 
     Raises:
         ParameterError: if it is empty, a parameter is not finite or outside the box, or times do not increase.
@@ -49,10 +49,10 @@ def checked_path(parameters: ParameterSpace, path: Iterable[tuple[float, Any]]) 
 
 
 def elastic_axes(young: Sequence[str], names: Sequence[str]) -> dict[int, list[str]]:
-    """Formulas of Young's moduli by the place of each parameter on which they depend."""
+    """Formulas of Young's moduli by the index of each parameter on which they depend."""
     if not young:
         return {}
-    # here, since most moduli are numbers, and then nothing of formulas is loaded
+    # imported here: most moduli are numbers, and then formulas need not be loaded
     from hhr_dolfinx.formulas import formula_of
 
     variables = {text: formula_of(text, "young").variables for text in sorted(set(young))}
@@ -86,12 +86,12 @@ def solve_along(
     known: Sequence[Answer] = (),
     keep: Callable[[Answer], None] = lambda answer: None,
 ) -> History:
-    """A history of a model in which nothing flows: every point is solved from the statuses of the one before.
+    """History of an elastic model: every point is solved from the statuses of the one before.
 
     Args:
         model: full, reduced or condensed.
         path: as :func:`checked_path` returns it.
-        settings: of which ``outside`` counts.
+        settings: ``outside`` counts.
         known, keep: see :meth:`FullOrderModel.march`.
     """
     check_settings(settings)
@@ -102,7 +102,7 @@ def solve_along(
             if number < len(known):
                 answer = known[number]
             else:
-                # a rival may not know of gradients: it is asked for none unless they are wanted
+                # baselines may lack gradients: pass the argument only if it is set
                 wanted = {"gradient": True} if settings.gradient else {}
                 answer = model.solve(point, start=start, outside=settings.outside, **wanted)
                 answer = answer._replace(time=time, time_error=0.0)
@@ -117,7 +117,7 @@ def solve_along(
 
 
 def refuse_gradient(wanted: bool) -> None:
-    """Refuse the gradient of a single step of bodies that flow."""
+    """Refuse the gradient of a single step of inelastic bodies."""
     if wanted:
         raise NotOfferedError(
             "a single step of bodies that flow has no gradient: how they flow depends on the path, along which there "
@@ -128,17 +128,17 @@ def refuse_gradient(wanted: bool) -> None:
 def one_step(
     model: Any, mu: Any, raise_on_failure: bool = True, outside: str = "warn", duration: float = 1.0
 ) -> Answer:
-    """Answer of a model of bodies that flow: one step from rest where the box is nearest to zero, with its elasticity.
+    """Answer of a model of inelastic bodies: one step from rest, where the box is nearest to zero, with its elasticity.
 
-    How bodies flow depends on the path, for which there is ``march``. The arguments are those of :meth:`Model.solve`,
-    and the duration of the step in seconds, which counts for laws with rates.
+    Plastic strain depends on the path, which ``march`` follows. The arguments are those of :meth:`Model.solve`, and the
+    duration of the step in seconds, which counts for laws with rates.
     """
     space = model.parameters
     target = space.point(mu)
     start = np.clip(0.0, space.lower, space.upper)
     axes = list(elastic_axes(model.equilibrium.young, space.names))
-    start[axes] = target[axes]  # elasticity is the same along a history
-    if model.friction is not None:  # and so is friction: of parts of a step that is cut it would be too small
+    start[axes] = target[axes]  # elasticity is constant along a history
+    if model.friction is not None:  # friction too: in parts of a step that is cut it would be too small
         start[model.friction.fixed] = target[model.friction.fixed]
     try:
         return model.march([(0.0, start), (duration, target)], MarchSettings(outside=outside)).answers[-1]

@@ -1,4 +1,4 @@
-"""What the loop over the steps of a history asks of all Gauss points together, whoever has them."""
+"""Reductions over the Gauss points of all ranks, for the loop over the steps of a history."""
 
 from __future__ import annotations
 
@@ -11,38 +11,38 @@ from hhr_dolfinx.models.answer import Answer
 
 
 class Points(Protocol):
-    """Gauss points of a model: all of them here, or some of them on each rank of several, that ask together."""
+    """Gauss points of a model: all of them local, or distributed over ranks that communicate."""
 
     def largest(self, value: float) -> float:
-        """The largest of a number of all ranks."""
+        """Largest value on all ranks."""
 
     def total(self, value: float) -> float:
-        """The sum of it."""
+        """Sum over all ranks."""
 
     def every(self, true: bool) -> bool:
-        """Whether something is true on all ranks."""
+        """True if ``true`` holds on all ranks."""
 
     def agreed(self, work: Callable[[], Any]) -> Any:
-        """What a rank makes of its own points by itself; what fails on one of them fails on all."""
+        """Result of ``work`` on the local points; an error on one rank is raised on all."""
 
     def gathered(self, values: np.ndarray) -> np.ndarray:
-        """Values at the points of all ranks, from those at own ones, (points, ...)."""
+        """Values at the points of all ranks, from those at local points, (points, ...)."""
 
     def place(self, values: np.ndarray) -> int:
-        """The number, among the points of all ranks, of the largest of values at own ones, (points,)."""
+        """Number, among the points of all ranks, of the largest of values at local points, (points,)."""
 
     def worst(self, size: float, what: Any) -> Any:
-        """What the rank says that has the largest of a number."""
+        """``what`` of the rank with the largest ``size``."""
 
     def own(self, answer: Answer) -> Answer:
-        """An answer with stress and state at the points that are here."""
+        """An answer with stress and state at the local points."""
 
     def whole(self, answer: Answer) -> Answer:
-        """The same at all points."""
+        """An answer with stress and state at all points."""
 
 
 class AllHere:
-    """All points are here."""
+    """Serial case: all points are local."""
 
     def largest(self, value: float) -> float:
         """See :class:`Points`."""

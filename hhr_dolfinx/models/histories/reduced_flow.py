@@ -1,4 +1,4 @@
-"""Equilibrium of bodies that flow on all Gauss points of an RID, thesis (6.17), Alg. 6.2."""
+"""Equilibrium of inelastic bodies on all Gauss points of an RID, thesis (6.17), Alg. 6.2."""
 
 from __future__ import annotations
 
@@ -34,17 +34,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ReducedFlow:
-    """What a RID knows of flow, as arrays (n dofs of its cells, a of them in A).
+    """Arrays of the inelastic bodies on a RID (n dofs of its cells, a of them in A).
 
     Attributes:
-        operator: strain at the Gauss points of the cells that act on A, in their own numbers of dofs.
+        operator: strain at the Gauss points of the cells that act on A, in local numbers of dofs.
         material: laws at these points.
         cells: numbers of these cells in the full model.
         modes: V on these dofs, (n, ell).
         lifts: imposed displacements there, sparse, (n, 1 + T).
-        inner: which of the dofs belong to A, (a,).
+        inner: indices of the dofs that belong to A, (a,).
         loads: external loads on A, sparse, (a, 1 + T).
-        contact: how the forces of the RID act on A, sparse, (a, N_lambda_C).
+        contact: maps the forces of the RID to loads on A, sparse, (a, N_lambda_C).
         eigenstrains: strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T).
     """
 
@@ -59,7 +59,7 @@ class ReducedFlow:
     eigenstrains: Annotated[csc_matrix, "strains", "terms"]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Dofs of A that are there twice; cells, points and dofs that are not those of its strain."""
+        """Faults: repeated dofs of A, and cells, points or dofs that do not fit its strain."""
         operator = self.operator
         points = self.operator.weights.size
         found = len(self.modes), self.cells.size, self.material.gauss_points, self.eigenstrains.shape[0]
@@ -77,7 +77,7 @@ class ReducedFlow:
     def equilibrium(
         self, problem: ReducedProblem, parameters: ParameterSpace, fields: Reconstruction
     ) -> ReducedEquilibrium:
-        """The equilibrium of gamma on all Gauss points of the RID."""
+        """Equilibrium of gamma on all Gauss points of the RID."""
         return ReducedEquilibrium(problem, self, parameters, fields)
 
 
@@ -88,10 +88,10 @@ class ReducedEquilibrium:
         problem: the elastic projection, (5.23).
         flow: Gauss points and laws of the RID.
         parameters: the box of the parameters.
-        fields: what completes its answers.
+        fields: completes its answers.
 
     Attributes:
-        trained: what the model was trained on, None until that is known.
+        trained: training range of the model; None until it is known.
     """
 
     trained: TrainedPaths | None = None
@@ -125,18 +125,18 @@ class ReducedEquilibrium:
         self.problem = problem
         self._sizes = abs(self.operator.stiffness(material.elastic, self._pattern))
         self.elastic = DenseLinearisation(problem, problem.stiffness, material.elastic)
-        # the elastic part of K~ is known: online only what flow changes is projected
+        # the elastic part of K~ is known: online only the inelastic change is projected
         self._unchanged = ElasticPart(material.elastic, np.zeros(self._pattern.indices.size))
 
     def _set_middle(self) -> None:
-        """Take the elasticity of the middle of the box; the material keeps its formulas."""
+        """Set the elasticity of the middle of the box; the material keeps its formulas."""
         formulas = self.material
         space = self.parameters
         self._set_elasticity(formulas.moduli_at(space.middle), self.problem)
         self.material = formulas
 
     def at(self, point: np.ndarray) -> Self:
-        """The equilibrium whose elasticity is that of a point, (P,): itself where elasticity is constant.
+        """Equilibrium with the elasticity of a point, (P,); itself for constant elasticity.
 
         K~ is the sum of its projected parts. The one of the last elasticity is kept.
 
@@ -154,7 +154,7 @@ class ReducedEquilibrium:
         found = copy(middle)
         found._last = None
         found._set_elasticity(middle.material.moduli_at(point), middle.problem.weighted(weights))
-        # in one assignment, since several threads may ask
+        # one assignment, so that threads see a complete value
         middle._last = weights, found
         return found
 
@@ -163,11 +163,11 @@ class ReducedEquilibrium:
         return self
 
     def gaps(self, theta: Theta) -> np.ndarray:
-        """Gaps of the RID less the lift, (N_lambda_C,)."""
+        """Gaps of the RID minus the lift, (N_lambda_C,)."""
         return self.problem.gaps @ theta
 
     def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Those bounds, whatever the unknown, (conditions,)."""
+        """The gaps, (conditions,): they do not depend on the unknown."""
         return self.gaps(theta)
 
     def norms(self, residual: np.ndarray) -> np.ndarray:
@@ -191,7 +191,7 @@ class ReducedEquilibrium:
         return DenseLinearisation(self.problem, self.tangent(tangents), tangents)
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Strain at the Gauss points of the RID, lift included, less that which is without stress."""
+        """Strain at the Gauss points of the RID, lift included, minus strains without stress."""
         field = self.flow.modes @ x
         free = self.flow.eigenstrains
         found = self.operator.strain(field + self.flow.lifts @ theta if self._lifted else field)
@@ -202,21 +202,21 @@ class ReducedEquilibrium:
         return self.operator.strain(self.flow.modes @ change)
 
     def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
-        """V[A]^T of loads less internal forces, and the norm of what they are made of on A, (1,)."""
+        """V[A]^T times loads minus internal forces, and the norm of its terms on A, (1,)."""
         loads = self._external @ theta
         internal, size = self.operator.internal(gauss.stress)
         inner = self.flow.inner
         return loads - self._test @ internal[inner], self.norms(loads) + self.norms(size[inner])
 
     def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Residual that comes of adding stiffness times displacement in double precision, (1,)."""
+        """Size of round-off in the sum of stiffness times displacement in double precision, (1,)."""
         return 1e-13 * self.norms(self._sizes @ np.abs(self.flow.modes @ x + self.flow.lifts @ theta))
 
     def signs(self, answer: Answer) -> Signs:
         """Residual on A before it is projected, and gaps on the whole contact surface.
 
-        In the reduced space the residual vanishes whatever the path, and no gap of the RID is violated; on A, and
-        outside, it shows what the modes cannot do.
+        In the reduced space the residual vanishes for any path, and no gap of the RID is violated. On A, and outside
+        the RID, both show the error of the modes.
         """
         theta = self.amplitudes(answer.parameter)
         inner = self.flow.inner
@@ -236,12 +236,12 @@ class ReducedEquilibrium:
         return self.problem.stiffness + self._test @ _product(change, self.flow.inner, self.flow.modes)
 
     def stepper(self, settings: MarchSettings) -> LinearisedStepper:
-        """What solves the steps of a history."""
+        """Solver of the steps of a history."""
         return LinearisedStepper(self, settings)
 
 
 class DenseLinearisation:
-    """A linearisation on dense blocks, see :class:`hhr_dolfinx.models.histories.equilibrium.Linearisation`."""
+    """Linearisation on dense blocks, see :class:`hhr_dolfinx.models.histories.equilibrium.Linearisation`."""
 
     def __init__(self, problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray):
         self.moduli = moduli

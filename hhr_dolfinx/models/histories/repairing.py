@@ -1,13 +1,13 @@
-"""Histories of bodies that slide past the mesh on which they were paired: rows are made anew in every increment.
+"""Histories of bodies that slide past the mesh on which they were paired: each increment pairs the surfaces again.
 
-Strains and turns are small, sliding is not. What is kept is the compliance C between all dofs of the surfaces, whose
-displacement is u = free - C f under nodal forces f. With the rows R that a pairing makes where the surfaces have come
-to, contact is the problem
+Strains and rotations are small, sliding is large. The compliance C between all dofs of the surfaces stays: their
+displacement is u = free - C f under nodal forces f. With the rows R of a pairing at the present position, contact is
+the problem
 
     slack = gap + R (u_paired - free) + S x,      S = R C R^T,      f = R^T x,
 
-with the gap there. Tangential rows see what slips since the increment before. An increment is paired where free motion
-takes the bodies under the forces before, and once more where it has led them.
+with the gap there. Tangential rows measure the slip since the increment before. An increment is paired first at the
+position of the free motion under the forces before, and again at the position of its solution.
 """
 
 from __future__ import annotations
@@ -30,30 +30,30 @@ from hhr_dolfinx.models.histories.sliding import Reached, Slider, Solved, Target
 from hhr_dolfinx.pairings.mortar import Mortar
 from hhr_dolfinx.pairings.node_to_surface import NodeToSurface
 from hhr_dolfinx.pairings.surface import Surface
-from hhr_dolfinx.pairings.surface_dofs import moved
+from hhr_dolfinx.pairings.surface_dofs import deformed
 from hhr_dolfinx.warn import ignored
 
 PAIRINGS = 8
-"""How often an increment is paired at most."""
+"""Most pairings of an increment."""
 SETTLED = 1e-3
-"""Part of the smallest facet by which one more pairing may move the surfaces."""
+"""Part of the smallest facet by which surfaces may differ from the position of their pairing."""
 EXACTLY = 1e-7
-"""The same where increments are cut by their errors, of which pairing should be none."""
+"""The same if increments are cut by their errors: the error of pairing should be negligible."""
 FAR = 0.1
-"""Part of the smallest facet by which pairings that do not settle may differ: gaps differ by its square."""
+"""Part of the smallest facet by which pairings that do not converge may differ: gaps differ by its square."""
 APART = 10.0
-"""Gap of what faces nothing, in sizes of the surfaces."""
+"""Gap of nodes that face no surface, in sizes of the surfaces."""
 
 
 @dataclass(frozen=True, eq=False)
 class SlidingPair:
-    """Two surfaces that are paired anew.
+    """Two surfaces that are paired again in each increment.
 
     Attributes:
-        pairing: gives each node of the slave one row at most.
-        slave, master: surfaces as they are meshed, whose nodes are counted among those of both.
-        first: place of the first dof of the pair among all rows of its model.
-        nodes: how many nodes both have.
+        pairing: gives each node of the slave at most one row.
+        slave, master: surfaces as they are meshed, with common node numbers.
+        first: index of the first dof of the pair among all rows of its model.
+        nodes: number of nodes of both.
     """
 
     pairing: NodeToSurface | Mortar
@@ -63,7 +63,7 @@ class SlidingPair:
     nodes: int
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Surfaces whose nodes are not among those of both."""
+        """Faults: surfaces whose nodes are not among those of both."""
         for surface in (self.slave, self.master):
             if not (0 <= surface.nodes.min(initial=0) and surface.nodes.max(initial=0) < self.nodes):
                 yield f"nodes of surface {surface.tag} are not among the {self.nodes} of its pair"
@@ -71,30 +71,30 @@ class SlidingPair:
                 yield f"nodes of surface {surface.tag} are not in order, or it has no facets"
 
     def rows(self, displacement: np.ndarray, before: np.ndarray) -> tuple[ContactRows | None, np.ndarray]:
-        """Rows where the nodes have moved, (nodes, dim), and the slave node of each by its number there.
+        """Rows at the displaced nodes, (nodes, dim), and the number of the slave node of each.
 
-        None where the surfaces do not face each other. Bodies did not overlap ``before``, (nodes, dim): now they do by
-        no more than they have moved since, however thin their cells are.
+        None if the surfaces do not face each other. Bodies did not overlap ``before``, (nodes, dim). So any overlap
+        is at most the motion since then, however thin the cells are.
         """
         dim = displacement.shape[1]
         ways = np.linalg.norm(displacement - before, axis=1)
         overlap = float(ways[self.slave.nodes].max() + ways[self.master.nodes].max())
-        surfaces = moved(self.slave, displacement), moved(self.master, displacement)
-        with ignored(PairingWarning):  # of what faces nothing any more
+        surfaces = deformed(self.slave, displacement), deformed(self.master, displacement)
+        with ignored(PairingWarning):  # of nodes that face no surface any more
             try:
-                rows = self.pairing.rows_anew(surfaces, self.nodes * dim, overlap)
-            except NeverFacingError:  # one has left the other
+                rows = self.pairing.rows_of_deformed(surfaces, self.nodes * dim, overlap)
+            except NeverFacingError:  # the surfaces have separated
                 return None, np.zeros(0, dtype=np.int64)
         return rows, np.searchsorted(self.slave.nodes, rows.slaves)
 
 
 class Paired(NamedTuple):
-    """All pairs at one place (C slave nodes, T tangential rows, n dofs of surfaces).
+    """All pairs at one position (C slave nodes, T tangential rows, n dofs of surfaces).
 
     Attributes:
-        matrix: R, rows of pressures and behind them tangential ones, sparse, (C + T, n).
+        matrix: R, rows of pressures followed by tangential ones, sparse, (C + T, n).
         gap: of the slave nodes, (C,).
-        at: displacement with which they were paired, (n,).
+        at: displacement at which they were paired, (n,).
     """
 
     matrix: csr_matrix
@@ -106,8 +106,8 @@ class RepairingSlider(Slider):
     """Solves increments of a model whose rows are all dofs of its surfaces.
 
     Args:
-        model: with ``pairs`` beside what :class:`Slider` asks for.
-        exactly: whether increments are paired until nothing changes.
+        model: with ``pairs``, and the attributes that :class:`Slider` needs.
+        exactly: whether increments are paired until their positions converge.
     """
 
     def __init__(self, model: Any, *, exactly: bool = False):
@@ -120,7 +120,7 @@ class RepairingSlider(Slider):
         self.facet = min(surface.lengths().min() for pair in self.pairs for surface in (pair.slave, pair.master))
 
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Reached:
-        """Undeformed bodies where they are meshed, of which nothing has slipped."""
+        """Undeformed bodies as meshed, without slip."""
         count = len(self._contact_at(point).free_slack)
         rows = self.friction.normal.size + self.friction.tangential.size
         nothing = np.zeros(count)
@@ -130,20 +130,20 @@ class RepairingSlider(Slider):
         return Reached(point, time, np.zeros(rows), None, gap, slip, weights, changes, nothing, nothing)
 
     def increment(self, before: Reached, target: Target) -> Solved:
-        """One increment, settled or not."""
+        """Solve one increment; it may not converge."""
         time, point, weights = target
         contact = self._contact_at(point)
         free = -contact.free_slack
-        assert before.moved is not None and before.pushed is not None
-        moved_to = free - contact.schur @ before.pushed
+        assert before.displacement is not None and before.surface_forces is not None
+        displacement = free - contact.schur @ before.surface_forces
         last = 1e-300
         for _ in range(PAIRINGS):
-            paired = self.paired(moved_to, before.moved)
+            paired = self.paired(displacement, before.displacement)
             found, bound = self._solved_on(contact.schur, free, paired, before, point)
-            pushed = paired.matrix.T @ found.forces
-            moved_to = free - contact.schur @ pushed
-            change = np.abs(moved_to - paired.at).max() / self.facet
-            # the next change would be as much smaller as this one is
+            surface_forces = paired.matrix.T @ found.forces
+            displacement = free - contact.schur @ surface_forces
+            change = np.abs(displacement - paired.at).max() / self.facet
+            # the next change would be smaller by the same factor as this one
             if found.status is not Status.CONVERGED or change * min(change / last, 1.0) <= self.settled:
                 break
             last = change
@@ -155,25 +155,27 @@ class RepairingSlider(Slider):
             self.largest = max(self.largest, float(np.linalg.norm(found.forces)))
         gap = found.slack[self.friction.normal]
         changes = before.changes
-        reached = Reached(point, time, found.forces, found.active, gap, slip, weights, changes, moved_to, pushed)
+        reached = Reached(
+            point, time, found.forces, found.active, gap, slip, weights, changes, displacement, surface_forces
+        )
         return Solved(found, reached, contact, None)
 
     def _solved_on(
         self, compliance: np.ndarray, free: np.ndarray, paired: Paired, before: Reached, point: np.ndarray
     ) -> tuple[Sliding, np.ndarray]:
-        """The outcome of an increment on some pairing, and what tangential forces may be, (C,)."""
+        """Solution of an increment on one pairing, and limits of tangential forces, (C,)."""
         rows = paired.matrix
         count = self.friction.normal.size
         schur = rows @ (rows @ compliance).T
         slack = np.empty(rows.shape[0])
         slack[:count] = paired.gap + rows[:count] @ (paired.at - free)
-        slack[count:] = rows[count:] @ (before.moved - free)
+        slack[count:] = rows[count:] @ (before.displacement - free)
         given = Increment(slack, *self.friction.bounds(point), np.zeros(0))
         found = SlidingContact(schur, self.friction).increment(given, before.forces, before.active)
         return found, given.bounds(self.friction, found.forces)
 
     def paired(self, displacement: np.ndarray, before: np.ndarray) -> Paired:
-        """All pairs where the dofs of surfaces have moved, (n,), from where they were before."""
+        """All pairs at displaced dofs of surfaces, (n,), from their displacement before."""
         count = self.friction.normal.size
         gap = np.full(count, APART * self.size)
         entries = []
@@ -208,18 +210,26 @@ class RepairingSlider(Slider):
 
     def elastic_energy(self, solved: Solved) -> float:
         """See :class:`Slider`."""
-        pushed = solved.reached.pushed
-        return 0.5 * float(pushed @ (solved.contact.schur @ pushed))
+        surface_forces = solved.reached.surface_forces
+        return 0.5 * float(surface_forces @ (solved.contact.schur @ surface_forces))
 
     def answer(self, solved: Solved) -> Answer:
-        """What is handed out of an increment: forces are those on all dofs of surfaces."""
+        """Answer of an increment; its forces are those on all dofs of surfaces."""
         found, reached, contact, _ = solved
-        pushed = reached.pushed
-        assert pushed is not None
+        surface_forces = reached.surface_forces
+        assert surface_forces is not None
         return Answer(
-            reached.point, contact.unknown(pushed), pushed, pushed != 0.0, found.iterations, found.status,
-            found.sweeps > 0, self.model.fields, time=reached.time, slip=reached.slip,
-        )  # fmt: skip
+            reached.point,
+            contact.unknown(surface_forces),
+            surface_forces,
+            surface_forces != 0.0,
+            found.iterations,
+            found.status,
+            found.sweeps > 0,
+            self.model.fields,
+            time=reached.time,
+            slip=reached.slip,
+        )
 
 
 def layout(pairs: Sequence[SlidingPair], laws: Sequence[Any], fixed: np.ndarray, dim: int) -> Friction:
@@ -228,7 +238,7 @@ def layout(pairs: Sequence[SlidingPair], laws: Sequence[Any], fixed: np.ndarray,
     Args:
         pairs: the pairs.
         laws: of each.
-        fixed: places of the parameters that stay while loads grow in proportion, see :class:`Friction`.
+        fixed: indices of the parameters that stay while loads grow in proportion, see :class:`Friction`.
         dim: components of the displacement at a node.
     """
     counts = [pair.slave.nodes.size for pair in pairs]

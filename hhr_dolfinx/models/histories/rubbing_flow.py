@@ -1,13 +1,13 @@
-"""A step of condensed flow whose contacts have friction: plastic correction g and all forces λ, by Newton's method.
+"""Step of a condensed inelastic model with friction: plastic correction g and all forces λ, by Newton's method.
 
-What :mod:`models.histories.condensed_step` solves in one compiled loop, in Python and with an increment of friction in
-the place of the active set:
+It solves in Python, with an increment of friction instead of the active set, what
+:mod:`models.histories.condensed_step` solves in one compiled loop:
 
     R(g) = sum of w (G V)^T 2 μ ε_p(ε) - Q g,      ε = ε_0 - E_X^T λ(g) + E_p g,      slack s - B V g + S λ,
 
-where λ(g) is the increment under that slack. Forces stay out of what the cubature corrects, P = 0: those of bodies
-without flow, beside which P is meant, depend on the path here. λ(g) is piecewise smooth, and its derivative that of the
-increment on its statuses.
+where λ(g) is the increment under that slack. The correction of the cubature leaves out forces, P = 0: P assumes forces
+of elastic bodies, which depend on the path here. λ(g) is piecewise smooth, and its derivative is that of the increment
+at its statuses.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ NOTHING = np.zeros(0)
 
 
 class _Trial(NamedTuple):
-    """What belongs to a correction."""
+    """A correction and all that follows from it."""
 
     correction: np.ndarray
     found: Sliding
@@ -46,28 +46,28 @@ class _Trial(NamedTuple):
 
 
 class _Load(NamedTuple):
-    """What a step is given."""
+    """Input of a step."""
 
     slack: np.ndarray
-    """Without correction and forces; of tangential rows less their position, (m,)."""
+    """Free slack without correction, tangential rows minus their position, (m,)."""
     strain: np.ndarray
-    """Likewise, component by component, (c n,)."""
+    """Free strain without correction, by component, (c n,)."""
     coefficient: np.ndarray
     limit: np.ndarray
     before: State
     dt: float
 
-    def under(self, moved: np.ndarray) -> Increment:
-        """The increment with so much slack taken by a correction, (m,)."""
-        return Increment(self.slack - moved, self.coefficient, self.limit, NOTHING)
+    def under(self, opening: np.ndarray) -> Increment:
+        """The increment with the slack reduced by that of a correction, (m,)."""
+        return Increment(self.slack - opening, self.coefficient, self.limit, NOTHING)
 
 
 class RubbingFlowStepper:
     """Solves the steps of one history; see :class:`hhr_dolfinx.models.histories.equilibrium.Stepper`.
 
     Args:
-        model: condensed flow with friction, whose moduli are numbers.
-        settings: how, of which ``relative_force`` and ``iterations`` count.
+        model: condensed inelastic model with friction, with numbers as moduli.
+        settings: ``relative_force`` and ``iterations`` count.
     """
 
     def __init__(self, model: Any, settings: MarchSettings):
@@ -88,10 +88,10 @@ class RubbingFlowStepper:
         return self._model.signs(answer)
 
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """A step from the extrapolation of the corrections before, else from the last one.
+        """Solve a step from the extrapolation of the corrections before; if that fails, from the last one.
 
         Raises:
-            Diverged: with what was tried last.
+            Diverged: with the reason of the last attempt.
         """
         here = trail[-1]
         model = self._model
@@ -108,16 +108,16 @@ class RubbingFlowStepper:
         failure = Diverged("nothing was tried")
         for start in [*starts, here.unknown[: model.modes]]:
             try:
-                found, taken = self._solved(load, material, start, here)
+                found, count = self._solved(load, material, start, here)
             except Diverged as error:
                 failure = error
                 spent += self._settings.iterations
                 continue
-            return self._answer(found, load, here, goal, spent + taken)
+            return self._answer(found, load, here, goal, spent + count)
         raise failure
 
     def _solved(self, load: _Load, material: Material, start: np.ndarray, here: Answer) -> tuple[_Trial, int]:
-        """One attempt from a correction, and the iterations it took."""
+        """Try once from a correction; returns the result and its number of iterations."""
         at = self._tried(load, material, start, here.multipliers, here.active)
         for iteration in range(1, self._settings.iterations + 1):
             if at.merit <= self._settings.relative_force * max(float(np.linalg.norm(at.correction)), self._size):
@@ -164,17 +164,17 @@ class RubbingFlowStepper:
     def _slope(self, load: _Load, at: _Trial) -> np.ndarray:
         """-dR/dg, (ell, ell)."""
         model = self._model
-        moved = model.flow.moved
+        rows = model.flow.moved
         nothing = np.zeros((self._friction.normal.size, model.modes))
         forces, _ = self._contact.changes(
-            load.under(moved @ at.correction), at.found, -moved, (nothing, nothing), np.zeros((0, model.modes))
+            load.under(rows @ at.correction), at.found, -rows, (nothing, nothing), np.zeros((0, model.modes))
         )
         flowing = model.flowing(at.update.tangents)
         pressed = (flowing * model.scale) @ (model.flow.per_force.T @ forces)
         return model.flow.modal - flowing @ model.flow.per_mode.T + pressed
 
     def _answer(self, at: _Trial, load: _Load, here: Answer, goal: Goal, iterations: int) -> Answer:
-        """What was found."""
+        """Answer from the converged correction."""
         self._strains.check(at.strain)
         found = at.found
         given = load.under(self._model.flow.moved @ at.correction)

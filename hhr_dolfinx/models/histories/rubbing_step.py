@@ -1,7 +1,7 @@
-"""Contact with friction within a step of bodies that flow: what each of its linearisations has to solve.
+"""Frictional contact within a step of inelastic bodies: the contact problem of each linearisation.
 
-All linearisations of a step slip from where the step began, backward Euler for the rate of slip; the last one, at which
-the stress has settled, says what has slipped.
+All linearisations of a step measure slip from its beginning, backward Euler for the rate of slip. The last one, at
+which the stress has converged, gives the slip of the step.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ class RubbingStep:
     Args:
         model: equilibrium, with its ``friction`` and ``fields``.
         point: parameter at the end of the step, (P,).
-        before: what friction remembers from before it.
+        before: slip state before it.
         forces: contact forces then, (m,).
     """
 
@@ -41,7 +41,7 @@ class RubbingStep:
         self._last: tuple[Increment, Sliding] | None = None
 
     def solved(self, equalities: SchurEqualities, free_slack: np.ndarray, active: np.ndarray) -> Statuses:
-        """Forces under a free slack, (m,), of a linearisation whose S some equality problems hold."""
+        """Forces under a free slack, (m,), for the S of the given equality problems."""
         if self._contact is None or equalities is not self._on:
             self._contact = SlidingContact(equalities.whole(), self._friction)
             self._on = equalities
@@ -54,6 +54,6 @@ class RubbingStep:
         return Statuses(found.forces, found.active, found.iterations, found.status, found.sweeps > 0)
 
     def slip(self, unknown: np.ndarray) -> SlipState:
-        """What friction remembers after the step, by the last linearisation, at whose unknown it ends, (n,)."""
+        """Slip state after the step, by the last linearisation, at whose unknown it ends, (n,)."""
         assert self._last is not None
         return self._surface.after(self._before, *self._last, lambda: unknown, self._point)

@@ -1,10 +1,10 @@
-"""Histories of elastic bodies with friction: what has slipped is their memory.
+"""Histories of elastic bodies with friction, whose state is their slip.
 
 An increment goes from one point of a path to the next and slips in a straight line, backward Euler for the rate of
-slip. A step that does not settle is halved. With a tolerance each step is solved at once and in two halves, whose
-forces and dissipated work differ by about what those of the halves are off, and is cut until that is small enough. A
-contact that closes within an increment sticks to where it was at the beginning, which both ways do alike: what holds it
-since counts as an error too.
+slip. A step that does not converge is halved. With a tolerance each step is solved as a whole and in two halves. The
+difference of their forces and dissipated work is about the error of the halves; the step is cut until it is small. A
+contact that closes within an increment sticks relative to the start of the increment, as a whole and in halves alike:
+its sticking force counts as an error too.
 """
 
 from __future__ import annotations
@@ -30,19 +30,19 @@ from hhr_dolfinx.models.histories.surfaces import surface_of
 from hhr_dolfinx.one_thread import one_thread
 
 PROPORTIONAL = 4
-"""Increments from rest to a single parameter before any is cut: one and two of a single step may agree by chance."""
+"""Increments from rest to a single parameter before any is cut: one and two may agree by chance."""
 TOLERANCE = 1e-3
-"""Error of forces that increments to a single parameter may make, relative to the largest force."""
+"""Error of forces allowed in increments to a single parameter, relative to the largest force."""
 WORK = 1e-3
-"""Part of the elastic energy of contact beside which dissipated work is small: far below it nothing has slipped."""
+"""Part of the elastic energy of contact below which dissipated work counts as zero."""
 APART = 1e-9
 """Part of the largest gap above which a contact is open."""
 CUTS = 12
-"""How often a step may be halved for the sake of a tolerance."""
+"""How often a step may be halved to meet a tolerance."""
 
 
 class Reached(NamedTuple):
-    """Where a history has come to."""
+    """State of a history at the end of an increment."""
 
     point: np.ndarray
     time: float
@@ -55,27 +55,27 @@ class Reached(NamedTuple):
     """Derivative of each parameter here along that of the whole history, (P,)."""
     changes: np.ndarray
     """Derivatives of the position of tangential rows, (T, P)."""
-    moved: np.ndarray | None = None
-    pushed: np.ndarray | None = None
-    """Displacement of, and forces on, all dofs of surfaces, (n,), where rows are made anew."""
+    displacement: np.ndarray | None = None
+    surface_forces: np.ndarray | None = None
+    """Displacement of, and forces on, all dofs of surfaces, (n,), for surfaces that are paired again."""
 
 
 class Target(NamedTuple):
-    """Where an increment goes: time, point and weights as of :class:`Reached`."""
+    """End of an increment: time, point and weights as of :class:`Reached`."""
 
     time: float
     point: np.ndarray
     weights: np.ndarray
 
     def halfway(self, before: Reached) -> Target:
-        """Half of the way from where a history has come to."""
+        """Midpoint between the present state of a history and this end."""
         return Target(
             0.5 * (before.time + self.time), 0.5 * (before.point + self.point), 0.5 * (before.weights + self.weights)
         )
 
 
 class Solved(NamedTuple):
-    """An increment: what was found, where it leads to, the contact problem there, and derivatives if wanted."""
+    """An increment: its solution, the state at its end, the contact problem there, and derivatives if requested."""
 
     found: Sliding
     reached: Reached
@@ -84,7 +84,7 @@ class Solved(NamedTuple):
 
     @property
     def settled(self) -> bool:
-        """Whether it is solved."""
+        """True if the increment converged."""
         return self.found.status is Status.CONVERGED
 
 
@@ -93,12 +93,12 @@ class Slider:
 
     Args:
         model: full or condensed, with a ``friction``, and ``contacts`` for the contact problem of each point.
-        gradient: whether derivatives go along.
+        gradient: compute derivatives too.
 
     Attributes:
-        friction: on its own conditions.
-        surface: the whole contact surface, of which slip is remembered.
-        largest, energy: largest norm of forces, and elastic energy of contact, so far: what errors are measured by.
+        friction: on the conditions of the model.
+        surface: the whole contact surface, whose slip is stored.
+        largest, energy: largest norm of forces, and elastic energy of contact, so far: the units of errors.
     """
 
     def __init__(self, model: Any, gradient: bool = False):
@@ -112,14 +112,14 @@ class Slider:
         self.energy = 0.0
 
     def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Reached:
-        """Undeformed bodies, of which nothing has slipped."""
+        """Undeformed bodies without slip."""
         forces = np.zeros(self.model.own_conditions)
         changes = np.zeros((self.friction.tangential.size, point.size))
         gap = self._contact_at(point).free_slack[self.friction.normal]
         return Reached(point, time, forces, None, gap, SlipState.at_rest(self.surface.whole), weights, changes)
 
     def going_on(self, answer: Answer, weights: np.ndarray) -> Reached:
-        """Where a step that the full order solved before has come to."""
+        """State after a step that the full model solved before."""
         assert answer.slip is not None
         schur = self._contact_at(answer.parameter).schur
         forces = answer.multipliers
@@ -132,12 +132,12 @@ class Slider:
         return Reached(answer.parameter, answer.time, forces, answer.active, gap, answer.slip, weights, changes)
 
     def increment(self, before: Reached, target: Target) -> Solved:
-        """One increment, settled or not."""
+        """Solve one increment; it may not converge."""
         time, point, weights = target
         contact = self._contact_at(point)
-        taken = None if contact.floating is None else contact.floating.equalities.taken
+        of_motions = None if contact.floating is None else contact.floating.equalities.taken
         if self._sliding is None or self._sliding.given is not contact.schur:
-            self._sliding = SlidingContact(contact.schur, self.friction, taken)
+            self._sliding = SlidingContact(contact.schur, self.friction, of_motions)
         slack = contact.free_slack.copy()
         slack[self.friction.tangential] -= self.surface.position(before.slip)
         driving = np.zeros(0) if contact.floating is None else contact.floating.driving
@@ -161,7 +161,7 @@ class Slider:
     def _gradient(
         self, before: Reached, target: Target, given: Increment, found: Sliding, contact: CondensedContact
     ) -> Gradient:
-        """Derivatives of an increment while its statuses, and those before, stay."""
+        """Derivatives of an increment at fixed statuses, also of the increments before."""
         assert self._sliding is not None
         floating = contact.floating
         unknown = unknown_of(contact, found)
@@ -181,10 +181,10 @@ class Slider:
         return Gradient(of_unknown, forces, self._sliding.grazing(given, found), slack)
 
     def held(self, before: Reached, after: Reached) -> float:
-        """Tangential force on contacts that closed in an increment, which sticks them to where they had been before."""
+        """Sticking force of contacts that closed in this increment; its reference is the start of the increment."""
         assert after.active is not None
         friction = self.friction
-        # what touched at the beginning has moved nowhere before it was pressed
+        # a contact that was closed at the start has no motion before its closing
         closed = after.active[friction.normal] & (before.gap > APART * np.abs(before.gap).max(initial=0.0))
         return float(np.linalg.norm(after.forces[friction.tangential][closed[friction.owner]]))
 
@@ -198,7 +198,7 @@ class Slider:
         return 0.5 * float(forces @ (solved.contact.schur @ forces))
 
     def answer(self, solved: Solved) -> Answer:
-        """What is handed out of an increment."""
+        """Answer of an increment."""
         found, reached, contact, gradient = solved
         return Answer(
             reached.point, unknown_of(contact, found), found.forces, found.active, found.iterations, found.status,
@@ -207,7 +207,7 @@ class Slider:
         )  # fmt: skip
 
     def _undetermined(self, contact: CondensedContact, found: Sliding) -> np.ndarray | None:
-        """Motions that neither pressing nor sticking contacts hold, see :class:`Answer`; None if there are none."""
+        """Motions that neither closed nor sticking contacts hold, see :class:`Answer`; None if there are none."""
         floating = contact.floating
         if floating is None or found.status is not Status.CONVERGED:
             return None
@@ -227,7 +227,7 @@ def unknown_of(contact: CondensedContact, found: Sliding) -> np.ndarray:
 
 
 class _Step:
-    """One step of a path, cut as far as it must be."""
+    """One step of a path, cut as often as necessary."""
 
     def __init__(
         self, slider: Slider, cuts: int, tolerance: float | None, watch: Callable[[Answer], None] | None = None
@@ -241,8 +241,8 @@ class _Step:
         self.ends: list[float] = []
         self._watch = watch
 
-    def taken(self, before: Reached, target: Target, depth: int = 0, whole: Solved | None = None) -> Solved:
-        """The last increment of the step; ``whole`` is the step as one increment, if that was solved already."""
+    def advance(self, before: Reached, target: Target, depth: int = 0, whole: Solved | None = None) -> Solved:
+        """Solve the step and return its last increment; ``whole`` is the step as one increment if it is known."""
         if whole is None:
             whole = self._solved(before, target)
         if whole.found.status is Status.NOT_FINITE or (whole.settled and self.tolerance is None):
@@ -258,14 +258,14 @@ class _Step:
                 self.error += error
                 self._ended(middle.time, half)
                 return second
-        first = self.taken(before, middle, depth + 1, half)
+        first = self.advance(before, middle, depth + 1, half)
         if not first.settled:
             return first
         self._ended(middle.time, first)
-        return self.taken(first.reached, target, depth + 1)
+        return self.advance(first.reached, target, depth + 1)
 
     def _difference(self, before: Reached, half: Solved, second: Solved, whole: Solved) -> float:
-        """What a step in two halves is off: of forces by the largest of the history, of work by what was dissipated."""
+        """Error of a step in two halves: of forces over the largest so far, of work over the dissipated work."""
         slider = self.slider
         closing = np.linalg.norm([slider.held(before, half.reached), slider.held(half.reached, second.reached)])
         off = np.linalg.norm(slider.forces(second) - slider.forces(whole)) + closing
@@ -274,7 +274,7 @@ class _Step:
         return max(float(off) / (slider.largest or 1.0), change / (work + WORK * slider.energy or 1.0))
 
     def _ended(self, time: float, part: Solved) -> None:
-        """An increment within the step, at a time."""
+        """Report an increment within the step, at a time."""
         self.ends.append(time)
         if self._watch is not None:
             self._watch(self.slider.answer(part))
@@ -299,16 +299,16 @@ def slide_along(
     keep: Callable[[Answer], None] = lambda answer: None,
     watch: Callable[[Answer], None] | None = None,
 ) -> History:
-    """A history of elastic bodies with friction, from rest, undeformed, at the first time of the path.
+    """History of elastic bodies with friction from rest, undeformed, at the first time of the path.
 
     Args:
         model: see :class:`Slider`.
         path: as :func:`~hhr_dolfinx.models.histories.path.checked_path` returns it.
-        settings: of which ``cuts``, ``time_tolerance``, ``outside`` and ``gradient`` count.
-        weights: derivatives of the parameters of each time of the path along those of the whole history, (times, P); 1
-            unless given: each is shifted by the same at all times.
+        settings: ``cuts``, ``time_tolerance``, ``outside`` and ``gradient`` count.
+        weights: derivatives of the parameters at each time of the path along those of the whole history, (times, P). 1
+            by default: each parameter is shifted by the same at all times.
         known, keep: see :meth:`FullOrderModel.march`; known steps have no derivatives.
-        watch: told of the answer to each increment, also of those in which a step is cut.
+        watch: called with the answer of each increment, also of the parts of a step.
     """
     check_settings(settings)
     _check_shape(model, path)
@@ -317,7 +317,7 @@ def slide_along(
     weights = np.ones((len(path), path[0][1].size)) if weights is None else weights
     reached = slider.at_rest(*path[0], weights[0])
     error = 0.0
-    told = False
+    warned = False
     far = FarSliding()
     try:
         for number, ((time, point), weight) in enumerate(zip(path[1:], weights[1:], strict=True)):
@@ -331,13 +331,13 @@ def slide_along(
                 continue
             model.check_range(point, settings.outside)
             step = _Step(slider, settings.cuts, settings.time_tolerance, watch)
-            solved = step.taken(reached, Target(time, point, weight))
+            solved = step.advance(reached, Target(time, point, weight))
             reached = solved.reached
             far.check(slider.surface.whole, reached.slip, model.parameters.described(point))
             error += np.nan if settings.time_tolerance is None else step.error
-            answer = _told(slider, step, solved)._replace(time_error=error)
-            if answer.undetermined is not None and not told:  # once for a path
-                told = True
+            answer = _checked_answer(slider, step, solved)._replace(time_error=error)
+            if answer.undetermined is not None and not warned:  # once for a path
+                warned = True
                 model.warn_undetermined(answer)
             if watch is not None:
                 watch(answer)
@@ -366,8 +366,8 @@ def _check_shape(model: Any, path: Path) -> None:
             )
 
 
-def _told(slider: Slider, step: _Step, solved: Solved) -> Answer:
-    """The answer at the end of a step; an error where there is none."""
+def _checked_answer(slider: Slider, step: _Step, solved: Solved) -> Answer:
+    """Answer at the end of a step; raises an error without one."""
     answer = slider.answer(solved)._replace(iterations=step.iterations, cycled=step.cycled, ends=tuple(step.ends))
     found = solved.found
     advice = dict(slider.model.advice)
@@ -383,10 +383,10 @@ def _told(slider: Slider, step: _Step, solved: Solved) -> Answer:
 
 
 def proportional(model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool) -> Answer:
-    """The answer to a checked point, (P,), loaded in proportion from rest where the box is nearest to zero.
+    """Answer to a checked point, (P,), loaded in proportion from rest, where the box is nearest to zero.
 
-    Moduli, shapes and friction are those of the point all along. Increments are cut until forces have settled to
-    :data:`TOLERANCE`; ``time_error`` says what is left.
+    Moduli, shapes and friction are those of the point throughout. Increments are cut until forces have converged to
+    :data:`TOLERANCE`; ``time_error`` has the remaining error.
     """
     space = model.parameters
     start = np.clip(0.0, space.lower, space.upper)
@@ -402,7 +402,7 @@ def proportional(model: Any, point: np.ndarray, raise_on_failure: bool, outside:
     try:
         history = model.slide(path, settings)
         error = history.answers[-1].time_error
-        if gradient:  # on the parts that the tolerance asked for
+        if gradient:  # on the parts that the tolerance required
             path, weights = _parted(history, path, weights)
             settings = MarchSettings(outside="ignore", gradient=True)
             history = model.answering(history).slide(path, settings, weights=weights)
@@ -418,7 +418,7 @@ def proportional(model: Any, point: np.ndarray, raise_on_failure: bool, outside:
 
 
 def _parted(history: History, path: Path, weights: np.ndarray) -> tuple[Path, np.ndarray]:
-    """A path of shares with all parts of its steps, and the weights there."""
+    """A path of load shares with all parts of its steps, and the weights there."""
     parts = history.solved_path
     shares = np.array([time for time, _ in parts])
     known = np.array([time for time, _ in path])

@@ -1,4 +1,4 @@
-"""Strains that are not small: a theory of small strains says little of them, and beyond a limit load they run away."""
+"""Checks for strains that are not small: the theory is inaccurate for them, and beyond a limit load they run away."""
 
 from __future__ import annotations
 
@@ -10,23 +10,23 @@ from hhr_dolfinx.models.histories.points import ALL_HERE, Points
 from hhr_dolfinx.warn import warn
 
 LARGE = 0.1
-"""A strain worth a word: squares that are left out, e^2 / 2, are a twentieth of it."""
+"""Strain that raises a warning: the neglected squares, e^2 / 2, are a twentieth of it."""
 MOST = 1.0
-"""A strain at which there is no answer of small strains, and no balance but round-off beyond a limit load."""
+"""Strain at which small-strain theory has no solution; beyond a limit load, the only balance is round-off."""
 ALONE = 0.01
-"""Part of the points where strains may be larger: at the corner of a punch they are what the mesh makes of it."""
+"""Part of the points that may have larger strains: at the corner of a punch they depend on the mesh."""
 RUNAWAY = 100.0
-"""A strain that not even a single point may have."""
+"""Strain that not even a single point may have."""
 
 
 def spread_strain(sizes: np.ndarray) -> float:
-    """The strain that is exceeded at a hundredth of some points only, of the sizes at each, (points,)."""
+    """Strain that is exceeded at a hundredth of the points, from the sizes at each, (points,)."""
     count = max(int(ALONE * sizes.size), 1)
     return float(np.partition(sizes, -count)[-count])
 
 
 def large_strain(strain: float) -> str:
-    """What a large strain means, in words."""
+    """Message on a large strain."""
     return (
         f"a strain of {strain:.2g} at more than {ALONE:.0%} of the points is no small strain, and answers are those of "
         f"small strains, which are a few per cent off at {LARGE:g} and mean nothing at {MOST:g}: lower the load, check "
@@ -35,7 +35,7 @@ def large_strain(strain: float) -> str:
 
 
 def large_rotation(rotation: float) -> str:
-    """What a large rotation means, in words."""
+    """Message on a large rotation."""
     return (
         f"a rotation of {rotation:.2g} rad in more than {ALONE:.0%} of the cells is not small, and answers are those "
         f"of small displacements, to which a rotation of w is a strain of w^2 / 2 = {rotation**2 / 2:.2g} that is not "
@@ -44,16 +44,16 @@ def large_rotation(rotation: float) -> str:
 
 
 class SmallStrains:
-    """Looks at the strains of the steps of one history; what is large is said once."""
+    """Checks the strains of the steps of one history; warns once."""
 
     def __init__(self) -> None:
         self._said = False
 
     def check(self, strain: np.ndarray, together: Points = ALL_HERE) -> None:
-        """Warn of strains, (points, components), that are large, on ranks that have some points each ``together``.
+        """Warn of large strains, (points, components); ``together`` reduces over the points of all ranks.
 
         Raises:
-            Diverged: if they are no small strains at all.
+            Diverged: if they are too large for small-strain theory.
 
         Warns:
             SmallStrainWarning: once.

@@ -1,4 +1,4 @@
-"""What contacts of a whole surface remember of their slip, whichever of them a model solves for itself."""
+"""Slip state of the contacts of a whole surface, of which a model may solve for a part only."""
 
 from __future__ import annotations
 
@@ -14,37 +14,37 @@ from hhr_dolfinx.models.frictional_fields import FrictionalFields
 
 
 class Surface(Protocol):
-    """Contacts with friction, of which a model solves for some or all.
+    """Contacts with friction; a model solves for some or all of them.
 
     Attributes:
-        whole: friction of the whole contact surface, of which slip is remembered.
+        whole: friction of the whole contact surface, whose slip is stored.
     """
 
     whole: Friction
 
     def position(self, slip: SlipState) -> np.ndarray:
-        """Where the tangential rows that a model solves for stand, (T,)."""
+        """Position of the tangential rows that a model solves for, (T,)."""
 
     def after(
         self, before: SlipState, given: Increment, found: Sliding, unknown: Callable[[], np.ndarray], point: np.ndarray
     ) -> SlipState:
-        """What is remembered after an increment.
+        """Slip state after an increment.
 
         Args:
-            before: what was before it.
-            given, found: what drove it, and its solution.
-            unknown: makes the primal unknown at its end, (n,).
+            before: slip state before it.
+            given, found: input of the increment, and its solution.
+            unknown: computes the primal unknown at its end, (n,).
             point: parameter there, (P,).
         """
 
 
 def surface_of(model: Any) -> Surface:
-    """That of a model or an equilibrium, by its ``friction`` and what completes its answers."""
+    """Surface of a model or an equilibrium, by its ``friction`` and its fields."""
     return WholeSurface(model.friction) if model.fields.frictional is None else PartSurface(model.fields)
 
 
 class WholeSurface:
-    """All contacts are solved for."""
+    """Surface of a model that solves for all contacts."""
 
     def __init__(self, friction: Friction):
         self.whole = friction
@@ -62,7 +62,7 @@ class WholeSurface:
 
 
 class PartSurface:
-    """Contacts of a RID are solved for; those outside follow the displacement.
+    """Surface of a model that solves for the contacts of a RID; those outside follow the displacement.
 
     Args:
         fields: of a hyper-reduced model with friction, at one shape of its bodies.

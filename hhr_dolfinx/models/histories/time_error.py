@@ -1,21 +1,21 @@
-"""Error of the time steps of histories of laws with rates, estimated beside each step, and steps by that estimate.
+"""Error of the time steps for laws with rates: its estimate in each step, and steps controlled by it.
 
-Implicit Euler's rule takes the rate at the end of a step for the whole of it. Where rates change by about the same at
-all times of a step h, it is wrong by h/2 (r_1 - r_0) in the plastic strain, r_0 and r_1 being the rates at both ends.
-Of an error that is there, and of what a step adds to it, the step leaves a part D at a given strain: of an excess of
-stress, as much as the law gives back, 1 - 3 μ dΔp/dq (the same filter as for stiff equations in time: Shampine and
+Implicit Euler's rule applies the rate at the end of a step to the whole of it. If rates change evenly over a step h,
+its error is h/2 (r_1 - r_0) in the plastic strain, with r_0 and r_1 the rates at both ends. At a given strain a step
+keeps a part D of the error before it, and of the error that it adds: of an excess of stress, the part
+1 - 3 μ dΔp/dq that the law does not relax (the same filter as for stiff equations in time: Shampine and
 Baca 1984, doi 10.1007/BF02165224). So the error as a stress goes from step to step by
 
     e_1 = D (e_0 + 2 μ h/2 (r_1 - r_0)),
 
 a vector at each point where laws are evaluated, and the estimate is its norm over that of the largest stress so far.
 Measured on a pellet that is pressed and held, a tube pressed against a wall and one that bulges, in 4 to 64 steps for
-two to four decades of time, it is at its largest .9 to 1.8 times the largest error of stress, contact forces,
-displacement or cumulated strain, each over its own size, in a history. What counts is the largest of a history: at the
-end of a long hold it is up to fifteen times too small, since a body forgets more slowly than its points.
-It costs one evaluation of the laws that have rates and .07 ms a step: little, but for condensed flow, whose steps take
-.17 ms. Laws without rates have none: their steps are exact for straight paths of strain, and what they make of others
-is not estimated.
+two to four decades of time, its largest value in a history is 0.9 to 1.8 times the largest error of stress, contact
+forces, displacement or cumulated strain, each relative. Only the largest value of a history counts: at the end of a
+long hold it is up to fifteen times too small, since a body relaxes more slowly than its points.
+It costs one evaluation of the laws with rates and 0.07 ms a step: little, except for condensed inelastic models, whose
+steps take 0.17 ms. Laws without rates have no such error: their steps are exact for straight paths of strain; their
+error on other paths is not estimated.
 """
 
 from __future__ import annotations
@@ -36,23 +36,23 @@ from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, Marching
 from hhr_dolfinx.models.histories.points import Points
 
 SAFETY = 0.8
-"""Part of what is allowed for which the next part of a step is meant."""
+"""Part of the allowed error at which the next part of a step aims."""
 SHRUNK = 0.1
 GROWN = 4.0
 """Least and largest factor from one part of a step to the next."""
 STEPS = 20
-"""Steps of a path that forget nothing in which a tolerance is used up."""
+"""Steps in which a path without relaxation uses up its tolerance."""
 MOST_PARTS = 10_000
-"""Parts of one step of a path after which a tolerance is out of reach."""
+"""Parts of one step of a path above which a tolerance is out of reach."""
 SUDDEN = 1e-6
-"""Part of a step in which the rate of a law at a given stress is read off its flow."""
+"""Part of a step in which the rate of a law at a given stress is computed from its flow."""
 
 Advance = Callable[[tuple[Answer, ...], Goal], list[Answer]]
-"""Solves from the end of a trail to a goal, in several parts where one does not converge."""
+"""Solves from the end of a trail to a goal, in several parts if one does not converge."""
 
 
 class _Rated(NamedTuple):
-    """Points of a body whose law has rates, its place among the groups of the material, and its shear modulus."""
+    """Points of a body whose law has rates, its index among the groups of the material, and its shear modulus."""
 
     points: np.ndarray
     place: int
@@ -61,18 +61,18 @@ class _Rated(NamedTuple):
 
 @dataclass(frozen=True)
 class TimeError:
-    """What is known of the time error at the end of a step; another one for each step.
+    """Time error at the end of a step; each step creates another one.
 
     Attributes:
-        bodies: those with rates, at the points of the model that gave the last answer.
-        points: of that model, by which another one is told from it.
-        together: what these say together with those of other ranks.
+        bodies: bodies with rates, at the points of the model that gave the last answer.
+        points: numbers of the points of that model, which identify it.
+        together: reductions over the points of all ranks.
         error: e at the points of each body, as a stress.
-        rate: 2 μ times the rate of plastic strain there, per second; None where it is not known yet.
+        rate: 2 μ times the rate of plastic strain there, per second; None until it is known.
         largest: norm of the largest stress so far.
-        before: estimate where the points changed, or where a history went on; it is not forgotten.
-        added: what the last step added, relative to the largest stress.
-        left: part D of what it added that it left.
+        before: estimate when the points changed, or when a history continued; it does not decay.
+        added: error added by the last step, relative to the largest stress.
+        left: part D of the added error that remains at the end of the step.
     """
 
     bodies: tuple[_Rated, ...]
@@ -87,7 +87,7 @@ class TimeError:
 
     @classmethod
     def at_rest(cls, model: Marching, rest: Answer) -> TimeError:
-        """Of a model whose moduli are numbers, at the start of a history."""
+        """Time error at the start of a history, for a model with numbers as moduli."""
         return cls._of(model, model.material.at(rest.parameter))
 
     @classmethod
@@ -108,25 +108,25 @@ class TimeError:
         return self.before + self._norm(self.error) / self.largest
 
     def _norm(self, parts: Sequence[np.ndarray]) -> float:
-        """Euclidean norm of values at points, of all ranks."""
+        """Euclidean norm of values at the points of all ranks."""
         return float(np.sqrt(self.together.total(sum(float(np.vdot(part, part)) for part in parts))))
 
     def going_on(self, answer: Answer) -> TimeError:
-        """From an answer that was solved before in several parts, whose estimate is known and whose rates are not."""
+        """Time error after an answer that was solved before in parts: its estimate is known, its rates are not."""
         nothing = tuple(np.zeros_like(error) for error in self.error)
         largest = max(self.largest, self._norm([answer.state().stress]))
         return replace(self, error=nothing, rate=None, largest=largest, before=answer.time_error)
 
     def after(self, model: Marching, before: Answer, answer: Answer) -> TimeError:
-        """At the end of a step that was solved in one part.
+        """Time error at the end of a step that was solved in one part.
 
         Args:
-            model: that answered, with moduli that are numbers.
+            model: the model of the answer, with numbers as moduli.
             before, answer: both ends of the step.
         """
         material = model.material.at(answer.parameter)
         if model.points is not self.points and not np.array_equal(model.points, self.points):
-            # another model took over, whose points know neither an error of their own nor the rates at the start
+            # another model took over, whose points have neither an error nor the rates at the start
             other = TimeError._of(model, material)
             return replace(other, rate=None, largest=self.largest, before=self.estimate)
         if not self.bodies:
@@ -137,7 +137,7 @@ class TimeError:
             parts = self.together.agreed(
                 lambda: [self._body(k, material, before, answer, dt) for k in range(len(self.bodies))]
             )
-        except (ConvergenceError, SceneError):  # a law that answers in this step alone
+        except (ConvergenceError, SceneError):  # a law that has an answer in this step alone
             return self
         largest = max(self.largest, self._norm([stress]))
         raw, left = (float(np.sqrt(self.together.total(sum(part[k] for part in parts)))) for k in (2, 3))
@@ -151,7 +151,7 @@ class TimeError:
         )
 
     def through(self, model: Marching, before: Answer, parts: Sequence[Answer]) -> TimeError:
-        """At the end of a step that was solved in parts, from the answer before it and those at their ends."""
+        """Time error at the end of a step in parts, from the answer before it and those at their ends."""
         error = self
         for one, other in pairwise([before, *parts]):
             error = error.after(model, one, other)
@@ -160,7 +160,7 @@ class TimeError:
     def _body(
         self, k: int, material: Material, before: Answer, answer: Answer, dt: float
     ) -> tuple[np.ndarray, np.ndarray, float, float]:
-        """Error and rate of one body, and the squares of what the step adds, before and after D."""
+        """Error and rate of one body, and the squares of the error that the step adds, before and after D."""
         points, place, shear = self.bodies[k]
         law: Any = material.groups[place].law
         old = before.state().state
@@ -190,7 +190,7 @@ def _equivalent(stress: np.ndarray) -> np.ndarray:
 
 
 def _rate(law: Any, answer: Answer, body: _Rated, dt: float) -> np.ndarray:
-    """2 μ times the rate of plastic strain at a stress: the flow of a law in a moment, (n, c)."""
+    """2 μ times the rate of plastic strain at a stress: the flow of a law in a short time, (n, c)."""
     stress = answer.state().stress[body.points]
     moment = SUDDEN * dt
     deviator = _deviator(stress)
@@ -201,7 +201,7 @@ def _rate(law: Any, answer: Answer, body: _Rated, dt: float) -> np.ndarray:
 
 
 def _has_rates(group: Group) -> bool:
-    """Whether the flow of a law, whose constants are numbers, depends on the time that it is given."""
+    """True if the flow of a law, with numbers as constants, depends on the time step."""
     if group.law is None or type(group.law) is Plasticity:
         return False
     if kernel_of(group.law) is not None:
@@ -212,7 +212,7 @@ def _has_rates(group: Group) -> bool:
     for dt in (1e-6, 1.0, 1e6):
         try:
             flows.append(flow_of(group.law, trial.copy(), 0 * trial, shear, dt)[0])
-        except (ConvergenceError, SceneError):  # that there is no flow in some time says that time counts
+        except (ConvergenceError, SceneError):  # a law that fails for some times depends on time
             return True
     return not all(np.array_equal(flow, flows[0]) for flow in flows)
 
@@ -223,7 +223,7 @@ class Parted(NamedTuple):
     Attributes:
         parts: answers at their ends.
         error: at the end.
-        spent: iterations of all attempts, those that were given up too.
+        spent: iterations of all attempts, discarded ones included.
     """
 
     parts: list[Answer]
@@ -239,17 +239,17 @@ def in_parts(
     error: TimeError,
     tolerance: float,
 ) -> Parted:
-    """Solve a step of a path in parts, so that none adds more than is allowed.
+    """Solve a step of a path in parts, so that none adds more than the allowed error.
 
-    A part may add so much that with what it forgets the error stays below the tolerance, tolerance times 1 - D, or
-    where it forgets little the same as if the path had ``STEPS`` steps: of what comes later nothing is known. Both
-    are about proportional to its length, as what it adds is to the square: the next part, or the same one once more,
-    is as much shorter or longer as it missed. The first one is tried as a whole, so that a history that goes on behind
-    stored answers finds the same parts.
+    A part may add tolerance times 1 - D, so that with the decay of the error the estimate stays below the tolerance. If
+    D is near 1, it may add the same as if the path had ``STEPS`` steps: later steps are unknown. The allowed error is
+    about proportional to the length of a part, and the added error to its square. The length of the next part, or of
+    the same one once more, changes by their ratio. The first attempt is the whole step, so that a history that
+    continues after stored answers finds the same parts.
 
     Args:
         advance: solves one part.
-        model: whose moduli are numbers.
+        model: with numbers as moduli.
         trail: answers before.
         goal: end of the step.
         error: known at its start.
@@ -273,11 +273,11 @@ def in_parts(
         found = advance(trail, part)
         spent += sum(answer.iterations for answer in found)
         after = error.through(model, trail[-1], found)
-        taken = end - done
-        allowed = tolerance * max(1 - after.left, taken / STEPS)
+        duration = end - done
+        allowed = tolerance * max(1 - after.left, duration / STEPS)
         miss = after.added / allowed if len(found) == 1 else 1.0
         factor = float(np.clip(SAFETY / miss, SHRUNK, GROWN)) if miss > 0 else GROWN
-        length = taken * factor
+        length = duration * factor
         if miss > 1:
             continue
         solved = [*solved, *found]

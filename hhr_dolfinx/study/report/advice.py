@@ -1,4 +1,4 @@
-"""What a report advises in words: which method a scene should use, by what was measured."""
+"""Advice of a report: the method that a scene should use, from the measurements."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ CONDENSED = "condensed"
 HHR = "hhr"
 FOM_BEST = "fom_best"
 ALIKE = 1e-9
-"""Relative force error below which methods are as exact as each other."""
+"""Relative force error below which methods count as equally accurate."""
 
 
 class Advice(NamedTuple):
-    """What a report advises.
+    """Advice of a report.
 
     Attributes:
         method: ``condensed``, ``hhr`` or ``fom_best``.
-        text: why, in words.
+        text: reason, in words.
     """
 
     method: str
@@ -25,7 +25,7 @@ class Advice(NamedTuple):
 
 
 def advice(report: dict[str, Any]) -> Advice:
-    """Which method a scene should use, and why: elastic, with a stiffness or a shape of parameters, or flowing."""
+    """Method for a scene, and the reason: elastic, with variable stiffness or shape, or inelastic."""
     if "condensed_full" not in report["times"]:
         return advice_flowing(report)
     if report["times"]["condensed_full"] is None:
@@ -34,10 +34,10 @@ def advice(report: dict[str, Any]) -> Advice:
 
 
 def advice_exact(report: dict[str, Any]) -> Advice:
-    """Which method an elastic scene should use, and why, in words.
+    """Method for an elastic scene, and the reason.
 
-    Exact condensation has no reduction error; it is advised unless it is much slower than the reduced model
-    where both give the forces on the whole contact surface.
+    Exact condensation has no reduction error. It is advised unless it is much slower than the reduced model, if both
+    give the forces on the whole contact surface.
     """
     times = report["times"]
     error = report["errors"]["dual_full_floored"]
@@ -60,7 +60,7 @@ def advice_exact(report: dict[str, Any]) -> Advice:
 
 
 def advice_alone(report: dict[str, Any]) -> Advice:
-    """Whether the hyper-reduced model is worth it where there is no condensation beside it."""
+    """Hyper-reduced or full model, for scenes without condensation."""
     times = report["times"]
     error = report["errors"]["dual_full_floored"]
     reduced = times["online_forces"]["median"]
@@ -74,19 +74,19 @@ def advice_alone(report: dict[str, Any]) -> Advice:
 
 
 def advice_varying(report: dict[str, Any]) -> Advice:
-    """Which method a scene should use whose stiffness or shape depends on parameters, by what was measured.
+    """Method for a scene whose stiffness or shape depends on parameters, from the measurements.
 
-    The most accurate one within a factor of three of the fastest is advised: beside the full order both are fast.
+    The most accurate one within a factor of three of the fastest is advised: both are far faster than the full model.
     """
     times = report["times"]
     rows = {row["method"]: row for row in report["work_precision"] if row["setting"] in _OWN}
     names = {"condensed": "interpolated condensation", "HHR": "the hyper-reduced model"}
-    # the same product on both sides: forces on the whole surface
+    # the same product of both: forces on the whole surface
     seconds = {"condensed": times["condensed"]["median"], "HHR": times["online_forces"]["median"]}
     even = report["break_even"]
     after = {"condensed": even.get("forces, condensed"), "HHR": even.get("forces")}
 
-    def told(method: str) -> str:
+    def figures(method: str) -> str:
         row = rows[method]
         count = after[method]
         paid = "never pays" if count is None else f"pays after {count:.0f} queries"
@@ -97,9 +97,9 @@ def advice_varying(report: dict[str, Any]) -> Advice:
         )
 
     favoured, *others = _by_favour({name: rows[name] for name in names if name in rows}, seconds)
-    sentence = f"Use {names[favoured]}: {told(favoured)}."
+    sentence = f"Use {names[favoured]}: {figures(favoured)}."
     for other in others:
-        sentence += f" {names[other].capitalize()}: {told(other)}."
+        sentence += f" {names[other].capitalize()}: {figures(other)}."
     sentence += (
         " The hyper-reduced model is for contact conditions by the thousand, and where operators do not interpolate."
     )
@@ -107,9 +107,9 @@ def advice_varying(report: dict[str, Any]) -> Advice:
 
 
 def advice_flowing(report: dict[str, Any]) -> Advice:
-    """Which method a scene should use that flows, by what was measured; one that was refused, with its reason.
+    """Method for an inelastic scene, from the measurements; a refused one is listed with its reason.
 
-    The most accurate one within a factor of three of the fastest is advised: beside the full order both are fast.
+    The most accurate one within a factor of three of the fastest is advised: both are far faster than the full model.
     """
     times = report["times"]
     models = report["models"]
@@ -120,7 +120,7 @@ def advice_flowing(report: dict[str, Any]) -> Advice:
     measured = {key: models[key] for key in kinds if "refused" not in models[key]}
     seconds = {key: times[kinds[key][0]]["median"] for key in measured}
 
-    def told(key: str) -> str:
+    def figures(key: str) -> str:
         errors = measured[key]["errors"]
         _, name, even, stages = kinds[key]
         count = report["break_even"].get(even)
@@ -137,9 +137,9 @@ def advice_flowing(report: dict[str, Any]) -> Advice:
 
     worst = {key: {"dual_full_floored_max": item["errors"]["largest_forces"]["max"]} for key, item in measured.items()}
     favoured, *others = _by_favour(worst, seconds)
-    sentence = f"Use {told(favoured)}."
+    sentence = f"Use {figures(favoured)}."
     for other in others:
-        text = told(other)
+        text = figures(other)
         sentence += f" {text[0].upper()}{text[1:]}."
     for key, (_, name, _, _) in kinds.items():
         if key not in measured:
@@ -158,13 +158,13 @@ _OWN = ("this model", "interpolated")
 
 
 def _by_favour(rows: dict[str, dict[str, Any]], seconds: dict[str, float]) -> list[str]:
-    """Methods, first the one with the smallest worst force error within a factor of three of the fastest.
+    """Methods, first the one with the smallest largest force error within a factor of three of the fastest.
 
-    One that left a question without an answer, whose worst error is infinite, comes after those that did not.
+    One that left a query without an answer has an infinite error, and comes after those that did not.
     """
     sure = [method for method in rows if math.isfinite(rows[method]["dual_full_floored_max"])] or list(rows)
     close = [method for method in sure if seconds[method] <= 3 * min(seconds[other] for other in sure)]
-    # errors of round-off are alike, and then the fastest is favoured
+    # round-off errors count as equal, and then the fastest comes first
     favoured = min(close, key=lambda method: (max(rows[method]["dual_full_floored_max"], ALIKE), seconds[method]))
     return [favoured, *(method for method in rows if method != favoured)]
 
@@ -175,7 +175,7 @@ def percent(value: float) -> str:
 
 
 def in_words(value: float) -> str:
-    """Seconds with a unit that suits them."""
+    """Seconds with a suitable unit."""
     for unit, size in (("us", 1e-6), ("ms", 1e-3)):
         if value < 1000 * size:
             return f"{value / size:.2f} {unit}"

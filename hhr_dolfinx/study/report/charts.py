@@ -1,4 +1,4 @@
-"""Charts of a report as SVG inside the page: they take its colours, stay sharp, print, and need no network."""
+"""Charts of a report as SVG inside the page: they use its colours, stay sharp, print, and need no network."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ BOTTOM = 46
 """Its margins."""
 LEAST = 1e-16
 MOST = 1e16
-"""Values below and above are drawn here: there is no logarithm of zero, and such numbers are none of a report."""
+"""Limits at which values below and above are drawn: zero has no logarithm, and such numbers occur in no report."""
 BINS = 24
 SHADES = 6
 """Bins of a histogram; steps of colour of a map."""
@@ -27,11 +27,11 @@ class Mark(NamedTuple):
     """A method of the chart of errors over times.
 
     Attributes:
-        name: what it is called.
+        name: name of the method.
         seconds: of a query.
         error: at half of the points.
-        high: below which 95 % are; no tail is drawn without it.
-        own: whether it is the model that a report is about.
+        high: error below which 95 % of the points are; no tail is drawn without it.
+        own: whether it is the model of the report.
     """
 
     name: str
@@ -56,7 +56,7 @@ class _Axis:
         return self.begin + part * (self.end - self.begin)
 
     def ticks(self) -> list[int]:
-        """Powers of ten, ten of them at most."""
+        """Powers of ten, at most ten of them."""
         step = max(1, math.ceil((self.high - self.low) / 9))
         return list(range(self.low, self.high + 1, step))
 
@@ -96,7 +96,7 @@ def _ticks_up(axis: _Axis) -> list[str]:
 
 
 def front(marks: Sequence[Mark]) -> list[Mark]:
-    """Those that no other one beats in time and in error, from the quickest on."""
+    """Marks that no other one beats in time and in error, from the fastest on."""
     found: list[Mark] = []
     for mark in sorted(marks, key=lambda mark: (mark.seconds, mark.error)):
         if not found or mark.error < found[-1].error:
@@ -105,7 +105,7 @@ def front(marks: Sequence[Mark]) -> list[Mark]:
 
 
 def work_precision(marks: Sequence[Mark], error: str) -> str:
-    """Errors over seconds of a query, a tail up to what 95 % are below, and the front of what nothing beats."""
+    """Errors over seconds of a query, a tail up to the 95 % error, and the Pareto front."""
     marks = [mark for mark in marks if math.isfinite(mark.error) and 0 < mark.seconds < math.inf]
     if not marks:
         return ""
@@ -118,8 +118,10 @@ def work_precision(marks: Sequence[Mark], error: str) -> str:
     for mark in sorted(marks, key=lambda mark: up(mark.error)):
         x = across(mark.seconds)
         y = up(mark.error)
-        told = f"{mark.name}: {mark.seconds:.3g} s, {error} {mark.error:.2g} median, {_tail(mark):.2g} at 95 %"
-        parts.append(f'<g><title>{escape(told)}</title><path class="tail" d="M{x:.1f} {y:.1f}V{up(_tail(mark)):.1f}"/>')
+        label = f"{mark.name}: {mark.seconds:.3g} s, {error} {mark.error:.2g} median, {_tail(mark):.2g} at 95 %"
+        parts.append(
+            f'<g><title>{escape(label)}</title><path class="tail" d="M{x:.1f} {y:.1f}V{up(_tail(mark)):.1f}"/>'
+        )
         parts.append(f'<circle class="{"own" if mark.own else "mark"}" cx="{x:.1f}" cy="{y:.1f}" r="5"/></g>')
         if mark in best or mark.own:
             parts.append(_label(mark.name, x, y, labels))
@@ -130,12 +132,12 @@ def _tail(mark: Mark) -> float:
     return mark.error if mark.high is None or not math.isfinite(mark.high) else max(mark.high, mark.error)
 
 
-def _label(name: str, x: float, y: float, taken: list[float]) -> str:
-    """The name of a mark beside it, below those that are there already."""
+def _label(name: str, x: float, y: float, used: list[float]) -> str:
+    """The name of a mark next to it, below earlier names."""
     place = y + 4
-    while any(abs(place - other) < 13 for other in taken):
+    while any(abs(place - other) < 13 for other in used):
         place += 13
-    taken.append(place)
+    used.append(place)
     right = x > WIDTH - 150
     return (
         f'<text x="{x - 9 if right else x + 9:.1f}" y="{place:.1f}" text-anchor="{"end" if right else "start"}">'
@@ -144,7 +146,7 @@ def _label(name: str, x: float, y: float, taken: list[float]) -> str:
 
 
 def histogram(errors: Sequence[float], bounds: Sequence[float], error: str, bound: str) -> str:
-    """How many answers have which error, as bars, and which bound, as a line of steps; logarithmic."""
+    """Numbers of answers over errors, as bars, and over bounds, as a line of steps; logarithmic."""
     errors = [value for value in errors if math.isfinite(value)]
     bounds = [value for value in bounds if math.isfinite(value)]
     if not errors:
@@ -159,8 +161,8 @@ def histogram(errors: Sequence[float], bounds: Sequence[float], error: str, boun
     parts = [*_ticks_across(across), *_counts_up(most, size)]
     for k, count in enumerate(counts):
         box = f'x="{LEFT + k * step + 1:.1f}" y="{bottom - count * size:.1f}" width="{step - 2:.1f}"'
-        told = f"<title>{count} answers</title>"
-        parts.append(f'<rect class="bar" {box} height="{count * size:.1f}">{told}</rect>' if count else "")
+        label = f"<title>{count} answers</title>"
+        parts.append(f'<rect class="bar" {box} height="{count * size:.1f}">{label}</rect>' if count else "")
     if bounds:
         steps = "".join(f"V{bottom - count * size:.1f}h{step:.2f}" for count in limits)
         parts.append(f'<path class="limit" d="M{LEFT} {bottom}{steps}V{bottom}"><title>{escape(bound)}</title></path>')
@@ -201,10 +203,10 @@ def map_of(
         part = (math.log10(max(error, LEAST)) - ends[0]) / max(ends[1] - ends[0], 1e-9)
         across = LEFT + (x - left) / (right - left) * (WIDTH - RIGHT - LEFT)
         up = HEIGHT - BOTTOM - (y - low) / (high - low) * (HEIGHT - BOTTOM - TOP)
-        told = f"<title>{escape(names[0])} = {x:.4g}, {escape(names[1])} = {y:.4g}: {error:.2g}</title>"
+        label = f"<title>{escape(names[0])} = {x:.4g}, {escape(names[1])} = {y:.4g}: {error:.2g}</title>"
         shade = min(SHADES - 1, int(part * SHADES))
         parts.append(
-            f'<circle class="shade{shade}" cx="{across:.1f}" cy="{up:.1f}" r="{2.5 + 3 * part:.1f}">{told}</circle>'
+            f'<circle class="shade{shade}" cx="{across:.1f}" cy="{up:.1f}" r="{2.5 + 3 * part:.1f}">{label}</circle>'
         )
     bottom = HEIGHT - BOTTOM
     parts += [

@@ -1,4 +1,4 @@
-"""Where a study speaks: with bars on a terminal; in whole lines where its output is kept, a pipe or a log file."""
+"""Output of a study: with bars on a terminal; in whole lines in a pipe or a log file."""
 
 from __future__ import annotations
 
@@ -16,14 +16,14 @@ __all__ = ["Column", "Console", "Table", "make_console", "progress_on", "shares_
 
 _NO_LIMIT = 10_000
 _ANY_HEIGHT = 25
-"""Columns and lines of a console that no window bounds. rich takes 80 columns unless both are given."""
+"""Columns and lines of a console without a window. rich assumes 80 columns unless both are given."""
 
 
 def make_console(quiet: bool = False) -> Console:
-    """A console on standard output, which breaks lines only where a window has an edge.
+    """A console on standard output, which breaks lines only at the edge of a window.
 
-    A line of a log is what ``grep`` finds: it is kept whole, however long. Colours are left to rich, which writes none
-    off a terminal unless it is asked to (``FORCE_COLOR``). Brackets are printed, as names of folders have them.
+    Lines of a log are kept whole, however long, for ``grep``. Colours are left to rich, which writes none outside a
+    terminal unless it is forced to (``FORCE_COLOR``). Brackets are printed, as names of folders have them.
     """
     console = Console(quiet=quiet, markup=False)
     if _is_watched(console):
@@ -32,16 +32,16 @@ def make_console(quiet: bool = False) -> Console:
 
 
 def progress_on(console: Console) -> Callable[[str], Callable[[Iterable], Iterator]]:
-    """Maps a label to a wrapper of iterations: a bar that goes away, or one line off a terminal.
+    """Function from a label to a wrapper of iterations: a bar that vanishes, or one line outside a terminal.
 
-    Bars are drawn by moving the cursor. What moves it has no place in a file, even where colours are forced.
+    Bars move the cursor, and must not be written to a file, even if colours are forced.
     """
     shown = _bar if _is_watched(console) else _line
     return lambda label: lambda items: shown(label, items, console)
 
 
 def shares_on(console: Console) -> Announce:
-    """Prints each stage of a run that takes longer than half a second, and how much of the stage is done."""
+    """Print each stage of a run that takes longer than half a second, and the share of it that is done."""
     return ShareLines(lambda line: console.print(line, highlight=False), quiet=0.5)
 
 
@@ -57,6 +57,6 @@ def _line(label: str, items: Iterable, console: Console) -> Iterator:
 
 
 def _is_watched(console: Console) -> bool:
-    """Whether a window shows it: a terminal that can move its cursor, or a notebook."""
+    """True if a window shows the output: a terminal that can move its cursor, or a notebook."""
     isatty = getattr(console.file, "isatty", lambda: False)
     return console.is_jupyter or (isatty() and console.is_terminal and not console.is_dumb_terminal)

@@ -1,4 +1,4 @@
-"""Figures of scenes and of answers, for ``scene.plot()`` and ``answer.plot()``; loaded only where one is drawn."""
+"""Figures of scenes and of answers, for ``scene.plot()`` and ``answer.plot()``; imported on demand."""
 
 from __future__ import annotations
 
@@ -22,14 +22,14 @@ with extra("pictures", "a figure"):
     from matplotlib.figure import Figure
 
 SHIFT = 0.1
-"""Largest displacement that is drawn, over the extent of the mesh: smaller ones are magnified by a power of ten."""
+"""Limit of drawn displacements, over the extent of the mesh: smaller ones are magnified by a power of ten up to it."""
 
 
 def figure_of(value: Scene | Answer, path: str | Path | None, full: Any = None) -> Figure:
-    """Figure of a scene, or of an answer on the mesh of a full model; saved where a path is given.
+    """Figure of a scene, or of an answer on the mesh of a full model; saved if a path is given.
 
     Raises:
-        SceneError: for a scene whose mesh cannot be made.
+        SceneError: for a scene whose mesh cannot be generated.
     """
     figure = _of_scene(value) if isinstance(value, Scene) else _of_answer(value, full)
     if path is not None:
@@ -45,7 +45,7 @@ def _of_scene(scene: Scene) -> Figure:
 
 
 def _of_answer(answer: Answer, full: FullOrderModel) -> Figure:
-    """Pressure on the contact surface, and in the plane the deformed bodies beside it."""
+    """Pressure on the contact surface, and in the plane the deformed bodies next to it."""
     flat = full.problem.points.shape[1] == 2
     figure = Figure(figsize=(11, 4.5) if flat else (7, 5.5), layout="constrained")
     figure.suptitle(f"{full.scene.name} at {point_of(answer.parameter, full.parameters.names)}")
@@ -69,7 +69,7 @@ def _unit(full: FullOrderModel, of: str) -> str:
 
 
 def _pressures(answer: Answer, full: FullOrderModel, pair: int) -> tuple[np.ndarray, np.ndarray]:
-    """Places and pressures of the conditions of a contact pair that have an area, (k, dim) and (k,)."""
+    """Positions and pressures of the conditions of a contact pair that have an area, (k, dim) and (k,)."""
     own = full.problem.pressing_of(pair)
     pressures = answer.pressure(full)[own]
     known = np.isfinite(pressures)
@@ -92,14 +92,16 @@ def _draw_pressures(axes: Any, answer: Answer, full: FullOrderModel) -> None:
 
 
 def _draw_bodies(figure: Figure, axes: Any, answer: Answer, full: FullOrderModel) -> None:
-    """Cells where the displacement, magnified if it is small, takes them, coloured by its length."""
+    """Cells at their displaced positions, magnified if displacements are small, coloured by their magnitude."""
     discretisation: Any = full.discretisation
-    moved = answer.displacement().reshape(-1, 2)
+    displacement = answer.displacement().reshape(-1, 2)
     points = discretisation._points()
-    factor = _magnified(float(np.linalg.norm(moved, axis=1).max(initial=0.0)), float(np.ptp(points, axis=0).max()))
+    factor = _magnified(
+        float(np.linalg.norm(displacement, axis=1).max(initial=0.0)), float(np.ptp(points, axis=0).max())
+    )
     cells = discretisation._cell_nodes()[:, : CORNERS[discretisation.mesh.topology.cell_name()]]
-    corners = (points + factor * moved)[cells][:, AROUND[cells.shape[1]]]
-    drawn = PolyCollection(corners, array=np.linalg.norm(moved, axis=1)[cells].mean(axis=1), edgecolor="face")
+    corners = (points + factor * displacement)[cells][:, AROUND[cells.shape[1]]]
+    drawn = PolyCollection(corners, array=np.linalg.norm(displacement, axis=1)[cells].mean(axis=1), edgecolor="face")
     axes.add_collection(drawn)
     figure.colorbar(drawn, ax=axes, label=f"displacement{_unit(full, 'length')}")
     first, second = _axes_of(full)
@@ -109,7 +111,7 @@ def _draw_bodies(figure: Figure, axes: Any, answer: Answer, full: FullOrderModel
 
 
 def _magnified(largest: float, extent: float) -> float:
-    """Factor of the displacements that are drawn: a power of ten, one at least."""
+    """Factor of the drawn displacements: a power of ten, at least one."""
     return max(1.0, 10.0 ** np.floor(np.log10(SHIFT * extent / largest))) if largest > 0 else 1.0
 
 

@@ -32,7 +32,7 @@ def write_fields(path: str | Path, full: FullOrderModel, answer: Answer | Histor
 
     Args:
         path: with the ending ``.vtkhdf`` (VTK >= 9.3) or ``.vtu``. Steps of a history have numbers in their names, and
-            stand with their times in a collection beside them, ``.pvd``.
+            are listed with their times in a collection next to them, ``.pvd``.
         full: the model of the mesh, on one rank; the answers may be those of a reduced model of its scene.
         answer: an answer, or a history.
 
@@ -70,7 +70,7 @@ def write_fields(path: str | Path, full: FullOrderModel, answer: Answer | Histor
 
 
 def _written(path: Path, grid: pyvista.UnstructuredGrid) -> Path:
-    """A file as a whole; VTK only prints what goes wrong, which shows in the file that is not there."""
+    """Write a file at once; VTK only prints its errors, so a missing file reveals them."""
     part = path.with_stem(f".{path.stem}.{secrets.token_hex(8)}")
     try:
         grid.save(part)
@@ -85,7 +85,7 @@ def _written(path: Path, grid: pyvista.UnstructuredGrid) -> Path:
 def friction_fields(problem: ContactProblem, answer: Answer, forces: np.ndarray) -> dict[str, np.ndarray]:
     """Friction at the nodes of the mesh: traction on slaves (nodes, 3), length slipped, and status.
 
-    The status is 0 where contact is open or without friction, 1 where it sticks, 2 where it slips.
+    The status is 0 if contact is open or without friction, 1 if it sticks, 2 if it slips.
     """
     friction = problem.friction
     assert friction is not None
@@ -94,7 +94,7 @@ def friction_fields(problem: ContactProblem, answer: Answer, forces: np.ndarray)
     slaves = problem.contact_slaves[friction.normal]
     traction = np.zeros((count, 3))
     areas = problem.contact_areas[friction.tangential]
-    # the multiplier is less the force on the slave, see contact.friction
+    # the multiplier is minus the force on the slave, see contact.friction
     along = -friction.tangents * (forces[friction.tangential] / areas)[:, None]
     np.add.at(traction[:, : along.shape[1]], slaves[friction.owner], along)
     slip = np.zeros(count)
@@ -131,7 +131,7 @@ def grid_of(full: FullOrderModel, answer: Answer) -> pyvista.UnstructuredGrid:
     grid.point_data["displacement"] = np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
     grid.point_data["contact_pressure"] = pressure
     grid.point_data["gap"] = gap
-    # a model from a file leaves its stress to the mesh
+    # a model from a file has no stress without the mesh
     found = full.stress_of(displacement, answer.parameter) if full.equilibrium is None else answer.stress()
     stress = found.reshape(grid.n_cells, -1, found.shape[-1]).mean(axis=1)
     grid.cell_data["stress_kelvin"] = stress

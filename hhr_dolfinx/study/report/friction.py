@@ -1,4 +1,4 @@
-"""A picture of a history with friction: what sticks and what slips, tractions, and the loop of forces."""
+"""Picture of a history with friction: sticking and slipping contacts, tractions, and the loop of forces."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ with extra("pictures", "pictures of friction"):
     from matplotlib.figure import Figure
 
 COLOURS = ("#e8e8e8", "#2b6cb0", "#e07b39")
-"""Of what is open, sticks, and slips."""
+"""Colours of open, sticking and slipping contacts."""
 
 
 def tangential_forces(friction: Friction, history: History, direction: np.ndarray) -> np.ndarray:
@@ -44,14 +44,14 @@ def draw_friction(
 
     Args:
         friction: of the model that answered.
-        places: place of each contact along the surface, (C,).
+        places: position of each contact along the surface, (C,).
         history: its answers.
         path: of the file.
         direction: of tangential forces, (dim,).
-        driven: name and values of what drives the loop, (answers,).
-        tractions: answers whose tractions are drawn, by number, and what they are called.
-        closed_forms: tractions known for some of them, (C,) each, which are drawn as lines.
-        labels: of places, tractions and forces, with their units.
+        driven: name and values of the quantity on the axis of the loop, (answers,).
+        tractions: answers whose tractions are drawn, by number, with their names.
+        closed_forms: known tractions of some of them, (C,) each, which are drawn as lines.
+        labels: of positions, tractions and forces, with their units.
     """
     order = np.argsort(places)
     states = [answer.slip for answer in history.answers if answer.slip is not None]

@@ -17,11 +17,11 @@ from hhr_dolfinx.study.report import charts
 from hhr_dolfinx.study.report.advice import in_words
 
 LONG = 18
-"""Letters from which on a cell may break into several lines."""
+"""Length of the text of a cell above which it may break into several lines."""
 MAPPED = 3
-"""Parameters whose neighbours are mapped against each other."""
+"""Number of parameters whose neighbours are mapped against each other."""
 FIRST = ("primal_l2", "dual_full_floored", "stress_rr", "plastic_strain")
-"""Errors that a reader asks for; the same in other norms, or of a part, are folded."""
+"""Main errors; the same in other norms, or of a part, are folded."""
 ERRORS = {
     "primal_l2": "displacement, mean square", "primal_energy": "displacement, in energy",
     "primal_euclid": "displacement, node by node", "energy_minimum": "energy above its minimum",
@@ -30,7 +30,7 @@ ERRORS = {
     "dual_full": "contact forces on the whole surface, whatever their size",
     "dual_full_floored": "contact forces, on the whole surface", "resultant": "resultant of the contact forces",
 }  # fmt: skip
-"""What errors are called for readers who do not know the code; others have the names of their keys."""
+"""Names of errors for readers; others have the names of their keys."""
 MATERIALS = {"young": "Young's modulus", "poisson": "Poisson's ratio"}
 TIMES = {
     "fom_naive": "a first program: everything assembled and factored for each query",
@@ -57,18 +57,18 @@ TOLD = {
     "advice", "outputs", "work_precision", "kkt", "break_even", "skipped", "machine",
     "versions", "samples", "discretisation",
 }  # fmt: skip
-"""Parts of a report that have a place of their own on the page; the others follow as they are."""
+"""Parts of a report with a separate place on the page; the others follow in their raw form."""
 
 
 POLICY = (
     '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; '
     "style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'\">"
 )
-"""A report has pictures and styles of its own, and neither runs nor loads anything, whatever a report.json holds."""
+"""Policy of the page: it has pictures and styles inside, and neither runs nor loads anything from a report.json."""
 
 
 def write_page(folder: str | Path) -> Path:
-    """Write ``report.html`` beside ``report.json``, with the pictures of the folder inside.
+    """Write ``report.html`` next to ``report.json``, with the pictures of the folder inside.
 
     Raises:
         FileContentError: if there is no report, or it is damaged.
@@ -91,13 +91,13 @@ def write_page(folder: str | Path) -> Path:
     path = source.with_suffix(".html")
     page = page_of({"scene": source.absolute().parent.name, **report}, source.parent)
     with replacing(path, text=True) as file:
-        # half characters, which JSON can hold, are none in UTF-8
+        # UTF-8 has no half characters, which JSON may contain
         file.write(page.encode(errors="replace").decode())
     return path
 
 
 def page_of(report: Mapping[str, Any], folder: Path) -> str:
-    """The page of a report and the pictures in a folder; what the report has not, the page leaves out."""
+    """The page of a report and the pictures in a folder; missing parts of the report are left out."""
     name = escape(str(report["scene"]))
     parts = [
         f"<h1>{name}</h1>",
@@ -131,7 +131,7 @@ def _style() -> str:
 
 
 def _mapping(value: Any) -> Mapping[str, Any]:
-    """A part of a report that is a table by name; nothing where it is missing or none."""
+    """A part of a report that is a table by name; empty if it is missing or no table."""
     return value if isinstance(value, Mapping) else {}
 
 
@@ -149,12 +149,12 @@ def _is_summary(value: Any) -> bool:
 
 
 def _section(title: str, *parts: str) -> str:
-    """Parts under a title; nothing where there are none."""
+    """Parts under a title; empty without any."""
     return f"<h2>{escape(title)}</h2>" + "".join(parts) if any(parts) else ""
 
 
 def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
-    """A table of texts, which are escaped here; nothing for no rows."""
+    """A table of texts, which are escaped here; empty for no rows."""
     if not rows:
         return ""
     # a narrow screen scrolls a wide table, and not the page
@@ -212,12 +212,12 @@ def _asked(report: Mapping[str, Any]) -> str:
     names = list(dict.fromkeys(name for row in given for name in row))
     materials = [[_text(row.get(name, "")) for name in names] for row in given]
     units = _mapping(report.get("units"))
-    told = ", ".join(f"{name} in {_text(unit)}" for name, unit in units.items())
+    listed = ", ".join(f"{name} in {_text(unit)}" for name, unit in units.items())
     return _section(
         "What was asked",
         _table(["parameter", "from", "to"], box),
         _table([MATERIALS.get(name, _words(name)) for name in names], materials),
-        f'<p class="small">{escape(told)}</p>' if told else "",
+        f'<p class="small">{escape(listed)}</p>' if listed else "",
     )
 
 
@@ -242,11 +242,11 @@ def _errors(errors: Mapping[str, Any], mesh: Mapping[str, Any]) -> str:
     rest = [row for row in rows.values() if row not in main]
     note = "<p class='small'>Relative to the full order, at parameters that no model was trained on.</p>"
     table = _table(head, main)
-    told = (
+    caption = (
         f"<p>Beside these, the mesh: its stress is off by some {_percent(mesh.get('energy'))} in energy, its peak "
         f"pressure by {_percent(mesh.get('peak_pressure'))}, as estimated at one answer. All models here share it.</p>"
     )
-    parts = [table and table + note, _folded("in other norms", _table(head, rest)), told if mesh else ""]
+    parts = [table and table + note, _folded("in other norms", _table(head, rest)), caption if mesh else ""]
     return _section("How large are the errors?", *parts)
 
 
@@ -259,17 +259,17 @@ def _times(times: Mapping[str, Any]) -> str:
             ratio = f"{median / base:.1f}" if _is_number(median) and _is_number(base) and base > 0 else "-"
             rows.append([TIMES.get(key, _words(key)), _seconds(median), _seconds(figures.get("p95")), ratio])
     stages = {name: value for name, value in _mapping(times.get("offline")).items() if _is_number(value)}
-    told = f"<p>Before the first answer: {escape(_seconds(sum(stages.values())))} of training and building.</p>"
+    cost = f"<p>Before the first answer: {escape(_seconds(sum(stages.values())))} of training and building.</p>"
     return _section(
         "How long does an answer take?",
         _table(["way to answer", "median", "95 %", "times the reduced model"], rows),
-        told if stages else "",
+        cost if stages else "",
     )
 
 
 def _break_even(even: Mapping[str, Any]) -> str:
-    told = [f"{count:.0f} queries ({what})" for what, count in even.items() if _is_number(count)]
-    return f"<p>It pays after {escape(', '.join(told))}.</p>" if told else ""
+    counts = [f"{count:.0f} queries ({what})" for what, count in even.items() if _is_number(count)]
+    return f"<p>It pays after {escape(', '.join(counts))}.</p>" if counts else ""
 
 
 def _outputs(outputs: Mapping[str, Any]) -> str:
@@ -296,7 +296,7 @@ def _methods(methods: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _charts(report: Mapping[str, Any]) -> str:
-    """Errors over times of all methods; of elastic scenes how errors and bounds are spread, and where they lie."""
+    """Errors over times of all methods; for elastic scenes distributions of errors and bounds, and their position."""
     marks = [
         charts.Mark(
             " ".join(dict.fromkeys(_text(row.get(key, "")) for key in ("method", "setting"))).strip(),
@@ -319,19 +319,19 @@ def _charts(report: Mapping[str, Any]) -> str:
     errors = _numbers(_mapping(samples.get("errors")).get("forces"))
     kind = _text(samples.get("kind") or "bound")
     bounds = _numbers(_mapping(samples.get("bounds")).get("forces"))
-    told = f"Bars: errors of contact forces at {len(errors)} points that no model was trained on."
-    told += f" Line: what the model said beforehand of each, without the full answer ({kind})." if bounds else ""
-    found.append((charts.histogram(errors, bounds, "error of contact forces", f"{kind} of each answer"), told))
+    caption = f"Bars: errors of contact forces at {len(errors)} points that no model was trained on."
+    caption += f" Line: what the model said beforehand of each, without the full answer ({kind})." if bounds else ""
+    found.append((charts.histogram(errors, bounds, "error of contact forces", f"{kind} of each answer"), caption))
     found += [
         (chart, "Where errors are large: the redder and larger a point, the larger.") for chart in _maps(report, errors)
     ]
-    figures = (f"<figure>{svg}<figcaption>{escape(told)}</figcaption></figure>" for svg, told in found if svg)
+    figures = (f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>" for svg, caption in found if svg)
     body = "".join(figures)
     return f'<section class="charts">{body}</section>' if body else ""
 
 
 def _maps(report: Mapping[str, Any], errors: list[float]) -> list[str]:
-    """Errors over each of the first parameters and the next one; none where points are none of these parameters."""
+    """Errors over each of the first parameters and the next one; empty if the points do not have these parameters."""
     box = _mappings(report.get("parameters"))
     ends: list[Any] = [(row.get("from"), row.get("to")) for row in box]
     rows = _mapping(report.get("samples")).get("points")
@@ -351,12 +351,12 @@ def _maps(report: Mapping[str, Any], errors: list[float]) -> list[str]:
 
 
 def _numbers(values: Any) -> list[float]:
-    """Numbers of a list, NaN where there is none."""
+    """Numbers of a list, with NaN for other values."""
     return [float(value) if _is_number(value) else math.nan for value in values] if isinstance(values, list) else []
 
 
 def _figure(path: Path) -> str:
-    """A picture with what it shows; nothing where it is missing."""
+    """A picture with its caption; empty if it is missing."""
     if not path.is_file():
         return ""
     data = base64.b64encode(path.read_bytes()).decode()
@@ -373,7 +373,7 @@ def _pictures(folder: Path) -> str:
 
 
 def _loading(folder: Path) -> str:
-    """How the models beside a report are used."""
+    """Code that loads and queries the models in the folder of a report."""
     models = [path.name for path in sorted(folder.glob("*.npz")) if path.name in ("study.npz", "condensed.npz")]
     if not models:
         return ""
@@ -381,22 +381,22 @@ def _loading(folder: Path) -> str:
     lines += [f'model = hhr.load_model("{name}")' for name in models]
     lines += ["answer = model.solve(point)  # parameters by name, or in their order; path: model.march(path)"]
     lines += ["answer.forces(), answer.displacement(), answer.estimate()"]
-    told = (
+    hint = (
         "It needs NumPy and SciPy, no DOLFINx. A table is answered by "
         f"<code>hhr answer {models[-1]} questions.csv</code>."
     )
-    return _section("How is the model used?", f"<pre>{escape(chr(10).join(lines))}</pre>", f"<p>{told}</p>")
+    return _section("How is the model used?", f"<pre>{escape(chr(10).join(lines))}</pre>", f"<p>{hint}</p>")
 
 
 def _checks(residuals: Mapping[str, Any]) -> str:
     rows = [[_words(name), f"{value:.2g}"] for name, value in residuals.items() if _is_number(value)]
-    told = (
+    caption = (
         "<p class='small'>Equilibrium: forces that are out of balance node by node, over the contact forces, which "
         "says little of the error of a displacement; penetration: of the largest gap or motion; sign: pull, of the "
         "largest force.</p>"
     )
     table = _table(["residual of what is handed out, relative", "largest"], rows)
-    return _section("What is left of the equations", table and table + told)
+    return _section("What is left of the equations", table and table + caption)
 
 
 def _left_out(items: Sequence[Mapping[str, Any]]) -> str:
@@ -405,7 +405,7 @@ def _left_out(items: Sequence[Mapping[str, Any]]) -> str:
 
 
 def _others(report: Mapping[str, Any]) -> str:
-    """What has no place of its own, folded, each part as the table that it is."""
+    """Parts without a separate place, folded, each as a table."""
     shown = {key: value for key, value in report.items() if key not in TOLD}
     for key in ("errors", "times"):
         shown[key] = {name: item for name, item in _mapping(report.get(key)).items() if not _is_summary(item)}
@@ -431,5 +431,5 @@ def _plain(value: Any) -> str:
 def _machine(report: Mapping[str, Any]) -> str:
     parts = {**_mapping(report.get("machine")), **_mapping(report.get("versions"))}
     parts |= {name: report[name] for name in ("seed", "date") if name in report}
-    told = ", ".join(f"{name} {_text(value)}" for name, value in parts.items())
-    return f'<p class="small">{escape(told)}</p>' if told else ""
+    listed = ", ".join(f"{name} {_text(value)}" for name, value in parts.items())
+    return f'<p class="small">{escape(listed)}</p>' if listed else ""

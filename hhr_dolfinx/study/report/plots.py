@@ -1,7 +1,6 @@
-"""Pictures of a study, and fields for ParaView. Imported only where a picture is made.
+"""Pictures of a study, and fields for ParaView; imported on demand.
 
-Fields of models beside each other with their difference, bodies as they were, and error against run time of all
-methods.
+Fields of several models with their difference, undeformed bodies, and error against run time of all methods.
 """
 
 from __future__ import annotations
@@ -32,9 +31,9 @@ with extra("pictures", "pictures and fields for ParaView"):
     import pyvista
 
 SHARE = 99.0
-"""Per cent of the values that colours tell apart: a corner where stress is infinite has them all otherwise."""
+"""Percentiles of the values that bound the colours: else an infinite stress at a corner would take them all."""
 BEYOND = 1.3
-"""Largest value, over the end of the colours, from which on it is said."""
+"""Largest value, over the end of the colours, above which the title states it."""
 
 
 class _Panel(NamedTuple):
@@ -56,7 +55,7 @@ def draw_fields(
 ) -> None:
     """Write ``fields.vtu`` and a picture of the RID and of scalar fields of two models, with their difference.
 
-    On a grid with displacements by model and the RID: values of cells by quantity and model.
+    The grid has displacements by model and the RID; ``cells`` has values of cells by quantity and model.
     """
     quantities = dict(cells)
     points: dict[str, dict[str, np.ndarray]] = {}
@@ -72,7 +71,7 @@ def draw_fields(
     grid.save(folder / "fields.vtu")
     warped = {model: grid.warp_by_vector(model) if view.deformed else grid for model in fields}
     rows = [list(_row(quantity, models, warped)) for quantity, models in (points | quantities).items()]
-    # the RID is drawn on the deformed mesh of the last model, every field on that of its own
+    # the RID is drawn on the deformed mesh of the last model, every field on that of its model
     _plot(grid, list(warped.values())[-1], rows, folder / "fields.png")
 
 
@@ -81,13 +80,13 @@ def _difference(quantity: str) -> str:
 
 
 def _row(quantity: str, models: dict[str, np.ndarray], warped: dict[str, pyvista.UnstructuredGrid]) -> Iterator[_Panel]:
-    """Pictures of a quantity: one of each model in the same colours, and what they differ by."""
+    """Pictures of a quantity: one of each model in the same colours, and their difference."""
     every = np.concatenate([np.ravel(values) for values in models.values()])
     low, high = np.percentile(every, [100 - SHARE, SHARE])
     for model, values in models.items():
         largest = float(np.max(values))
-        told = f", up to {largest:.3g}" if largest > BEYOND * high else ""
-        yield _Panel(warped[model], f"{quantity}, {model}", f"{quantity}, {model}{told}", "viridis", (low, high))
+        peak = f", up to {largest:.3g}" if largest > BEYOND * high else ""
+        yield _Panel(warped[model], f"{quantity}, {model}", f"{quantity}, {model}{peak}", "viridis", (low, high))
     first, *_, last = models
     size = float(np.percentile(np.abs(models[last] - models[first]), SHARE)) or 1.0
     title = f"{last} less {first}"
@@ -95,9 +94,9 @@ def _row(quantity: str, models: dict[str, np.ndarray], warped: dict[str, pyvista
 
 
 def _plot(
-    still: pyvista.UnstructuredGrid, moved: pyvista.UnstructuredGrid, rows: list[list[_Panel]], path: Path
+    still: pyvista.UnstructuredGrid, deformed: pyvista.UnstructuredGrid, rows: list[list[_Panel]], path: Path
 ) -> None:
-    """The RID in two colours, and beside it a row for each quantity, all with the outline of bodies at rest."""
+    """The RID in two colours, and next to it a row for each quantity, all with the outline of undeformed bodies."""
     flat = np.ptp(still.points[:, 2]) == 0
     columns = 1 + max(len(row) for row in rows)
     plotter = pyvista.Plotter(
@@ -107,7 +106,9 @@ def _plot(
     outline = _outline(still, flat)
     count = int(still.cell_data["rid"].sum())
     plotter.subplot(0, 0)
-    plotter.add_mesh(moved.copy(), scalars="rid", cmap=["#d9d9d9", "#c0392b"], show_scalar_bar=False, lighting=not flat)
+    plotter.add_mesh(
+        deformed.copy(), scalars="rid", cmap=["#d9d9d9", "#c0392b"], show_scalar_bar=False, lighting=not flat
+    )
     _finish(plotter, f"RID: {count} of {still.n_cells} cells", outline, flat)
     for place, row in enumerate(rows):
         for number, panel in enumerate(row, start=1):
@@ -125,12 +126,12 @@ def _draw_panel(plotter: Any, panel: _Panel, flat: bool) -> None:
         panel.grid.copy(), scalars=panel.name, cmap=panel.colours, clim=panel.ends, scalar_bar_args=bar,
         lighting=not flat,
     )  # fmt: skip
-    # the name stands above the picture, where it lies on nothing
+    # the name stands above the picture, where it covers nothing
     plotter.scalar_bars[panel.name].SetTitle("")
 
 
 def _outline(still: pyvista.UnstructuredGrid, flat: bool) -> pyvista.PolyData:
-    """Edges of the bodies where they lie before anything moves."""
+    """Edges of the undeformed bodies."""
     return still.extract_feature_edges(
         feature_angle=40, boundary_edges=True, feature_edges=not flat, manifold_edges=False, non_manifold_edges=False
     )
@@ -145,12 +146,12 @@ def _finish(plotter: Any, title: str, outline: pyvista.PolyData, flat: bool) -> 
         plotter.view_xy()
         plotter.camera.tight(padding=0.35, adjust_render_window=False)
     else:
-        # from the side of the planes of symmetry, where the inside of a quarter model shows
+        # from the side of the planes of symmetry, which shows the inside of a quarter model
         plotter.view_vector((-1.0, -1.4, 0.6))
 
 
 def _height(grid: pyvista.UnstructuredGrid) -> int:
-    """Pixels that a flat mesh needs beside 560 across, with room for its name and a bar; of others a square."""
+    """Pixels of the height of a flat mesh 560 wide, with space for its name and a bar; a square for others."""
     width, height, depth = np.ptp(grid.points, axis=0)
     return 560 if depth else int(np.clip(560 * height / max(width, 1e-300) + 170, 300, 800))
 
@@ -159,13 +160,13 @@ with extra("pictures", "pictures of a study"):
     from matplotlib.figure import Figure
 
 ROUND_OFF = 1e-10
-"""Errors below are exact for whoever reads a picture: they stand on a line below all others."""
+"""Error below which a method counts as exact: it stands on a line below all others."""
 SHOWN = {"primal_l2": "displacement", "dual_full_floored": "contact forces on the whole surface"}
-"""Errors that are drawn, and what they are of."""
+"""Keys of errors that are drawn, and their names."""
 
 
 class _Point(NamedTuple):
-    """A method: seconds of a query, median, 95 % and worst error, and what it is called."""
+    """A method: seconds of a query, median, 95 % and largest error, and its name."""
 
     seconds: float
     median: float
@@ -176,14 +177,14 @@ class _Point(NamedTuple):
 
     @property
     def exact(self) -> bool:
-        """Whether it is right to round-off."""
+        """True if it is exact to round-off."""
         return self.median < ROUND_OFF
 
 
 def plot_work_precision(rows: list[dict[str, Any]], path: Path) -> None:
-    """Error against run time of every method by name and setting: median, 95 % and worst, with the Pareto front.
+    """Error against run time of every method by name and setting: median, 95 % and largest, with the Pareto front.
 
-    What is exact to round-off stands on a line at the bottom.
+    Methods exact to round-off stand on a line at the bottom.
     """
     figure = Figure(figsize=(13, 5.2), layout="constrained")
     for axis, (error, label) in zip(figure.subplots(1, 2), SHOWN.items(), strict=True):
@@ -205,14 +206,14 @@ def plot_work_precision(rows: list[dict[str, Any]], path: Path) -> None:
 
 
 def _point(row: dict[str, Any], error: str) -> _Point:
-    """A row of a report as it is drawn; where only the median is known bars have no length."""
+    """A row of a report in the form of the chart; if only the median is known, bars have no length."""
     median = float(row[error])
     p95, worst = (float(row.get(f"{error}_{part}", median)) for part in ("p95", "max"))
     return _Point(row["online_s"], median, p95, worst, str(row["method"]), str(row.get("setting", "")))
 
 
 def _draw(axis: Any, points: list[_Point], floor: float) -> None:
-    """All points, with names beside them that do not lie on each other."""
+    """All points, with names next to them that do not overlap."""
     colours = {method: f"C{k % 10}" for k, method in enumerate(dict.fromkeys(point.method for point in points))}
     for k, point in enumerate(sorted(points, key=lambda point: point.seconds)):
         x = point.seconds * 1e6
@@ -241,7 +242,7 @@ def _front(points: list[tuple[float, float]]) -> list[tuple[float, float]]:
     return found
 
 
-# files only: without a display VTK would first look for an X server and complain
+# files only: without a display VTK would first look for an X server and print an error
 if sys.platform == "linux" and "DISPLAY" not in os.environ:
     os.environ.setdefault("VTK_DEFAULT_OPENGL_WINDOW", "vtkEGLRenderWindow")
 
@@ -261,11 +262,11 @@ Curves = dict[str, tuple[Any, Any]]
 
 
 def draw_study(study: Any, view: View, folder: Path) -> None:
-    """Pictures of a study.
+    """Draw the pictures of a study.
 
-    Error against run time; contact pressures; RID, displacement and stress, and plastic strain where bodies flow, also
-    for ParaView: at the points of the view, fields at the last of them, or at the last step of the last test history.
-    Besides, errors over the parameter where there is only one, or over time what a history did.
+    They show error against run time, contact pressures at the points of the view, and fields at the last of them or at
+    the last step of the last test history: RID, displacement, stress and plastic strain, also for ParaView. Others show
+    errors over the parameter if there is only one, or forces, strain and iterations of a history over time.
     """
     full = study.training.full_order
     model = study.model
@@ -331,7 +332,7 @@ def _draw_answers(
 
 
 class Panel(NamedTuple):
-    """One of several drawings beside each other: its title, labels, lines and marks."""
+    """One of several drawings in a row: its title, labels, lines and marks."""
 
     title: str
     labels: tuple[str, str]
@@ -342,14 +343,14 @@ class Panel(NamedTuple):
 def _pressures_of(
     full: FullOrderModel, pair: int, pairs: dict[str, tuple[Answer, Answer]], view: View, method: str
 ) -> Panel:
-    """Pressures of one contact: lines of the full order, marks of a reduced model, a closed form where there is one."""
+    """Pressures of one contact: lines of the full model, marks of a reduced model, a closed form if there is one."""
     own = full.problem.pressing_of(pair)
     where, label = view.along(full.problem.contact_points[own], pair, full.scene.units)
     lines = {}
     marks = {}
     closed_forms = {}
     for name, (exact, found) in pairs.items():
-        problem = full.problem.at(exact.parameter)  # areas are those of its shape
+        problem = full.problem.at(exact.parameter)  # areas at the shape of the answer
         lines[f"full order{name}"] = where, pressures(problem, pair, exact.forces())
         marks[f"{method}{name}"] = where, pressures(problem, pair, found.forces())
         if view.closed_form is not None and pair == (view.pair or 0):
@@ -423,7 +424,7 @@ def plot_maps(points: np.ndarray, maps: dict[str, np.ndarray], labels: tuple[str
 def plot_curves(
     lines: Curves, path: Path, labels: tuple[str, str], *, marks: Curves | None = None, logarithmic: bool = False
 ) -> None:
-    """Curves by name, joined in the order of positions, and marks in the colours of the curves at the same places."""
+    """Curves by name, joined in the order of positions, and marks in their colours at the same positions."""
     figure = Figure(figsize=(7, 4.5), layout="constrained")
     axes = figure.subplots()
     _curves(axes, lines, marks or {}, logarithmic)
@@ -433,7 +434,7 @@ def plot_curves(
 
 
 def plot_panels(panels: Sequence[Panel], path: Path) -> None:
-    """Drawings beside each other, three in a row, with one legend for all of them."""
+    """Drawings, three in a row, with one legend for all of them."""
     columns = min(len(panels), 3)
     rows = -(-len(panels) // columns)
     figure = Figure(figsize=(1.5 + 5.5 * columns, 4.2 * rows + 0.6), layout="constrained")

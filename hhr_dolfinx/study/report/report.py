@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 FROM_FILES = "answers read from files"
-"""Stage of a training whose answers were there already."""
+"""Stage of a training whose answers existed already."""
 
 
 def make_report(
@@ -64,10 +64,10 @@ def model_report(model: ReducedModel, row: Row) -> dict[str, Any]:
 
 
 def condensed_report(model: CondensedFlowModel, row: Row) -> dict[str, Any]:
-    """The ``condensed`` one of the ``models`` of a report on a scene that flows, with its own check.
+    """The ``condensed`` one of the ``models`` of a report on an inelastic scene, with its check.
 
-    ``check`` holds the misfit of the cubature, the largest energy of a mode by it (exactly at most 1), and the largest
-    errors along trained and held-out histories; ``refused_before`` what was refused on the way.
+    ``check`` holds the misfit of the cubature, the largest energy of a mode by it (the exact one is at most 1), and the
+    largest errors along training and held-out histories; ``refused_before`` the attempts refused before.
     """
     record = model.offline
     known = model.offline.comparison
@@ -84,7 +84,7 @@ def condensed_report(model: CondensedFlowModel, row: Row) -> dict[str, Any]:
 
 
 def _errors_and_times(model: ReducedModel | CondensedFlowModel, row: Row) -> dict[str, Any]:
-    """What all ``models`` of a report have."""
+    """Common part of all ``models`` of a report."""
     return {
         "errors": row.errors.summaries(),
         "unconverged": row.errors.unanswered,
@@ -97,7 +97,7 @@ def reduced_sizes(model: ReducedModel) -> dict[str, int]:
     """Numbers of functions, conditions and cells of a reduced model."""
     offline = model.offline
     functions = offline.basis.shape[1]
-    # where bodies flow, cells of the RID that no test function sees cost nothing
+    # for inelastic bodies, cells of the RID without a test function cost nothing
     cells = offline.sets.cells if model.flow is None else model.flow.cells
     return {
         "ell": functions - len(offline.enrichment.added),
@@ -108,7 +108,7 @@ def reduced_sizes(model: ReducedModel) -> dict[str, int]:
 
 
 def _read_from_files(training: Training, fom_best: dict[str, float] | None) -> dict[str, float]:
-    """A stage for answers that were read from files: what they would cost today, by the best full order."""
+    """A stage for answers that were read from files, with their present cost by the best full model."""
     if not training.read or fom_best is None:
         return {}
     histories = training.snapshots.histories
@@ -117,10 +117,10 @@ def _read_from_files(training: Training, fom_best: dict[str, float] | None) -> d
 
 
 def break_even(times: dict[str, Any]) -> dict[str, float | None]:
-    """Queries after which training and reduced answers are cheaper than the best full order; None if they never are.
+    """Break-even: queries after which training and reduced answers are cheaper than the best full model; None if never.
 
-    Forces on the whole surface, or fields and all forces; of a history always the whole. All training counts, answers
-    that were read from files too; forces by condensation need no training answers, see :func:`hhr_dolfinx.condense`.
+    Queries are for all forces, or fields and all forces; histories count as a whole. The cost includes training answers
+    that were read from files. Forces by condensation need no training, see :func:`hhr_dolfinx.condense`.
     """
     offline = sum(times["offline"].values())
     found = dict[str, float | None](forces=None)
@@ -139,7 +139,7 @@ def break_even(times: dict[str, Any]) -> dict[str, float | None]:
 
 
 def _pays(times: dict[str, Any], spent: float, kind: str) -> float | None:
-    """Queries after which seconds spent beforehand are saved; None if never, or if there is no such model."""
+    """Queries after which the seconds of training are saved; None if never, or if there is no such model."""
     if times[kind] is None:
         return None
     saved = times["fom_best"]["median"] - times[kind]["median"]
@@ -147,7 +147,7 @@ def _pays(times: dict[str, Any], spent: float, kind: str) -> float | None:
 
 
 def frame(training: Training, model: ReducedModel | CondensedFlowModel, seed: int) -> dict[str, Any]:
-    """The part of a report that needs no measurement."""
+    """The part of a report without measurements."""
     problem = training.full_order.problem
     offline = model.offline
     report: dict[str, Any] = {
@@ -209,7 +209,7 @@ def environment() -> dict[str, Any]:
 
 
 def write_report(report: dict[str, Any] | list[dict[str, Any]], folder: str | Path, name: str = "report") -> Path:
-    """Write ``report.json``, or rows under another name; numbers that are not finite become null, as JSON wants it."""
+    """Write ``report.json``, or rows under another name; numbers that are not finite become null, as JSON requires."""
     path = Path(folder) / f"{name}.json"
     text = json.dumps(finite(report), indent=2, allow_nan=False)
     with replacing(path, text=True) as file:
@@ -218,7 +218,7 @@ def write_report(report: dict[str, Any] | list[dict[str, Any]], folder: str | Pa
 
 
 def print_rows(title: str, rows: list[dict[str, Any]], console: Console) -> None:
-    """Print rows that share their keys as a table; long texts are cut, which the file has whole."""
+    """Print rows with common keys as a table; long texts are shortened, the file has them whole."""
     table = Table(*rows[0], title=title)
     for row in rows:
         cells = (f"{value:.1e}" if isinstance(value, float) else "" if value is None else f"{value}"[:160]
@@ -228,7 +228,7 @@ def print_rows(title: str, rows: list[dict[str, Any]], console: Console) -> None
 
 
 def print_report(report: dict[str, Any], console: Console) -> None:
-    """Print the figures a reader looks for first."""
+    """Print the main figures."""
     console.print(_sizes_in_words(report))
     errors = Table("error", "median", "95 %", "max")
     for name, row in report["errors"].items():
@@ -255,12 +255,10 @@ def print_report(report: dict[str, Any], console: Console) -> None:
             console.print(line)
     counts = {name: count for name, count in report.get("break_even", {}).items() if count is not None}
     if counts:
-        told = ", ".join(f"{count:.0f} queries for {name}" for name, count in counts.items())
-        console.print(f"cheaper than the best full order, training included, after {told}")
+        queries = ", ".join(f"{count:.0f} queries for {name}" for name, count in counts.items())
+        console.print(f"cheaper than the best full order, training included, after {queries}")
     if "discretisation" in report:
         console.print(mesh_error_in_words(**report["discretisation"]))
-    if "fallback" in report:
-        console.print(_fallback_in_words(report["fallback"]))
     for name, paths in _paths_by_model(report).items():
         for line in _path_lines(paths):
             console.print(f"{name}: {line}")
@@ -277,7 +275,7 @@ def print_report(report: dict[str, Any], console: Console) -> None:
 
 
 def _sizes_in_words(report: dict[str, Any]) -> str:
-    """The first line of what is printed: how large the full order and the model under study are."""
+    """The first printed line: sizes of the full model and of the model under study."""
     size = report["sizes"]
     stability = report.get("stability", {})
     head = f"{report['scene']}: {size['N']} dofs, {size['N_lambda']} contacts"
@@ -294,23 +292,13 @@ def _sizes_in_words(report: dict[str, Any]) -> str:
 
 
 def mesh_error_in_words(energy: float, peak_pressure: float) -> str:
-    """What the mesh leaves out, beside which all other errors stand."""
+    """Sentence on the error of the mesh, the scale of all other errors."""
     peak = "no contact there" if math.isnan(peak_pressure) else f"{peak_pressure:.2%} of the peak pressure"
     return f"mesh: off by {energy:.2%} of the stress in energy and {peak}, estimated by recovered stresses"
 
 
-def _fallback_in_words(row: dict[str, Any]) -> str:
-    """What a model costs that falls back on the full one."""
-    shares = ", ".join(f"of {name} {share:.1%}" for name, share in row["shares"].items())
-    return (
-        f"off by {row['tolerance']:g} of displacement and forces in energy at most, by its {row['kind']}: "
-        f"{row['share']:.1%} of queries fall back on the full order, {in_words(row['query'])} per query beside "
-        f"{in_words(row['full'])} of it alone; by the error {shares}"
-    )
-
-
 def _time_error_in_words(row: dict[str, Any]) -> str:
-    """How exact the full order is in time, beside which errors of small models stand."""
+    """Sentence on the time error of the full model, the scale of errors of small models."""
     how = "in the steps of the paths" if row["tolerance"] is None else f"cut to a tolerance of {row['tolerance']:g}"
     return (
         f"time steps of the full order, {how}: off by {row['median']:.2%} of the largest stress by estimate (median of "
@@ -331,14 +319,14 @@ def _methods(rows: list[dict[str, Any]]) -> Table:
 
 
 def _paths_by_model(report: dict[str, Any]) -> dict[str, Any]:
-    """What models did on paths inside and outside of their training, by model."""
+    """Results of models on paths inside and outside the training range, by model."""
     own = {"paths": report["paths"]} if "paths" in report else {}
     models = report.get("models", {}).items()
     return own | {f"paths, {name}": item["paths"] for name, item in models if "paths" in item}
 
 
 def print_beside(title: str, ours: dict[str, dict], theirs: dict[str, dict], console: Console) -> None:
-    """Print relative errors by label and name in per cent, those of another source in brackets where it has any."""
+    """Print relative errors by label and name in per cent, those of another source in brackets if it has any."""
     table = Table(Column("", no_wrap=True), *ours, title=f"{title}, in % (in brackets: thesis)")
     for name in next(iter(ours.values())):
         pairs = ((row[name], theirs.get(label, {}).get(name)) for label, row in ours.items())
@@ -348,7 +336,7 @@ def print_beside(title: str, ours: dict[str, dict], theirs: dict[str, dict], con
 
 
 def _lines(name: str, row: dict[str, Any] | None) -> Iterator[str]:
-    """Seconds by name in words, of tables within tables too; summaries have a table of their own."""
+    """Seconds by name in words, also of nested tables; summaries have a separate table."""
     if row is None or "median" in row:
         return
     seconds = {key: value for key, value in row.items() if isinstance(value, float)}
@@ -360,18 +348,18 @@ def _lines(name: str, row: dict[str, Any] | None) -> Iterator[str]:
 
 
 def _path_lines(paths: dict[str, Any]) -> Iterator[str]:
-    """What a model did on paths inside and outside of its training, in words."""
+    """Results of a model on paths inside and outside its training range, in words."""
     inside = paths["inside"]
     outside = paths["outside"]
     if inside:
-        told = ", ".join(f"{name} {row['max']:.1%}" for name, row in inside.items())
-        yield f"paths inside what was trained, worst errors: {told}; {paths['false_alarms']} false alarms"
+        errors = ", ".join(f"{name} {row['max']:.1%}" for name, row in inside.items())
+        yield f"paths inside what was trained, worst errors: {errors}; {paths['false_alarms']} false alarms"
     silent = ", ".join(f"{name} {value:.1%}" for name, value in outside["silent_worst"].items())
     yield f"paths outside: {outside['warned']} of {outside['n']} warned of; worst errors without a warning: {silent}"
 
 
 def _cpu() -> str:
-    """Name of the processor, as far as the system tells."""
+    """Name of the processor, if the system reports it."""
     info = Path("/proc/cpuinfo")
     lines = info.read_text().splitlines() if info.exists() else []
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]

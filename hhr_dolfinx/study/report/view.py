@@ -1,4 +1,4 @@
-"""What the pictures of a scene show, as data; the drawing is in ``plots``, which is loaded only to draw."""
+"""Settings of the pictures of a scene, as data; ``plots`` draws them, and is imported on demand."""
 
 from __future__ import annotations
 
@@ -14,17 +14,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class View:
-    """What the pictures of a scene show.
+    """Settings of the pictures of a scene.
 
     Attributes:
         points: parameters whose contact pressures are drawn; fields are those of the last.
-        position: maps the places of contact conditions, (m, dim), to where along the surface they are drawn, (m,), of
+        position: maps the points of contact conditions, (m, dim), to positions along the surface, (m,), for
             the pair drawn, or the first. None, and on other pairs, is the coordinate along which a surface is longest.
-        label: what that position is, with its unit; None for the coordinate, in the unit of the scene.
+        label: name of that position, with its unit; None for the coordinate, in the unit of the scene.
         component: displacement component drawn, and its name with unit; None for no component.
         stress: unit of stress; None for that of the scene.
         pair: contact pair drawn, counted from 0; None for all of them, side by side.
-        closed_form: maps these positions and the total force of the pair to pressures drawn beside, of elastic
+        closed_form: maps these positions and the total force of the pair to pressures drawn for comparison, for elastic
             scenes; None for none.
         deformed: draw fields on the deformed mesh.
     """
@@ -49,5 +49,5 @@ class View:
         return places[:, axis], (self.label or named) if meant else named
 
     def of(self, units: Units | None) -> View:
-        """With the unit of stress of a scene, where the view has none."""
+        """The view with the unit of stress of a scene, if it has none."""
         return self if self.stress is not None else replace(self, stress="Pa" if units is None else units.stress)

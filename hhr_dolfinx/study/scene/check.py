@@ -1,4 +1,4 @@
-"""A look at a scene before anything is solved: what is in the mesh, what faces what, what moves, what does nothing."""
+"""Checks of a scene before anything is solved: mesh, pairing, supports and loads, parts without effect."""
 
 from __future__ import annotations
 
@@ -23,20 +23,20 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Law
 
 TOUCHING = 1e-6
-"""Gaps below so many times the sag of facets are none: bodies are drawn in touch."""
+"""Gaps below so many times the sag of facets count as zero: the bodies touch as drawn."""
 SMALL_GAP = 2.0
-"""Gaps below so many times the sag of facets are made by the mesh rather than by the bodies: a round side that touches
+"""Gaps below so many times the sag of facets come from the mesh rather than from the bodies: a round side that touches
 between two of its nodes is off by the sag."""
 LARGE_IN_SPACE = 20_000
-"""Dofs from which on a full model in space takes time that is worth a word."""
+"""Number of dofs above which the expected time of a full model in space is reported."""
 MOST_LEFT_OUT = 5
-"""Names of a mesh file that are left out, of which as many are listed."""
+"""Most left-out names of a mesh file that are listed."""
 OVERLAP = 2.0
-"""Overlaps beyond so many times the sag of facets are those of the bodies rather than of the mesh."""
+"""Overlaps beyond so many times the sag of facets come from the bodies rather than from the mesh."""
 
 
 def check_scene(scene: Scene, point: Any = None) -> SceneCheck:
-    """Look at a scene at a parameter, or in the middle of its box; nothing is factored or solved.
+    """Check a scene at a parameter, or in the middle of its box; nothing is factored or solved.
 
     Raises:
         ParameterError: for a point outside the box.
@@ -69,7 +69,7 @@ def check_scene(scene: Scene, point: Any = None) -> SceneCheck:
 
 
 def _problem(discretisation: Discretisation) -> tuple[ContactProblem, Any]:
-    """The problem, whose stiffness is assembled, and Gauss points where bodies flow: they have them in any case."""
+    """The problem, with its stiffness assembled, and the Gauss points of inelastic bodies, which exist in any case."""
     gauss = None
     if any(body.law is not None for body in discretisation.scene.bodies):
         from hhr_dolfinx.full_order.flow import GaussModel
@@ -83,30 +83,30 @@ def _problem(discretisation: Discretisation) -> tuple[ContactProblem, Any]:
 
 
 def _size(found: SceneCheck, problem: ContactProblem) -> None:
-    """How large the problem is, and in space what a full model of it takes: before anything is solved."""
+    """Report the size of the problem, and in space the expected cost of a full model."""
     dofs = problem.free.size
     conditions = len(problem.gaps)
-    told = f"{dofs} dofs and {conditions} conditions of contact"
+    size = f"{dofs} dofs and {conditions} conditions of contact"
     if problem.block_size == 2 or dofs < LARGE_IN_SPACE:
-        found.say(OK, told)
+        found.say(OK, size)
         return
     memory, seconds, keeps = expected_in_space(problem.contact)
     kept = "" if keeps else ", and a displacement one more solution"
     time = f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} minutes"
-    found.say(OK, f"{told}: a full model takes about {memory:.2g} GB and {time} on one core{kept}")
+    found.say(OK, f"{size}: a full model takes about {memory:.2g} GB and {time} on one core{kept}")
 
 
 def _names(found: SceneCheck) -> None:
-    """Surfaces of the mesh that the scene does not name."""
+    """Report surfaces of the mesh that the scene does not name."""
     scene = found.scene
     discretisation = found.discretisation
-    assert discretisation is not None  # looked at by check_scene
+    assert discretisation is not None  # checked by check_scene
     used: set[Any] = {item.tag for item in scene.displacements} | {tag for item in scene.contacts for tag in item.tags}
     used |= {getattr(load, "tag", None) for load in scene.loads}
     facets = discretisation.names.facets
     # a set of all nodes has the facets of all surfaces
-    taken = {number for tag in used if isinstance(tag, int | str) for number in facets.get(tag, (tag,))}
-    idle = sorted(name for name, own in facets.items() if isinstance(name, str) and not taken & set(own))
+    named = {number for tag in used if isinstance(tag, int | str) for number in facets.get(tag, (tag,))}
+    idle = sorted(name for name, own in facets.items() if isinstance(name, str) and not named & set(own))
     if idle:
         found.say(NOTE, f"the mesh has surfaces that nothing names: {', '.join(idle)}")
     left_out = [f"{name}: {why}" for name, why in discretisation.names.summary.left_out.items()]
@@ -117,7 +117,7 @@ def _names(found: SceneCheck) -> None:
 
 
 def _pairs(found: SceneCheck) -> None:
-    """Each contact pair by itself, so that all of them are told of."""
+    """Check each contact pair separately, so that all of them are reported."""
     discretisation: Any = found.discretisation
     for item in found.scene.contacts:
         surfaces: list[Surface] = []
@@ -129,7 +129,7 @@ def _pairs(found: SceneCheck) -> None:
 
 
 def _rubs(law: Law | None) -> str:
-    """What a law of friction says, behind what is said of its contact."""
+    """Text on a law of friction, after that on its contact."""
     if law is None:
         return ""
     parts = [] if law.coefficient is None else [f"friction {law.coefficient}"]
@@ -138,13 +138,13 @@ def _rubs(law: Law | None) -> str:
 
 
 def _left_out(surface: Surface, rows: ContactRows | None) -> str:
-    """How many nodes of the first surface of a pair have no condition, behind what is said of its contact."""
+    """Text on the nodes of the first surface of a pair without a condition, after that on its contact."""
     idle = 0 if rows is None else np.setdiff1d(surface.nodes, rows.slaves).size
     return f", {idle} of {surface.nodes.size} nodes of {surface.tag!r} face nothing" if idle else ""
 
 
 def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None:
-    """Distances of the surfaces beside the sag of their facets."""
+    """Compare distances of the surfaces with the sag of their facets."""
     theta = problem.amplitudes(point)
     gaps = problem.gaps @ theta
     # before imposed displacements close them
@@ -190,7 +190,7 @@ def _said(scene: Scene, point: np.ndarray) -> str:
 
 
 def _least_gap(problem: ContactProblem, rows: np.ndarray) -> float:
-    """Smallest gap of some conditions in the box, by what of it is affine."""
+    """Smallest gap of some conditions in the box, from its affine part."""
     amplitudes = problem.amplitudes
     space = problem.parameters
     affine = problem.gaps[rows][:, : len(amplitudes.constant)]
@@ -200,7 +200,7 @@ def _least_gap(problem: ContactProblem, rows: np.ndarray) -> float:
 
 
 def _overlap(found: SceneCheck, place: int, depth: float, sag: float, point: np.ndarray) -> None:
-    """Bodies that overlap by their gaps, (m,), or as they are drawn, which pairings do not see where it is deep."""
+    """Report bodies that overlap by their gaps, (m,), or as drawn; pairings miss deep overlaps."""
     scene = found.scene
     surfaces = found.pairs[place][0]
     names = " and ".join(repr(surface.tag) for surface in surfaces)
@@ -220,10 +220,10 @@ def _overlap(found: SceneCheck, place: int, depth: float, sag: float, point: np.
 
 
 def sag_of(surface: Surface) -> float:
-    """Largest distance of the facets of a surface from the arcs that their neighbours say they stand for.
+    """Largest distance of the facets of a surface from the arcs that they approximate, by their neighbours.
 
     An arc that turns by 2 a along a facet of length h is h a / 4 away from it; a is the angle from the normal of the
-    facet to that at its corners, which is averaged but for edges of the body.
+    facet to that at its corners, which is averaged except at edges of the body.
     """
     if not surface.facets.size:
         return 0.0
@@ -234,7 +234,7 @@ def sag_of(surface: Surface) -> float:
 
 
 def _supports(found: SceneCheck, problem: ContactProblem) -> None:
-    """What holds each body."""
+    """Report the supports of each body."""
     discretisation = found.discretisation
     scene = found.scene
     assert discretisation is not None
@@ -250,7 +250,7 @@ def _supports(found: SceneCheck, problem: ContactProblem) -> None:
 
 
 def _loads(found: SceneCheck, point: np.ndarray) -> None:
-    """Resultant of each load for the amplitude 1; loads that reach nothing."""
+    """Report the resultant of each load for the amplitude 1, and loads without effect."""
     for load in found.scene.loads:
         with found.heard():
             _load(found, load, point)
@@ -275,7 +275,7 @@ def _load(found: SceneCheck, load: Any, point: np.ndarray) -> None:
         return
     if all(part.shape[1] == 1 for part in columns):
         total = np.sum([part.toarray().reshape(-1, dim).sum(axis=0) for part in columns], axis=0)
-        # forces that balance leave round-off
+        # balanced forces leave round-off
         total[np.abs(total) < 1e-12 * sum(abs(part).sum() for part in columns)] = 0.0
         found.say(OK, f"{name}: resultant [{', '.join(f'{value:.6g}' for value in total)}] for the amplitude 1")
     else:
@@ -291,12 +291,12 @@ def _forces(found: SceneCheck, load: Any, point: np.ndarray) -> np.ndarray:
 
 
 def _vanishes(amplitude: Any) -> bool:
-    """Whether an amplitude is zero whatever the parameters are."""
+    """True if an amplitude is zero for all parameters."""
     return isinstance(amplitude, Amplitude) and not amplitude.constant and not any(amplitude.slopes.values())
 
 
 def _outputs(found: SceneCheck, problem: ContactProblem, gauss: Any) -> None:
-    """Outputs of what is not there."""
+    """Report outputs of missing parts."""
     assert found.discretisation is not None
     from hhr_dolfinx.full_order.outputs import probe_of
 

@@ -1,4 +1,4 @@
-"""What a look at a scene has found, as sentences."""
+"""Findings of the check of a scene, as sentences."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ class Finding:
 
     Attributes:
         level: ``ok``, ``note`` or ``mistake``.
-        text: what was found, and what to do.
+        text: finding and remedy.
     """
 
     level: str
@@ -36,14 +36,14 @@ class Finding:
 
 @dataclass
 class SceneCheck:
-    """What was found.
+    """Findings of a check.
 
     Attributes:
         scene: the scene.
-        findings: in the order of the look, each once.
-        discretisation: its mesh; None where there is none.
-        pairs: surfaces and rows of each contact pair; no rows where they were refused.
-        forces: of each load its name and its nodal forces at the parameter looked at, (nodes, dim).
+        findings: in the order of the check, each once.
+        discretisation: its mesh; None if it has none.
+        pairs: surfaces and rows of each contact pair; no rows if they were refused.
+        forces: for each load its name and its nodal forces at the checked parameter, (nodes, dim).
     """
 
     scene: Scene
@@ -54,34 +54,34 @@ class SceneCheck:
 
     @property
     def mistakes(self) -> list[Finding]:
-        """Those that keep the scene from being solved, or from meaning anything."""
+        """Findings that make the scene unsolvable or meaningless."""
         return [finding for finding in self.findings if finding.level == MISTAKE]
 
     @property
     def drawable(self) -> bool:
-        """Whether there is a mesh to draw."""
+        """True if there is a mesh to draw."""
         return self.discretisation is not None
 
     @property
     def length(self) -> str:
-        """Unit of length behind a blank; nothing where it is not said."""
+        """Unit of length after a blank; empty if it is not given."""
         return "" if self.scene.units is None else f" {self.scene.units.length}"
 
     def draw(self, path: Path) -> None:
-        """A picture of bodies, contact surfaces, supports and loads."""
+        """Draw bodies, contact surfaces, supports and loads."""
         from hhr_dolfinx.study.scene.picture import draw_scene
 
         draw_scene(self, path)
 
     def say(self, level: str, text: str) -> None:
-        """Add a finding, unless it has been said: a pair is looked at by itself and with all others."""
+        """Add a finding, unless it is there already: a pair is checked separately and with all others."""
         finding = Finding(level, text)
         if finding not in self.findings:
             self.findings.append(finding)
 
     @contextmanager
     def heard(self) -> Iterator[None]:
-        """Warnings of a block become notes, errors mistakes."""
+        """Turn warnings of a block into notes, and errors into mistakes."""
         with collected(UserWarning) as caught:
             try:
                 yield

@@ -1,4 +1,4 @@
-"""A look at the mesh of a scene: sizes, shapes of cells, bodies that fall apart, are glued, or lie in each other."""
+"""Checks of the mesh of a scene: sizes, shapes of cells, bodies in several pieces, merged, or inside each other."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.study.scene.findings import NOTE, OK, SceneCheck
 
 BAD_CELL = 0.1
-"""Scaled Jacobian of a cell below which it is told of."""
+"""Scaled Jacobian of a cell below which it is reported."""
 SMALL = 1e-4
 LARGE = 50.0
-"""Extent of a mesh in m beyond which its unit may be another one than the scene says."""
+"""Extent of a mesh in m beyond which its unit may be another one than the scene states."""
 SOFT = 1e9
 STIFF = 1.2e12
-"""Moduli in Pa: plastics that carry something are stiffer, and nothing is stiffer than diamond."""
+"""Moduli in Pa: structural plastics are stiffer than the first, and diamond is the stiffest material."""
 APART = 1e6
-"""Ratio of the moduli of two bodies from which on one may be in another unit: steel is 1e5 times as stiff as rubber."""
+"""Ratio of the moduli of two bodies above which one may be in another unit: steel is 1e5 times as stiff as rubber."""
 SAME_PLACE = 1e-9
-"""Distance of two nodes over the extent of the mesh below which they are at one place."""
+"""Distance of two nodes over the extent of the mesh below which they coincide."""
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class MeshLook:
     Attributes:
         points: (nodes, dim).
         cells: nodes of each cell, (cells, k).
-        owner: place in the scene of the body of each cell, (cells,).
+        owner: index in the scene of the body of each cell, (cells,).
         corners: number of corners of a cell, its first nodes.
     """
 
@@ -53,7 +53,7 @@ class MeshLook:
 
     @classmethod
     def of(cls, found: SceneCheck) -> MeshLook:
-        """Of a scene whose mesh was made."""
+        """Nodes and cells of a scene with a mesh."""
         discretisation: Any = found.discretisation
         corners = CORNERS[discretisation.mesh.topology.cell_name()]
         return cls(discretisation._points(), discretisation._cell_nodes(), discretisation.cell_bodies(), corners)
@@ -64,13 +64,13 @@ class MeshLook:
         return float(np.ptp(self.points, axis=0).max())
 
     def nodes_of(self, body: int) -> np.ndarray:
-        """Which nodes are of a body, (nodes,) bool."""
+        """True for each node of a body, (nodes,) bool."""
         inside = np.zeros(len(self.points), dtype=bool)
         inside[self.cells[self.owner == body]] = True
         return inside
 
     def pieces_of(self, body: int) -> np.ndarray:
-        """Piece of a body that each node belongs to, from 0, and -1 for others, (nodes,)."""
+        """Connected component of a body that each node belongs to, from 0; -1 for other nodes, (nodes,)."""
         cells = self.cells[self.owner == body]
         count = len(self.points)
         starts = np.repeat(cells[:, :1], cells.shape[1], axis=1)
@@ -83,7 +83,7 @@ class MeshLook:
 
 
 def look_at_mesh(found: SceneCheck) -> None:
-    """Bodies one by one, and what their sizes say of the units."""
+    """Check bodies one by one, and compare their sizes with the units."""
     look = MeshLook.of(found)
     for place, body in enumerate(found.scene.bodies):
         own = look.points[look.cells[look.owner == place]]
@@ -106,11 +106,11 @@ def look_at_mesh(found: SceneCheck) -> None:
 
 
 COARSE = 0.1
-"""Part of the stress in energy, as estimated, from which on a mesh is noted as coarse."""
+"""Estimated part of the stress in energy above which a mesh is reported as coarse."""
 
 
 def look_at_mesh_error(found: SceneCheck, point: Any = None) -> None:
-    """Solve once in full, at a parameter or in the middle of the box, and say how far the mesh may be off."""
+    """Solve in full once, at a parameter or in the middle of the box, and report the estimated error of the mesh."""
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.full_order.mesh_error import mesh_error
     from hhr_dolfinx.study.report.report import mesh_error_in_words
@@ -128,7 +128,7 @@ def look_at_mesh_error(found: SceneCheck, point: Any = None) -> None:
 
 
 def look_at_joints(found: SceneCheck) -> None:
-    """Where nodes are doubled or shared: bodies that fall apart, or are glued, without being asked to."""
+    """Report doubled or shared nodes: bodies that are split or merged by mistake."""
     look = MeshLook.of(found)
     tags = [body.tag for body in found.scene.bodies]
     inside = [look.nodes_of(place) for place in range(len(tags))]
@@ -161,7 +161,7 @@ def look_at_joints(found: SceneCheck) -> None:
 
 
 def look_at_common_nodes(found: SceneCheck) -> None:
-    """Nodes that both surfaces of a pair have: no contact acts there."""
+    """Report nodes that belong to both surfaces of a pair: no contact acts there."""
     for place, (surfaces, _) in enumerate(found.pairs):
         for first, second in combinations(surfaces, 2):
             common = np.isin(first.nodes, second.nodes)
@@ -175,7 +175,7 @@ def look_at_common_nodes(found: SceneCheck) -> None:
 
 
 def depth_inside(found: SceneCheck, first: Surface, second: Surface) -> tuple[int, float]:
-    """How many nodes of a surface lie inside of the body behind another one as drawn, and how deep the deepest.
+    """Number of nodes of a surface inside the body of another one as drawn, and the depth of the deepest.
 
     Depths are those below the nearest facet of the other surface.
     """
@@ -190,7 +190,7 @@ def depth_inside(found: SceneCheck, first: Surface, second: Surface) -> tuple[in
     depths = []
     for number, node in enumerate(first.nodes):
         cells = hits.links(number)
-        # a node that both bodies have lies in cells of both
+        # a node of both bodies lies in cells of both
         others = cells[np.isin(look.owner[cells], bodies) & ~(look.cells[cells] == node).any(axis=1)]
         if others.size and heights[number] < 0:
             depths.append(-float(heights[number]))
@@ -198,9 +198,9 @@ def depth_inside(found: SceneCheck, first: Surface, second: Surface) -> tuple[in
 
 
 def worst_cell(corners: np.ndarray) -> tuple[float, np.ndarray]:
-    """Smallest scaled Jacobian of cells, (c, k, dim), and where: volume at a corner over the edges that meet there.
+    """Smallest scaled Jacobian of cells, (c, k, dim), and its position: volume at a corner over its edges.
 
-    Stretched bricks have 1, a sliver next to 0.
+    Stretched bricks have 1, a sliver nearly 0.
     """
     count, dim = corners.shape[1:]
     numbers = range(count)
@@ -220,7 +220,7 @@ def _size(points: np.ndarray) -> str:
 
 
 def _paired_bodies(found: SceneCheck, inside: list[np.ndarray]) -> set[tuple[int, int]]:
-    """Pairs of bodies, the smaller place first, between which there is a contact."""
+    """Pairs of bodies in contact, by their indices, the smaller one first."""
     pairs = set()
     for surfaces, _ in found.pairs:
         sides = [[k for k, own in enumerate(inside) if own[surface.nodes].any()] for surface in surfaces]
@@ -229,7 +229,7 @@ def _paired_bodies(found: SceneCheck, inside: list[np.ndarray]) -> set[tuple[int
 
 
 def young_of(body: Body, space: ParameterSpace) -> float:
-    """Young's modulus, in the middle of the box where it is a parameter; NaN where it is another formula."""
+    """Young's modulus, in the middle of the box if it is a parameter; NaN for another formula."""
     if not isinstance(body.young, str):
         return float(body.young)
     place = space.names.index(body.young) if body.young in space.names else None
@@ -237,7 +237,7 @@ def young_of(body: Body, space: ParameterSpace) -> float:
 
 
 def _modulus(found: SceneCheck, body: Body) -> None:
-    """A modulus that no material has in the units of the scene."""
+    """Report a modulus that no material has in the units of the scene."""
     units = found.scene.units
     if units is None:
         return
@@ -252,7 +252,7 @@ def _modulus(found: SceneCheck, body: Body) -> None:
 
 
 def _stiffness_apart(found: SceneCheck) -> None:
-    """Bodies whose moduli are far from each other."""
+    """Report bodies whose moduli are far from each other."""
     space = found.scene.parameters
     known = [body for body in found.scene.bodies if not np.isnan(young_of(body, space))]
     bodies = sorted(known, key=lambda body: young_of(body, space))
@@ -269,7 +269,7 @@ def _stiffness_apart(found: SceneCheck) -> None:
 
 
 def _unit_of_length(found: SceneCheck, look: MeshLook) -> None:
-    """A mesh that is tiny or huge in the unit of the scene."""
+    """Report a mesh that is tiny or huge in the unit of the scene."""
     units = found.scene.units
     if units is None or SMALL <= units.metres(look.extent) <= LARGE:
         return
@@ -283,7 +283,7 @@ def _unit_of_length(found: SceneCheck, look: MeshLook) -> None:
 
 
 def _large_motions(found: SceneCheck, look: MeshLook) -> None:
-    """Displacements and openings that are longer than the mesh, somewhere in the box."""
+    """Report displacements and openings that exceed the mesh somewhere in the box."""
     space = found.scene.parameters
     box = np.array([space.lower, space.upper], dtype=float)
     named = [(f"the displacement on {item.tag!r}", item.amplitude) for item in found.scene.displacements]

@@ -1,4 +1,4 @@
-"""A picture of a scene before it is solved: bodies, contact surfaces, supports and loads by name."""
+"""Picture of a scene before it is solved: bodies, contact surfaces, supports and loads by name."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ with extra("pictures", "pictures of a scene"):
 
 
 AROUND = {3: [0, 1, 2], 4: [0, 1, 3, 2]}
-"""Corners of a face in the order in which they go round, of triangles and tensor-ordered quadrilaterals."""
+"""Corners of a face in circular order, for triangles and tensor-ordered quadrilaterals."""
 ARROWS = ("crimson", "purple", "darkorange", "teal", "olive", "navy")
-"""Colours of loads, one after another."""
+"""Colours of loads, in turn."""
 LENGTH = 0.07
 FAINT = 0.02
 MOST = 20
-"""Length of arrows over that of the mesh, forces beside the largest that are not drawn, and most arrows of a load."""
+"""Length of arrows over the mesh size, part of the largest force below which none is drawn, most arrows of a load."""
 HELD = "^sDvp*h"
-"""Marks of surfaces with imposed displacements, one after another."""
+"""Marks of surfaces with imposed displacements, in turn."""
 
 
 def draw_scene(found: Any, path: Path) -> None:
@@ -74,7 +74,7 @@ def _plane(found: Any, axes: Any) -> None:
 
 
 def _marks(found: Any, axes: Any, size: float) -> None:
-    """Marks on the nodes that are held or moved, and on those under a load, in the plane or in space."""
+    """Marks on nodes with imposed displacements, and on those under a load, in the plane or in space."""
     items = found.scene.displacements
     for place, tag in enumerate(dict.fromkeys(item.tag for item in items)):
         which = ", ".join("xyz"[k] for k in sorted({item.component for item in items if item.tag == tag}) if k < 3)
@@ -85,7 +85,7 @@ def _marks(found: Any, axes: Any, size: float) -> None:
 
 
 def _arrows(found: Any, axes: Any) -> None:
-    """Loads as arrows along their nodal forces at the parameter looked at, each in a colour of its own."""
+    """Loads as arrows along their nodal forces at the checked parameter, each in a separate colour."""
     discretisation: Any = found.discretisation
     points = discretisation._points()
     length = LENGTH * float(np.ptp(points, axis=0).max())
@@ -94,7 +94,7 @@ def _arrows(found: Any, axes: Any) -> None:
         loaded = np.flatnonzero(sizes > FAINT * sizes.max(initial=0.0))
         if not loaded.size:
             continue
-        # along the surface, so that what is left out is left out evenly
+        # ordered along the surface, so that the left-out ones are spread evenly
         loaded = loaded[np.lexsort(points[loaded].T)]
         shown = loaded[np.unique(np.linspace(0, loaded.size - 1, MOST).round().astype(int))]
         ways = length * forces[shown] / sizes[shown, None]
@@ -104,7 +104,7 @@ def _arrows(found: Any, axes: Any) -> None:
             axes.quiver(*starts.T, *ways.T, arrow_length_ratio=0.3, linewidth=1, **look)
         else:
             axes.quiver(*starts.T, *ways.T, angles="xy", scale_units="xy", scale=1, width=0.0035, zorder=5, **look)
-            # arrows outside of the bodies count for the limits
+            # arrows outside the bodies count for the limits
             axes.update_datalim(starts)
 
 

@@ -1,1 +1,1 @@
-"""Trainings: what to solve, and what is built of it."""
+"""Training: choice and solution of training queries, and models built from them."""

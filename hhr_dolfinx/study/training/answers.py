@@ -1,4 +1,4 @@
-"""What a training leaves: a full model, its answers, and how long they took."""
+"""Results of a training: a full model, its answers, and their times."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ class TrainingAnswers(Shown):
     """A full model with the answers to train and to check reduced models.
 
     Attributes:
-        full_order: the full model, on one rank or on all of them together.
+        full_order: the full model, on one rank or distributed over all.
         snapshots: training answers.
         held_out: answers for the trust check, or None.
         log: seconds of each stage.
-        choice: what a greedy training chose, and what its models were worth on the way; None of another training.
-        read: number of answers that were read from files, which ``log`` has no seconds of.
+        choice: points chosen by a greedy training, with the errors of its models; None for another training.
+        read: number of answers that were read from files, whose seconds ``log`` lacks.
     """
 
     full_order: FullOrderModel

@@ -1,4 +1,4 @@
-"""Whole numbers that studies and trainings are given."""
+"""Checks of whole numbers in arguments of studies and trainings."""
 
 from __future__ import annotations
 
@@ -14,4 +14,4 @@ def check_counts(**given: tuple[object, int]) -> None:
 
 
 MOST = 2**32
-"""Seeds and counts lie below."""
+"""Upper limit of seeds and counts."""

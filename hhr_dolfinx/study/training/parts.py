@@ -1,7 +1,7 @@
-"""One part of the answers of a training, kept in a folder: what a job of an array solves.
+"""One part of the answers of a training, kept in a folder: the work of one job of an array.
 
-Parts know nothing of each other but the folder. The training itself then finds their answers there, and solves what is
-missing: held-out points where contact grazes, which all training answers decide on.
+Parts share only the folder. The training itself then finds their answers there, and solves the missing ones: held-out
+points with grazing contact, which depend on all training answers.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from hhr_dolfinx.study.training.train import Progress, checked_folder, checked_t
 
 @dataclass(frozen=True)
 class PartSolved:
-    """What a part has left in the folder.
+    """Results of a part in the folder.
 
     Attributes:
         training, held_out: numbers of its training queries and of those held out.
-        read: how many of these answers were there already; of histories steps.
-        folder: where they are.
+        read: number of these answers that existed already; for histories of steps.
+        folder: of the answers.
     """
 
     training: int
@@ -54,16 +54,16 @@ def train_part(
 ) -> PartSolved:
     """Solve one of several parts of a training, and keep its answers in a folder that all parts share.
 
-    Once all are done ``train(scene, training, folder=folder)`` with the same arguments reads them.
+    After all parts, ``train(scene, training, folder=folder)`` with the same arguments reads them.
 
     Args:
         scene, training, held_out, seed, comm, march, progress: see :func:`~hhr_dolfinx.study.training.train.train`.
-        number, parts: which part of how many, from 1 on.
-        folder: where answers are kept.
+        number, parts: number of this part, from 1 on, and of all parts.
+        folder: keeps the answers.
 
     Raises:
-        StudyError: for a part that is not there, and for whatever is no training.
-        NotOfferedError: for a greedy training, whose every choice needs all answers before.
+        StudyError: for a part that does not exist, and for an invalid training.
+        NotOfferedError: for a greedy training, whose choices each need all answers before.
     """
     with ranks.each_for_itself(comm, "checking what to train on"):
         if not (is_whole(parts, 1) and is_whole(number, 1) and number <= parts):

@@ -1,4 +1,4 @@
-"""Whether ranks that train have a full model each, and solve problems side by side, or one together."""
+"""Choice between full models on each rank, which solve in parallel, and one distributed over ranks."""
 
 from __future__ import annotations
 
@@ -14,10 +14,10 @@ ROOM = 0.8
 
 
 def no_room_side_by_side(scene: Scene, comm: MPI.Comm) -> str:
-    """Why full models, one for each rank, have no room in the memory of a machine; empty where they have. Collective.
+    """Reason why full models, one for each rank, exceed the memory of a machine; empty if they fit. Collective.
 
-    What a model in space takes is reckoned from its mesh, which one rank of each machine makes; shapes that are
-    parameters are not solved for together, and models in the plane are small.
+    The memory of a model in space is estimated from its mesh, which one rank of each machine generates. Problems with
+    shape parameters are never distributed, and models in the plane are small.
     """
     if comm.size == 1 or scene.hypothesis != "solid" or scene.shapes:
         return ""

@@ -1,18 +1,18 @@
-"""A full model with the answers to train and to check reduced models: computed once, built from often."""
+"""A full model with the answers to train and to check reduced models: computed once, used by many models."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterable
 from dataclasses import replace
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
 
-from hhr_dolfinx import ranks
+from hhr_dolfinx import ranks, registry
 from hhr_dolfinx.certify.strains import check_small_strains
 from hhr_dolfinx.errors import NotOfferedError, ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
@@ -30,10 +30,8 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed import CondensedModel
-    from hhr_dolfinx.models.fallback import FallbackModel
     from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
     from hhr_dolfinx.models.histories.force_correction import ForceCorrection
-    from hhr_dolfinx.models.local import LocalModels
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""
@@ -45,22 +43,22 @@ def silent(label: str) -> Callable[[Iterable], Iterable]:
 
 
 class Training(TrainingAnswers):
-    """A full model with answers, and the models that are made of them."""
+    """A full model with answers, and methods that build models from them."""
 
     @cached_property
     def everywhere(self) -> Training:
-        """The same with all rows on each of the ranks that have the full model together; itself elsewhere."""
+        """The same with all rows on each rank, if the full model is distributed; else itself."""
         if self.full_order.problem.comm is None:
             return self
         full, snapshots, held_out = everywhere(self.full_order, self.snapshots, self.held_out)
         return replace(self, full_order=full, snapshots=snapshots, held_out=held_out)
 
     def build(self, recipe: Any = None, *, checked: bool = True, announce: Announce = unannounced) -> Any:
-        """A reduced model; unchecked it is built as it is, to be measured: no warning, no growth of its RID.
+        """Build a reduced model; unchecked it has no warning and no growth of its RID, so that it can be measured.
 
-        Only what cannot be solved at all is refused even so: dependent contact rows, a singular K~. None takes the
-        usual recipe of the scene, or the one for which a greedy training chose. What is no recipe is a way to reduce of
-        its own, see :class:`~hhr_dolfinx.reduction.build.Reductor`. Each stage that begins is announced.
+        Only unsolvable models are refused even then: dependent contact rows, a singular K~. None takes the default
+        recipe of the scene, or the one for which a greedy training chose. Other objects are user-defined reductions,
+        see :class:`~hhr_dolfinx.reduction.build.Reductor`. Each stage is announced as it begins.
         """
         if recipe is None and self.choice is not None:
             recipe = self.choice.recipe
@@ -70,76 +68,24 @@ class Training(TrainingAnswers):
             recipe = recipe.as_it_is()
         return build(self.full_order, self.snapshots, recipe, self.held_out if checked else None, announce)
 
-    def safe_model(
-        self,
-        tolerance: float = 0.01,
-        *,
-        of: str | None = None,
-        recipe: Recipe | None = None,
-        checked: bool = True,
-    ) -> FallbackModel:
-        """A reduced model that asks the full one where it may be off by more than a tolerance.
-
-        Args:
-            tolerance: largest relative error of any answer.
-            of: which error that is: ``forces``, nodal contact forces in the Euclidean norm; ``pressure``, the largest
-                error of a nodal pressure over the peak pressure; ``displacement``, its energy; or an output, by its
-                name. None takes displacement and forces, both in energy: nodal forces and pressures are then off by
-                ten times as much and more.
-            recipe, checked: see :meth:`build`.
-
-        Raises:
-            BoundError: where answers of the reduced model have no bound.
-            ParameterError: for an invalid tolerance, an error that is not known, or one of an output without a bound.
-        """
-        from hhr_dolfinx.study.training.falling_back import safe_model
-
-        return safe_model(self.everywhere, tolerance, recipe, of=of, checked=checked)
-
-    def local(
-        self, how: Any = None, *, recipe: Recipe | None = None, checked: bool = True, progress: Progress = silent
-    ) -> LocalModels:
-        """Several small models in the place of one, each for a part of the box, used like one; thesis chapter 4.
-
-        Args:
-            how: :class:`~hhr_dolfinx.study.training.splitting.Splitting`, which finds the number of models itself, or
-                :class:`~hhr_dolfinx.study.training.local_training.Clusters`, a wished one; None takes the first.
-            recipe, checked: of each model, see :meth:`build`.
-            progress: for progress bars.
-
-        Raises:
-            StudyError: for what is no way to share a training out.
-            NotOfferedError: with friction, and where bodies flow.
-        """
-        if self.full_order.friction is not None or self.full_order.equilibrium is not None:
-            raise NotOfferedError(
-                "local models are of elastic bodies without friction: take one model of these histories, build() or "
-                "condense(), which were found as exact and quicker"
-            )
-        if how is None:
-            from hhr_dolfinx.study.training.splitting import Splitting
-
-            how = Splitting()
-        if not callable(getattr(how, "models", None)) or isinstance(how, type):
-            raise StudyError(f"{how!r} is no way to share a training out: give Splitting(modes=90) or Clusters(3)")
-        if recipe is None and self.choice is not None:
-            recipe = self.choice.recipe
-        given = usual_recipe(self.full_order) if recipe is None else recipe
-        if not isinstance(given, Recipe):
-            raise StudyError(f"{given!r} is no recipe: give a Recipe")
-        return how.models(self.everywhere, given if checked else given.as_it_is(), progress("local models"))
+    def __getattr__(self, name: str) -> Any:
+        """Method that a plug-in adds."""
+        places = registry.named("kinds") | registry.named("methods")
+        if name.startswith("_") or name not in places:
+            raise AttributeError(f"a training has no {name!r}, and no installed plug-in adds it")
+        return partial(registry.load(places[name]), self)
 
     def condense(self, settings: Any = None, announce: Announce = unannounced) -> CondensedModel | CondensedFlowModel:
-        """A model that keeps all contact conditions, with its check.
+        """Build a model that keeps all contact conditions, with its check.
 
-        Where nothing flows and the stiffness is constant it is exact. Where the stiffness or the shape depends on
-        parameters it is interpolated, by :class:`~hhr_dolfinx.reduction.interpolate.GridSettings`, without them as
-        finely as what bounds its errors where that is small. Where bodies flow
-        their elastic response is eliminated and the plastic correction reduced, by
-        :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings`. Each stage that begins is announced.
+        For elastic bodies of constant stiffness it is exact. If the stiffness or the shape depends on
+        parameters it is interpolated, by :class:`~hhr_dolfinx.reduction.interpolate.GridSettings`; without settings as
+        finely as the bound of its errors, if that is small. For inelastic bodies
+        the elastic response is eliminated and the plastic correction reduced, by
+        :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings`. Each stage is announced as it begins.
 
         Raises:
-            NotOfferedError: where contact alone holds bodies whose moduli or shapes are parameters.
+            NotOfferedError: for bodies with rigid motions whose moduli or shapes are parameters.
         """
         if self.full_order.equilibrium is not None:
             from hhr_dolfinx.reduction.condense_flow import condense_flow
@@ -150,7 +96,7 @@ class Training(TrainingAnswers):
 
             return condensing.condensed(self.full_order, settings)
         if not self.full_order.problem.varies:
-            from hhr_dolfinx.baselines.condensation import exact_condensation
+            from hhr_dolfinx.reduction.exact import exact_condensation
 
             full = self.full_order if self.full_order.problem.rigid is None else self.everywhere.full_order
             return exact_condensation(full, self.snapshots.known_statuses(), field=False)
@@ -160,12 +106,12 @@ class Training(TrainingAnswers):
         return condense(there.full_order, there.snapshots, settings, there.held_out, announce=announce)
 
     def force_correction(self) -> ForceCorrection:
-        """What tells how far contact forces of histories are off, and corrects them once, for any model trained here.
+        """Build an estimate and a correction of the contact forces of histories, for any model of this training.
 
         ``correction.of(history)`` has better forces of each step, and their distance from those of the model.
 
         Raises:
-            ReductionError: where nothing flows, and where moduli are no factors of connected components.
+            ReductionError: for an elastic scene, and if moduli are no factors of connected components.
         """
         from hhr_dolfinx.reduction.flow import force_correction
 
@@ -184,26 +130,26 @@ def train(
     progress: Progress = silent,
     together: bool | None = None,
 ) -> Training:
-    """Build the full model of a scene on each rank and share the training out over the ranks.
+    """Build the full model of a scene on each rank and share the training between the ranks.
 
-    Where full models have no room beside each other ranks have one together, and solve one problem after another.
+    If these models exceed the memory, one full model is distributed, and problems are solved one after another.
 
     Args:
         scene: the scene.
         training: the number of points along each parameter, on a regular grid; a sampling, ``Sobol(512)`` or
-            ``LatinHypercube(100)``; ``Greedy(budget=100)``, which chooses where models of what is known are worst; or
-            an array of points, (S, P). Where bodies flow or rub a list of paths, each of times in seconds and
-            parameters, or drawn from a family, ``family.paths(Sobol(12))``; where they flow ``Greedy(family=family)``.
-        held_out: for the trust check: how many random parameters (100, a fifth of them where contact grazes; 0 for
+            ``LatinHypercube(100)``; ``Greedy(budget=100)``, which chooses points where present models are worst; or
+            an array of points, (S, P). For inelastic bodies or friction a list of paths, each of times in seconds and
+            parameters, or drawn from a family, ``family.paths(Sobol(12))``; if inelastic ``Greedy(family=family)``.
+        held_out: for the trust check: a number of random parameters (100, a fifth of them with grazing contact; 0 for
             none), or paths.
         seed: of random parameters.
-        folder: where answers are kept and found again; None keeps nothing.
-        comm: communicator over which the training is spread.
-        march: how histories are solved.
+        folder: keeps answers for later runs; None keeps nothing.
+        comm: communicator over which the training is distributed.
+        march: settings of histories.
         progress: for progress bars.
-        together: whether the ranks have one full model together, whose factors are spread over them, and answers and
-            bases too where :func:`~hhr_dolfinx.reduction.build.not_by_rows` knows no reason against it; all of them
-            then build models together. None decides by the memory that they have.
+        together: whether one full model is distributed over the ranks, with its factors, and answers and
+            bases too if :func:`~hhr_dolfinx.reduction.build.not_by_rows` has no reason against it; all of them
+            then build models together. None decides by their memory.
 
     Raises:
         StudyError: for an invalid training, number of answers, seed or folder, before anything is computed.
@@ -225,17 +171,17 @@ def train(
         with log.stage("held_out"), full.strains.paused():
             kept = _held_out(full, comm.bcast(_apart(full, snapshots, apart, seed)), comm, progress, store, march)
     check_small_strains(full, snapshots, kept)
-    # ranks that have one model together have found the same
+    # ranks of a distributed model have found the same
     counts = comm.allgather(0 if store is None else store.found)
     found = max(counts) if full.comm.size > 1 else sum(counts)
     if found:
-        asked = len(snapshots.points) + (0 if kept is None else len(kept.points))
-        log.skip("snapshots", f"{found} of {asked} answers were read from {folder}: the times cover the others")
+        total = len(snapshots.points) + (0 if kept is None else len(kept.points))
+        log.skip("snapshots", f"{found} of {total} answers were read from {folder}: the times cover the others")
     return Training(full, snapshots, kept, log, choice, found)
 
 
 def _full_model(scene: Scene, comm: MPI.Comm, together: bool | None, log: StageLog) -> FullOrderModel:
-    """One of each rank, or one of all ranks together."""
+    """A full model on each rank, or one distributed over all ranks."""
     why = no_room_side_by_side(scene, comm) if together is None else "it was asked for" * together
     if why and comm.size > 1:
         if scene.shapes:
@@ -250,7 +196,7 @@ def _full_model(scene: Scene, comm: MPI.Comm, together: bool | None, log: StageL
 
 
 def _with_rows(full: FullOrderModel, queries: Any, log: StageLog) -> FullOrderModel:
-    """A full model that ranks have together, with all rows on each where they do not reduce by rows."""
+    """A distributed full model, with all rows on each rank if it does not reduce by rows."""
     why = "a greedy training chooses its points" if chooses_itself(queries) else not_by_rows(full.problem)
     if not why:
         return full
@@ -261,15 +207,15 @@ def _with_rows(full: FullOrderModel, queries: Any, log: StageLog) -> FullOrderMo
 def _solved(
     full: FullOrderModel, queries: Any, comm: MPI.Comm, progress: Progress, store: Any, march: MarchSettings
 ) -> tuple[SnapshotSet, Any]:
-    """Training answers, and what a greedy training chose; warns of queries without an answer."""
+    """Training answers, and the record of a greedy choice; warns of queries without an answer."""
     lost = Lost()
     choice = None
     if chooses_itself(queries):
 
-        def solve(asked: Any) -> SnapshotSet:
-            return spread_snapshots(full, asked, comm, iter, store, march, lost)
+        def solve(points: Any) -> SnapshotSet:
+            return spread_snapshots(full, points, comm, iter, store, march, lost)
 
-        # candidates are shared out where each rank has a model of its own
+        # ranks share candidates if each has a full model
         snapshots, choice = queries.grown(
             full, solve, MPI.COMM_SELF if full.comm.size > 1 else comm, progress("greedy"), store
         )
@@ -281,7 +227,7 @@ def _solved(
 
 
 def _apart(full: FullOrderModel, snapshots: SnapshotSet, apart: Any, seed: int) -> Any:
-    """What is held out: paths as they are given, or a number of points, which forces decide on.
+    """Held-out queries: paths as they are given, or a number of points, chosen by forces.
 
     Their last digits may differ between machines.
     """
@@ -305,25 +251,25 @@ def _checked_path(scene: Scene, path: Any) -> Any:
 
 
 def chooses_itself(training: Any) -> bool:
-    """Whether a training chooses itself what it asks for, as ``Greedy`` does; whose module others do not load."""
+    """True if a training chooses its queries itself, as ``Greedy`` does, whose module others do not import."""
     return callable(getattr(training, "grown", None)) and not isinstance(training, type)
 
 
 def checked_training(scene: Scene, training: Any, held_out: Any, seed: Any) -> tuple[Any, Any]:
-    """Points or paths to train on; how many points, or which paths, are held out."""
+    """Points or paths to train on; number of points, or paths, that are held out."""
     if not isinstance(scene, Scene):
         raise StudyError(f"{scene!r} is no scene: give a Scene")
     check_counts(seed=(seed, 0))
     chooses = chooses_itself(training)
-    rubs = any(law is not None for law in scene.friction)
-    if chooses and rubs:
+    frictional = any(law is not None for law in scene.friction)
+    if chooses and frictional:
         raise NotOfferedError(
             f"scene '{scene.name}' has friction, and a greedy training of such histories is not built in: train on a "
             "list of paths, or condense it without a training, hhr.condense(scene)"
         )
     if chooses:
         training.space(scene)
-    if rubs or any(body.law is not None for body in scene.bodies):
+    if frictional or any(body.law is not None for body in scene.bodies):
         apart = held_out.tolist() if isinstance(held_out, np.ndarray) else held_out
         given = training if chooses else training_paths(scene, training)
         return given, training_paths(scene, apart) if apart else []
@@ -334,7 +280,7 @@ def checked_training(scene: Scene, training: Any, held_out: Any, seed: Any) -> t
 
 def training_points(scene: Scene, training: Any) -> np.ndarray:
     """Training points, (S, P): on a regular grid for counts along each parameter, sampled, or as they are given."""
-    asked = training
+    original = training
     if isinstance(training, type):
         raise StudyError(f"{training.__name__} is a class: give what it makes, {training.__name__}(...)")
     try:
@@ -346,14 +292,14 @@ def training_points(scene: Scene, training: Any) -> np.ndarray:
         raise StudyError(f"training of scene '{scene.name}': {error}") from None
     if len(points) < 2:
         raise StudyError(
-            f"training of scene '{scene.name}' on {asked!r} points: a reduced model needs at least 2 of them. Give "
+            f"training of scene '{scene.name}' on {original!r} points: a reduced model needs at least 2 of them. Give "
             "it more, Sobol(64) or a grid such as (16, 16)"
         )
     return points
 
 
 def training_paths(scene: Scene, paths: Any) -> list:
-    """Checked paths of a scene whose bodies flow or rub; StudyError for what is no list of paths."""
+    """Checked paths of a scene of inelastic bodies or friction; StudyError for an invalid list of paths."""
     advice = (
         f"answers of scene '{scene.name}' depend on the path that leads to them: train on a list of paths, such as "
         "family.paths(Sobol(12)), or by hhr reduce with PATHS, a hhr.PathFamily, beside the scene"
@@ -371,12 +317,12 @@ def training_paths(scene: Scene, paths: Any) -> list:
 
 
 def checked_folder(folder: str | Path) -> Path:
-    """A folder to write to, which need not exist; StudyError for what cannot be one."""
+    """A folder to write to, which need not exist; StudyError for an impossible one."""
     if not isinstance(folder, str | os.PathLike):
         raise StudyError(f"the folder {folder!r} must be a path")
     path = Path(folder)
     try:
-        if "\0" in str(path):  # some versions of Python say that it is not there
+        if "\0" in str(path):  # some versions of Python would report a missing file
             raise ValueError("embedded null byte")
         path.exists()
     except (OSError, ValueError) as error:

@@ -1,1 +1,0 @@
-"""Other models that answer the same question, to compare with."""

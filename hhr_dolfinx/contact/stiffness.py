@@ -1,0 +1,361 @@
+"""Stiffness at one point of the parameters: an immutable value that solves with its own matrix.
+
+Factors are leased from a :class:`FactorStore`, which has room for few of them and factors again what it has dropped.
+Whoever factored another matrix in between changes no number of a :class:`Stiffness`.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+from functools import cached_property
+from threading import RLock, local
+from typing import TYPE_CHECKING, Any, TypeAlias
+
+import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix, diags, spmatrix
+
+from hhr_dolfinx.contact.active_set import SchurEqualities
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.problem import ContactProblem
+    from hhr_dolfinx.linear.shared import SharedCholesky
+    from hhr_dolfinx.linear.sparse import FreeCholesky
+
+    Factors: TypeAlias = FreeCholesky | SharedCholesky
+
+
+class Stiffness(ABC):
+    """K at a point with the contact rows B there (n own dofs, m conditions).
+
+    Attributes:
+        symmetric: whether equality problems on S use its symmetry.
+    """
+
+    symmetric: bool = True
+
+    @abstractmethod
+    def solve(self, rhs: np.ndarray) -> np.ndarray:
+        """K^-1 times a vector, (n,)."""
+
+    @abstractmethod
+    def columns(self, rhs: spmatrix) -> np.ndarray:
+        """K^-1 times the columns of a sparse matrix, (n, k)."""
+
+    @abstractmethod
+    def response_to_forces(self, forces: np.ndarray) -> np.ndarray:
+        """K^-1 B^T times contact forces, (m,) or (m, k): (n,) or (n, k)."""
+
+    @property
+    @abstractmethod
+    def schur(self) -> np.ndarray:
+        """S = B K^-1 B^T, (m, m): one array, so that ``is`` tells whether K changed."""
+
+    @abstractmethod
+    def held(self) -> AbstractContextManager[Any]:
+        """Keep the factors of this stiffness in the store meanwhile: saves time, and changes no number."""
+
+    @cached_property
+    def equalities(self) -> SchurEqualities:
+        """Equality problems on S, whose dense factors all users of this stiffness share."""
+        return SchurEqualities.symmetric(self.schur) if self.symmetric else SchurEqualities.of(self.schur)
+
+
+class FactorStore:
+    """Factors of matrices of one pattern, a bounded number of them.
+
+    A thread leases the factors of one matrix at a time, so that no two threads wait for each other. All ranks ask in
+    the same order.
+
+    Args:
+        make: factors a matrix.
+        most: number of matrices whose factors are kept.
+    """
+
+    def __init__(self, make: Callable[[csr_matrix], Factors], most: int = 1):
+        self._make = make
+        self._most = most
+        self._slots: list[Factors] = []  # the last one used is the last
+        self._lock = RLock()
+        self._leased = local()
+
+    @property
+    def first(self) -> Factors:
+        """The factors that are in the store for longest."""
+        return self._slots[0]
+
+    def of(self, matrix: csr_matrix) -> Lease:
+        """Lease the factors of a matrix: a context in which no other matrix takes their place."""
+        return Lease(self, matrix)
+
+    def solve(self, matrix: csr_matrix, rhs: np.ndarray) -> np.ndarray:
+        """K^-1 times a vector; of factors that are there a lease would take as long as the rest of a small query."""
+        if self._most == 1 and self._slots:
+            slot = self._slots[0]
+            with slot.lock:
+                if slot.holds(matrix):
+                    return slot.solve(rhs)
+        with self.of(matrix) as slot:
+            return slot.solve(rhs)
+
+    def release(self) -> None:
+        """Give the memory back until the next lease. Collective."""
+        for slot in self._slots:
+            slot.release()
+
+    def slot(self, matrix: csr_matrix) -> Factors:
+        """Factors of a matrix, or those whose place they take."""
+        slots = self._slots
+        if self._most == 1 and slots:
+            return slots[0]
+        with self._lock:
+            found = next((slot for slot in slots if slot.holds(matrix)), None)
+            if found is None and len(slots) < self._most:
+                slots.append(self._make(matrix))
+                return slots[-1]
+            found = slots[0] if found is None else found
+            slots.append(slots.pop(slots.index(found)))
+            return found
+
+
+class Lease:
+    """Factors of one matrix in use; a generator takes two microseconds more, of a hundred that a query takes."""
+
+    __slots__ = ("_before", "_matrix", "_slot", "_store")
+
+    def __init__(self, store: FactorStore, matrix: csr_matrix):
+        self._store = store
+        self._matrix = matrix
+
+    def __enter__(self) -> Factors:
+        leased = self._store._leased
+        self._before = before = getattr(leased, "lease", None)
+        if before is not None:
+            if before._matrix is not self._matrix:
+                raise RuntimeError("factors of two matrices are leased from one store: end the first lease before")
+            self._slot = before._slot
+            return self._slot
+        self._slot = slot = self._store.slot(self._matrix)
+        slot.lock.acquire()
+        try:
+            if not slot.holds(self._matrix):
+                slot.refactor(self._matrix)
+        except BaseException:
+            slot.lock.release()
+            raise
+        leased.lease = self
+        return slot
+
+    def __exit__(self, *_: object) -> None:
+        if self._before is None:
+            self._store._leased.lease = None
+            self._slot.lock.release()
+
+
+class SparseStiffness(Stiffness):
+    """A sparse matrix and the store that factors it.
+
+    Args:
+        matrix: own rows of K, (n, N); nobody changes it.
+        problem: with the rows of B, and rigid motions that nothing drives or resists.
+        store: of its factors.
+        components: own dofs of each connected component, by which K is scaled; None where it never is.
+        response, schur: K^-1 B^T, (n, m), and S, (m, m), if they are known.
+        keeps: whether there is room for K^-1 B^T.
+        symmetric: see :class:`Stiffness`.
+    """
+
+    def __init__(
+        self, matrix: csr_matrix, problem: ContactProblem, store: FactorStore, *,
+        components: list[np.ndarray] | None = None, response: np.ndarray | None = None,
+        schur: np.ndarray | None = None, keeps: bool = True, symmetric: bool = True,
+    ):  # fmt: skip
+        self.matrix = matrix
+        self.contact = problem.contact_of_rows
+        self.symmetric = symmetric
+        self._store = store
+        self._spread = problem.spread
+        self._resting = None if problem.resting is None else problem.resting[problem.rows]
+        self._components = components
+        self._response = response
+        self._keeps = keeps
+        self._schur = schur
+        self._parts: np.ndarray | None = None
+        self._lock = RLock()
+
+    def held(self) -> AbstractContextManager[Any]:
+        """See :class:`Stiffness`."""
+        return self._store.of(self.matrix)
+
+    def solve(self, rhs: np.ndarray) -> np.ndarray:
+        """See :class:`Stiffness`."""
+        motions = self._resting
+        if motions is None:
+            return self._store.solve(self.matrix, rhs)
+        return self._at_rest(motions, self._store.solve(self.matrix, self._at_rest(motions, rhs)))
+
+    def columns(self, rhs: spmatrix) -> np.ndarray:
+        """See :class:`Stiffness`."""
+        with self._store.of(self.matrix) as factors:
+            found = factors.solve_columns(rhs)
+            motions = self._resting
+            if motions is None or not motions.shape[1]:
+                return found
+            work = self._spread.sum(motions.T @ rhs)
+            drawn = np.stack([factors.solve(motion) for motion in motions.T], axis=1)
+        return self._at_rest(motions, found - drawn @ work)
+
+    def _at_rest(self, motions: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Fields without rigid motions that nothing drives or resists."""
+        return own - motions @ self._spread.sum(motions.T @ own)
+
+    def response_to_forces(self, forces: np.ndarray) -> np.ndarray:
+        """See :class:`Stiffness`; one more solution where K^-1 B^T is not kept."""
+        if self._response is not None:
+            return self._response @ forces
+        loads = self.contact.T @ forces
+        return self.solve(loads) if loads.ndim == 1 else self.columns(csc_matrix(loads))
+
+    @property
+    def has_response(self) -> bool:
+        """Whether K^-1 B^T is kept."""
+        return self._response is not None
+
+    @property
+    def response(self) -> np.ndarray:
+        """K^-1 B^T, (n, m), kept from now on."""
+        if self._response is None:
+            with self.held():
+                if self._response is None:
+                    self._response = self.columns(self.contact.T)
+        return self._response
+
+    @cached_property
+    def schur(self) -> np.ndarray:
+        """See :class:`Stiffness`."""
+        with self._making():  # the same array for all threads that ask at first
+            if self._schur is None:
+                self._schur = self._condensed()
+        return self._schur
+
+    def _making(self) -> AbstractContextManager[Any]:
+        """One thread at a time, by its lease, or without one by a lock: threads would wait for both in two orders."""
+        return self.held() if self._response is None else self._lock
+
+    def lent(self, other: SparseStiffness) -> SparseStiffness:
+        """This stiffness with K^-1 B^T of another one of the same matrix, behind its own S."""
+        self.schur  # noqa: B018
+        self._response = other._response
+        return self
+
+    def _condensed(self) -> np.ndarray:
+        if self._response is None and not self._keeps and self._components is not None:  # which are needed too
+            return self.parts.sum(axis=0)
+        return self._reduced([self.contact])[0]
+
+    @property
+    def parts(self) -> np.ndarray:
+        """S of each connected component, (C, m, m)."""
+        if self._parts is None:
+            assert self._components is not None
+            with self._making():
+                if self._parts is None:
+                    parts = [np.bincount(dofs, minlength=self.contact.shape[1]) > 0 for dofs in self._components]
+                    self._parts = np.stack(self._reduced([csr_matrix(self.contact.multiply(mask)) for mask in parts]))
+        return self._parts
+
+    def _reduced(self, rows: list[csr_matrix]) -> list[np.ndarray]:
+        """Some rows times K^-1 B^T, (m, m) each, of columns that are kept, or by factors that have contact last."""
+        if self._response is None:
+            with self._store.of(self.matrix) as factors:
+                known = [item for item in map(factors.between_last, rows) if item is not None]
+                if len(known) == len(rows):
+                    return known
+                if not self._keeps:
+                    return self._by_blocks(factors, rows)
+        return [self._spread.sum(item @ self.response) for item in rows]
+
+    def _by_blocks(self, factors: Factors, rows: list[csr_matrix]) -> list[np.ndarray]:
+        """The same by columns that are dropped."""
+        touched = np.unique(self.contact.indices)
+        there = [csr_matrix(item[:, touched]) for item in rows]
+        found = [np.empty((self.contact.shape[0],) * 2) for _ in rows]
+        for part, block in factors.solved_blocks(self.contact.T, touched):
+            for own, total in zip(there, found, strict=True):
+                total[:, part] = own @ block
+        return [self._spread.sum(total) for total in found]
+
+    def scaled(self, scales: np.ndarray) -> ScaledStiffness:
+        """K whose connected components are these numbers times those of this one, (C,); factors nothing."""
+        assert self._components is not None
+        own = np.empty(self.contact.shape[1])
+        for scale, dofs in zip(scales, self._components, strict=True):
+            own[dofs] = scale
+        return ScaledStiffness(self, scales, own)
+
+
+class LazyStiffness(SparseStiffness):
+    """Columns of K^-1 B^T and S are solved for when their conditions first become active, as those of tangents."""
+
+    @cached_property
+    def equalities(self) -> SchurEqualities:
+        """See :class:`Stiffness`."""
+        self._known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        return SchurEqualities(self._images, self.contact.shape[0])
+
+    def _images(self, index: np.ndarray) -> np.ndarray:
+        """Columns of S as rows, (k, m)."""
+        new = [k for k in index.tolist() if k not in self._known]
+        if new:
+            columns = self.columns(self.contact[new].T)
+            images = self.contact @ columns
+            for place, k in enumerate(new):
+                self._known[k] = columns[:, place], images[:, place]
+        return np.array([self._known[k][1] for k in index.tolist()]).reshape(index.size, self.contact.shape[0])
+
+    def response_to_forces(self, forces: np.ndarray) -> np.ndarray:
+        """K^-1 B^T times forces on conditions that were active, (m,): (n,)."""
+        found = np.zeros(self.contact.shape[1])
+        for k in np.flatnonzero(forces).tolist():
+            found += forces[k] * self._known[k][0]
+        return found
+
+
+class ScaledStiffness(Stiffness):
+    """Each connected component is a number times that of another stiffness: S = sum of S_c / s_c.
+
+    Args:
+        base: that one.
+        scales: s_c, (C,).
+        own: the same on own dofs, (n,).
+
+    Attributes:
+        own: the same.
+    """
+
+    def __init__(self, base: SparseStiffness, scales: np.ndarray, own: np.ndarray):
+        self.own = own
+        self._base = base
+        self._scales = scales
+
+    def held(self) -> AbstractContextManager[Any]:
+        """See :class:`Stiffness`."""
+        return self._base.held()
+
+    def solve(self, rhs: np.ndarray) -> np.ndarray:
+        """See :class:`Stiffness`."""
+        return self._base.solve(rhs / self.own)
+
+    def columns(self, rhs: spmatrix) -> np.ndarray:
+        """See :class:`Stiffness`."""
+        return self._base.columns(csc_matrix(diags(1 / self.own) @ rhs))
+
+    def response_to_forces(self, forces: np.ndarray) -> np.ndarray:
+        """See :class:`Stiffness`."""
+        return (self._base.response_to_forces(forces).T / self.own).T
+
+    @cached_property
+    def schur(self) -> np.ndarray:
+        """See :class:`Stiffness`."""
+        return np.tensordot(1 / self._scales, self._base.parts, 1)

@@ -1,0 +1,288 @@
+"""System of equations of a scene: K, loads, gaps and contact rows at any point of its parameters.
+
+Residents differ in how they obtain K: constant; a number times K of each body; a sum of parts that is factored;
+assembled again on another shape. A class of your own, ``Scene(system=...)``, adds another one.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+
+import numpy as np
+
+from hhr_dolfinx.contact.problem import ContactProblem, ScaledBodies
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Floating
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix, csr_matrix
+
+    from hhr_dolfinx.amplitudes import Theta
+    from hhr_dolfinx.contact.floating import FloatingEqualities
+    from hhr_dolfinx.contact.stiffness import SparseStiffness, Stiffness
+    from hhr_dolfinx.formulas import Modulus
+
+    Parts: TypeAlias = tuple[tuple[Modulus, ...], tuple[csr_matrix, ...]]
+
+DIFFERENCE = 1e-5
+"""Part of the box by which a mesh is moved to difference what is assembled on it: the error is its square, and below it
+round-off of the assembly grows."""
+
+
+class Kernel(NamedTuple):
+    """Rigid motions R that contact alone holds, (N, r), what they take, G = B R, (m, r), and loads along them."""
+
+    motions: np.ndarray
+    taken: np.ndarray
+    loads: np.ndarray  # (r, 1 + T), the same for every stiffness
+
+
+@dataclass(eq=False, slots=True)  # one for each query
+class SystemAt:
+    """Equations at one point: K u + B^T lambda = loads, B u <= gaps (n own dofs, m conditions).
+
+    Attributes:
+        system: the system.
+        point: the parameter, (P,).
+        problem: rows, gaps and amplitudes there.
+        stiffness: K.
+        loads: F - K lift on own free dofs, (n,).
+        gaps: D - B lift, (m,).
+    """
+
+    system: System
+    point: np.ndarray
+    problem: ContactProblem
+    stiffness: Stiffness
+    loads: np.ndarray
+    gaps: np.ndarray
+
+    def contact(self) -> CondensedContact:
+        """The contact problem without the displacement, on all ranks."""
+        stiffness = self.stiffness
+        problem = self.problem
+        free = stiffness.solve(self.loads)
+        moved = problem.contact_of_rows @ free
+        response = stiffness.response_to_forces
+        if (rows := problem.spread).comm is not None:
+            free = rows.whole(free)
+            moved = rows.sum(moved)
+            response = self._response
+        floating = None if problem.rigid is None else self._floating(problem.rigid)
+        changes = self._at_fixed_forces
+        return CondensedContact(stiffness.schur, self.gaps - moved, free, response, changes, True, floating, stiffness)
+
+    def _response(self, forces: np.ndarray) -> np.ndarray:
+        return self.problem.spread.whole(self.stiffness.response_to_forces(forces))
+
+    def _at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """K U' = -R', where R is the residual K U + B^T lambda - F; and the slack that goes with it."""
+        left, slack = self.system.explicit(self.point, forces, unknown)
+        with self.stiffness.held():
+            found = np.stack([self.stiffness.solve(-column) for column in left.T], axis=1)
+        return slack - self.problem.moved(found), self.problem.spread.whole(found)
+
+    def _floating(self, motions: np.ndarray) -> Floating:
+        """The kernel at this point; lifts take no part, since a rigid motion does not strain."""
+        kernel = self.system.kernel
+        assert kernel is not None
+        acting, slopes = self.problem.amplitudes.slopes_at(self.point)
+        driving = kernel.loads @ self.problem.amplitudes(self.point)
+        changes = kernel.loads[:, acting] @ slopes
+        return Floating(self.system.floating_on(self.stiffness), driving, motions, lambda *_: changes)
+
+
+class System(ABC):
+    """Makes the equations of any point.
+
+    Args:
+        problem: of all points.
+        middle: returns K in the middle of the box.
+        made: makes K of own rows of a matrix with the pattern of that one, (n, N), and a problem with rows of B.
+
+    Attributes:
+        problem, middle, made: the same.
+        anew: whether K of another point is factored.
+        bodies: moduli of whole bodies, if nothing else of K varies: factors in the middle of the box serve all points.
+    """
+
+    anew: bool = True
+    bodies: ScaledBodies | None = None
+
+    def __init__(
+        self, problem: ContactProblem, middle: Callable[[], SparseStiffness],
+        made: Callable[[csr_matrix, ContactProblem], SparseStiffness],
+    ):  # fmt: skip
+        self.problem = problem
+        self.middle = middle
+        self.made = made
+        self._known_floating: tuple[Stiffness, FloatingEqualities] | None = None
+
+    def at(self, point: np.ndarray) -> SystemAt:
+        """Equations at a point, (P,).
+
+        Raises:
+            NotSolvableError: if K is singular there, or an elastic constant impossible.
+        """
+        theta = self.problem.amplitudes(point)  # first, since it refuses impossible constants
+        problem, stiffness, loads = self.equations(point, theta)
+        return SystemAt(self, point, problem, stiffness, loads, problem.gaps @ theta)
+
+    @abstractmethod
+    def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
+        """The problem with rows and gaps, K, and own loads, (n,), at a point, (P,): all that systems differ in."""
+
+    def parts(self) -> Parts | None:
+        """Weights and own rows of matrices whose sum K is, (own, N) each; without weights one constant matrix.
+
+        None if K is no such sum. What reduces reads a system through its parts, and refuses one without.
+        """
+        return None
+
+    def explicit(self, point: np.ndarray, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Derivatives of the residual, (n, P), and of the slack, (m, P), while unknown and forces stay."""
+        problem = self.problem
+        acting, slopes = problem.amplitudes.slopes_at(point)
+        loads = problem.loads_of(problem.weights(point))
+        left = -(loads[problem.rows][:, acting] @ slopes)
+        theta = problem.amplitudes(point)
+        parts = zip(problem.moduli, problem.stiffness_terms, problem.lift_terms, strict=True) if problem.moduli else ()
+        for modulus, part, lift in parts:
+            left += np.outer(part @ unknown + lift[problem.rows] @ theta, modulus.derivative(point))
+        return left, problem.gaps[:, acting] @ slopes
+
+    @cached_property
+    def kernel(self) -> Kernel | None:
+        """Rigid motions that contact alone holds; None without any."""
+        motions = self.problem.rigid
+        if motions is None:
+            return None
+        return Kernel(motions, self.problem.contact @ motions, (self.problem.loads.T @ motions).T)
+
+    def floating_on(self, stiffness: Stiffness) -> FloatingEqualities:
+        """Equality problems with the kernel on S; those of the last stiffness again for the same one."""
+        from hhr_dolfinx.contact.floating import FloatingEqualities
+
+        known = self._known_floating
+        if known is None or known[0] is not stiffness:
+            assert self.kernel is not None
+            # in one assignment, since several threads may ask
+            self._known_floating = known = stiffness, FloatingEqualities(stiffness.schur, self.kernel.taken)
+        return known[1]
+
+
+class _OfParts(System):
+    """A system whose K is the sum of the parts of its problem."""
+
+    def parts(self) -> Parts:
+        """See :class:`System`."""
+        return self.problem.moduli, self.problem.stiffness_terms
+
+
+class ConstantSystem(_OfParts):
+    """Loads and gaps alone depend on parameters."""
+
+    anew = False
+
+    def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
+        """See :class:`System`."""
+        return self.problem, self.middle(), self._own_loads @ theta
+
+    @cached_property
+    def _own_loads(self) -> csc_matrix:
+        return self.problem.loads[self.problem.rows]
+
+
+class ScaledSystem(_OfParts):
+    """Moduli of whole bodies: a number times K of each, and nothing is factored.
+
+    Args:
+        bodies: these moduli.
+        given: see :class:`System`.
+    """
+
+    anew = False
+
+    def __init__(self, bodies: ScaledBodies, *given: Any):
+        super().__init__(*given)
+        self.bodies: ScaledBodies = bodies
+        self._last: tuple[np.ndarray, Stiffness] | None = None
+
+    def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
+        """See :class:`System`."""
+        problem = self.problem
+        return problem, self.stiffness(point), problem.spread.of(problem.loads_at(point, theta))
+
+    def stiffness(self, point: np.ndarray) -> Stiffness:
+        """K at a point, (P,): the last one again for the same moduli, so that an increment finds what is factored."""
+        scales = self.bodies.at(point)
+        last = self._last
+        if last is None or not np.array_equal(last[0], scales):
+            self._last = last = scales, self.middle().scaled(scales)  # in one assignment: several threads may ask
+        return last[1]
+
+
+class SummedSystem(_OfParts):
+    """A weighted sum of parts, which is factored."""
+
+    _last: tuple[np.ndarray, Stiffness] | None = None
+
+    def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
+        """See :class:`System`; along a path mostly loads change, and the last K serves again."""
+        problem = self.problem
+        weights = problem.weights(point)
+        last = self._last
+        if last is None or not np.array_equal(last[0], weights):
+            self._last = None  # K may be as large as all else
+            stiffness = self.made(problem.stiffness_of(weights), problem)
+            self._last = last = weights, stiffness
+        return problem, last[1], problem.loads_of(weights)[problem.rows] @ theta
+
+
+class ReassembledSystem(_OfParts):
+    """Assembled on the mesh of each point, where rows and gaps differ too; ``problem.reshaped`` has its parts."""
+
+    def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
+        """See :class:`System`."""
+        problem = self.problem.at(point)
+        return problem, self.made(problem.own_stiffness, problem), problem.loads[problem.rows] @ theta
+
+    def explicit(self, point: np.ndarray, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See :class:`System`; by central differences of what is assembled on meshes moved a little to either side."""
+
+        def residual_and_slack(moved: np.ndarray) -> np.ndarray:
+            problem = self.problem.at(moved)
+            theta = problem.amplitudes(moved)
+            residual = problem.stiffness @ unknown + problem.contact.T @ forces - problem.loads @ theta
+            return np.append(residual, problem.gaps @ theta - problem.contact @ unknown)
+
+        found = self.problem.parameters.differences(residual_and_slack, point, DIFFERENCE)
+        return found[: unknown.size], found[unknown.size :]
+
+
+def system_of(problem: ContactProblem, given: Callable[..., Any] | None, *makers: Any) -> System:
+    """The system of a problem: the one place that asks what of it depends on parameters.
+
+    Args:
+        problem: the problem.
+        given: makes a user-defined system of the problem and the makers; None for that of the bodies.
+        makers: ``middle`` and ``made`` of :class:`System`.
+
+    Raises:
+        SceneError: if ``given`` makes no system.
+    """
+    if given is not None:
+        found = given(problem, *makers)
+        if not isinstance(found, System):
+            raise SceneError(f"the system of a scene made {found!r}: it must make a System of the package")
+        return found
+    if problem.reshaped is not None:
+        return ReassembledSystem(problem, *makers)
+    if not problem.moduli:
+        return ConstantSystem(problem, *makers)
+    bodies = ScaledBodies.of(problem)
+    return SummedSystem(problem, *makers) if bodies is None else ScaledSystem(bodies, problem, *makers)

@@ -1,0 +1,90 @@
+"""Errors of outputs where the stiffness is constant: outputs of an answer less those of the exact one.
+
+The exact state is that of :mod:`hhr_dolfinx.models.bounds.difference`: rows of outputs times the exact field are rows
+times K^-1 loads and the lift, less rows times K^-1 B^T Λ, all of them as small as the contact surface.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any
+
+import numpy as np
+
+from hhr_dolfinx.declared import Floats
+from hhr_dolfinx.models.bounds.bound import CANCELLED, ROUND_OFF
+from hhr_dolfinx.models.functionals.functional import Functional, Functionals, State
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Answer
+
+MOST_ENTRIES = 4_000_000
+"""Rows of an output times contact conditions up to which it is read at the exact state: 32 MB."""
+
+
+def is_read(item: Functional, conditions: int) -> bool:
+    """Whether an output is read at the exact state, given the number of contact conditions."""
+    return item.count * conditions <= MOST_ENTRIES
+
+
+@dataclass(frozen=True)
+class OutputDifference:
+    """Arrays of the exact state, as outputs read it (n outputs, m conditions, 1 + T terms).
+
+    Attributes:
+        free: rows of the outputs that are read there, times the displacement without contact forces, (K', 1 + T).
+        pressed: the same rows times K^-1 B^T, (K', m).
+        least: a thousandth of the largest absolute value in training of each output, over which a relative error is
+            taken at least, (n,).
+    """
+
+    free: Annotated[Floats, "output rows", "terms"]
+    pressed: Annotated[Floats, "output rows", "N_lambda"]
+    least: Annotated[Floats, "outputs"]
+
+    def knows(self, item: Functional) -> bool:
+        """Whether an output has an estimate."""
+        return is_read(item, self.pressed.shape[1])
+
+    def least_of(self, functionals: Any, name: str) -> float:
+        """The least size of an output by its name."""
+        return float(self.least[[item.name for item in functionals.items].index(name)])
+
+    def fits(self, functionals: Any) -> bool:
+        """Whether these may be estimates of some outputs: sizes, and least ones that are not negative."""
+        rows = sum(item.count for item in functionals.items if self.knows(item))
+        return (
+            len(self.free) == rows and self.least.shape == (len(functionals.items),) and bool((self.least >= 0).all())
+        )
+
+    def errors(self, fields: Any, answer: Answer, forces: np.ndarray, exact: np.ndarray) -> dict[str, float]:
+        """Differences at an answer, with the round-off of what is subtracted, by the names of the outputs.
+
+        Args:
+            fields: what completes it, a :class:`~hhr_dolfinx.models.reconstruct.Reconstruction`.
+            answer: one that converged.
+            forces: as they are handed out, (m,).
+            exact: exact ones, (m,).
+        """
+        functionals: Functionals = fields.functionals
+        given = fields.amplitudes(answer.parameter)
+        theta = np.zeros(self.free.shape[1])
+        theta[given.terms] = given.values
+        own = fields.measured(answer, theta)
+        free = self.free @ theta
+        nearer = free - self.pressed @ exact
+        none = np.zeros_like(exact)
+        errors: dict[str, float] = {}
+        first = 0
+        for item, place in zip(functionals.items, functionals.places, strict=True):
+            if not self.knows(item):
+                continue
+            rows = slice(first, first + item.count)
+            first += item.count
+            states = (forces, own[place]), (exact, nearer[rows]), (none, free[rows])
+            value, there, unpressed = (
+                item.value(State(pressed, read, answer.parameter, theta, answer.stress)) for pressed, read in states
+            )
+            scale = abs(value) + abs(there) + CANCELLED * abs(unpressed)
+            errors[item.name] = abs(value - there) + ROUND_OFF * scale
+        return errors

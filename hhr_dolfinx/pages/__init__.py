@@ -1,1 +1,0 @@
-"""A model as one page that answers in a browser, without Python and without a network."""

@@ -1,0 +1,51 @@
+"""Commands by which other programs query a model: serve, dakota."""
+
+from __future__ import annotations
+
+from contextlib import suppress
+from pathlib import Path
+
+from hhr_dolfinx.command.speaking import guarded
+from hhr_dolfinx.command.words import KNOWN, examples
+from hhr_dolfinx.compat import extra
+
+with extra("study", "the command hhr"):
+    import click
+
+
+@click.command(epilog=examples("hhr serve model.npz", "hhr serve model.npz --host 127.0.0.1 --port 4242"))
+@click.argument("model", type=click.Path(path_type=Path))
+@click.option("--host", default="127.0.0.1", show_default=True, help="address to listen on; 0.0.0.0 is all of them")
+@click.option("--port", type=click.IntRange(0, 65535), default=4242, show_default=True, help="0 takes a free one")
+@click.option("--name", default="forward", show_default=True, help="name of the model, for clients")
+@KNOWN
+@guarded
+def serve(model: Path, host: str, port: int, name: str, known: tuple[str, ...]) -> None:
+    """Serve a model over HTTP, to clients of UM-Bridge, until Ctrl-C: values, gradients, products with the Jacobian.
+
+    Clients of this machine alone reach it, unless --host says otherwise: it asks nobody for a password.
+    """
+    from hhr_dolfinx.command.loading import model_of
+    from hhr_dolfinx.plugins.doors.um_bridge import Server
+
+    with Server(model_of(model, known), host, port, name) as server:
+        click.echo(f"model '{name}' is served at {server.url}, until Ctrl-C")
+        with suppress(KeyboardInterrupt):
+            server.serve_forever()
+
+
+@click.command(epilog=examples("hhr dakota model.npz params.in results.out"))
+@click.argument("model", type=click.Path(path_type=Path))
+@click.argument("parameters", type=click.Path(path_type=Path))
+@click.argument("results", type=click.Path(path_type=Path))
+@KNOWN
+@guarded
+def dakota(model: Path, parameters: Path, results: Path, known: tuple[str, ...]) -> None:
+    """Answer one evaluation of Dakota: analysis_drivers = 'hhr dakota model.npz' of its fork interface.
+
+    Its variables are parameters, its functions outputs of the scene, by their names; analytic gradients are exact.
+    """
+    from hhr_dolfinx.command.loading import model_of
+    from hhr_dolfinx.plugins.doors.dakota import answer_dakota
+
+    answer_dakota(model_of(model, known), parameters, results)

@@ -1,0 +1,296 @@
+"""A server of UM-Bridge, protocol 1.0, by which programs of uncertainty quantification evaluate a model over HTTP.
+
+One input, the parameters, and one output, the outputs of the scene; gradients and products with the Jacobian are exact.
+It needs the standard library alone, listens where it is told to, and answers whatever goes wrong by the protocol's
+``{"error": {"type": ..., "message": ...}}``.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import socket
+from collections.abc import Callable, Mapping
+from http import HTTPStatus
+from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.errors import FileError, HHRError, NotOfferedError, ParameterError
+from hhr_dolfinx.plugins.doors.function import OutputFunction
+from hhr_dolfinx.version import __version__
+
+VERSION = 1.0
+"""Of the protocol."""
+MOST_BYTES = 1_000_000
+"""Of a request: a point of a thousand parameters has some 20,000."""
+MOST_SKIPPED = 50 * MOST_BYTES
+"""Of a request that is too long: read away, piece by piece, before it is refused."""
+SECONDS = 60.0
+"""After which a client that sends nothing is left alone."""
+NAME = "forward"
+"""Under which clients find the model: the protocol's usual word for a map from parameters to outputs."""
+
+_log = logging.getLogger(__name__)
+Fields = dict[str, Any]
+
+
+class RequestError(Exception):
+    """A request without an answer, with its status in HTTP and its type in the protocol."""
+
+    def __init__(self, status: HTTPStatus, kind: str, message: str):
+        super().__init__(message)
+        self.status = status
+        self.kind = kind
+
+
+class Protocol:
+    """The answers to requests of UM-Bridge, without HTTP: fields of JSON in, fields of JSON out.
+
+    Args:
+        model: see :class:`~hhr_dolfinx.plugins.doors.function.OutputFunction`.
+        name: of the model, for clients.
+    """
+
+    def __init__(self, model: Any, name: str = NAME):
+        self.name = name
+        self.function = OutputFunction(model)
+        # the answer of inelastic bodies depends on a path, and has no derivatives
+        slopes = not model.flows
+        self.supported = {"Evaluate": True, "Gradient": slopes, "ApplyJacobian": slopes, "ApplyHessian": False}
+        self.posted: Mapping[str, Callable[[Fields], Fields]] = {
+            "/ModelInfo": self._info,
+            "/InputSizes": self._input_sizes,
+            "/OutputSizes": self._output_sizes,
+            "/Evaluate": self._evaluate,
+            "/Gradient": self._gradient,
+            "/ApplyJacobian": self._jacobian,
+        }
+
+    def get(self, path: str) -> Fields:
+        """Answer a GET request.
+
+        Raises:
+            RequestError: for another path than ``/Info``.
+        """
+        if path != "/Info":
+            raise self._unknown(path)
+        return {"protocolVersion": VERSION, "models": [self.name]}
+
+    def post(self, path: str, body: bytes) -> Fields:
+        """Answer a POST request.
+
+        Raises:
+            RequestError: for an unknown path or model, or fields that are missing or invalid, and for a point outside
+                of the box, outside of what was trained, or without an answer.
+        """
+        if path.removeprefix("/") in self.supported and not self.supported[path.removeprefix("/")]:
+            raise RequestError(HTTPStatus.BAD_REQUEST, "UnsupportedFeature", f"this model has no {path.strip('/')}")
+        if path not in self.posted:
+            raise self._unknown(path)
+        asked = _fields(body)
+        if asked.get("name") != self.name:
+            known = f"model {asked.get('name')!r} is not here: the model of this server is {self.name!r}"
+            raise RequestError(HTTPStatus.BAD_REQUEST, "ModelNotFound", known)
+        try:
+            return self.posted[path](asked)
+        except ParameterError as error:
+            raise _invalid(str(error)) from error
+        except NotOfferedError as error:
+            raise RequestError(HTTPStatus.BAD_REQUEST, "UnsupportedFeature", str(error)) from error
+        except HHRError as error:
+            raise RequestError(HTTPStatus.INTERNAL_SERVER_ERROR, "InvalidOutput", str(error)) from error
+
+    def _unknown(self, path: str) -> RequestError:
+        known = ", ".join(["/Info", *self.posted])
+        return RequestError(HTTPStatus.NOT_FOUND, "UnsupportedFeature", f"there is no {path[:80]!r}: there are {known}")
+
+    def _info(self, asked: Fields) -> Fields:
+        return {"support": self.supported}
+
+    def _input_sizes(self, asked: Fields) -> Fields:
+        return {"inputSizes": [len(self.function.names)]}
+
+    def _output_sizes(self, asked: Fields) -> Fields:
+        return {"outputSizes": [len(self.function.outputs)]}
+
+    def _evaluate(self, asked: Fields) -> Fields:
+        return {"output": [self.function(self._point(asked))[0].tolist()]}
+
+    def _gradient(self, asked: Fields) -> Fields:
+        """Weights of the outputs times the Jacobian."""
+        weights = _vector(asked, "sens", len(self.function.outputs))
+        return {"output": (weights @ self._slopes(asked)).tolist()}
+
+    def _jacobian(self, asked: Fields) -> Fields:
+        """The Jacobian times a direction."""
+        direction = _vector(asked, "vec", len(self.function.names))
+        return {"output": (self._slopes(asked) @ direction).tolist()}
+
+    def _slopes(self, asked: Fields) -> np.ndarray:
+        """The Jacobian, (K, P), at the point of a request for derivatives of the only output along the only input."""
+        for name in ("inWrt", "outWrt"):
+            if asked.get(name) != 0 or isinstance(asked[name], bool):
+                raise _invalid(f"{name} = {_shown(asked.get(name))} must be 0: there is one input and one output")
+        return self.function.jacobian(self._point(asked))
+
+    def _point(self, asked: Fields) -> np.ndarray:
+        """The point of a request, (P,)."""
+        given = asked.get("input")
+        if not isinstance(given, list) or len(given) != 1:
+            raise _invalid(f"input = {_shown(given)} must be a list of one list, the parameters {self.function.names}")
+        return _vector({"input[0]": given[0]}, "input[0]", len(self.function.names))
+
+
+def _fields(body: bytes) -> Fields:
+    """The fields of a request.
+
+    Raises:
+        RequestError: if it is not an object of JSON.
+    """
+    try:
+        asked = json.loads(body)
+    except (ValueError, RecursionError) as error:
+        raise _invalid(f"the request is not JSON ({type(error).__name__}: {str(error)[:200]})") from error
+    if not isinstance(asked, dict):
+        raise _invalid(f"the request must be an object of JSON, and is {_shown(asked)}")
+    return asked
+
+
+def _vector(asked: Fields, name: str, size: int) -> np.ndarray:
+    """Numbers of a field, (size,)."""
+    given = asked.get(name)
+    if not isinstance(given, list) or len(given) != size:
+        count = f" and has {len(given)}" if isinstance(given, list) else f" and is {_shown(given)}"
+        raise _invalid(f"{name} must be a list of length {size}{count}")
+    if not all(isinstance(value, int | float) and not isinstance(value, bool) for value in given):
+        raise _invalid(f"{name} = {_shown(given)} must hold numbers alone")
+    try:
+        return np.array(given, dtype=float)
+    except OverflowError:
+        raise _invalid(f"{name} = {_shown(given)} has a number that is too large") from None
+
+
+def _invalid(message: str) -> RequestError:
+    return RequestError(HTTPStatus.BAD_REQUEST, "InvalidInput", message)
+
+
+def _shown(value: Any) -> str:
+    """A value in a message, cut where it is long."""
+    text = repr(value)
+    return text if len(text) <= 80 else f"{text[:80]}..."
+
+
+class _Handler(BaseHTTPRequestHandler):
+    """Requests of one client, answered in a thread of its own."""
+
+    protocol_version = "HTTP/1.1"
+    server_version = f"hhr_dolfinx/{__version__}"
+    sys_version = ""
+    timeout = SECONDS
+    server: Server
+
+    def do_GET(self) -> None:
+        self._answer(lambda: self.server.protocol.get(self.path))
+
+    def do_POST(self) -> None:
+        self._answer(lambda: self.server.protocol.post(self.path, self._body()))
+
+    def _body(self) -> bytes:
+        """The body of a request, whose size is known and limited before it is read."""
+        text = self.headers.get("Content-Length", "")
+        if "Transfer-Encoding" in self.headers or not (text.isascii() and text.isdigit()):
+            raise self._unread(HTTPStatus.LENGTH_REQUIRED, "a request must have its Content-Length, and no chunks")
+        if len(text) > 9 or int(text) > MOST_BYTES:
+            self._skip(int(text[:9]))
+            size = f"a request of {text[:20]} bytes is more than the limit of {MOST_BYTES}"
+            raise self._unread(HTTPStatus.REQUEST_ENTITY_TOO_LARGE, f"{size}: send one point at a time")
+        return self.rfile.read(int(text))
+
+    def _skip(self, count: int) -> None:
+        """Let a client finish what it sends, within reason: one whose connection breaks never sees why."""
+        left = min(count, MOST_SKIPPED)
+        while left > 0 and (piece := self.rfile.read(min(left, MOST_BYTES))):
+            left -= len(piece)
+
+    def _unread(self, status: HTTPStatus, message: str) -> RequestError:
+        """An error after which the connection ends, as what follows on it is not the next request."""
+        self.close_connection = True
+        return RequestError(status, "InvalidInput", message)
+
+    def _answer(self, found: Callable[[], Fields]) -> None:
+        status = HTTPStatus.OK
+        try:
+            body = json.dumps(found(), allow_nan=False)
+        except RequestError as error:
+            status = error.status
+            body = _described(error.kind, str(error))
+        except TimeoutError:
+            self.close_connection = True
+            return
+        except Exception as error:
+            # a fault of the model must not cost the client its sentence, nor the server its life
+            _log.exception("an answer to %s failed", self.path)
+            status = HTTPStatus.INTERNAL_SERVER_ERROR
+            body = _described("InvalidOutput", f"{type(error).__name__}: {error}")
+        self._send(status, body)
+
+    def _send(self, status: int, body: str) -> None:
+        data = body.encode()
+        self.send_response(status)
+        self.send_header("Content-Type", "application/json")
+        self.send_header("Content-Length", str(len(data)))
+        if self.close_connection:
+            self.send_header("Connection", "close")
+        self.end_headers()
+        self.wfile.write(data)
+
+    def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
+        """Errors of HTTP itself, as the protocol has errors."""
+        self.close_connection = True
+        self._send(code, _described("InvalidInput", message or HTTPStatus(code).phrase))
+
+    def log_message(self, format: str, *args: Any) -> None:
+        """To the logger of the package, and not to the screen."""
+        _log.debug(format, *args)
+
+
+def _described(kind: str, message: str) -> str:
+    return json.dumps({"error": {"type": kind, "message": message}})
+
+
+class Server(ThreadingHTTPServer):
+    """A server of one model; ``serve_forever`` serves it until it is interrupted.
+
+    Args:
+        model: see :class:`~hhr_dolfinx.plugins.doors.function.OutputFunction`.
+        host: address to listen on: that of this machine alone, unless another one is given.
+        port: to listen on; 0 takes a free one.
+        name: of the model, for clients.
+
+    Attributes:
+        url: by which clients reach it.
+
+    Raises:
+        NotOfferedError: for a model of a scene without outputs.
+        FileError: if the address is not one of this machine, or the port is taken.
+    """
+
+    daemon_threads = True
+    request_queue_size = 128  # chains that run side by side ask at once; Python's five are turned away
+
+    def __init__(self, model: Any, host: str = "127.0.0.1", port: int = 4242, name: str = NAME):
+        self.protocol = Protocol(model, name)
+        self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
+        try:
+            super().__init__((host, port), _Handler)
+        except (OSError, OverflowError) as error:
+            why = getattr(error, "strerror", None) or error
+            raise FileError(f"{host} port {port} cannot be served ({why}): take another --host or --port") from error
+        shown = f"[{host}]" if ":" in host else host
+        self.url = f"http://{shown}:{self.server_address[1]}"
+
+    def handle_error(self, request: Any, client_address: Any) -> None:
+        """A client that went away is nothing for the screen."""
+        _log.debug("the connection of %s broke", client_address, exc_info=True)

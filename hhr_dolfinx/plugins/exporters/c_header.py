@@ -1,0 +1,345 @@
+"""A condensed model as one C header: its numbers and a small script that solves the contact problem (C99, libm alone).
+
+The arrays are those of a page, see :mod:`hhr_dolfinx.plugins.pages.arrays`; ``kernel.h`` says how they are used.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterable
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.errors import ModelFileWarning, NotOfferedError
+from hhr_dolfinx.files import replacing
+from hhr_dolfinx.plugins.pages.arrays import check_model, contact_tree
+from hhr_dolfinx.plugins.pages.packing import Packed
+from hhr_dolfinx.warn import warn
+
+MOST_NUMBERS = 4_000_000
+"""Of a header: 80 MB of text, such as S of 2,800 conditions."""
+_SIGNS = ("+", "-", "*", "/")
+_CALLS = {"^": "pow", "min": "model_min", "max": "model_max", "abs": "fabs"}
+"""Where C has another name for it."""
+
+
+def write_c_header(path: str | Path, model: Any) -> Path:
+    """Write a condensed model as a C header, whose names begin with that of the file.
+
+    Args:
+        path: of the header, ``.h``; its stem has to be an identifier of C.
+        model: that of ``hhr.condense``, ``hhr.reduce`` or a file, elastic, with friction too, or one that flows by
+            Plasticity.
+
+    Returns:
+        The path.
+
+    Raises:
+        NotOfferedError: for another kind of model, or one that is too large to be compiled.
+        FileError: if the file cannot be written.
+
+    Warns:
+        ModelFileWarning: if some outputs are not read in C.
+    """
+    text, _ = c_header(model, Path(path).stem)
+    with replacing(path, text=True) as file:
+        file.write(text)
+    return Path(path)
+
+
+def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
+    """The header, with ``name`` in the place of ``model``, and the tree that it was made of."""
+    if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
+        raise NotOfferedError(f"{name!r} is no identifier of C, from which names of the header are made: name it else")
+    check_model(model, "a header")
+    arrays = Packed()
+    tree = contact_tree(model, arrays)
+    if tree["flow"]:  # which a page may keep with fewer digits
+        arrays.put(tree["flow"]["per_force"], model.flow.per_force)
+    count = sum(array.size for array in arrays.arrays.values())
+    if count > MOST_NUMBERS:
+        raise NotOfferedError(
+            f"a header of {count} numbers takes a compiler too long, {MOST_NUMBERS} are the most: take a coarser mesh"
+        )
+    if tree["missing"]:
+        warn(
+            f"{', '.join(tree['missing'])} stay out of C: outputs that read displacements where stiffness or shape "
+            "varies, areas where shapes do, or squares of stress and strain are read in Python alone",
+            ModelFileWarning,
+            stacklevel=3,
+        )
+    data = _Data(tree, arrays.arrays)
+    text = kernel_file("kernel.h").replace("MODEL_TITLE", name)
+    needs = {name: tree[name] for name in ("friction", "floating", "flow")} | {"springs": tree["floating"]}
+    for part, needed in needs.items():
+        text = text.replace(f"/*{part.upper()}*/", kernel_file(f"{part}.h") if needed else "")
+    text = text.replace("/*DATA*/", data.text())
+    own = {"model_": f"{name}_", "MODEL_": f"{name.upper()}_"}
+    # what is quoted are words of the scene
+    return re.sub(r'"[^"\n]*"|\b(?:model_|MODEL_)', lambda found: own.get(found[0], found[0]), text), tree
+
+
+def box_of(tree: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
+    """Ends of the box, (P,) each: that of the parameters, or what the model was trained on within it."""
+    lower = np.array(tree["lower"])
+    upper = np.array(tree["upper"])
+    if tree["trained"] is None:
+        return lower, upper
+    return np.maximum(lower, tree["trained"][0]), np.minimum(upper, tree["trained"][1])
+
+
+def kernel_file(name: str) -> str:
+    """A file of C that goes along with this one."""
+    return (resources.files(__package__) / name).read_text(encoding="utf-8")
+
+
+def formula(steps: list[Any]) -> str:
+    """Expression of C, of the parameters ``p``, from operations of ``plugins.pages.packing.steps_of``."""
+    stack: list[str] = []
+    for step in steps:
+        if isinstance(step, float):
+            stack.append(f"({step!r})")
+        elif isinstance(step, list) and step[0] == "p":
+            stack.append(f"p[{step[1]}]")
+        elif isinstance(step, list):
+            values = stack[-step[1] :]
+            del stack[-step[1] :]
+            stack.append(f"model_table({step[1]}, (const double[]){{{', '.join(values)}}})")
+        elif step in _SIGNS or step in ("^", "min", "max"):
+            second = stack.pop()
+            first = stack.pop()
+            stack.append(f"({first} {step} {second})" if step in _SIGNS else f"{_CALLS[step]}({first}, {second})")
+        else:
+            only = stack.pop()
+            stack.append(f"(-{only})" if step == "neg" else f"{_CALLS.get(step, step)}({only})")
+    return stack[0]
+
+
+class _Data:
+    """Arrays, formulas and records of a header."""
+
+    def __init__(self, tree: dict[str, Any], arrays: dict[str, np.ndarray]):
+        self.tree = tree
+        self.arrays = arrays
+        self.parts: list[str] = []
+        self.formulas = 0
+
+    def text(self) -> str:
+        """All of it, in an order in which C may read it."""
+        tree = self.tree
+        amplitudes = [self._amplitude(item) for item in tree["amplitudes"]["others"]]
+        limits = [self._limit(item) for item in tree["limits"]]
+        components = [self._component(item) for item in tree["parts"]]
+        outputs = [self._output(item) for item in tree["outputs"]]
+        reshaped = self._interpolant(tree["reshaped"]) if tree.get("reshaped") else "{0}"
+        pairs = self.arrays[tree["groups"]] if tree["groups"] else np.zeros(tree["m"], dtype=int)
+        places = np.unique(pairs, return_inverse=True)[1]
+        constant = tree["schur"] is not None
+        own = [
+            *(self._flow(tree["flow"]) if tree["flow"] else ()),
+            *(self._friction(tree["friction"]) if tree["friction"] else ()),
+            *(self._floating(tree["floating"]) if tree["floating"] else ()),
+            self._array("pairs", places),
+            self._array("constant", self.arrays[tree["amplitudes"]["constant"]]),
+            self._array("slopes", self.arrays[tree["amplitudes"]["slopes"]]),
+            self._array("schur", self.arrays[tree["schur"]] if constant else np.zeros(1)),
+            self._array("gaps", self._gaps),
+            self._records("amplitude", "others", amplitudes),
+            self._records("limit", "limits", limits),
+            self._records("part", "parts", components),
+            self._records("output", "outputs", outputs),
+            f"static const model_interpolant model_reshaped = {reshaped};",
+        ]
+        return "\n".join([*self._sizes(places), *self._names(), *self.parts, *own])
+
+    @property
+    def _gaps(self) -> np.ndarray:
+        """Gaps, or the free slack of a constant S, as terms of θ."""
+        tree = self.tree
+        return self.arrays[(tree["flow"] or tree)["gaps" if tree["schur"] is None else "free_slack"]]
+
+    def _path(self, fixed: list[int]) -> list[str]:
+        """What stays on a path, and the whole box, in which it begins."""
+        ends = {name: np.array(self.tree[name]) for name in ("lower", "upper")}
+        own = [self._array(f"box_{name}", values) for name, values in ends.items()]
+        return [self._array("fixed", np.array(fixed, dtype=int)), *own]
+
+    def _flow(self, item: dict[str, Any]) -> list[str]:
+        """Arrays of an increment, and the laws of bodies."""
+        same = {name: name for name in ("per_mode", "per_force", "forced", "given", "moved", "modal", "coupled")}
+        names = same | {"pressed": "pressed", "weights": "weights", "flow_schur": "schur", "share_of": "parts"}
+        bodies = []
+        for group in item["groups"]:
+            law = group["law"] or (None, None)
+            functions = {"young": group["young"], "yields": law[0], "hardens": law[1]}
+            words = ", ".join(f".{name} = {self._function(steps)}" for name, steps in functions.items())
+            bodies.append(f"{{{words}, .poisson = {group['poisson']!r}, .points = {group['points']}}}")
+        moduli = [f"{{{self._function(steps)}}}" for steps in item["moduli"]]
+        return [
+            *(self._array(name, self.arrays[item[key]]) for name, key in names.items()),
+            self._array("mode_share", self.arrays[item["mode_parts"]]),
+            self._array("middle", np.array(item["middle"], dtype=float)),
+            *self._path(item["fixed"]),
+            self._records("body", "bodies", bodies),
+            "static const model_modulus model_moduli[] = {" + (", ".join(moduli) or "{0}") + "};",
+        ]
+
+    def _friction(self, item: dict[str, Any]) -> list[str]:
+        """Rows of friction, and its laws."""
+        laws = [f"{{{self._function(one)}, {self._function(other)}}}" for one, other in item["laws"]]
+        rows = {"normal": "normal", "tangential": "tangential", "owner": "owner", "law_of": "law", "twice": "twice"}
+        return [
+            *(self._array(name, self.arrays[item[key]]) for name, key in rows.items()),
+            self._array("along", self._starts(item)),
+            self._array("area", self.arrays[item["area"]]),
+            *self._path(item["fixed"]),
+            self._records("law", "laws", laws),
+        ]
+
+    def _floating(self, item: dict[str, Any]) -> list[str]:
+        """What rigid motions take, what drives them, their units, and what springs let them go."""
+        taken, driving = (self.arrays[item[key]] for key in ("taken", "driving"))
+        places = np.arange(len(taken))
+        size = float(np.abs(self.arrays[self.tree["schur"]][places * (places + 3) // 2]).mean() or 1.0)
+        scales = {"units": np.abs(taken).max(axis=0), "pushes": (taken**2).mean(axis=0)}
+        values = {name: size / np.where(scale > 0, scale, 1.0) for name, scale in scales.items()}
+        return [self._array(name, array) for name, array in ({"taken": taken, "driving": driving} | values).items()]
+
+    def _starts(self, item: dict[str, Any]) -> np.ndarray:
+        """Where the tangential rows of each contact begin, and the last one's end."""
+        contacts = np.arange(self.arrays[item["normal"]].size + 1)
+        return np.searchsorted(self.arrays[item["owner"]], contacts)
+
+    def _sizes(self, places: np.ndarray) -> Iterable[str]:
+        tree = self.tree
+        rubs = tree["friction"]
+        grids = [*tree["parts"], *([tree["reshaped"]] if tree.get("reshaped") else [])]
+        constant = tree["schur"] is not None
+        sizes = {
+            "PARAMETERS": len(tree["names"]),
+            "CONDITIONS": tree["m"],
+            "OUTPUTS": len(tree["outputs"]),
+            "TERMS": self._gaps.shape[1],
+            "AFFINE": len(self.arrays[tree["amplitudes"]["constant"]]),
+            "OTHERS": len(tree["amplitudes"]["others"]),
+            "LIMITS": len(tree["limits"]),
+            "PARTS": len(tree["parts"]),
+            "GROUPS": int(places.max()) + 1,
+            "CONSTANT": int(constant),
+            "LONGEST": max([1, *(len(self.arrays[grid["weights"]]) for grid in grids)]),
+            "NODES": max([1, *(len(grid["nodes"]) for grid in grids)]),
+            "RUBS": int(rubs is not None),
+            "FLOWS": int(tree["flow"] is not None),
+            "MOTIONS": self.arrays[tree["floating"]["taken"]].shape[1] if tree["floating"] else 0,
+        }
+        if rubs is not None:
+            rows = {"CONTACTS": "normal", "TANGENTS": "tangential", "TWICE": "twice"}
+            sizes |= {name: self.arrays[rubs[key]].size for name, key in rows.items()}
+        if tree["flow"]:
+            sizes |= self._flow_sizes(tree["flow"])
+        if paths := rubs or tree["flow"]:
+            sizes["FIXED_COUNT"] = len(paths["fixed"])
+        return [f"#define MODEL_{name} {size}" for name, size in sizes.items()]
+
+    def _flow_sizes(self, item: dict[str, Any]) -> dict[str, int]:
+        """Of modes, and of points at which laws are evaluated."""
+        modes, size = self.arrays[item["per_mode"]].shape
+        points = self.arrays[item["parts"]].size
+        return {
+            "MODES": modes, "POINTS": points, "COMPONENTS": size // points, "BODIES": len(item["groups"]),
+            "SHARES": len(self.arrays[item["schur"]]), "MODULI": len(item["moduli"]),
+        }  # fmt: skip
+
+    def _names(self) -> Iterable[str]:
+        """Names, units and the box."""
+        tree = self.tree
+        lower, upper = box_of(tree)
+        words = {
+            "parameter_names": tree["names"],
+            "output_names": [item["name"] for item in tree["outputs"]],
+            "output_units": [item["unit"] for item in tree["outputs"]],
+        }
+        for name, values in words.items():
+            quoted = ", ".join(_quoted(value) for value in values) or "0"
+            yield f"static const char *const model_{name}[] = {{{quoted}}};"
+        yield self._array("lower", lower)
+        yield self._array("upper", upper)
+
+    def _array(self, name: str, values: np.ndarray) -> str:
+        whole = values.dtype.kind in "iu"
+        numbers = [str(value) if whole else repr(value) for value in values.ravel().tolist()] or ["0"]
+        lines = [", ".join(numbers[k : k + 8]) for k in range(0, len(numbers), 8)]
+        return f"static const {'int' if whole else 'double'} model_{name}[] = {{\n" + ",\n".join(lines) + "};"
+
+    def _put(self, name: str, values: Any = None) -> str:
+        """An array of its own; returns its name in C."""
+        self.parts.append(self._array(name, self.arrays[name] if values is None else np.array(values)))
+        return f"model_{name}"
+
+    def _function(self, steps: list[Any] | None) -> str:
+        """A function of the parameters; returns its name in C."""
+        if steps is None:
+            return "0"
+        name = f"model_formula{self.formulas}"
+        self.formulas += 1
+        self.parts.append(f"static double {name}(const double *p) {{ (void)p; return {formula(steps)}; }}")
+        return name
+
+    def _records(self, kind: str, name: str, records: list[str]) -> str:
+        return f"static const model_{kind} model_{name}[] = {{" + (",\n".join(records) or "{.count = 0}") + "};"
+
+    def _limit(self, item: dict[str, Any]) -> str:
+        high = "HUGE_VAL" if item["high"] is None else repr(item["high"])
+        return f"{{.value = {self._function(item['steps'])}, .low = {item['low']!r}, .high = {high}}}"
+
+    def _amplitude(self, item: dict[str, Any]) -> str:
+        if item["kind"] == "formula":
+            return f"{{.value = {self._function(item['steps'])}}}"
+        positions = item["positions"]
+        slopes = self._put(f"{positions}_slopes", item["slopes"])
+        return (
+            f"{{.positions = {self._put(positions)}, .slopes = {slopes}, .constant = {item['constant']!r}, "
+            f".count = {self.arrays[positions].size}, .degree = {item['degree']}, .extent = {item['extent']}}}"
+        )
+
+    def _interpolant(self, item: dict[str, Any]) -> str:
+        name = item["levels"].removesuffix("levels")
+        rank, grid = self.arrays[item["weights"]].shape
+        own = {"axes": self._put(f"{name}axes", np.array(item["axes"], dtype=int))}
+        own |= {key: self._put(f"{name}{key}", item[key]) for key in ("lower", "upper", "nodes")}
+        own |= {key: self._put(item[key]) for key in ("levels", "weights", "modes")}
+        fields = ", ".join(f".{key} = {value}" for key, value in own.items())
+        counts = (
+            f".axes_count = {len(item['axes'])}, .nodes_count = {len(item['nodes'])}, .grid = {grid}, .rank = {rank}"
+        )
+        return f"{{{fields}, {counts}}}"
+
+    def _component(self, item: dict[str, Any]) -> str:
+        arrays = ", ".join(f".{key} = {self._put(item[key])}" for key in ("conditions", "terms", "columns"))
+        count, terms = (self.arrays[item[key]].size for key in ("conditions", "terms"))
+        return (
+            f"{{.interpolant = {self._interpolant(item)}, .factor = {self._function(item['factor'])}, {arrays}, "
+            f".count = {count}, .terms_count = {terms}, .forced = {item['forced']}}}"
+        )
+
+    def _output(self, item: dict[str, Any]) -> str:
+        if item["kind"] == "linear":
+            names = {key: item[key] for key in ("forces", "terms", "motions") if key in item} | item.get("moved", {})
+            return "{" + ", ".join(f".{key} = {self._put(name)}" for key, name in names.items()) + "}"
+        own = f"{{.conditions = {self._put(item['conditions'])}, .areas = {self._put(item['areas'])}, "
+        own += f".count = {self.arrays[item['conditions']].size}, "
+        if item["kind"] == "largest":
+            return own + ".largest = 1}"
+        return own + f".offset = {item['offset']!r}, .factor = {item['factor']!r}, .least = {item['least']!r}}}"
+
+
+def _quoted(text: str) -> str:
+    """Text as C has it, in ASCII: others as escapes of their bytes, each in quotes of its own."""
+    found = "".join(
+        chr(byte) if 32 <= byte < 127 and chr(byte) not in '"\\?' else f'\\x{byte:02x}""'
+        for byte in text.encode(errors="replace")
+    )
+    return f'"{found}"'

@@ -1,0 +1,214 @@
+"""The problem of one parameter as a deck for CalculiX or Abaqus, so that a scene can be checked in another code.
+
+Loads are nodal forces and imposed displacements are numbers: what is checked is mesh, materials, supports and contact.
+Contact is by penalty, surface to surface: CalculiX does not converge node to surface where nodes face edges, as on
+matching meshes. Its stiffness is in the deck to be changed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx.compat import topology
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.files import replacing
+from hhr_dolfinx.geometries.cells import CORNERS, EDGES, FACES, TENSOR
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.discretisation import Discretisation
+
+PENALTY = 100.0
+"""Stiffness of the contact over the largest Young's modulus and the length of a facet."""
+STICK = 0.1
+"""Stiffness by which a contact sticks, over that of its pressure."""
+_ELEMENTS = {
+    "plane_strain": {"triangle": "CPE3", "quadrilateral": "CPE4"},
+    "plane_stress": {"triangle": "CPS3", "quadrilateral": "CPS4"},
+    "axisymmetric": {"triangle": "CAX3", "quadrilateral": "CAX4"},
+    "solid": {"tetrahedron": "C3D4", "hexahedron": "C3D8"},
+}
+_ELEMENTS_OF_SECOND_ORDER = {
+    "plane_strain": "CPE6", "plane_stress": "CPS6", "axisymmetric": "CAX6", "solid": "C3D10",
+}  # fmt: skip
+
+
+def write_deck(path: Path, discretisation: Discretisation, mu: Any) -> None:
+    """Write the deck of a scene at a parameter.
+
+    Raises:
+        SceneError: for what a deck cannot say: flow, shapes, gradings, rigid obstacles, gaps that are added.
+    """
+    scene = discretisation.scene
+    point = scene.parameters.point(mu)
+    _check(discretisation, point)
+    problem = discretisation.contact_problem(*discretisation.stiffness_terms())
+    lines = ["*HEADING", f"{scene.name} at {scene.parameters.described(point)}", *_mesh(discretisation)]
+    lines += [*_materials(discretisation, point), *_contacts(discretisation, point)]
+    lines += _step(discretisation, problem, point)
+    with replacing(path, text=True) as file:
+        file.write("\n".join(lines) + "\n")
+
+
+def _check(discretisation: Discretisation, point: np.ndarray) -> None:
+    scene = discretisation.scene
+    faults = {
+        "cells of second order have nodes in the middle of faces": (
+            discretisation.order > 1 and discretisation.mesh.topology.cell_name() in TENSOR
+        ),
+        "bodies flow": any(body.law is not None for body in scene.bodies),
+        "K is that of a user's system": scene.system is not None,
+        "shapes depend on parameters": bool(scene.shapes),
+        "bodies are graded": any(body.grading is not None for body in scene.bodies),
+        "bodies have a stress of their own": any(body.stress is not None for body in scene.bodies),
+        "a surface meets a rigid obstacle": any(len(item.tags) == 1 for item in scene.contacts),
+        "a contact has a limit of friction": any(law is not None and law.limit is not None for law in scene.friction),
+        "gaps are added": any(scene.opened(k, point) for k in range(len(scene.contacts))),
+    }
+    for fault, there in faults.items():
+        if there:
+            raise SceneError(f"{fault} in scene '{scene.name}', which a deck cannot say: export it without")
+
+
+def _mesh(discretisation: Discretisation) -> Iterator[str]:
+    """Nodes, elements by body, and nodes of what is held, moved or loaded."""
+    points = discretisation._points()
+    cells = _cells(discretisation)
+    hypothesis = discretisation.scene.hypothesis
+    kind = _ELEMENTS[hypothesis][discretisation.mesh.topology.cell_name()]
+    if discretisation.order > 1:
+        kind = _ELEMENTS_OF_SECOND_ORDER[hypothesis]
+    yield "*NODE, NSET=NALL"
+    for number, place in enumerate(points, start=1):
+        yield ", ".join([str(number), *(_text(x) for x in place)])
+    owner = discretisation.cell_bodies()
+    for place, body in enumerate(discretisation.scene.bodies):
+        yield f"*ELEMENT, TYPE={kind}, ELSET={_word(body.tag)}"
+        for number in np.flatnonzero(owner == place).tolist():
+            yield ", ".join(str(n) for n in (number + 1, *(cells[number] + 1)))
+    scene = discretisation.scene
+    dim = points.shape[1]
+    tags = [item.tag for item in scene.displacements] + [getattr(load, "tag", None) for load in scene.loads]
+    bodies = {body.tag for body in scene.bodies}
+    for tag in dict.fromkeys(tag for tag in tags if tag is not None and tag not in bodies):
+        nodes = np.unique(discretisation._tagged_dofs(tag, 0) // dim) + 1
+        yield f"*NSET, NSET={_word(tag)}"
+        yield from (", ".join(map(str, part)) for part in np.array_split(nodes, -(-nodes.size // 12)) if part.size)
+
+
+def _cells(discretisation: Discretisation) -> np.ndarray:
+    """Nodes of the cells as Abaqus lists them, which in the plane turn to the left."""
+    cells = discretisation._cell_nodes()
+    kind = discretisation.mesh.topology.cell_name()
+    if discretisation.order > 1:
+        corners = _oriented(discretisation, cells[:, : CORNERS[kind]].copy())
+        return np.hstack([corners, _between(kind, cells, corners)])
+    return _oriented(discretisation, cells[:, TENSOR[kind]] if kind in TENSOR else cells.copy())
+
+
+def _between(kind: str, cells: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Nodes on the edges of cells of second order, (cells, edges), by the order of their corners, (cells, corners)."""
+    known: dict[tuple[int, ...], int] = {}
+    for place, edge in enumerate(topology(kind)[0]):
+        ends = np.sort(cells[:, edge], axis=1)
+        known |= dict(zip(map(tuple, ends.tolist()), cells[:, CORNERS[kind] + place].tolist(), strict=True))
+    wanted = (np.sort(corners[:, edge], axis=1).tolist() for edge in EDGES[kind])
+    return np.array([[known[tuple(ends)] for ends in edge] for edge in wanted]).T
+
+
+def _oriented(discretisation: Discretisation, cells: np.ndarray) -> np.ndarray:
+    """Corners of cells, those in the plane turning to the left, those in space outward."""
+    points = discretisation._points()[cells]
+    if points.shape[2] == 2:
+        first = points[:, 1] - points[:, 0]
+        last = points[:, -1] - points[:, 0]
+        left = first[:, 0] * last[:, 1] - first[:, 1] * last[:, 0] > 0
+        cells[~left] = cells[~left][:, ::-1]
+        return cells
+    others = (points[:, k] - points[:, 0] for k in ((1, 2, 3) if points.shape[1] == 4 else (1, 3, 4)))
+    outward = np.linalg.det(np.stack(list(others), axis=1)) > 0
+    order = [0, 2, 1, 3] if points.shape[1] == 4 else [0, 3, 2, 1, 4, 7, 6, 5]
+    cells[~outward] = cells[~outward][:, order]
+    return cells
+
+
+def _word(tag: Any) -> str:
+    """A tag as a name that decks may have: one word that begins with a letter."""
+    word = "".join(letter if letter.isalnum() else "_" for letter in str(tag))
+    return word if word[:1].isalpha() else f"tag_{word}"
+
+
+def _materials(discretisation: Discretisation, point: np.ndarray) -> Iterator[str]:
+    for body in discretisation.scene.bodies:
+        name = _word(body.tag)
+        young, poisson = (_number(value, discretisation, point) for value in (body.young, body.poisson))
+        yield from (f"*MATERIAL, NAME=M{name}", "*ELASTIC", f"{_text(young)}, {_text(poisson)}")
+        yield f"*SOLID SECTION, ELSET={name}, MATERIAL=M{name}"
+        if discretisation.mesh.geometry.dim == 2 and discretisation.scene.hypothesis != "axisymmetric":
+            yield "1.0"
+
+
+def _text(value: float) -> str:
+    """A number as exactly as the twenty places allow that CalculiX reads."""
+    whole = repr(float(value))
+    return whole if len(whole) <= 20 else f"{value:.13e}"
+
+
+def _number(value: float | str, discretisation: Discretisation, point: np.ndarray) -> float:
+    """A constant at a parameter."""
+    if not isinstance(value, str):
+        return float(value)
+    from hhr_dolfinx.formulas import Scalar
+
+    return float(Scalar(value, discretisation.scene.parameters.names).value(point))
+
+
+def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str]:
+    """Surfaces by faces of elements, and pairs of them."""
+    cells = _cells(discretisation)
+    kind = discretisation.mesh.topology.cell_name()
+    corners = np.array(FACES[kind])
+    faces = {tuple(sorted(face)): (cell + 1, k + 1)
+             for cell, nodes in enumerate(cells) for k, face in enumerate(nodes[corners].tolist())}  # fmt: skip
+    scene = discretisation.scene
+    sizes = []
+    for tag in dict.fromkeys(tag for item in scene.contacts for tag in item.tags):
+        surface = discretisation.surface(tag)
+        sizes.append(float(surface.sizes.mean()) ** (1 / (len(surface.points[0]) - 1)))
+        yield f"*SURFACE, NAME={_word(tag)}, TYPE=ELEMENT"
+        facets = surface.facets if surface.quadratic is None else surface.quadratic.corners
+        for facet in surface.nodes[facets].tolist():
+            number, face = faces[tuple(sorted(facet))]
+            yield f"{number}, S{face}"
+    stiffest = max(_number(body.young, discretisation, point) for body in scene.bodies)
+    penalty = PENALTY * stiffest / min(sizes)
+    for place, (item, law) in enumerate(zip(scene.contacts, scene.friction, strict=True)):
+        yield from (f"*SURFACE INTERACTION, NAME=CONTACT{place}", "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR")
+        yield f"{penalty:.6e}, {1e-6 * stiffest:.6e}"
+        coefficient = 0.0
+        if law is not None and law.coefficient is not None:
+            coefficient = _number(law.coefficient, discretisation, point)
+        if coefficient > 0.0:  # CalculiX refuses zero
+            yield from ("*FRICTION", f"{coefficient:.6g}, {STICK * penalty:.6e}")
+        yield f"*CONTACT PAIR, INTERACTION=CONTACT{place}, TYPE=SURFACE TO SURFACE"
+        yield f"{_word(item.tags[0])}, {_word(item.tags[1])}"
+
+
+def _step(discretisation: Discretisation, problem: ContactProblem, point: np.ndarray) -> Iterator[str]:
+    """Imposed displacements, nodal forces, and what is printed."""
+    theta = problem.amplitudes(point)
+    dim = problem.block_size
+    yield from ("*STEP, INC=200", "*STATIC", "0.1, 1.0, 1e-6, 0.2", "*BOUNDARY")
+    moved = np.asarray(problem.lifts @ theta)
+    for dof in np.flatnonzero(~problem.free):
+        yield f"{dof // dim + 1}, {dof % dim + 1}, {dof % dim + 1}, {_text(moved[dof])}"
+    forces = np.asarray(problem.external @ theta)
+    if np.any(forces):
+        yield "*CLOAD"
+        for dof in np.flatnonzero(forces):
+            yield f"{dof // dim + 1}, {dof % dim + 1}, {_text(forces[dof])}"
+    yield from ("*NODE PRINT, NSET=NALL", "U", "*NODE FILE", "U", "*EL FILE", "S", "*END STEP")

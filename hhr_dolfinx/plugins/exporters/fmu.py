@@ -1,0 +1,155 @@
+"""A condensed model as a unit for co-simulation, FMI 3.0 (Modelica Association, 2022): an archive with a description,
+the C sources, and what a compiler makes of them here. Parameters are inputs; a step is an answer, or an increment."""
+
+from __future__ import annotations
+
+import hashlib
+import platform
+import subprocess
+import tempfile
+import zipfile
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+from hhr_dolfinx.errors import MissingPackageError, NotOfferedError
+from hhr_dolfinx.files import replacing
+from hhr_dolfinx.plugins.exporters.c_header import box_of, c_header, kernel_file
+from hhr_dolfinx.timing import today
+from hhr_dolfinx.version import __version__
+
+IDENTIFIER = "model"
+"""Name of the unit's code, and of the prefix of its functions."""
+_SYSTEMS = {"Linux": ("linux", ".so"), "Darwin": ("darwin", ".dylib")}
+_MACHINES = {"arm64": "aarch64", "AMD64": "x86_64"}
+
+
+def write_fmu(path: str | Path, model: Any, compiler: str = "cc") -> Path:
+    """Write a condensed model as an FMU.
+
+    Args:
+        path: of the archive, ``.fmu``.
+        model: that of ``hhr.condense``, ``hhr.reduce`` or a file; with friction, and where bodies flow, a step is
+            an increment, and moduli and laws are fixed. Its scene has outputs.
+        compiler: a C compiler that takes the words of gcc.
+
+    Returns:
+        The path.
+
+    Raises:
+        NotOfferedError: for another kind of model, one without outputs, and on a system that is none of ours.
+        MissingPackageError: without a compiler.
+        FileError: if the file cannot be written.
+    """
+    header, tree = c_header(model, IDENTIFIER)
+    _check_names(tree)
+    token = hashlib.sha256(header.encode()).hexdigest()[:32]
+    sources = {"fmu.c": f'#define MODEL_TOKEN "{token}"\n' + kernel_file("fmu.c"), "model.h": header}
+    system, ending = _system()
+    with replacing(path) as file, zipfile.ZipFile(file, "w", zipfile.ZIP_DEFLATED) as archive:
+        archive.writestr("modelDescription.xml", description(tree, Path(path).stem, token))
+        archive.writestr("sources/buildDescription.xml", _build_description())
+        for name, text in sources.items():
+            archive.writestr(f"sources/{name}", text)
+        archive.writestr(f"binaries/{system}/{IDENTIFIER}{ending}", _compiled(sources, compiler))
+    return Path(path)
+
+
+def _check_names(tree: dict[str, Any]) -> None:
+    """Raise NotOfferedError where there is no output, or names are none of FMI."""
+    if not tree["outputs"]:
+        why = f": {', '.join(tree['missing'])} are read in Python alone" if tree["missing"] else ""
+        raise NotOfferedError(
+            f"a unit hands out numbers, and this model has no outputs for it{why}. Name some in Scene(..., outputs=...)"
+        )
+    names = ["time", *tree["names"], *(item["name"] for item in tree["outputs"])]
+    if twice := sorted({name for name in names if names.count(name) > 1}):
+        raise NotOfferedError(f"variables of a unit have names of their own, and {twice} are there twice: rename them")
+    words = names + [item["unit"] for item in tree["outputs"]]
+    if odd := [word for word in words if word and not word.isprintable()]:
+        raise NotOfferedError(f"names of a unit are printed, and {odd} cannot be: rename them")
+
+
+def description(tree: dict[str, Any], name: str, token: str) -> bytes:
+    """The file modelDescription.xml."""
+    lower, upper = (ends.tolist() for ends in box_of(tree))
+    root = ElementTree.Element(
+        "fmiModelDescription",
+        fmiVersion="3.0",
+        modelName=name,
+        instantiationToken=token,
+        generationTool=f"hhr_dolfinx {__version__}",
+        description=f"A contact problem, condensed to {tree['m']} conditions; made {today()}",
+    )
+    path = tree["friction"] or tree["flow"]
+    ElementTree.SubElement(
+        root,
+        "CoSimulation",
+        modelIdentifier=IDENTIFIER,
+        canHandleVariableCommunicationStepSize="true",
+        providesDirectionalDerivatives="false" if path else "true",
+    )
+    units = dict.fromkeys(item["unit"] for item in tree["outputs"] if item["unit"])
+    if units:
+        defined = ElementTree.SubElement(root, "UnitDefinitions")
+        for unit in units:
+            ElementTree.SubElement(defined, "Unit", name=unit)
+    variables = ElementTree.SubElement(root, "ModelVariables")
+    ElementTree.SubElement(
+        variables, "Float64", name="time", valueReference="0", causality="independent", variability="continuous"
+    )
+    for k, parameter in enumerate(tree["names"]):
+        words = {"min": repr(lower[k]), "max": repr(upper[k]), "start": repr((lower[k] + upper[k]) / 2)}
+        stays = path is not None and k in path["fixed"]
+        _variable(variables, parameter, 1 + k, "parameter" if stays else "input", words)
+    first = 1 + len(tree["names"])
+    structure = ElementTree.SubElement(root, "ModelStructure")
+    for kind in ("Output", "InitialUnknown"):
+        for k in range(len(tree["outputs"])):
+            # on a path outputs are those of the last step, whatever the inputs
+            ways = range(1, 1 if path and kind == "Output" else first)
+            inputs = " ".join(str(place) for place in ways)
+            ElementTree.SubElement(structure, kind, valueReference=str(first + k), dependencies=inputs)
+    for k, output in enumerate(tree["outputs"]):
+        _variable(variables, output["name"], first + k, "output", {"unit": output["unit"]} if output["unit"] else {})
+    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+
+
+def _variable(parent: ElementTree.Element, name: str, place: int, causality: str, words: dict[str, str]) -> None:
+    variability = "fixed" if causality == "parameter" else "continuous"
+    own = {"name": name, "valueReference": str(place), "causality": causality, "variability": variability}
+    ElementTree.SubElement(parent, "Float64", own | words)
+
+
+def _build_description() -> bytes:
+    """The file buildDescription.xml: how the sources are compiled elsewhere."""
+    root = ElementTree.Element("fmiBuildDescription", fmiVersion="3.0")
+    configuration = ElementTree.SubElement(root, "BuildConfiguration", modelIdentifier=IDENTIFIER)
+    files = ElementTree.SubElement(configuration, "SourceFileSet", language="C99")
+    ElementTree.SubElement(files, "SourceFile", name="fmu.c")
+    return ElementTree.tostring(root, encoding="utf-8", xml_declaration=True)
+
+
+def _system() -> tuple[str, str]:
+    """Folder of the binaries of this machine, and the ending of their names."""
+    if platform.system() not in _SYSTEMS:
+        raise NotOfferedError(f"units are compiled on {', '.join(_SYSTEMS)}, and this is {platform.system()}")
+    name, ending = _SYSTEMS[platform.system()]
+    return f"{_MACHINES.get(platform.machine(), platform.machine())}-{name}", ending
+
+
+def _compiled(sources: dict[str, str], compiler: str) -> bytes:
+    """The shared library of some sources."""
+    with tempfile.TemporaryDirectory() as folder:
+        for name, text in sources.items():
+            (Path(folder) / name).write_text(text, encoding="utf-8")
+        words = [compiler, "-std=c99", "-O2", "-shared", "-fPIC", "-fvisibility=hidden", "-o", "unit", "fmu.c", "-lm"]
+        try:
+            subprocess.run(words, cwd=folder, check=True, capture_output=True, text=True)
+        except FileNotFoundError:
+            raise MissingPackageError(
+                f"a unit is compiled, and there is no compiler {compiler!r}: install one, or name it"
+            ) from None
+        except subprocess.CalledProcessError as error:
+            raise NotOfferedError(f"{compiler} does not compile the unit: {error.stderr[:500]}") from error
+        return (Path(folder) / "unit").read_bytes()

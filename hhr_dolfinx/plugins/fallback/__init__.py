@@ -1,0 +1,9 @@
+"""Reduced models that pass a query on to the full model where their error may be too large."""
+
+from hhr_dolfinx.registry import Plugin
+
+PLUGIN = Plugin(
+    name="fallback",
+    public={"hhr_dolfinx.plugins.fallback.model": "FallbackModel"},
+    methods={"safe_model": "hhr_dolfinx.plugins.fallback.training:safe_model"},
+)

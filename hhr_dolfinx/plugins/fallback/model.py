@@ -1,0 +1,334 @@
+"""A reduced model that asks the full one where its own bound is not good enough."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable, Iterable, Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import (
+    BoundError,
+    HHRError,
+    OutsideTrainingError,
+    ParameterError,
+    ReductionError,
+)
+from hhr_dolfinx.models.answer import Answer, History, ListedAnswers, ModelFields, Path, SeveralAnswers
+from hhr_dolfinx.models.estimates import FORCES, check_asked, known_error, relative_error, relative_errors
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.models.histories.path import check_settings
+from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.parameters import ParameterSpace, is_number
+from hhr_dolfinx.trained import USUAL
+from hhr_dolfinx.warn import collected, repeat
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.eliminations.elimination import CondensedContact
+
+_log = logging.getLogger(__name__)
+
+ALIKE = 1e-5
+"""Relative difference of gaps and S up to which two models are of one scene: S may be interpolated."""
+
+
+class _NotGoodEnough(Exception):
+    """An increment of a reduced model of which too little is known."""
+
+
+class FallbackModel(AnsweringModel):
+    """Answers by a reduced model, and by the full one where the reduced one may be off by more than is allowed.
+
+    No answer that is handed out is off by more than ``tolerance``, relative to the exact one, by the error ``of``:
+    ``forces``, nodal contact forces in the Euclidean norm; ``pressure``, the largest error of a nodal pressure over the
+    peak pressure; ``displacement``, its energy; or an output, by its name. None takes displacement and forces, both in
+    energy, where forces are in the S norm: nodal forces and pressures are then off by ten times as much and more. See
+    :mod:`hhr_dolfinx.models.estimates`; where answers have no bound but an ``estimate``, by that.
+    Not for several threads at once, which count its queries.
+
+    Args:
+        reduced: a model whose answers have a bound, or with friction an indicator of forces.
+        full: the full model of the same scene.
+        tolerance: largest relative error.
+        of: which error that is.
+
+    Attributes:
+        reduced: the reduced model.
+        full: the full model.
+        asked: number of queries.
+        fallen: how many of them the full model answered.
+
+    Raises:
+        BoundError: for a reduced model whose answers have no bound.
+        ParameterError: for a tolerance that is no positive number, or an error that is not known, or of an output
+            without a bound.
+        ReductionError: for what is no full model, or that of another scene.
+    """
+
+    usual_outside = "ignore"
+    """A bound says more than the trained range: the full model is asked where the bound is too large."""
+    instead = "its full model needs the mesh. Keep the reduced one, save_model(path, safe.reduced)"
+
+    def __init__(
+        self,
+        reduced: Any,
+        full: Any,
+        tolerance: float = 0.01,
+        *,
+        of: str | None = None,
+    ):
+        check_allowance(tolerance)
+        _check_alike(reduced, full)
+        check_asked(reduced.fields, of)
+        self.of = of
+        self.advice = full.advice
+        self.friction = full.friction
+        self.reduced = reduced
+        self.full = full
+        self.tolerance = float(tolerance)
+        self.parameters: ParameterSpace = reduced.parameters
+        self.asked = 0
+        self.fallen = 0
+
+    @property
+    def fields(self) -> Any:
+        """Those of the reduced model; answers are completed by the fields of the model that gave them."""
+        return self.reduced.fields
+
+    @property
+    def conditions(self) -> int:
+        """Number of conditions on the whole contact surface."""
+        return self.full.conditions
+
+    @property
+    def share(self) -> float:
+        """Part of the queries that the full model answered."""
+        return self.fallen / max(self.asked, 1)
+
+    @property
+    def known_error(self) -> str:
+        """See :attr:`AnsweringModel.known_error`."""
+        asked = "displacement or forces, in energy," if self.of is None else self.of
+        known = known_error(self.reduced.fields)
+        return f"{known}. Where {asked} may be off by more than {self.tolerance:g} the full model answers"
+
+    @property
+    def estimating(self) -> Any:
+        """The reduced model: answers of the full one are exact."""
+        return self.reduced
+
+    def columns(self, many: Iterable[Answer]) -> dict[str, np.ndarray]:
+        """See :meth:`AnsweringModel.columns`: 1 where the full model answered, and those of the reduced model."""
+        answers = list(many)
+        fell = np.array([self.fell_back(answer) for answer in answers], dtype=bool)
+        found = {"fell_back": fell.astype(float)}
+        for head, values in self.reduced.columns(answer for answer in answers if not self.fell_back(answer)).items():
+            found[head] = np.full(len(fell), np.nan)
+            found[head][~fell] = values
+        return found
+
+    def summed_up(self, sums: Mapping[str, float]) -> str:
+        """See :meth:`AnsweringModel.summed_up`."""
+        return f" ({sums['fell_back']:.0f} by the full model)"
+
+    def fell_back(self, answer: Answer) -> bool:
+        """Whether the full model gave an answer."""
+        return answer.fields is self.full
+
+    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+        """By the reduced model if its error is small, else by the full one."""
+        answer = self._reduced_answer(point, start, outside, gradient)
+        self.asked += 1
+        if answer is not None and self._is_good(answer):
+            return answer
+        self.fallen += 1
+        return self.full._answered(point, None, outside, gradient)
+
+    def slide(self, path: Path, settings: MarchSettings, **how: Any) -> History:
+        """See :class:`AnsweringModel`; all of a history by one model."""
+        check_settings(settings)
+        self.asked += 1
+        history = self._reduced_history(path, settings, how)
+        if history is None:
+            self.fallen += 1
+            history = self.full.slide(path, settings, **how)
+        return history
+
+    def _reduced_history(self, path: Path, settings: MarchSettings, how: dict[str, Any]) -> History | None:
+        """What the reduced model says; None where it has no answer, or one increment of it may be off by too much.
+
+        What is warned of then is not said: nobody gets that answer.
+        """
+        try:
+            with collected() as caught:
+                history = self.reduced.slide(path, settings, **how, watch=self._require_good)
+        except ParameterError:
+            raise
+        except (HHRError, _NotGoodEnough) as error:
+            _log.info("the full model is asked: %s", error)
+            return None
+        repeat(caught)
+        return history
+
+    def _require_good(self, answer: Answer) -> None:
+        """End a history at an increment of which too little is known."""
+        if not self._is_good(answer):
+            raise _NotGoodEnough(f"the error may be above {self.tolerance:g}")
+
+    def answering(self, history: History) -> AnsweringModel:
+        """The model that answered a history."""
+        return self.full if self.fell_back(history.answers[-1]) else self.reduced
+
+    def unanswered(self, point: np.ndarray, status: Status = Status.UNDEFINED) -> Answer:
+        """An answer of NaN by the full model, which was asked last."""
+        return self.full.unanswered(point, status)
+
+    def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
+        """See :class:`AnsweringModel`: those of the full model."""
+        return self.full.contacts()
+
+    def _checked_start(self, start: Any) -> Any:
+        """As the reduced model has it."""
+        return self.reduced._checked_start(self._own_start(start))
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Those of answers of the full model."""
+        return self.full.sizes
+
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
+        """Answer many parameters, (n, P): the reduced model all at once, the full one those that it must."""
+        from hhr_dolfinx.models.many import PartedAnswers
+
+        if self.friction is not None:
+            return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
+        outside = self._checked_outside(outside)
+        checked = self.parameters.points(points)
+        try:
+            many = self.reduced.solve_many(checked, raise_on_failure=False, outside=outside)
+            errors = relative_errors(many, self.of)
+        except HHRError:  # one of them alone may be refused, or have no estimate
+            errors = None
+        if errors is None:
+            how: dict[str, Any] = {"raise_on_failure": raise_on_failure, "outside": outside}
+            return ListedAnswers(tuple(self.solve(point, **how) for point in checked))
+        good = errors <= self.tolerance
+        self.asked += len(checked)
+        exact = tuple(self._exact(point, raise_on_failure) for point in checked[~good])
+        parts = [(np.flatnonzero(good), many.take(good))] if good.any() else []
+        parts += [(np.flatnonzero(~good), ListedAnswers(exact))] if exact else []
+        return PartedAnswers.of(parts, np.where(good, 0, 1))
+
+    def _reduced_answer(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer | None:
+        """What the reduced model says; None where it has no answer, whatever the reason."""
+        try:
+            return self.reduced.solve(point, start=start, raise_on_failure=False, outside=outside, gradient=gradient)
+        except OutsideTrainingError:
+            return None
+        except ParameterError:  # a start, or a word for ``outside``, that is invalid
+            raise
+        except HHRError as error:
+            _log.info("the full model is asked: %s", error)
+            return None
+
+    def _is_good(self, answer: Answer) -> bool:
+        """Whether an answer is known to be right to the tolerance."""
+        try:
+            estimate = answer.estimate()
+            # which is not true of a NaN
+            return estimate is not None and relative_error(answer, estimate, self.of) <= self.tolerance
+        except HHRError as error:
+            _log.info("the full model is asked: %s", error)
+            return False
+
+    def _own_start(self, start: Any) -> Any:
+        """Statuses for the reduced model: those of an answer of the full one, as along a path, may be too many."""
+        sizes = np.shape(start) if isinstance(start, np.ndarray) else None
+        too_many = sizes == (self.full.conditions,) != (self.reduced.own_conditions,)
+        return "nearest" if too_many else start
+
+    def _exact(self, point: np.ndarray, raise_on_failure: bool) -> Answer:
+        """The answer of the full model."""
+        self.fallen += 1
+        return self.full.solve(point, raise_on_failure=raise_on_failure)
+
+
+def check_allowance(tolerance: Any) -> None:
+    """Raise ParameterError for an invalid tolerance."""
+    if not (is_number(tolerance) and tolerance > 0):
+        raise ParameterError(f"tolerance = {tolerance!r} must be a positive number, such as 0.01")
+
+
+def _remedy(full: Any) -> str:
+    """Whose model is wrong, and which one is needed."""
+    name = full.scene.name
+    return f". It is of scene '{name}': give the FullOrderModel of the scene that was trained, or train this one"
+
+
+def _check_alike(reduced: Any, full: Any) -> None:
+    """Check that a reduced model has a bound, and a full one is that of its scene: box, S and an answer.
+
+    Raises:
+        BoundError: for a reduced model whose answers have no bound.
+        ReductionError: for what is no full model, or that of another scene.
+    """
+    fields = reduced.fields if isinstance(reduced, AnsweringModel) else ModelFields()
+    bound = fields.bound
+    if bound is None and fields.estimated != FORCES:
+        why = known_error(fields).removeprefix("none: ")
+        raise BoundError(
+            f"answers of this reduced model have no bound, so that nothing says when to ask the full one: {why}"
+        )
+    if not (isinstance(full, AnsweringModel) and full.of_full_order):
+        raise ReductionError(f"{full!r} is no full model, whose answers are exact: give FullOrderModel(scene)")
+    one = reduced.parameters
+    other = full.parameters
+    if [*one.names, *one.lower, *one.upper] != [*other.names, *other.lower, *other.upper]:
+        raise ReductionError(f"the reduced model has the parameters {one}, and the full one {other}")
+    if bound is None:
+        _check_same_friction(reduced, full)
+    else:
+        _check_same_scene(reduced, bound, full)
+
+
+def _check_same_friction(reduced: Any, full: Any) -> None:
+    """Raise ReductionError unless the full model is that of which a reduced one with friction was made."""
+    from hhr_dolfinx.models.frictional_fields import mark_of
+
+    if full.friction is None or full.equilibrium is not None:
+        what = "no friction" if full.friction is None else "bodies that flow"
+        raise ReductionError(f"the full model has {what}, unlike the reduced one{_remedy(full)}")
+    own = reduced.fields.frictional
+    point = reduced.parameters.random(1, seed=1)[0]
+    bounds = zip(own.friction.bounds(point), full.friction.bounds(point), strict=True)
+    mark = mark_of(full.problem)
+    sizes = np.maximum(np.abs(mark), np.abs(own.mark))
+    alike = all(one.shape == other.shape and np.allclose(one, other, rtol=ALIKE) for one, other in bounds)
+    if not alike or (np.abs(mark - own.mark) > ALIKE * sizes).any():
+        raise ReductionError(
+            "the full model is that of another scene or mesh: its stiffness, its loads, its gaps or its friction "
+            f"differ{_remedy(full)}"
+        )
+
+
+def _check_same_scene(reduced: Any, bound: Any, full: Any) -> None:
+    """Raise ReductionError unless S and an answer of the full model are those that the reduced one knows."""
+    if bound.schur.shape != full.schur.shape or np.abs(bound.schur - full.schur).max() > ALIKE * full.schur.max():
+        raise ReductionError(f"the full model is that of another scene or mesh: its stiffness differs{_remedy(full)}")
+    point = reduced.parameters.random(1, seed=1)[0]
+    answer = full.solve(point, raise_on_failure=False)
+    problem = full.problem.at(point)
+    if answer.converged:
+        gaps = problem.gaps @ problem.theta(point)
+        found = bound.at(point[None], reduced.fields.amplitudes(point)).slack(answer.forces()[None])[0]
+        slack = gaps - problem.contact @ answer.unknown
+        if problem.rigid is not None:  # motions of whole bodies are no part of S
+            taken = full.system.kernel.taken
+            slack = slack + taken @ np.linalg.lstsq(taken, found - slack, rcond=None)[0]
+        # measured by how far bodies move: where all conditions touch, slack and gaps may be round-off
+        if np.abs(found - slack).max() > ALIKE * max(np.abs(gaps).max(), np.abs(answer.unknown).max()):
+            raise ReductionError(
+                f"the full model is that of another scene: its gaps, its loads or its materials differ{_remedy(full)}"
+            )

@@ -1,0 +1,30 @@
+"""The option --greedy of ``hhr train`` and ``hhr study``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from hhr_dolfinx.compat import extra
+
+with extra("study", "the command hhr"):
+    import click
+
+
+class Chosen:
+    """A training that chooses its points."""
+
+    options = (
+        click.option("--greedy", type=float, help="train where a model is worst, up to this error of the forces"),
+        click.option("--budget", type=click.IntRange(2), help="most answers of a greedy training"),
+    )
+    names = ("greedy", "budget")
+
+    @staticmethod
+    def training(given: Mapping[str, Any]) -> Any:
+        """The training of these options."""
+        from hhr_dolfinx.plugins.greedy.greedy import Greedy
+
+        if given["greedy"] is None:
+            raise click.UsageError("--budget belongs to --greedy")
+        return Greedy(tolerance=given["greedy"], budget=given["budget"] or 200)

@@ -1,0 +1,380 @@
+"""Greedy training, thesis Alg. 1.3: answers are added where a reduced model of those before is worst.
+
+An error indicator selects the worst candidate (:mod:`hhr_dolfinx.plugins.greedy.indicators`); it needs no full answer.
+Points are chosen in the box of the scene or, for inelastic bodies, of a family of paths.
+"""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Callable
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx import ranks
+from hhr_dolfinx.errors import (
+    BudgetWarning,
+    ConvergenceError,
+    FileContentError,
+    NotSolvableError,
+    StudyError,
+)
+from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
+from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
+from hhr_dolfinx.path_families import PathFamily
+from hhr_dolfinx.plugins.greedy.indicators import ForceError, GreedyIndicator, LargestEstimate, Score
+from hhr_dolfinx.reduction.build import build, usual_recipe
+from hhr_dolfinx.reduction.recipe import Pod, Recipe
+from hhr_dolfinx.sampling import Lattice, Sobol
+from hhr_dolfinx.snapshots.records import SnapshotSet
+from hhr_dolfinx.snapshots.store import digest_of_values
+from hhr_dolfinx.warn import warn
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
+
+    from hhr_dolfinx.snapshots.store import SnapshotStore
+
+
+_log = logging.getLogger(__name__)
+
+FORMAT = "hhr_dolfinx greedy choice"
+VERSION = 1
+_LAYOUT = {"points": ("float", "S", "P"), "counts": ("int", "R"), "worst": ("float", "R"), "middle": ("float", "R")}
+FINE = 1e-13
+"""Tolerance of the POD of a greedy training of points."""
+UNKNOWN = 1e6
+"""Indicator of a candidate without an answer: more than any error, and finite, so that distances still count."""
+NOTHING = 1e-12
+"""Part of an error that counts as round-off after the directions of others are removed."""
+
+
+class Round(NamedTuple):
+    """Quality of one model of a greedy training.
+
+    Attributes:
+        answers: points, or paths, that it was trained on.
+        worst: largest indicator among the candidates.
+        middle: their median.
+    """
+
+    answers: int
+    worst: float
+    middle: float
+
+
+class Choice(NamedTuple):
+    """Points chosen by a greedy training.
+
+    Attributes:
+        points: of the box, in the order in which they were chosen, (S, P).
+        rounds: of each model on the way.
+        recipe: of these models, for which the points were chosen.
+    """
+
+    points: np.ndarray
+    rounds: tuple[Round, ...]
+    recipe: Recipe
+
+
+@dataclass(frozen=True)
+class Greedy:
+    """Greedy choice of training points: a few points first, then those with the largest indicator.
+
+    Attributes:
+        indicator: estimates the error of an answer. None takes :class:`ForceError` for points, and for histories the
+            largest estimate of their steps, :class:`LargestEstimate`.
+        tolerance: indicator at which the training stops, the largest among the candidates.
+        budget: points, or paths, at which it stops otherwise.
+        start: a sampling of the first ones. None takes a ``Lattice(20)``, or half of the budget of Sobol points if
+            the stiffness varies.
+        candidates: a sampling of those to choose from. None takes a ``Lattice(1000)``, or ``Sobol(2048)`` if the
+            stiffness varies. For constant stiffness, points that share coordinates share fields of loads, and fewer
+            answers suffice: on the pellet 150 chosen among Sobol points have errors more than ten times larger. For
+            variable stiffness they share none, and a choice on few values of a modulus is inaccurate between them.
+        together: number of points that are added between two models.
+        recipe: of the models on the way, which are not checked, and of those that the training builds by default. None
+            takes the default for inelastic bodies, and for elastic ones the default with more modes: each chosen answer
+            differs from the others, and a POD that leaves part of it out makes errors five times larger.
+            If the stiffness varies, each mode belongs to one body: an answer adds as many modes as there are bodies.
+        family: of the paths, for inelastic bodies; samplings are then drawn in the box of its parameters.
+    """
+
+    indicator: GreedyIndicator | None = None
+    tolerance: float = 0.01
+    budget: int = 150
+    start: Any = None
+    candidates: Any = None
+    together: int = 16
+    recipe: Recipe | None = None
+    family: PathFamily | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse settings that never end or never begin, with StudyError."""
+        if not (is_number(self.tolerance) and self.tolerance > 0):
+            raise StudyError(f"tolerance = {self.tolerance!r} of Greedy must be a positive number")
+        for name in ("budget", "together"):
+            if not is_whole(getattr(self, name), 1):
+                raise StudyError(f"{name} = {getattr(self, name)!r} of Greedy must be a whole number from 1")
+        for name in ("start", "candidates"):
+            given = getattr(self, name)
+            if given is not None and not callable(getattr(given, "points", None)):
+                raise StudyError(f"{name} = {given!r} of Greedy must be a sampling, such as Sobol(16)")
+        if self.indicator is not None and not callable(getattr(self.indicator, "prepared", None)):
+            raise StudyError(f"indicator = {self.indicator!r} of Greedy must have prepared(full), as Eta2() has")
+        for name, kind in (("recipe", Recipe), ("family", PathFamily)):
+            if not isinstance(getattr(self, name), kind | None):
+                raise StudyError(f"{name} = {getattr(self, name)!r} of Greedy must be a {kind.__name__}")
+
+    def space(self, scene: Any) -> ParameterSpace:
+        """Box of the points.
+
+        Raises:
+            StudyError: for a family with elastic bodies, none with inelastic ones, or one of another scene.
+        """
+        flows = any(body.law is not None for body in scene.bodies)
+        if flows and self.family is None:
+            raise StudyError(
+                f"bodies of scene '{scene.name}' flow: a greedy training chooses among the paths of a family, "
+                "Greedy(family=...)"
+            )
+        if self.family is None:
+            return scene.parameters
+        if not flows:
+            raise StudyError(f"nothing of scene '{scene.name}' flows: a greedy training chooses points, not paths")
+        if self.family.space.names != scene.parameters.names:
+            raise StudyError(
+                f"the family '{self.family.name}' has parameters {self.family.space.names}, the scene "
+                f"'{scene.name}' {scene.parameters.names}"
+            )
+        return self.family.own
+
+    def grown(
+        self,
+        full: Any,
+        solve: Callable[[Any], SnapshotSet],
+        comm: Comm,
+        progress: Callable[[Any], Any] = iter,
+        store: SnapshotStore | None = None,
+    ) -> tuple[SnapshotSet, Choice]:
+        """Compute training answers, and the record of their choice.
+
+        Args:
+            full: the full model, one on each rank.
+            solve: answers of the full model to points, (n, P), or paths; on all ranks together.
+            comm: ranks, each of which has all answers; they share the candidates.
+            progress: wraps the iteration over the models.
+            store: its folder keeps the choice too, which later runs continue.
+        """
+        space = self.space(full.scene)
+        score = self._score(full)
+        start, choices = self._samplings(full)
+        candidates = space.points(choices.points(space))
+        points = space.points(start.points(space))[: self.budget]
+        rounds = []
+        kept = None
+        if store is not None and comm.rank == 0:
+            kept = KeptChoice(store.folder, store.problem_digest, self, self._recipe(full), full.parameters)
+        earlier = comm.bcast(None if kept is None else kept.load(space))
+        if earlier is not None:
+            points, rounds = earlier
+        known = solve(self._queries(points))
+        most = 1 + -(-max(self.budget - len(points), 0) // self.together)
+        for _ in progress(range(most)):
+            if rounds and rounds[-1].answers == len(points):
+                break  # an earlier run was complete
+            errors = self._errors(full, known, candidates, score, comm)
+            values = np.linalg.norm(errors, axis=1)
+            rounds.append(Round(len(points), float(values.max()), float(np.median(values))))
+            _log.info("greedy training: %d answers, indicator %.3g", *rounds[-1][:2])
+            chosen = np.zeros(0, dtype=np.int64)
+            if rounds[-1].worst > self.tolerance:
+                room = min(self.together, self.budget - len(points))
+                chosen = comm.bcast(_chosen(errors, candidates, points, space, room))
+            if chosen.size:
+                more = candidates[chosen]
+                points = np.vstack([points, more])
+                with suppress(ConvergenceError):  # none of them has an answer; they are not tried again
+                    known = known.joined(solve(self._queries(more)))
+            if kept is not None:
+                kept.save(points, rounds)
+            if not chosen.size:
+                break
+        if rounds[-1].worst > self.tolerance and comm.rank == 0:
+            warn(
+                f"the greedy training ended after {len(points)} answers, its budget is {self.budget}: its indicator is "
+                f"{rounds[-1].worst:.2g} where {self.tolerance:g} was wished. Raise the budget, or accept that error",
+                BudgetWarning,
+                stacklevel=3,
+            )
+        return known, Choice(points, tuple(rounds), self._recipe(full))
+
+    def _samplings(self, full: Any) -> tuple[Any, Any]:
+        """Samplings of the first points, and of the candidates."""
+        start: Any = Lattice(20)
+        candidates: Any = Lattice(1000)
+        if self.family is None and full.problem.varies:
+            start = Sobol(-(-self.budget // 2))
+            candidates = Sobol(2048, seed=5)
+        return start if self.start is None else self.start, candidates if self.candidates is None else self.candidates
+
+    def _recipe(self, full: Any) -> Recipe:
+        """Recipe of the models on the way."""
+        if self.recipe is not None:
+            return self.recipe
+        if self.family is not None:
+            return usual_recipe(full)
+        return Recipe(basis=Pod(FINE, relative=True, by_body=full.problem.varies))
+
+    def _queries(self, points: np.ndarray) -> Any:
+        """Queries of the full model."""
+        return points if self.family is None else self.family.paths(points)
+
+    def _score(self, full: Any) -> Score:
+        """The indicator, with all that needs no reduced model computed."""
+        usual = ForceError() if self.family is None else LargestEstimate()
+        return (usual if self.indicator is None else self.indicator).prepared(full)
+
+    def _errors(self, full: Any, known: SnapshotSet, candidates: np.ndarray, score: Score, comm: Comm) -> np.ndarray:
+        """Indicators of a model of the present answers, (n, k)."""
+        recipe = self._recipe(full).as_it_is()
+        mine = np.array_split(candidates, comm.size)[comm.rank]
+        found = np.zeros((0, 1))
+        with ranks.each_for_itself(comm, "choosing where to train"):
+            try:
+                model = build(full, known, recipe)
+            except NotSolvableError as error:  # too few answers for a model: errors are unknown in the whole box
+                _log.info("greedy training: no model of %d answers: %s", len(known.points), error)
+                found = np.full((len(mine), 1), UNKNOWN)
+            else:
+                found = score(model, known, self._answers(model, mine))
+                found = found.reshape(len(mine), -1) if len(mine) else np.zeros((0, 1))
+                found[~np.isfinite(found).all(axis=1)] = UNKNOWN / np.sqrt(found.shape[1])
+        return np.concatenate([part for part in comm.allgather(found) if len(part)])
+
+    def _answers(self, model: Any, points: np.ndarray) -> list[Any]:
+        """Answers or histories of a reduced model; None for a history that it cannot complete."""
+        if self.family is None:
+            return list(model.solve_many(points, outside="ignore", raise_on_failure=False)) if len(points) else []
+        return [_marched(model, path) for path in self.family.paths(points)] if len(points) else []
+
+
+def _marched(model: Any, path: Any) -> Any:
+    from hhr_dolfinx.models.histories.equilibrium import MarchSettings, told_once
+
+    try:
+        with told_once():
+            return model.march(path, MarchSettings(outside="ignore"))
+    except (ConvergenceError, NotSolvableError):
+        return None
+
+
+def _chosen(
+    errors: np.ndarray, candidates: np.ndarray, known: np.ndarray, space: ParameterSpace, count: int
+) -> np.ndarray:
+    """Numbers of the candidates to add, (k,): by their error vectors if all have one, else by distances."""
+    if errors.shape[1] == 1 or (np.linalg.norm(errors, axis=1) >= UNKNOWN / 2).any():
+        return apart(candidates, np.linalg.norm(errors, axis=1), known, space, count)
+    there = (candidates[:, None] == known).all(axis=2).any(axis=1)
+    return independent(np.where(there[:, None], 0.0, errors), count)
+
+
+def independent(errors: np.ndarray, count: int) -> np.ndarray:
+    """Numbers of the errors that are largest after the directions of those chosen before are removed, (k,).
+
+    One answer reduces all errors of the same direction. On the pellet 150 answers chosen so, 16 at a time, have half
+    the error of as many chosen by size and distance.
+
+    Args:
+        errors: of each candidate, (n, k).
+        count: most numbers.
+    """
+    left = errors.copy()
+    chosen = list[int]()
+    least = NOTHING * np.linalg.norm(errors, axis=1).max(initial=0.0)
+    while len(chosen) < count:
+        sizes = np.linalg.norm(left, axis=1)
+        worst = int(sizes.argmax())
+        if not sizes[worst] > least:
+            break
+        chosen.append(worst)
+        direction = left[worst] / sizes[worst]
+        left -= np.outer(left @ direction, direction)
+        left[worst] = 0.0
+    return np.array(chosen, dtype=np.int64)
+
+
+def apart(
+    candidates: np.ndarray, values: np.ndarray, known: np.ndarray, space: ParameterSpace, count: int
+) -> np.ndarray:
+    """Numbers of candidates with large values that are far from present points and from each other, (k,).
+
+    The worst alone would be neighbours, which one answer improves all. So each value is weighted by the distance to the
+    nearest present or chosen point, over the average distance. Candidates that are present already are never
+    chosen.
+
+    Args:
+        candidates: (n, P).
+        values: their indicators, not negative, (n,).
+        known: present points, (S, P).
+        space: the box.
+        count: most numbers.
+    """
+    lower, upper = np.array([space.lower, space.upper])
+    scaled, there = ((points - lower) / (upper - lower) for points in (candidates, known))
+    distances = np.full(len(scaled), np.inf)
+    for point in there:
+        distances = np.minimum(distances, np.linalg.norm(scaled - point, axis=1))
+    chosen: list[int] = []
+    while len(chosen) < count:
+        worth = values * distances
+        best = int(worth.argmax())
+        if not worth[best] > 0:
+            break
+        chosen.append(best)
+        distances = np.minimum(distances, np.linalg.norm(scaled - scaled[best], axis=1))
+    return np.array(chosen, dtype=np.int64)
+
+
+class KeptChoice:
+    """Choice of a greedy training, kept next to its answers, so that an interrupted one continues.
+
+    Args:
+        folder: of the answers.
+        problem: digest of the problem that they solve, hexadecimal.
+        greedy: settings of the choice.
+        recipe: of its models.
+        space: the box, which is not part of a problem.
+    """
+
+    def __init__(self, folder: Path, problem: str, greedy: Greedy, recipe: Recipe, space: ParameterSpace):
+        box = [space.names, *(tuple(float(end) for end in ends) for ends in (space.lower, space.upper))]
+        parts = FORMAT, VERSION, problem, greedy, recipe, box
+        self._digest = digest_of_values(parts, "a greedy training that is kept in a folder")[:40]
+        self._path = folder / f"greedy_{self._digest[:16]}.npz"
+
+    def load(self, space: ParameterSpace) -> tuple[np.ndarray, list[Round]] | None:
+        """Points and rounds, see :class:`Choice`, or None if there are none that fit."""
+        try:
+            header, arrays = read_arrays(self._path, FORMAT, VERSION)
+            check_layout(arrays, _LAYOUT, {"P": len(space.names)})
+        except (FileNotFoundError, FileContentError):
+            return None
+        if header.get("asked") != self._digest:
+            return None
+        rounds = zip(arrays["counts"].tolist(), arrays["worst"].tolist(), arrays["middle"].tolist(), strict=True)
+        return arrays["points"], [Round(*row) for row in rounds]
+
+    def save(self, points: np.ndarray, rounds: list[Round]) -> None:
+        """Keep the choice so far.
+
+        Raises:
+            FileError: if the file cannot be written.
+        """
+        counts, worst, middle = (np.array(part) for part in zip(*rounds, strict=True))
+        arrays = {"points": points, "counts": counts.astype(np.int64), "worst": worst, "middle": middle}
+        write_arrays(self._path, {"format": FORMAT, "version": VERSION, "asked": self._digest}, arrays)

@@ -1,0 +1,307 @@
+"""Error indicators of greedy training, which need no full answer.
+
+A user-defined indicator is an object with ``prepared(full)``, which returns a function of a reduced model, the answers
+it was built from and some of its answers (histories, for inelastic bodies). The function returns one number for each of
+them, or one vector whose norm counts: vectors also show which errors have the same direction.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any, Protocol
+
+import numpy as np
+from mpi4py import MPI
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.certify.accuracy import force_floor
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
+from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+from hhr_dolfinx.contact.restriction import Restriction, restricted
+from hhr_dolfinx.errors import ReductionError, StudyError
+from hhr_dolfinx.full_order.cell_stiffness import CellStiffness
+from hhr_dolfinx.linear.sparse import FreeCholesky
+from hhr_dolfinx.models.answer import Answer, History
+from hhr_dolfinx.snapshots.records import SnapshotSet
+
+Score = Callable[[Any, SnapshotSet, Sequence[Any]], np.ndarray]
+"""Maps a reduced model, the answers it was built from, and some of its answers to indicators, (n,) or (n, k)."""
+
+NO_ANSWER = np.inf
+"""Indicator of a query without an answer."""
+
+
+class GreedyIndicator(Protocol):
+    """Estimate of the errors of answers."""
+
+    def prepared(self, full: Any) -> Score:
+        """Prepare the indicator: compute all that does not depend on a reduced model.
+
+        Raises:
+            StudyError: for an unsuitable full model.
+        """
+
+
+def _refuse_flow(full: Any, name: str) -> None:
+    if full.equilibrium is not None:
+        raise StudyError(
+            f"bodies of scene '{full.scene.name}' flow, and {name} judges single answers of elastic ones: take "
+            "LargestEstimate()"
+        )
+
+
+@dataclass(frozen=True)
+class LargestEstimate:
+    """Estimates of answers: the larger of both relative errors of ``estimate()``; the largest one of a history.
+
+    For an elastic answer it is a bound or nearly one, if its model has one. For a step of inelastic bodies it is the
+    part of its stress that no mode of training explains; it follows the error of the stress, see docs/bounds.md.
+    """
+
+    def prepared(self, full: Any) -> Score:
+        """See :class:`GreedyIndicator`."""
+
+        def score(model: Any, known: SnapshotSet, answers: Sequence[Answer | History | None]) -> np.ndarray:
+            return np.array([NO_ANSWER if item is None else self._of(item, full) for item in answers])
+
+        return score
+
+    def _of(self, item: Answer | History, full: Any) -> float:
+        answers = item.answers if isinstance(item, History) else [item]
+        return max(self._of_answer(answer, full) for answer in answers)
+
+    def _of_answer(self, answer: Answer, full: Any) -> float:
+        if not answer.converged:
+            return NO_ANSWER
+        estimate = answer.estimate()
+        if estimate is None:
+            raise StudyError(
+                f"answers of scene '{full.scene.name}' have no estimate: take another indicator, ForceError()"
+            )
+        return max(estimate.primal_relative, estimate.dual_relative)
+
+
+@dataclass(frozen=True)
+class ForceError:
+    """Error of all contact forces, a vector, against a condensed model that keeps all contact conditions.
+
+    For constant stiffness condensation is exact, and the indicator is the error. Otherwise condensation is interpolated
+    between few parameters, and accurate to a small part of the tolerance. The denominator is at least a thousandth of
+    the largest training forces.
+
+    Attributes:
+        settings: of the interpolation, a ``GridSettings``; None for the defaults.
+    """
+
+    settings: Any = None
+
+    def prepared(self, full: Any) -> Score:
+        """See :class:`GreedyIndicator`."""
+        _refuse_flow(full, "ForceError()")
+        if full.problem.varies and full.problem.pins is not None:
+            raise StudyError(
+                f"contact alone holds bodies of scene '{full.scene.name}', and their elasticity depends on parameters: "
+                "nothing tells a greedy training how wrong its forces are there. Train on points of the whole box "
+                "instead: Sobol(128), or --sobol 128 in a command"
+            )
+        condensed: list[Any] = []
+        exact: dict[bytes, np.ndarray] = {}
+
+        def score(model: Any, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
+            if not condensed:
+                condensed.append(self._condensed(full, known))
+            floor = force_floor(full.problem, known)
+
+            def error(answer: Answer) -> np.ndarray:
+                key = answer.parameter.tobytes()
+                if key not in exact:
+                    exact[key] = condensed[0].solve(answer.parameter, outside="ignore").forces()
+                if not answer.converged:
+                    return np.full(exact[key].shape, NO_ANSWER)
+                size = max(float(np.linalg.norm(exact[key])), floor)
+                return (answer.forces() - exact[key]) / (size or 1.0)
+
+            return np.array([error(answer) for answer in answers])
+
+        return score
+
+    def _condensed(self, full: Any, known: SnapshotSet) -> Any:
+        if not full.problem.varies:
+            from hhr_dolfinx.reduction.exact import exact_condensation
+
+            return exact_condensation(full, known.known_statuses(), field=False)
+        from hhr_dolfinx.reduction.condense import condense
+
+        try:
+            return condense(full, known, self.settings)
+        except ReductionError as error:
+            raise StudyError(
+                f"scene '{full.scene.name}' cannot be condensed, {error}: choose by another indicator, such as Eta2()"
+            ) from error
+
+
+@dataclass(frozen=True)
+class Eta:
+    """The indicator (1.73) of Fauque et al. (2018), from the full equations of the RID: eta_u + eta_λ.
+
+    The displacement on the interface of the RID is interpolated between training answers, (1.72). The thesis
+    interpolates on a regular grid. Points that are chosen one by one form none; radial functions r, which are exact at
+    training points and linear in one parameter, replace it.
+
+    Three things differ from (1.73). Its norms are of U; those here are of U0, the unknown without the imposed part. The
+    forces in the denominator of eta_λ count as at least a thousandth of the largest of training, since forces near zero
+    would choose every point without contact. If the interpolated interface penetrates, the thesis sets the gap to
+    zero; here only the conditions of the RID are solved for.
+    """
+
+    def prepared(self, full: Any) -> Score:
+        """See :class:`GreedyIndicator`."""
+        _refuse_flow(full, "Eta()")
+
+        def score(model: Any, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
+            floor = force_floor(full.problem, known)
+            domain = _Domain(full.problem, model.offline.sets)
+            interface = _interpolated(full.problem, known, answers, domain.interface)
+
+            def indicator(answer: Answer, there: np.ndarray) -> float:
+                if not answer.converged:
+                    return NO_ANSWER
+                field, forces = domain.at(answer.parameter).solved(there, answer.parameter)
+                own = model.offline.basis[domain.inner] @ answer.unknown - field
+                return _ratio(own, field) + _ratio(answer.multipliers - forces, forces, floor)
+
+            return np.array([indicator(*pair) for pair in zip(answers, interface, strict=True)])
+
+        return score
+
+
+@dataclass(frozen=True)
+class Eta2:
+    """The indicator (2.124) of the thesis: residual on the RID, and jump on its interface to the interpolated field.
+
+    It uses the energy norm of the cells of the RID, in which the form a has α = M_a = 1: |R|_{K^-1} + 2 |jump|_a. The
+    printed number is absolute; here it is divided by the energy norm of the answer, so that candidates compare. The
+    jump is that of U0; it is zero off the interface, (2.40), (2.123). The field is interpolated as for
+    :class:`Eta`.
+    """
+
+    def prepared(self, full: Any) -> Score:
+        """See :class:`GreedyIndicator`."""
+        _refuse_flow(full, "Eta2()")
+
+        def score(model: Any, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
+            domain = _Domain(full.problem, model.offline.sets)
+            interface = _interpolated(full.problem, known, answers, domain.interface)
+            stiffness = CellStiffness.of(full, model.offline.sets.cells)
+
+            def indicator(answer: Answer, there: np.ndarray) -> float:
+                if not answer.converged:
+                    return NO_ANSWER
+                inside = domain.at(answer.parameter)
+                field = model.offline.basis[inside.part.dofs] @ answer.unknown
+                residual = inside.residual(field, answer.multipliers, answer.parameter)
+                jump = np.zeros_like(field)
+                jump[domain.places] = there - field[domain.places]
+                dofs = inside.part.dofs
+                size, jumped = _energy_norms(stiffness.at(answer.parameter)[dofs][:, dofs], field, jump)
+                return (inside.dual(residual) + 2 * jumped) / (size or 1.0)
+
+            return np.array([indicator(*pair) for pair in zip(answers, interface, strict=True)])
+
+        return score
+
+
+def _energy_norms(stiffness: csr_matrix, *fields: np.ndarray) -> tuple[float, ...]:
+    """Energy norms (w^T K w)^1/2 of fields."""
+    return tuple(float(np.sqrt(max(field @ (stiffness @ field), 0.0))) for field in fields)
+
+
+def _ratio(error: np.ndarray, exact: np.ndarray, floor: float = 0.0) -> float:
+    """Size of an error over that of the exact value, or a floor."""
+    return float(np.linalg.norm(error)) / (max(float(np.linalg.norm(exact)), floor) or 1.0)
+
+
+def _interpolated(
+    problem: ContactProblem, known: SnapshotSet, answers: Sequence[Answer], dofs: np.ndarray
+) -> np.ndarray:
+    """U0 on some dofs between training answers, at the points of some answers, (n, dofs), see (1.72)."""
+    from scipy.interpolate import RBFInterpolator
+
+    lower, upper = np.array([problem.parameters.lower, problem.parameters.upper])
+    points = np.array([answer.parameter for answer in answers]).reshape(len(answers), -1)
+    between = RBFInterpolator(
+        (known.points - lower) / (upper - lower), known.displacements[dofs].T, kernel="linear", degree=0
+    )
+    return between((points - lower) / (upper - lower))
+
+
+class _Domain:
+    """The full equations of a RID at any point, factored once for constant stiffness.
+
+    Args:
+        problem: the whole problem.
+        sets: of the RID.
+
+    Attributes:
+        inner: dofs of A, in the whole problem.
+        interface: dofs of the RID outside A, in the whole problem.
+        places: indices of these among the dofs of the RID.
+    """
+
+    def __init__(self, problem: ContactProblem, sets: IndexSets):
+        self._problem = problem
+        self._sets = sets
+        part = restricted(problem, sets)
+        self.places = np.flatnonzero(~part.problem.free)
+        self.inner = part.dofs[part.problem.free]
+        self.interface = part.dofs[self.places]
+        self._constant = None if problem.varies else _Inside(part)
+
+    def at(self, point: np.ndarray) -> _Inside:
+        """The equations at a point, (P,)."""
+        return self._constant or _Inside(restricted(self._problem.at(point), self._sets))
+
+
+class _Inside:
+    """The full equations of a RID at one stiffness.
+
+    Args:
+        part: restriction of the whole problem.
+    """
+
+    def __init__(self, part: Restriction):
+        self.part = part
+        problem = part.problem
+        whole = slice(0, problem.free.size)
+        self._factors = FreeCholesky(problem.stiffness, problem.free, whole, "rid", "qmd", MPI.COMM_SELF)
+
+    @cached_property
+    def _contact(self) -> tuple[np.ndarray, SchurEqualities, Pairs | None]:
+        """K^-1 B^T, the equality problems for forces, and their pairs."""
+        problem = self.part.problem
+        per_force = self._factors.solve_columns(problem.contact.T)
+        return per_force, SchurEqualities.of(problem.contact @ per_force), Pairs.of(problem.contact_pairs)
+
+    def solved(self, interface: np.ndarray, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """U0 on A, and the forces of the RID, for U0 given on its interface, see (1.73)."""
+        problem = self.part.problem
+        per_force, equalities, pairs = self._contact
+        theta = problem.amplitudes(point)
+        imposed = np.zeros(problem.free.size)
+        imposed[~problem.free] = interface
+        unloaded = self._factors.solve(problem.loads @ theta + self.part.load_of @ imposed)
+        slack = problem.gaps @ theta + self.part.gap_of @ imposed - problem.contact @ unloaded
+        found = active_set(equalities, slack, slack < 0, pairs=pairs)
+        return (unloaded - per_force @ found.forces)[problem.free], found.forces
+
+    def residual(self, field: np.ndarray, forces: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """R of (2.91) on A, 0 elsewhere, of U0 on the RID and its forces."""
+        problem = self.part.problem
+        left = problem.loads @ problem.amplitudes(point) - problem.stiffness @ field - problem.contact.T @ forces
+        return left * problem.free
+
+    def dual(self, residual: np.ndarray) -> float:
+        """|R|_{K^-1}."""
+        return float(np.sqrt(max(residual @ self._factors.solve(residual), 0.0)))

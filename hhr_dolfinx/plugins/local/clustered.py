@@ -1,0 +1,325 @@
+"""Local models, thesis chapter 4: training divided into a given number of clusters of similar solutions.
+
+:mod:`hhr_dolfinx.plugins.local.splitting` determines their number.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from scipy.spatial import cKDTree
+
+from hhr_dolfinx.certify.accuracy import least_sizes, summary
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import (
+    HHRError,
+    LocalModelWarning,
+    ReductionError,
+    StabilityWarning,
+    StudyError,
+    TrainingWarning,
+)
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.parameters import ParameterSpace, is_number
+from hhr_dolfinx.plugins.local.models import Choice, LocalModels
+from hhr_dolfinx.reduction.build import build, sizes
+from hhr_dolfinx.reduction.recipe import Recipe
+from hhr_dolfinx.snapshots.records import SnapshotSet
+from hhr_dolfinx.study.training.counts import check_counts
+from hhr_dolfinx.timing import StageLog
+from hhr_dolfinx.trained import TrainedRange
+from hhr_dolfinx.warn import collected, warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.study.training.answers import TrainingAnswers
+
+Progress = Callable[[Iterable], Iterable]
+DRAWN = 200
+"""Random points of a region at which models of its cluster are estimated."""
+TINY = 1e-16
+"""Errors below count as equal."""
+STILL = 1e-12
+"""Part of the largest displacement below which a solution counts as zero."""
+
+
+class Member(NamedTuple):
+    """One local model, for a record.
+
+    Attributes:
+        snapshots: numbers of its training answers.
+        own: number of them in its part.
+        ell_bar, N_lambda_C: modes and contact conditions.
+        estimate: 95th percentile of the estimated relative errors at random points of its part; NaN without estimates.
+        added: answers of the full model that were added to its training.
+    """
+
+    snapshots: np.ndarray
+    own: int
+    ell_bar: int
+    N_lambda_C: int
+    estimate: float
+    added: int
+
+
+@dataclass(frozen=True)
+class LocalRecord:
+    """Record of the construction of local models.
+
+    Attributes:
+        points: all training points, (S, P), including those added later; empty during the construction.
+        members: the models.
+        splits: splits with their reasons, in words.
+        missed: models that miss their targets, with the reasons, in words.
+        log: times of the stages.
+    """
+
+    points: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
+    members: list[Member] = field(default_factory=list)
+    splits: list[str] = field(default_factory=list)
+    missed: list[str] = field(default_factory=list)
+    log: StageLog = field(default_factory=StageLog)
+
+
+@dataclass(frozen=True)
+class Clusters:
+    """A given number of clusters of similar solutions, thesis sections 4.2.1 and 4.2.2.
+
+    If training points are a regular grid, its cells are clustered by the Grassmann distance between the spaces of the
+    solutions at their corners, (4.1)-(4.2), and a query uses the model of its cell. Snapshots on the border of two
+    clusters belong to both. Other training points are clustered themselves, (4.4), and a random forest trained on their
+    labels selects the model.
+
+    Attributes:
+        count: K.
+        overlap: part of the width of the box by which training extends beyond a border, for points that are no grid.
+        strip: see :class:`~hhr_dolfinx.plugins.local.splitting.Splitting`.
+        seed: of the clusters, the forest and random points.
+        others: more recipes; each cluster uses the one with the smallest estimated error of forces at random points.
+        modes, conditions: most modes and contact conditions of a model; None for any number.
+    """
+
+    count: int = 3
+    overlap: float = 0.05
+    strip: float = 0.0
+    seed: int = 1
+    others: tuple[Recipe, ...] = ()
+    modes: int | None = None
+    conditions: int | None = None
+
+    def __post_init__(self) -> None:
+        """Refuse invalid numbers."""
+        for name, least in (("count", 1), ("seed", 0), ("modes", 1), ("conditions", 1)):
+            if getattr(self, name) is None and name in ("modes", "conditions"):
+                continue
+            check_counts(**{name: (getattr(self, name), least)})
+        for name in ("overlap", "strip"):
+            if not (is_number(getattr(self, name)) and 0 <= getattr(self, name) < 1):
+                raise StudyError(f"{name} = {getattr(self, name)!r} must be a part of 1, such as 0.05")
+        if not isinstance(self.others, tuple | list) or not all(isinstance(item, Recipe) for item in self.others):
+            raise StudyError(f"others = {self.others!r} must be a list of recipes: (Recipe(...),)")
+
+    def models(self, training: TrainingAnswers, recipe: Recipe, progress: Progress) -> LocalModels:
+        """Local models of a training; see the class."""
+        full = training.full_order
+        snapshots = training.snapshots
+        record = LocalRecord()
+        space = full.parameters
+        points = training.snapshots.points
+        width = np.array(space.upper) - space.lower
+        with record.log.stage("clusters"):
+            choice, members = self._on_grid(snapshots, full) or self._anywhere(snapshots, full, width)
+        labels = choice.many(points)[0]
+        models = []
+        for number in progress(range(self.count)):
+            own = snapshots.take(members[number])
+            held_out = _held_out_of(training, choice, number)
+            if len(own.points) < 2:
+                raise StudyError(
+                    f"cluster {number} has {len(own.points)} solutions, and a model needs at least 2: take fewer "
+                    "clusters, or a larger overlap"
+                )
+            drawn = _drawn_in(choice, number, space, self.seed)
+            with record.log.stage("models"):
+                model, errors, doubts = self._best(full, own, held_out, recipe, drawn)
+            models.append(model)
+            record.missed.extend(f"local model {number}: {doubt}" for doubt in doubts)
+            count = int((labels == number).sum())
+            record.members.append(Member(members[number], count, *sizes_of(model), p95(errors), 0))
+        return together(models, choice.reaching(self.strip * width), snapshots, record)
+
+    def _best(
+        self, full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None, recipe: Recipe, points: np.ndarray
+    ) -> tuple[ReducedModel, np.ndarray, list[str]]:
+        """Model of a cluster, estimates of its forces at points of its region, and warnings of its check."""
+        floor = least_forces(full, snapshots)
+        found = []
+        why = ""
+        for item in (recipe, *(self.others if recipe.trust else (other.as_it_is() for other in self.others))):
+            try:
+                if self.modes is not None or self.conditions is not None:
+                    self._check_sizes(*sizes(full, snapshots, item))
+                model, doubts = built(full, snapshots, item, held_out)
+            except HHRError as error:
+                if not self.others:
+                    raise
+                why = str(error)
+                continue
+            errors = force_errors(model, points, floor)
+            # answers at all points first, since the scale of their forces is needed for the errors
+            known = np.maximum(errors[np.isfinite(errors)], TINY)
+            size = np.log(known).mean() if known.size else np.inf
+            found.append(((errors.size - known.size, size), model, errors, doubts))
+        if not found:
+            raise StudyError(f"none of {1 + len(self.others)} recipes makes a model of a cluster; the last: {why}")
+        return min(found, key=lambda item: item[0])[1:]
+
+    def _check_sizes(self, modes: int, conditions: int) -> None:
+        """Raise StudyError for a model that is larger than allowed."""
+        for found, most, what in ((modes, self.modes, "modes"), (conditions, self.conditions, "conditions")):
+            if most is not None and found > most:
+                raise StudyError(f"{found} {what}, and not {most} at most: give a larger tolerance, or more clusters")
+
+    def _on_grid(self, snapshots: SnapshotSet, full: Any) -> tuple[Choice, list[np.ndarray]] | None:
+        """Partition of a regular grid, and the snapshots of each cluster; None if the points are no grid."""
+        from hhr_dolfinx.plugins.local.clusters import cell_labels, grid_cells, tree_of_cells
+
+        try:
+            cells = grid_cells(snapshots.points).cells
+        except ReductionError:
+            return None
+        found = cell_labels(snapshots.points, snapshots.displacements, self.count, seed=self.seed)
+        choice = tree_of_cells(cells, found.labels)
+        return choice, [found.snapshots(number) for number in range(self.count)]
+
+    def _anywhere(self, snapshots: SnapshotSet, full: Any, width: np.ndarray) -> tuple[Choice, list[np.ndarray]]:
+        """Partition by a forest, and the snapshots of each cluster with those near its borders."""
+        from hhr_dolfinx.plugins.local.clusters import forest_tree, snapshot_labels
+
+        labels = np.zeros(len(snapshots.points), dtype=np.int64)
+        loaded, nearest = loaded_snapshots(snapshots, full.parameters)
+        labels[loaded] = snapshot_labels(snapshots.displacements[:, loaded], self.count, seed=self.seed)
+        labels = labels[nearest]
+        choice = forest_tree(snapshots.points, labels, full.parameters, self.seed)
+        members = []
+        for number in range(self.count):
+            near = _by(choice, number, snapshots.points, self.overlap * width)
+            members.append(np.flatnonzero(near | (labels == number)))
+        return choice, members
+
+
+def _by(choice: Choice, number: int, points: np.ndarray, reach: np.ndarray) -> np.ndarray:
+    """True for points, (n, P), in a region or within ``reach``, (P,), of one of its boxes, (n,)."""
+    outer = np.full(points.shape[1], np.inf)
+    near = np.zeros(len(points), dtype=bool)
+    for label, lower, upper in choice.boxes(-outer, outer):
+        if label == number:
+            near |= ((points >= lower - reach) & (points <= upper + reach)).all(axis=1)
+    return near
+
+
+def moving(columns: np.ndarray) -> np.ndarray:
+    """True for displacements, (N, S), above round-off of the largest, which have a direction, (S,)."""
+    sizes = np.abs(columns).max(axis=0)
+    return sizes > STILL * sizes.max(initial=0.0)
+
+
+def loaded_snapshots(snapshots: SnapshotSet, space: ParameterSpace) -> tuple[np.ndarray, np.ndarray]:
+    """Numbers of the snapshots that are not zero, which have a direction, and for each the nearest one of them.
+
+    Raises:
+        StudyError: if all are zero.
+    """
+    loaded = np.flatnonzero(moving(snapshots.displacements))
+    if not loaded.size:
+        raise StudyError("no training solution moves, so that none is like another one: train where bodies are loaded")
+    width = np.array(space.upper) - space.lower
+    unit = snapshots.points / np.where(width > 0, width, 1.0)
+    return loaded, loaded[cKDTree(unit[loaded]).query(unit)[1]]
+
+
+def _drawn_in(choice: Choice, number: int, space: ParameterSpace, seed: int) -> np.ndarray:
+    """Random points of the boxes of a model, (n, P); empty if it has no box."""
+    width = np.array(space.upper) - space.lower
+    boxes = [(low, high) for label, low, high in choice.boxes(space.lower, space.upper) if label == number]
+    volumes = np.array([np.prod(np.where(width > 0, (high - low) / np.where(width > 0, width, 1.0), 1.0))
+                        for low, high in boxes])  # fmt: skip
+    rng = np.random.default_rng(seed)
+    if not volumes.sum() > 0:
+        return np.zeros((0, len(space.names)))
+    chosen = rng.choice(len(boxes), DRAWN, p=volumes / volumes.sum())
+    low, high = (np.array([box[end] for box in boxes])[chosen] for end in (0, 1))
+    return low + rng.random(low.shape) * (high - low)
+
+
+def _held_out_of(training: TrainingAnswers, choice: Choice, number: int) -> SnapshotSet | None:
+    """Held-out answers in a region; None without any."""
+    if training.held_out is None:
+        return None
+    inside = np.flatnonzero(choice.many(training.held_out.points)[0] == number)
+    return training.held_out.take(inside) if inside.size else None
+
+
+def together(models: list[ReducedModel], choice: Choice, snapshots: SnapshotSet, record: LocalRecord) -> LocalModels:
+    """Set of some models. Its training range is that of all snapshots: neighbours cover each other's edges."""
+    trained = TrainedRange.of(snapshots.points, models[0].parameters)
+    own = [model.changed(trained=trained, fields=fields) for model, fields in zip(models, _alike(models), strict=True)]
+    if record.missed:
+        more = "" if len(record.missed) == 1 else f", and {len(record.missed) - 1} more in offline.missed"
+        warn(f"{record.missed[0]}{more}", LocalModelWarning, stacklevel=4)
+    return LocalModels(own, choice, replace(record, points=snapshots.points))
+
+
+def _alike(models: list[ReducedModel]) -> list[Any]:
+    """Fields of the models with a common least size of forces for relative errors: that of all training."""
+    fields = [model.fields for model in models]
+    bounds: list[Any] = [item.bound for item in fields]
+    if None in bounds:
+        return fields
+    least = np.max([bound.least for bound in bounds], axis=0)
+    return [replace(item, bound=replace(bound, least=least)) for item, bound in zip(fields, bounds, strict=True)]
+
+
+def built(
+    full: Any, snapshots: SnapshotSet, recipe: Recipe, held_out: SnapshotSet | None
+) -> tuple[ReducedModel, list[str]]:
+    """Model of some snapshots, and warnings of its check, which are raised only for models that are kept."""
+    with collected() as caught:
+        model = build(full, snapshots, recipe, None if recipe.trust is None else held_out)
+    # a local model is trained on a part of the box on purpose
+    said = [item for item in caught if issubclass(item.category, StabilityWarning)]
+    return model, [str(item.message) for item in said if not issubclass(item.category, TrainingWarning)]
+
+
+def sizes_of(model: ReducedModel) -> tuple[int, int]:
+    """Modes and contact conditions."""
+    return model.problem.contact_trial.shape[1], model.problem.contact_trial.shape[0]
+
+
+def p95(errors: np.ndarray) -> float:
+    """95th percentile; NaN without estimates."""
+    return summary(errors)["p95"] if errors.size else float("nan")
+
+
+def least_forces(full: Any, snapshots: SnapshotSet) -> float:
+    """A thousandth of the largest training forces in the S norm, in the middle of the box."""
+    return float(least_sizes(full.problem, full.schur, snapshots.forces)[0])
+
+
+def force_errors(model: ReducedModel | LocalModels, points: np.ndarray, floor: float) -> np.ndarray:
+    """Estimated relative errors of contact forces at some points, (n,), with a least size of forces.
+
+    NaN without an estimate, infinite without an answer. If forces nearly vanish, the denominator is ``floor``.
+    """
+    if not len(points):
+        return np.zeros(0)
+    many = model.solve_many(points, raise_on_failure=False, outside="ignore")
+    answered = np.array([status is Status.CONVERGED for status in many.status])
+    found = many.estimates() if answered.any() else None
+    if found is None:
+        return np.where(answered, np.nan, np.inf)
+    # e / (|λ| - e) where that is less than e / floor
+    errors = np.fmin(found.dual_relative, found.dual / floor if floor > 0 else np.inf)
+    return np.where(answered, errors, np.inf)

@@ -1,0 +1,301 @@
+"""Parts of the box whose answers lie near one small space, thesis section 4.2: k-medoids of cells, or of snapshots.
+
+On a regular grid its cells are clustered, by the spaces of the snapshots at their corners. A snapshot at a border then
+belongs to both sides. Without a grid, snapshots themselves are clustered.
+
+Cuts through the box then separate the labelled points: they select the local model that answers, section 4.2.2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx import compat
+from hhr_dolfinx.compat import extra
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.parameters import ParameterSpace, is_whole
+from hhr_dolfinx.plugins.local.models import LEAF, Choice
+from hhr_dolfinx.reduction.modes import pod
+from hhr_dolfinx.reduction.subspaces import basis_distances, coordinates, snapshot_distances
+
+STARTS = 5
+"""Random starts of k-medoids, in addition to a greedy one; the best result counts."""
+SAME = 1e-9
+"""Difference of two values of a parameter over its range, below which they are one value of a grid."""
+
+
+class GridCells(NamedTuple):
+    """Cells of a regular grid, in the order of its points.
+
+    Attributes:
+        cells: lower and upper corner of each, (C, 2, P); flat along a parameter of which the grid has one value.
+        corners: numbers of the points at the corners of each, (C, 2^Q) with Q parameters that vary.
+    """
+
+    cells: np.ndarray
+    corners: np.ndarray
+
+
+@dataclass(frozen=True)
+class CellClusters:
+    """Clusters of cells of a regular grid.
+
+    Attributes:
+        grid: the cells.
+        labels: of each cell, (C,), from 0.
+        dissimilarity: (4.1), (C, C).
+    """
+
+    grid: GridCells
+    labels: np.ndarray
+    dissimilarity: np.ndarray
+
+    def snapshots(self, label: int) -> np.ndarray:
+        """Numbers of the snapshots at the corners of the cells of a label, ascending; labels share those at borders."""
+        return np.unique(self.grid.corners[self.labels == label])
+
+
+def grid_cells(points: np.ndarray) -> GridCells:
+    """Cells of a regular grid of any number of parameters, with any spacing.
+
+    Args:
+        points: (S, P), in any order, as of :meth:`ParameterSpace.grid`.
+
+    Raises:
+        ReductionError: for points that are no grid, or a single one.
+    """
+    points = np.asarray(points, dtype=float)
+    if points.ndim != 2 or 0 in points.shape or not np.isfinite(points).all():
+        raise ReductionError(f"points of the shape {points.shape} must be a table of finite numbers, (S, P)")
+    values, places = zip(*(_axis(column) for column in points.T), strict=True)
+    shape = tuple(axis.size for axis in values)
+    flat = np.ravel_multi_index(places, shape) if np.prod(shape, dtype=float) <= len(points) else np.zeros(0)
+    if np.unique(flat).size != len(points):
+        size = " x ".join(map(str, shape))
+        raise ReductionError(
+            f"{len(points)} points with {size} values of their parameters are no grid, each point of it once: "
+            "label snapshots in the place of cells"
+        )
+    if len(points) == 1:
+        raise ReductionError("a grid of one point has no cell: train on at least two values of a parameter")
+    numbers = np.argsort(flat).reshape(shape)
+    lowest = np.indices([max(size - 1, 1) for size in shape]).reshape(len(shape), -1).T
+    steps = np.array([size > 1 for size in shape], dtype=int)
+    highest = lowest + steps
+    ways = np.indices(tuple(steps + 1)).reshape(len(shape), -1).T
+    corners = numbers[tuple(np.moveaxis(lowest[:, None] + ways, -1, 0))]
+    cells = [[axis[end[:, k]] for k, axis in enumerate(values)] for end in (lowest, highest)]
+    return GridCells(np.array(cells).transpose(2, 0, 1), corners)
+
+
+def cell_bases(columns: np.ndarray, corners: np.ndarray, tolerance: float) -> list[np.ndarray]:
+    """Local bases of cells by POD of the snapshots at their corners, section 4.2.1.
+
+    Args:
+        columns: snapshots, (N, S), or their :func:`~hhr_dolfinx.reduction.subspaces.coordinates`.
+        corners: numbers of columns, (C, k).
+        tolerance: epsilon of (1.53), in (0, 1).
+
+    Returns:
+        Orthonormal bases, (N, a_j) each, a_j <= k.
+
+    Raises:
+        ReductionError: for a cell whose snapshots are all zero, and for errors of POD.
+    """
+    sizes = np.abs(columns).max(axis=0, initial=0.0)
+    empty = np.flatnonzero(~sizes[corners].any(axis=1))
+    if empty.size:
+        raise ReductionError(
+            f"all snapshots at the corners of cells {empty[:10].tolist()} are zero, and span no space: leave out "
+            "parameters without load"
+        )
+    return [pod(columns[:, own], tolerance)[0] for own in corners]
+
+
+def cell_labels(
+    points: np.ndarray, columns: np.ndarray, count: int, *, tolerance: float = 1e-8, seed: int = 1, gram: Any = None
+) -> CellClusters:
+    """Cluster cells of a regular grid whose snapshots span similar spaces, section 4.2.1.
+
+    Args:
+        points: a grid, (S, P).
+        columns: its snapshots, (N, S).
+        count: K, the number of clusters.
+        tolerance: of the POD of each cell. An additional mode counts as a right angle in (4.2). So a loose tolerance
+            clusters cells by their number of modes: the pellet's by pressure at 1e-4, and by height, as in figure 4.2b,
+            at 1e-6 and below.
+        seed: of the random starts of k-medoids.
+        gram: Gram matrix of the norm, (N, N); None for the Euclidean one, as in the thesis.
+
+    Raises:
+        ReductionError: for points that are no grid, more clusters than cells, or snapshots that are not finite.
+    """
+    grid = grid_cells(points)
+    if np.ndim(columns) != 2 or np.shape(columns)[1] != len(points):
+        raise ReductionError(
+            f"snapshots of the shape {np.shape(columns)} need a column for each of {len(points)} points"
+        )
+    bases = cell_bases(coordinates(columns, gram), grid.corners, tolerance)
+    dissimilarity = basis_distances(bases)
+    return CellClusters(grid, medoids(dissimilarity, count, seed), dissimilarity)
+
+
+def snapshot_labels(columns: np.ndarray, count: int, *, seed: int = 1, gram: Any = None) -> np.ndarray:
+    """Cluster snapshots that point in similar directions, section 4.2.2.
+
+    Args:
+        columns: snapshots, (N, S).
+        count: K, the number of clusters.
+        seed: of the random starts of k-medoids.
+        gram: Gram matrix of the norm, (N, N); None for the Euclidean one, as in the thesis.
+
+    Returns:
+        A label of each snapshot, (S,), from 0.
+
+    Raises:
+        ReductionError: for more clusters than snapshots, or snapshots that are zero or not finite.
+    """
+    return medoids(snapshot_distances(columns, gram), count, seed)
+
+
+def medoids(dissimilarity: np.ndarray, count: int, seed: int = 1) -> np.ndarray:
+    """Clusters by k-medoids: each item belongs to the nearest of ``count`` items, chosen for the least sum.
+
+    Args:
+        dissimilarity: symmetric and not negative, (n, n).
+        count: K, from 1 to n.
+        seed: of random starts; the result is the best of several and of a greedy one.
+
+    Returns:
+        Labels 0 to K - 1, all of them used, in the order in which they first occur, (n,).
+
+    Raises:
+        ReductionError: for a matrix that is no dissimilarity, more clusters than items, or an invalid seed.
+        MissingPackageError: without the package kmedoids.
+    """
+    matrix = _dissimilarity(dissimilarity)
+    if not is_whole(count, 1) or count > len(matrix):
+        raise ReductionError(
+            f"{count!r} clusters of {len(matrix)} items: the number must be an integer from 1 to as many"
+        )
+    if not is_whole(seed, 0):
+        raise ReductionError(f"seed = {seed!r} must be an integer that is not negative")
+    chosen = _chosen(matrix, int(count), int(seed))
+    labels = np.argmin(matrix[:, chosen], axis=1)
+    labels[chosen] = np.arange(chosen.size)  # two equal ones would share a label, and leave another without items
+    _, first, inverse = np.unique(labels, return_index=True, return_inverse=True)
+    return np.argsort(np.argsort(first))[inverse]
+
+
+def _chosen(matrix: np.ndarray, count: int, seed: int) -> np.ndarray:
+    """Numbers of the medoids, (K,)."""
+    with extra("local", "clustering for local models"):
+        from kmedoids import fasterpam
+    if count == len(matrix):
+        return np.arange(count)
+    # one thread: with several the order in which swaps are found may differ from run to run
+    ends = [fasterpam(matrix, count, init="build", random_state=seed, n_cpu=1)]
+    ends += [fasterpam(matrix, count, init="random", random_state=seed + k, n_cpu=1) for k in range(STARTS)]
+    chosen = np.unique(np.asarray(min(ends, key=lambda end: end.loss).medoids, dtype=np.int64))
+    while chosen.size < count:  # one of several equal items may have been chosen twice
+        others = np.setdiff1d(np.arange(len(matrix)), chosen)
+        chosen = np.append(chosen, others[np.argmax(matrix[others][:, chosen].min(axis=1))])
+    return np.sort(chosen)
+
+
+def _dissimilarity(given: np.ndarray) -> np.ndarray:
+    """A dissimilarity as k-medoids needs it; ReductionError for an invalid one."""
+    matrix = np.ascontiguousarray(given, dtype=float)
+    if matrix.ndim != 2 or matrix.shape[0] != matrix.shape[1] or not matrix.size:
+        raise ReductionError(f"a dissimilarity of the shape {matrix.shape} must be square, (n, n)")
+    if not np.isfinite(matrix).all() or (matrix < 0).any():
+        raise ReductionError("a dissimilarity must be finite and not negative: look for snapshots that are no numbers")
+    off = np.abs(matrix - matrix.T).max()
+    if off > 1e-9 * matrix.max() or np.diag(matrix).any():
+        raise ReductionError(f"a dissimilarity must be symmetric, and is not by {off:.2g}, with zeros on its diagonal")
+    return matrix
+
+
+def _axis(column: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Values of a parameter, ascending, and the index of the value of each point, (S,); equal up to round-off."""
+    rising = np.unique(column)
+    first = np.append(True, np.diff(rising) > SAME * (rising[-1] - rising[0]))
+    return rising[first], (np.cumsum(first) - 1)[np.searchsorted(rising, column)]
+
+
+with compat.extra("local", "a classifier of parameters"):
+    from sklearn.ensemble import RandomForestClassifier
+    from sklearn.tree import DecisionTreeClassifier
+
+DRAWN = 20_000
+"""Points at which one tree learns the labels of a forest."""
+TREES = 100
+"""Trees of a forest."""
+
+
+def separating_cut(unit: np.ndarray, labels: np.ndarray, least: float) -> tuple[int, float] | None:
+    """Axis and position of the cut that separates two labels best; None if there is no such cut.
+
+    Args:
+        unit: points in the unit box, (n, P).
+        labels: 0 or 1, (n,).
+        least: least part of the points on each side.
+    """
+    stump = DecisionTreeClassifier(max_depth=1, min_samples_leaf=max(int(least * len(unit)), 1), random_state=0)
+    tree = stump.fit(unit, labels).tree_
+    return None if tree.feature[0] < 0 else (int(tree.feature[0]), float(tree.threshold[0]))
+
+
+def tree_of_cells(cells: np.ndarray, labels: np.ndarray) -> Choice:
+    """Tree whose cuts run along the lines of a grid, from its cells, (C, 2, P), and their labels.
+
+    Its classifier uses the numbers of cells along each axis: in a wide box it cannot separate narrow ones.
+    """
+    lines = []
+    ranks = []
+    for ends in cells[:, 1].T:
+        values, rank = np.unique(ends, return_inverse=True)
+        lines.append(values)
+        ranks.append(rank)
+    places = np.column_stack(ranks).astype(float)
+    space = ParameterSpace(tuple(f"axis_{k}" for k in range(len(lines))), (0.0,) * len(lines), (1.0,) * len(lines))
+    found = _choice(DecisionTreeClassifier(random_state=0).fit(places, labels), space)
+    cut = found.cut.copy()
+    for node in np.flatnonzero(found.axis != LEAF):
+        cut[node] = lines[found.axis[node]][int(cut[node])]
+    return replace(found, cut=cut)
+
+
+def forest_tree(points: np.ndarray, labels: np.ndarray, space: ParameterSpace, seed: int = 0) -> Choice:
+    """One tree that approximates a random forest trained on labelled points, (n, P).
+
+    The forest of the thesis evaluates a hundred trees for each query, which takes longer than the answer of a local
+    model. A tree trained on many points labelled by the forest agrees with it except along the borders.
+    """
+    forest = RandomForestClassifier(TREES, random_state=seed).fit(_unit(points, space), labels)
+    drawn = np.vstack([_unit(points, space), np.random.default_rng(seed).random((DRAWN, len(space.names)))])
+    return _choice(DecisionTreeClassifier(random_state=0).fit(drawn, forest.predict(drawn)), space)
+
+
+def _unit(points: np.ndarray, space: ParameterSpace) -> np.ndarray:
+    """Points of the box, scaled to the unit box."""
+    lower = np.array(space.lower)
+    upper = np.array(space.upper)
+    return (points - lower) / np.where(upper > lower, upper - lower, 1.0)
+
+
+def _choice(classifier: DecisionTreeClassifier, space: ParameterSpace) -> Choice:
+    """A fitted tree as cuts through the box."""
+    tree = classifier.tree_
+    lower = np.array(space.lower)
+    upper = np.array(space.upper)
+    inner = tree.feature >= 0
+    axis = np.where(inner, tree.feature, LEAF)
+    cut = np.where(inner, lower[axis] + tree.threshold * (upper - lower)[axis], 0.0)
+    label = classifier.classes_[tree.value[:, 0].argmax(axis=1)].astype(np.int64)
+    low, high = (np.where(inner, part, 0).astype(np.int64) for part in (tree.children_left, tree.children_right))
+    reach = np.zeros(len(space.names))
+    return Choice(axis.astype(np.int64), cut, low, high, np.where(inner, LEAF, label), reach)

@@ -1,0 +1,352 @@
+"""Local models, thesis chapter 4: several small models, each trained on a part of the box, used like one.
+
+Solutions with a contact zone that moves far lie on a curved manifold, and a common basis becomes large. If each model
+covers a part of the box, models stay small; a query uses the model of its part. Near a border two models are
+candidates, and the answer with the smaller error estimate wins.
+
+The parts are regions of a binary tree of cuts through the box. Grids, decision trees and boxes that were split
+repeatedly have this form. A query passes about five cuts, in a microsecond or two.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated, Any, Self
+
+import numpy as np
+
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.model import KeptModel, checked_start
+from hhr_dolfinx.models.reconstruct import Reconstruction
+from hhr_dolfinx.models.reduced import ADVICE, ReducedModel
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.trained import USUAL, TrainedRange
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.many import PartedAnswers
+
+
+ALIKE = 1e-5
+"""Relative difference of arrays up to which two models are of one scene."""
+LEAF = -1
+"""Axis of a node without a cut."""
+
+
+@dataclass(frozen=True, eq=False)
+class Choice:
+    """A binary tree of cuts across the axes (n nodes, the first one is the whole box; P parameters).
+
+    Attributes:
+        axis: index of the parameter that is cut, (n,) int; -1 for a region.
+        cut: value of the cut, (n,); a point at the cut or below goes low.
+        low, high: the nodes below and above the cut, (n,) int, each with a higher number than its parent.
+        label: number of the model of a region, (n,) int.
+        reach: half the width, along each parameter, of the strip along a cut in which both sides are candidates, (P,).
+
+    Raises:
+        ReductionError: for an invalid tree.
+    """
+
+    axis: Annotated[Integers, "nodes"]
+    cut: Annotated[Floats, "nodes"]
+    low: Annotated[Integers, "nodes"]
+    high: Annotated[Integers, "nodes"]
+    label: Annotated[Integers, "nodes"]
+    reach: Annotated[Floats, "P"]
+
+    def __post_init__(self) -> None:
+        """Refuse an invalid tree: a query would not end, or end nowhere."""
+        count = len(self.axis)
+        sizes = {len(part) for part in (self.axis, self.cut, self.low, self.high, self.label)}
+        inner = np.flatnonzero(self.axis != LEAF)
+        if sizes != {count} or count == 0 or not (np.isfinite(self.cut).all() and np.isfinite(self.reach).all()):
+            raise ReductionError("a choice between models needs as many finite cuts as nodes, at least one")
+        children = np.concatenate([self.low[inner], self.high[inner]])
+        if (self.axis < LEAF).any() or (self.axis >= len(self.reach)).any() or (self.reach < 0).any():
+            raise ReductionError(f"a choice between models cuts axes {np.unique(self.axis)} of {len(self.reach)}")
+        if not np.array_equal(np.sort(children), np.arange(1, count)) or (children <= np.tile(inner, 2)).any():
+            raise ReductionError("the cuts of a choice between models are no tree")
+        if (self.label[self.axis == LEAF] < 0).any():
+            raise ReductionError("a region of a choice between models has no model")
+
+    @classmethod
+    def whole(cls, parameters: int) -> Choice:
+        """One model for the whole box."""
+        none = np.zeros(1, dtype=np.int64)
+        return cls(none - 1, np.zeros(1), none, none, none, np.zeros(parameters))
+
+    @cached_property
+    def _nodes(self) -> list[tuple[int, float, int, int]]:
+        """The nodes as plain numbers, which Python follows ten times as fast."""
+        parts = (self.axis, self.cut, self.low, self.high)
+        return list(zip(*(part.tolist() for part in parts), strict=True))
+
+    @cached_property
+    def _plain(self) -> tuple[list[int], list[float]]:
+        return self.label.tolist(), self.reach.tolist()
+
+    def candidates(self, point: Sequence[float]) -> tuple[int, int]:
+        """Model of a point, P numbers, and near a border the model on the other side, else -1.
+
+        Of several borders the nearest one counts, in parts of their reach. Points on both sides of it have the same two
+        candidates, so that the answer does not jump there.
+        """
+        nodes = self._nodes
+        labels, reach = self._plain
+        node = 0
+        near = []
+        axis, cut, low, high = nodes[0]
+        while axis >= 0:
+            off = point[axis] - cut
+            width = reach[axis]
+            if -width <= off <= width:
+                near.append((abs(off) / width if width else 0.0, high if off <= 0 else low))
+            node = low if off <= 0 else high
+            axis, cut, low, high = nodes[node]
+        label = labels[node]
+        for _, branch in sorted(near):
+            other = self._followed(branch, point)
+            # both sides of a cut may belong to one model
+            if other != label:
+                return label, other
+        return label, LEAF
+
+    def _followed(self, node: int, point: Sequence[float]) -> int:
+        """Model of a point in the subtree of a node."""
+        axis, cut, low, high = self._nodes[node]
+        while axis >= 0:
+            axis, cut, low, high = self._nodes[node := low if point[axis] <= cut else high]
+        return self._plain[0][node]
+
+    def many(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Models and second candidates of many points, (n, P): two arrays of numbers of models, (n,)."""
+        rows = points.tolist()
+        found = np.array([self.candidates(row) for row in rows], dtype=np.int64).reshape(len(rows), 2)
+        return found[:, 0], found[:, 1]
+
+    def boxes(self, lower: Any, upper: Any) -> list[tuple[int, np.ndarray, np.ndarray]]:
+        """Regions inside a box: number of the model, and corners, (P,) each, in the order of the nodes."""
+        corners = {0: (np.array(lower, dtype=float), np.array(upper, dtype=float))}
+        found = []
+        for node, (axis, cut, low, high) in enumerate(self._nodes):
+            least, most = corners.pop(node)
+            if axis == LEAF:
+                found.append((int(self.label[node]), least, most))
+                continue
+            # a cut may lie outside of the box
+            below = most.copy()
+            above = least.copy()
+            below[axis] = above[axis] = min(max(cut, least[axis]), most[axis])
+            corners[low] = (least, below)
+            corners[high] = (above, most)
+        return found
+
+    def reaching(self, reach: np.ndarray) -> Choice:
+        """The same cuts with strips of another width, (P,)."""
+        return Choice(self.axis, self.cut, self.low, self.high, self.label, np.asarray(reach, dtype=float))
+
+
+class SeveralModels(KeptModel):
+    """Common part of sets of reduced models of one scene.
+
+    Attributes:
+        models: the models.
+    """
+
+    models: tuple[ReducedModel, ...]
+
+    @property
+    def members(self) -> tuple[KeptModel, ...]:
+        """The models."""
+        return self.models
+
+    def __len__(self) -> int:
+        return len(self.models)
+
+    @property
+    def fields(self) -> Reconstruction:
+        """Fields of the first model: gaps, S and outputs are common. Answers are completed by their own models."""
+        return self.models[0].fields
+
+    def model_of(self, answer: Answer) -> int:
+        """Number of the model that gave an answer.
+
+        Raises:
+            ReductionError: if none of the models gave the answer.
+        """
+        for number, model in enumerate(self.models):
+            if model.fields is answer.fields:
+                return number
+        raise ReductionError("this answer is not of these local models")
+
+    def columns(self, many: Iterable[Answer]) -> dict[str, np.ndarray]:
+        """See :meth:`AnsweringModel.columns`: number of the model that answered."""
+        return {"model": np.array([self.model_of(answer) for answer in many], dtype=float)}
+
+    def for_file(self) -> Self:
+        """The models without their indicators, which are code."""
+        return self.changed(models=tuple(model.for_file() for model in self.models))
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """No faults beyond those of its models; the constructor refuses models that do not fit together."""
+        return iter(())
+
+    @property
+    def dimension(self) -> int:
+        """Components of the displacement at a node."""
+        return self.models[0].dimension
+
+
+class LocalModels(SeveralModels):
+    """Reduced models of one elastic scene, each for a part of the box; used like one model.
+
+    Args:
+        models: the models, of the same scene.
+        choice: selects the model that answers.
+        offline: record of their construction; None from a file.
+
+    Attributes:
+        models, choice, offline: see above.
+        parameters: the box.
+
+    Raises:
+        ReductionError: for models of several scenes, or a choice of models that do not exist.
+    """
+
+    kept = ("models", "choice")
+    advice = ADVICE
+
+    def __init__(self, models: Sequence[ReducedModel], choice: Choice, offline: Any = None):
+        self.models = tuple(models)
+        self.choice = choice
+        self.offline = offline
+        _check_alike(self.models, choice)
+        self.parameters: ParameterSpace = self.models[0].parameters
+
+    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+        """By the model of the part; statuses of another model are replaced by the nearest training statuses."""
+        number, other = self.choice.candidates(point.tolist())
+        if other != LEAF:
+            number = int(self._nearer(np.array([number]), np.array([other]), point[None])[0])
+        if not isinstance(start, str | None):
+            start = self._own_start(number, start)
+        model = self.models[number]
+        if model._range is not None:
+            model._range.check(point, outside)
+        return model._answered(point, start, outside, gradient)
+
+    @property
+    def own_conditions(self) -> int:
+        """Number of conditions of the first model; others may have more, or fewer."""
+        return self.models[0].own_conditions
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Sizes of answers of the first model."""
+        return self.models[0].sizes
+
+    def _checked_start(self, start: Any) -> Any:
+        """Statuses of any of the models, checked."""
+        sizes = [model.own_conditions for model in self.models]
+        given = np.shape(start)[0] if np.ndim(start) == 1 else 0
+        return checked_start(start, given if given in sizes else sizes[0])
+
+    def _criteria(self, numbers: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """Criteria against answers of models, of numbers (n,), to points, (n, P), the most important first: (3, n).
+
+        Infinite without a solution. 1 outside the training range of the model. The larger of the relative estimates of
+        displacement and forces, and, if these are infinite, in units; 0 without an estimate.
+        """
+        criteria = np.zeros((3, len(points)))
+        for number in np.unique(numbers):
+            rows = np.flatnonzero(numbers == number)
+            model = self.models[number]
+            many = model.solve_many(points[rows], raise_on_failure=False, outside="ignore")
+            if isinstance(model.trained, TrainedRange):
+                inside = (model.trained.lower <= points[rows]) & (points[rows] <= model.trained.upper)
+                criteria[0, rows] = ~inside.all(axis=1)
+            if (found := many.estimates()) is not None:
+                criteria[1, rows] = np.maximum(found.primal_relative, found.dual_relative)
+                criteria[2, rows] = np.maximum(found.primal, found.dual)
+            criteria[:, rows[[status is not Status.CONVERGED for status in many.status]]] = np.inf
+        return criteria
+
+    def _nearer(self, one: np.ndarray, two: np.ndarray, points: np.ndarray) -> np.ndarray:
+        """The better of two models at each point, (n,), of numbers (n,) each; the first if they are equal."""
+        less = np.zeros(len(points), dtype=bool)
+        # from the least important criterion to the first, each of which decides if those before it are equal
+        for first, second in zip(self._criteria(one, points)[::-1], self._criteria(two, points)[::-1], strict=True):
+            less = (second < first) | ((second == first) & less)
+        return np.where(less, two, one)
+
+    def _own_start(self, number: int, start: Any) -> Any:
+        """Statuses to start from; those of another model, as along a path, become the nearest training statuses."""
+        statuses = np.asarray(start)
+        sizes = [len(model.problem.gaps) for model in self.models]
+        foreign = statuses.dtype == bool and statuses.ndim == 1 and statuses.size != sizes[number]
+        # statuses of no model are refused by the model itself
+        return "nearest" if foreign and statuses.size in sizes else start
+
+    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> PartedAnswers:
+        """Answer many parameters, (n, P), one batch per model, see :meth:`CondensedModel.solve_many`."""
+        from hhr_dolfinx.models.many import PartedAnswers
+
+        checked = self.parameters.points(points)
+        number, other = self.choice.many(checked)
+        near = np.flatnonzero(other != LEAF)
+        number[near] = self._nearer(number[near], other[near], checked[near])
+        found = []
+        for chosen in np.unique(number):
+            rows = np.flatnonzero(number == chosen)
+            how = {"raise_on_failure": raise_on_failure, "outside": outside}
+            found.append((rows, self.models[chosen].solve_many(checked[rows], **how)))
+        return PartedAnswers.of(found, number)
+
+
+def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:
+    """Raise ReductionError for models of several scenes, or a choice of models that do not exist."""
+    if not models or not all(isinstance(model, ReducedModel) for model in models):
+        raise ReductionError("local models are a list of reduced models, at least one")
+    if any(model.flow is not None for model in models):
+        raise ReductionError(
+            "local models are of elastic bodies: where bodies flow take one model, build() or condense()"
+        )
+    first = models[0]
+    point = first.parameters.random(1, seed=1)[0]
+    for number, model in enumerate(models):
+        if not (_scene_of(model) == _scene_of(first) and _same_arrays(model.fields, first.fields, point)):
+            raise ReductionError(f"local model {number} is of another scene or mesh than the first one")
+    if not isinstance(choice, Choice):
+        raise ReductionError(f"{choice!r} is no Choice, which says what local model answers where")
+    if len(choice.reach) != len(first.parameters.names):
+        raise ReductionError(f"a choice of {len(choice.reach)} parameters does not suit {first.parameters.names}")
+    if choice.label[choice.axis == LEAF].max() >= len(models):
+        raise ReductionError(f"a region belongs to a model that is not among {len(models)} local ones")
+
+
+def _scene_of(model: ReducedModel) -> list:
+    """Box, mesh, and names of outputs of a model."""
+    space = model.parameters
+    functionals = model.fields.functionals
+    outputs = () if functionals is None else functionals.items
+    sizes = len(model.fields.basis), model.fields.gaps.shape
+    return [*space.names, *space.lower, *space.upper, *sizes, *(item.name for item in outputs)]
+
+
+def _same_arrays(one: Reconstruction, two: Reconstruction, point: np.ndarray) -> bool:
+    """True if gaps, θ at a point, and, if both have them, S, lifts and loads belong to one scene."""
+    there = one.amplitudes(point)
+    beside = two.amplitudes(point)
+    alike = [(one.gaps, two.gaps), (there.values, beside.values)]
+    if not all(np.array_equal(mine, other) for mine, other in alike):
+        return False
+    if one is two or one.bound is None or two.bound is None:
+        # models with and without an estimate cannot be compared near a border
+        return one.bound is two.bound
+    pairs = [(one.bound.schur, two.bound.schur), (one.lifts, two.lifts), (one.bound.free_slack, two.bound.free_slack)]
+    return all(abs(mine - other).max() <= ALIKE * abs(other).max() for mine, other in pairs if other.size)

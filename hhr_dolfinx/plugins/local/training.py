@@ -1,0 +1,53 @@
+"""The method ``local`` of a training."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+from hhr_dolfinx.errors import NotOfferedError, StudyError
+from hhr_dolfinx.plugins.local.models import LocalModels
+from hhr_dolfinx.plugins.local.splitting import Splitting
+from hhr_dolfinx.reduction.build import usual_recipe
+from hhr_dolfinx.reduction.recipe import Recipe
+
+
+def _silent(label: str) -> Callable[[Iterable], Iterable]:
+    return iter
+
+
+def local(
+    training: Any,
+    how: Any = None,
+    *,
+    recipe: Recipe | None = None,
+    checked: bool = True,
+    progress: Callable[[str], Callable[[Iterable], Iterable]] = _silent,
+) -> LocalModels:
+    """Build several small models instead of one, each for a part of the box, used like one; thesis chapter 4.
+
+    Args:
+        training: the full model with its answers.
+        how: :class:`~hhr_dolfinx.plugins.local.splitting.Splitting`, which determines the number of models, or
+            :class:`~hhr_dolfinx.plugins.local.clustered.Clusters` of a given number; None takes the first.
+        recipe, checked: of each model, see :meth:`hhr_dolfinx.study.training.train.Training.build`.
+        progress: for progress bars.
+
+    Raises:
+        StudyError: for an invalid ``how``.
+        NotOfferedError: with friction, and for inelastic bodies.
+    """
+    if training.full_order.friction is not None or training.full_order.equilibrium is not None:
+        raise NotOfferedError(
+            "local models are of elastic bodies without friction: take one model of these histories, build() or "
+            "condense(), which were found as exact and quicker"
+        )
+    how = Splitting() if how is None else how
+    if not callable(getattr(how, "models", None)) or isinstance(how, type):
+        raise StudyError(f"{how!r} is no way to share a training out: give Splitting(modes=90) or Clusters(3)")
+    if recipe is None and training.choice is not None:
+        recipe = training.choice.recipe
+    given = usual_recipe(training.full_order) if recipe is None else recipe
+    if not isinstance(given, Recipe):
+        raise StudyError(f"{given!r} is no recipe: give a Recipe")
+    return how.models(training.everywhere, given if checked else given.as_it_is(), progress("local models"))

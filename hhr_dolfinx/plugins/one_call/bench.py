@@ -1,0 +1,340 @@
+"""Context that all attempts of a search share: the full model, its answers, each solved once, and the cost so far."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx.certify.compare import retraced
+from hhr_dolfinx.certify.strains import check_small_strains
+from hhr_dolfinx.errors import (
+    ConvergenceError,
+    HHRError,
+    OutsideTrainingWarning,
+    ReductionError,
+    SceneWarning,
+    SmallStrainWarning,
+)
+from hhr_dolfinx.models.answer import Answer, History
+from hhr_dolfinx.plugins.one_call.crew import Crew
+from hhr_dolfinx.plugins.one_call.wish import Budget, Errors, Exact, Wish
+from hhr_dolfinx.sampling import Sobol
+from hhr_dolfinx.snapshots.records import Lost, SnapshotSet
+from hhr_dolfinx.study.training.train import Training
+from hhr_dolfinx.timing import Announce, StageLog, Stopwatch
+from hhr_dolfinx.warn import ignored, warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.path_families import PathFamily
+    from hhr_dolfinx.snapshots.arrays import ArrayStore
+
+FRESH_SEED = 7000
+"""Offset of the seed for points of checks, which then differ from those of any training."""
+CORNERS = 6
+"""Parameters up to which all corners of the box are trained on."""
+SURE = 4
+"""Full answers that a model is compared with if its bound meets the target already."""
+FRESH = 40
+"""Full answers that others are compared with; half of them where the model expects its largest errors."""
+DOUBTED = 1.5
+"""Factor by which the expected time of a stage must exceed the budget to stop it: its first step takes longer."""
+
+
+class BudgetSpentError(HHRError):
+    """The next stage exceeds the budget.
+
+    Attributes:
+        stage: the stage that was stopped; empty if none had begun.
+    """
+
+    def __init__(self, text: str, stage: str = ""):
+        super().__init__(text)
+        self.stage = stage
+
+
+@dataclass
+class Bench:
+    """Context of the attempts.
+
+    Attributes:
+        full: the full model, on one rank.
+        crew: ranks that solve for exact answers; mostly this one alone.
+        wish: target accuracy.
+        budget: limits of the cost.
+        family: paths, if answers depend on them; None if queries are points.
+        seed: of random draws.
+        progress: receives each stage, and the share of it that is done.
+        store: keeps solutions of connected components; None keeps them in memory alone.
+        errors: of models, in the norms of the target.
+        clock: since the search began.
+        solved: number of answers of the full model, those found in the store among them.
+        checks: number of checks.
+        held_out: answers of checks, with which later models are compared.
+        looked: whether answers of the full model were checked for large strains and missing contact.
+        forces_off: whether contact forces of the last checked model were less accurate than the target; True if nothing
+            is known of them.
+        checking: whether a model is being checked: before that, time is reserved for the answers of a check.
+        short: reason why the last check has fewer answers than planned; empty if it has all.
+        batches: seconds of full answers, as many at once as there are ranks.
+    """
+
+    full: Any
+    crew: Crew
+    wish: Wish
+    budget: Budget
+    family: PathFamily | None
+    seed: int
+    progress: Announce
+    store: ArrayStore | None = None
+    errors: Errors = field(init=False)
+    clock: Stopwatch = field(default_factory=Stopwatch)
+    solved: int = 0
+    checks: int = 0
+    held_out: list[Exact] = field(default_factory=list)
+    forces_off: bool = True
+    looked: bool = False
+    checking: bool = False
+    short: str = ""
+    batches: list[float] = field(default_factory=list)
+    _began: dict[str, float] = field(default_factory=dict)
+    _last: dict[str, float] = field(default_factory=dict)
+    _known: dict[bytes, Answer | History | None] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        self.errors = Errors(self.wish, self.full)
+
+    def check_budget(self) -> None:
+        """Raise BudgetSpentError if nothing more may be solved for."""
+        self._check_seconds()
+        answers = self.budget.full_answers
+        if answers is not None and self.solved >= answers:
+            raise BudgetSpentError(f"the {answers} full answers of the budget are spent")
+
+    def _check_seconds(self) -> None:
+        """Raise BudgetSpentError if the seconds of the budget are over."""
+        seconds = self.budget.seconds
+        if seconds is not None and self.clock.seconds >= seconds:
+            raise BudgetSpentError(f"the {seconds:g} s of the budget are over")
+
+    def announce(self, stage: str, share: float) -> None:
+        """Report a stage, and stop it if the rest of it exceeds the budget.
+
+        Raises:
+            BudgetSpentError: if no time is left, or not enough by the time of the share that is done.
+        """
+        self.progress(stage, share)
+        self._check_seconds()
+        now = self.clock.seconds
+        if now >= self.deadline:
+            raise BudgetSpentError(f"stage '{stage}' was stopped: {self._left()}", stage)
+        if not share:
+            self._began[stage] = self._last[stage] = now
+            return
+        step = now - self._last.get(stage, now)
+        self._last[stage] = now
+        # stored results took no time: the next step may take as long as this one
+        rest = max((now - self._began.get(stage, now)) * (1 / share - 1), step if share < 1 else 0.0)
+        if now + rest / DOUBTED > self.deadline:
+            raise BudgetSpentError(f"stage '{stage}' would take about {_about(rest)} s more, and {self._left()}", stage)
+
+    @property
+    def deadline(self) -> float:
+        """Seconds on the clock by which the present work must end; a check may use the time reserved for it."""
+        seconds = self.budget.seconds
+        if seconds is None:
+            return math.inf
+        return seconds if self.checking else seconds - min(self._duration(FRESH), seconds / 2)
+
+    def measure(self) -> None:
+        """Time one full answer, the first of the first check, to plan a budget of seconds."""
+        if self.budget.seconds is not None and self.family is None:
+            points = self.full.parameters.random(1, self.seed + FRESH_SEED + 1)
+            list(self._answers(points, "full answer to plan by", Lost()))
+
+    def _duration(self, count: int) -> float:
+        """Expected seconds of so many full answers, from those solved so far; zero before the first."""
+        return float(np.median(self.batches)) * math.ceil(count / self.crew.size) if self.batches else 0.0
+
+    def _left(self) -> str:
+        """Remaining seconds of the budget, in words."""
+        seconds = self.budget.seconds
+        assert seconds is not None
+        left = max(0.0, self.deadline - self.clock.seconds)
+        kept = "" if self.checking else f", beside {_about(seconds - self.deadline)} s that are kept back for a check"
+        return f"{_about(left)} of the {seconds:g} s of the budget are left{kept}"
+
+    def check_affordable(self, questions: Any, what: str, besides: int = 0) -> None:
+        """Raise BudgetSpentError before solving for answers if these, and ``besides`` more, exceed the budget."""
+        count = len({_key(question) for question in questions} - self._known.keys())
+        answers = self.budget.full_answers
+        if answers is not None and count and self.solved + count + besides > answers:
+            raise BudgetSpentError(
+                f"{what} takes {count} full answers and its check {besides} at least, and {answers - self.solved} of "
+                f"the {answers} full answers of the budget are left"
+            )
+        if self.clock.seconds + self._duration(count) > self.deadline:
+            raise BudgetSpentError(f"{what} would take about {_about(self._duration(count))} s, and {self._left()}")
+
+    def training(self, count: int) -> Training:
+        """About so many training answers, including those of smaller trainings and of checks.
+
+        Raises:
+            BudgetSpentError: before anything is solved for, if the budget does not allow it.
+        """
+        questions: Any
+        if self.family is not None:
+            questions = self.family.training(count, self.seed)
+        else:
+            space = self.full.parameters
+            questions = Sobol(count, self.seed, corners=len(space.names) <= CORNERS).points(space)
+        self.check_affordable(questions, f"a training of {len(questions)}", SURE)
+        lost = Lost()
+        answers = list(self._answers(questions, "training answers", lost))
+        self._look([Exact(item) for item in answers])
+        snapshots = _set_of(answers)
+        lost.warn(len(questions), (len(questions) + 1) // 2, "training queries")
+        return Training(self.full, snapshots, self.checked, StageLog())
+
+    @property
+    def checked(self) -> SnapshotSet | None:
+        """Exact answers of checks; None before the first."""
+        return _set_of(item.full for item in self.held_out) if self.held_out else None
+
+    def fresh(self, count: int, suspects: np.ndarray | None = None) -> list[Exact]:
+        """Exact answers to queries that no model was built from: random ones, and given points, (n, P).
+
+        If the budget ends there are fewer; ``short`` then has the reason.
+
+        Raises:
+            BudgetSpentError: if it allows none.
+        """
+        self.checks += 1
+        seed = self.seed + FRESH_SEED + self.checks
+        questions: Any
+        if self.family is not None:
+            questions = self.family.paths(Sobol(count, seed))
+        else:
+            questions = self.full.parameters.random(count, seed)
+            questions = questions if suspects is None else np.concatenate([questions, suspects])
+        lost = Lost()
+        found: list[Exact] = []
+        self.short = ""
+        try:
+            for item in self._answers(questions, "fresh answers", lost):
+                found.append(Exact(item))
+        except BudgetSpentError as error:
+            if not found:
+                raise
+            self.short = f"{len(found)} of {len(questions)} fresh answers were affordable: {error}"
+        lost.warn(len(questions), 1, "fresh queries")
+        self._look(found)
+        self.errors.know(found)
+        return found
+
+    def _look(self, found: Sequence[Exact]) -> None:
+        """Warn once of faults that no check of a model detects: strains that are not small, bodies that never touch."""
+        if self.looked or not found:
+            return
+        self.looked = True
+        try:
+            check_small_strains(self.full, _set_of(item.full for item in found))
+        except ReductionError as error:
+            warn(str(error), SmallStrainWarning, stacklevel=3)
+        if not any(answer.forces().any() for item in found for answer in item.answers):
+            warn(
+                f"nothing touches in any of {len(found)} answers of the full model: look at gaps and at the signs of "
+                "loads and displacements, hhr check",
+                SceneWarning,
+                stacklevel=3,
+            )
+
+    def errors_of(self, model: Any, exact: Iterable[Exact]) -> np.ndarray:
+        """Errors of a model at exact answers, (n, norms of the target); infinite if it has no answer."""
+        rows = []
+        with ignored(OutsideTrainingWarning):
+            for item in exact:
+                try:
+                    answers = _found(model, item)
+                except HHRError:
+                    answers = []
+                rows.append(self.errors.of(answers, item))
+        return np.array(rows)
+
+    def _answers(self, questions: Any, label: str, lost: Lost) -> Iterator[Answer | History]:
+        """Exact answers; queries without one are reported to ``lost``."""
+        self.announce(self._planned(label, questions), 0.0)
+        for place, question in enumerate(questions):
+            key = _key(question)
+            if key not in self._known:
+                self._solve(questions[place:], lost)
+                self.progress(label, (place + 1) / len(questions))
+            found = self._known[key]
+            if found is not None:
+                yield found
+
+    def _planned(self, label: str, questions: Any) -> str:
+        """A stage of full answers with their number, and their expected time if it is known."""
+        count = len({_key(question) for question in questions} - self._known.keys())
+        seconds = self._duration(count)
+        return f"{count} {label}" + (f", about {_about(seconds)} s" if seconds > 1 else "")
+
+    def _solve(self, questions: Any, lost: Lost) -> None:
+        """Solve the first of some queries, and as many after it as there are ranks."""
+        self.check_budget()
+        if self.clock.seconds + self._duration(1) > self.deadline:
+            raise BudgetSpentError(f"a full answer takes {_about(self._duration(1))} s, and {self._left()}")
+        answers = self.budget.full_answers
+        room = self.crew.size if answers is None else min(self.crew.size, answers - self.solved)
+        some: dict[bytes, Any] = {}
+        for question in questions:
+            if len(some) == room:
+                break
+            if _key(question) not in self._known:
+                some[_key(question)] = question
+        self.solved += len(some)
+        self._known |= dict.fromkeys(some)
+        clock = Stopwatch()
+        solved = self.crew.solved(list(some.values()))
+        self.batches.append(clock.seconds)
+        for (key, question), found in zip(some.items(), solved, strict=True):
+            with lost.recorded(_label(self.full, question)):
+                if isinstance(found, HHRError):
+                    raise found
+                self._known[key] = found
+
+
+def _about(seconds: float) -> str:
+    """Seconds with two digits, or all digits before the point."""
+    return f"{seconds:.0f}" if seconds >= 10 else f"{seconds:.2g}"
+
+
+def _set_of(found: Iterable[Answer | History]) -> SnapshotSet:
+    """Exact answers as one set."""
+    listed: list[Any] = list(found)
+    if not listed:
+        raise ConvergenceError("no training query has an answer: lower the loads, or narrow the box")
+    return SnapshotSet.of_histories(listed) if isinstance(listed[0], History) else SnapshotSet.of_answers(listed)
+
+
+def _found(model: Any, exact: Exact) -> list[Answer]:
+    """Answers of a model to the query of exact ones."""
+    if isinstance(exact.full, History):
+        return retraced(model, exact.full).answers
+    return [model.solve(exact.full.parameter, outside="ignore", raise_on_failure=False)]
+
+
+def _key(question: Any) -> bytes:
+    """Key that identifies a point or a path."""
+    if isinstance(question, np.ndarray):
+        return question.tobytes()
+    return b"".join(np.float64(time).tobytes() + np.asarray(point).tobytes() for time, point in question)
+
+
+def _label(full: Any, question: Any) -> str:
+    """A point or a path in words."""
+    name = str(getattr(question, "name", ""))
+    return name or full.parameters.described(question)

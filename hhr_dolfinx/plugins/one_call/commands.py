@@ -1,0 +1,61 @@
+"""The command reduce."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import Any
+
+from hhr_dolfinx.command.speaking import guarded, spoken
+from hhr_dolfinx.command.words import NO_ANSWER, OUT, SCENE, Share, examples
+from hhr_dolfinx.compat import extra
+
+with extra("study", "the command hhr"):
+    import click
+
+
+@click.command(
+    epilog=examples(
+        "hhr reduce my_scene.py --error 1% --of pressure", "hhr reduce my_scene.py --of forces --seconds 600"
+    )
+)
+@SCENE
+@click.option("--error", type=Share(), default="1%", show_default=True, help="largest relative error of an answer")
+@click.option("--of", multiple=True, help="of pressure, forces, displacement or an output; once for each [pressure]")
+@click.option("--seconds", type=float, help="most that it may take")
+@click.option("--answers", type=click.IntRange(1), help="most answers of the full model")
+@click.option("--megabytes", type=float, help="largest model in a file")
+@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="of random points")
+@OUT
+@guarded
+def reduce(scene: str, out: Path | None, error: float, of: tuple[str, ...], seed: int, **limits: Any) -> None:
+    """Find a model of the scene that is as exact as wished, and save it: condensed, hyper-reduced, or local ones.
+
+    Each kind is tried as far as it takes, checked and timed; a table says so, and reduction.json. Where bodies flow the
+    file of the scene holds PATHS, a hhr.PathFamily. Full answers are kept: a command that was interrupted goes on.
+    """
+    from hhr_dolfinx.command.loading import beside, scene_of
+    from hhr_dolfinx.errors import StudyError
+    from hhr_dolfinx.plugins.one_call.search import KEPT
+    from hhr_dolfinx.plugins.one_call.search import reduce as reduced
+    from hhr_dolfinx.plugins.one_call.wish import Budget
+    from hhr_dolfinx.study.report.console import shares_on
+
+    console, _ = spoken()
+    progress = shares_on(console)
+    made = scene_of(scene)
+    folder = out or Path("out") / made.name
+    size = limits["megabytes"]
+    budget = Budget(limits["seconds"], limits["answers"], None if size is None else 1e6 * size)
+    wish: Any = {"error": error, "of": of or "pressure", "budget": budget, "paths": beside(scene, "PATHS")}
+    try:
+        model = reduced(made, **wish, folder=folder, seed=seed, progress=progress)
+    except StudyError as error:
+        if tried := vars(error).get("reduction"):  # its reasons are those of the error
+            console.print(tried.table, highlight=False, markup=False)
+            console.print(f"what was tried: {folder / KEPT}", highlight=False)
+        raise
+    console.print(str(model.reduction), highlight=False, markup=False)
+    console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
+    console.print(f"model: {folder / 'model.npz'}")
+    sys.exit(0 if model.reduction.met else NO_ANSWER)

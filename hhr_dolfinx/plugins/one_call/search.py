@@ -1,0 +1,657 @@
+"""Search from a scene and a target accuracy to a model, in the shortest way that meets the target.
+
+Condensation comes first, which needs no full answers, then hyper-reduction from more and more of them. Each model is
+checked. If its answers have a bound or an estimate, it is evaluated at hundreds of random points. Without one, or if it
+exceeds the target, the model is compared with full answers that it was not built from, half of them where it expects
+its largest errors. Then queries are timed. Of all models that meet the target, the search returns the most accurate one
+within a factor of three of the fastest.
+"""
+
+from __future__ import annotations
+
+import json
+import logging
+import math
+import sys
+import tempfile
+from collections.abc import Mapping, Sequence
+from contextlib import suppress
+from dataclasses import asdict, dataclass, field, replace
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from mpi4py import MPI
+
+from hhr_dolfinx import ranks, registry
+from hhr_dolfinx.certify.strains import look_at_corners
+from hhr_dolfinx.errors import (
+    BoundError,
+    HHRError,
+    ModelFileWarning,
+    NoBoundWarning,
+    NotOfferedError,
+    ParameterError,
+    SceneError,
+    ShapeError,
+    StabilityWarning,
+    StudyError,
+    UncheckedWarning,
+)
+from hhr_dolfinx.files import make_folder, replacing
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.models.answer import History
+from hhr_dolfinx.models.answer import Path as AnswerPath
+from hhr_dolfinx.models.estimates import check_asked, relative_errors
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.online.model_file import save_model
+from hhr_dolfinx.path_families import PathFamily
+from hhr_dolfinx.plugins.one_call.attempts import MANY, Attempt, attempts
+from hhr_dolfinx.plugins.one_call.bench import FRESH, SURE, Bench, BudgetSpentError
+from hhr_dolfinx.plugins.one_call.crew import Crew
+from hhr_dolfinx.plugins.one_call.wish import DISPLACEMENT, Budget, Exact, Wish
+from hhr_dolfinx.reduction.condense import CondensedRecord
+from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.snapshots.arrays import ArrayStore
+from hhr_dolfinx.snapshots.store import SnapshotStore
+from hhr_dolfinx.study.report.report import finite
+from hhr_dolfinx.study.training.counts import check_counts
+from hhr_dolfinx.study.training.train import checked_folder
+from hhr_dolfinx.timing import WARM_UP, Announce, ShareLines, Stopwatch, median_time, timed
+from hhr_dolfinx.warn import ignored, warn
+
+_log = logging.getLogger(__name__)
+
+LOOKED_AT = 500
+"""Random points at which a model estimates its errors."""
+FRESH_PATHS = 6
+"""Full histories that a model is compared with."""
+CONFIDENCE = 0.9
+"""Confidence that no larger share of the box exceeds the target than fresh answers allow, see :func:`share_beyond`."""
+ROOM = 2.0
+"""Factor on observed errors: the worst of 200 points exceeds that of 40."""
+UNRESOLVED = 3.0
+"""Error of forces over that of S, for an interpolation that has not converged: kinks lie between its nodes, and few of
+them lie near a point of a check. For a modulus with kinks both were 0.0024, measured once."""
+CLOSE = 3.0
+"""Factor of the time of an answer within which the more accurate model is chosen."""
+TIMED = 25
+TIMING = 0.02
+"""Timed queries of each model, after a warm-up, while all take less than so many seconds; of histories those that are
+compared."""
+NO_BUDGET = Budget()
+TINY = 1e-300
+KEPT = "reduction.json"
+MET = "met"
+LONG = 40
+"""Length of the outcome of a model above which it is printed below the table, once for all models that share it."""
+
+
+@dataclass(frozen=True)
+class Tried:
+    """One model of the search.
+
+    Attributes:
+        method: ``condensed``, ``hhr`` or ``local``.
+        setting: its settings.
+        full_answers: of the full model from the start of the search to the check of this model.
+        seconds: to build it, including its full answers.
+        query: median seconds of a query of the target, for a point or a history; NaN if it was not timed.
+        errors: the largest known error, by the names of the target; empty if the model was not built.
+        known: source of the errors.
+        bytes: size in a file; 0 without a limit in the budget.
+        outcome: ``met``, or the reason why not.
+        beyond: largest share of the box that may exceed the target, with a confidence of 90 %, if none of the random
+            fresh answers does; NaN if each answer has a bound or is exact, and if the target is not met.
+    """
+
+    method: str
+    setting: str
+    full_answers: int
+    seconds: float
+    query: float = math.nan
+    errors: Mapping[str, float] = field(default_factory=dict)
+    known: str = ""
+    bytes: int = 0
+    outcome: str = ""
+    beyond: float = math.nan
+
+    @property
+    def met(self) -> bool:
+        """True if it meets the target."""
+        return self.outcome == MET
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """Record of a search, see :func:`reduce`.
+
+    Attributes:
+        scene: its name.
+        wish: target accuracy.
+        tried: models in the order of the search.
+        chosen: number of the returned model; None if there is no model.
+        full_answers: all that were solved for.
+        seconds: of the whole search.
+        reason: why the target is not met, or empty.
+    """
+
+    scene: str
+    wish: Wish
+    tried: tuple[Tried, ...]
+    chosen: int | None
+    full_answers: int
+    seconds: float
+    reason: str = ""
+
+    @property
+    def met(self) -> bool:
+        """True if the target is met, as far as is known."""
+        return self.chosen is not None and self.tried[self.chosen].met
+
+    @property
+    def reasons(self) -> tuple[str, ...]:
+        """Reasons why models were refused or stopped, each once, in the order of their occurrence."""
+        return tuple(dict.fromkeys(item.outcome for item in self.tried if len(item.outcome) > LONG))
+
+    @property
+    def numbered(self) -> tuple[str, ...]:
+        """These reasons with their numbers in the table."""
+        return tuple(f"({number}) {reason}" for number, reason in enumerate(self.reasons, 1))
+
+    @property
+    def table(self) -> str:
+        """A row for each model of the search, with the numbers of long reasons."""
+        heads = ("", "method", "how far", "full answers", "made in", "answers in", *self.wish.of, "known by", "outcome")
+        rows = [heads, *(self._row(number, item) for number, item in enumerate(self.tried))]
+        widths = [max(len(row[k]) for row in rows) for k in range(len(heads))]
+        lines = ["  ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)).rstrip() for row in rows]
+        return "\n".join(lines)
+
+    def __str__(self) -> str:
+        return "\n".join([self.table, *self.numbered, self.verdict])
+
+    @property
+    def verdict(self) -> str:
+        """Sentence on whether the target is met."""
+        wish = f"{self.wish.error:.3g} of {' and '.join(self.wish.of)}"
+        spent = f"it took {self.full_answers} full answers and {self.seconds:.3g} s"
+        if self.chosen is None:
+            return f"there is no model: {self.reason}; {spent}"
+        if not self.met:
+            return f"{wish} is not met: {self.reason}. The best model there is was handed out; {spent}"
+        item = self.tried[self.chosen]
+        sure = f"at {100 * CONFIDENCE:g} % confidence at most {100 * item.beyond:.2g} % of the box is beyond it"
+        return "; ".join([f"{wish} is met, {item.known}", *([] if math.isnan(item.beyond) else [sure]), spent])
+
+    def _row(self, number: int, item: Tried) -> tuple[str, ...]:
+        errors = [f"{item.errors[name]:.2g}" if name in item.errors else "-" for name in self.wish.of]
+        query = "-" if math.isnan(item.query) else f"{1e3 * item.query:.3g} ms"
+        mark = "->" if number == self.chosen else ""
+        made = "-" if math.isnan(item.seconds) else f"{item.seconds:.3g} s"
+        outcome = item.outcome
+        if outcome in self.reasons:
+            outcome = f"{outcome.split(':')[0]} ({self.reasons.index(outcome) + 1})"
+        return (
+            mark,
+            item.method,
+            item.setting,
+            str(item.full_answers),
+            made,
+            query,
+            *errors,
+            item.known or "-",
+            outcome,
+        )
+
+    def described(self) -> dict[str, Any]:
+        """The record as plain values, for a report."""
+        return asdict(self) | {"met": self.met, "verdict": self.verdict}
+
+
+def _no_model(reduction: Reduction) -> StudyError:
+    """Error that no model was found, with the record as ``reduction``; each reason once."""
+    error = StudyError("; ".join([reduction.verdict, *reduction.numbered]))
+    vars(error)["reduction"] = reduction
+    return error
+
+
+def reduce(
+    scene: Scene | FullOrderModel,
+    error: float = 0.01,
+    *,
+    of: str | Sequence[str] = "pressure",
+    budget: Budget = NO_BUDGET,
+    paths: PathFamily | None = None,
+    fallback: bool = False,
+    folder: str | Path | None = None,
+    seed: int = 1,
+    progress: Announce | None = None,
+    comm: MPI.Comm = MPI.COMM_WORLD,
+) -> Any:
+    """Build the cheapest model of a scene with the requested accuracy; collective.
+
+    Args:
+        scene: any scene, or its full model, one on each rank.
+        error: largest relative error, 0.01 for one per cent.
+        of: quantity of the error: ``pressure``, ``forces``, ``displacement``, an output by its name, or several; see
+            :mod:`hhr_dolfinx.plugins.one_call.wish`.
+        budget: limits of the search; at a limit it returns the best model so far, with a warning.
+        paths: paths of the queries for inelastic bodies. With friction and without paths, points are reached from rest.
+        fallback: keep the full model as a fallback of the small one, for one norm, and for a model with a bound: it
+            answers if the bound exceeds the target, see ``hhr.FallbackModel``.
+        folder: keeps full answers as they are found, so that the same call continues from there, with the model,
+            ``model.npz``, and the record, ``reduction.json``; None keeps nothing.
+        seed: of random draws.
+        progress: receives each stage and the share of it that is done. None prints a line on the error stream now and
+            then if the search takes longer than two seconds; :func:`hhr_dolfinx.timing.unannounced` prints nothing.
+        comm: ranks, of which the first one searches; all solve for full answers, each with a full model.
+
+    Returns:
+        The model, or on other ranks than the first one a copy of it. Print ``model.reduction``, a :class:`Reduction`,
+        for the record of the search.
+
+    Raises:
+        ParameterError: for an invalid target or budget.
+        StudyError: for invalid input, and if there is no model: its ``reduction`` then holds the record.
+        NotOfferedError: for inelastic bodies without paths.
+
+    Warns:
+        StabilityWarning: if the target is not met.
+    """
+    _check_limits(budget, seed)
+    with ranks.each_for_itself(comm, "preparing a search"):
+        full = _full_model(scene)
+        _check_paths(full, paths)
+        wish = Wish.checked(error, of, full)
+        if fallback and len(wish.of) > 1:
+            raise NotOfferedError(f"a model falls back by one error, and not by {', '.join(wish.of)}: give one as of=")
+        kept = None if folder is None else _free_folder(folder, full.scene.name)
+        store = None if kept is None else SnapshotStore(kept / "snapshots", full)
+    shown = ShareLines(partial(print, file=sys.stderr, flush=True)) if progress is None else progress
+    bench = Bench(full, Crew(comm, full, store), wish, budget, paths, seed, shown, _arrays_beside(store))
+    model, reduction = _found(bench, kept)
+    if not reduction.met and not comm.rank:
+        warn(reduction.verdict, StabilityWarning, stacklevel=2)
+    chosen = _with_fallback(model, full, wish) if fallback and not model.fields.exact else model
+    chosen.reduction = reduction
+    return chosen
+
+
+def _found(bench: Bench, kept: Path | None) -> tuple[Any, Reduction]:
+    """Result of the first rank, kept in a folder, on all ranks; the others solve for it meanwhile."""
+    comm = bench.crew.comm
+    found: Any = None
+    with ranks.each_for_itself(comm, "a search"):
+        if comm.rank:
+            bench.crew.serve()
+        else:
+            try:
+                found = model, reduction = _searched(bench, kept)
+                if kept is not None:
+                    keep(kept, model, reduction, bench.full)
+                look_at_corners(bench.full, model)
+            finally:
+                bench.crew.let_go()
+    return found if comm.size == 1 else comm.bcast(found)
+
+
+def _with_fallback(model: Any, full: FullOrderModel, wish: Wish) -> Any:
+    """Add the full model as a fallback; returns the small one alone, with a warning, if nothing bounds the error."""
+    place = registry.named("public").get("FallbackModel")
+    try:
+        if place is None:
+            raise NotOfferedError("no plug-in adds FallbackModel")
+        return registry.load(place)(model, full, wish.error, of=wish.of[0])
+    except (BoundError, NotOfferedError, ParameterError) as error:
+        warn(f"the full model is not kept behind the small one: {error}", NoBoundWarning, stacklevel=3)
+        return model
+
+
+def keep(folder: Path, model: Any, reduction: Reduction, full: FullOrderModel) -> None:
+    """Write a model, its record, and what plug-ins keep beside it: model.npz, reduction.json, scenery.npz."""
+    save_model(make_folder(folder) / "model.npz", model)
+    registry.write_companions(full, folder)
+    keep_table(folder, reduction)
+
+
+def keep_table(folder: Path, reduction: Reduction) -> None:
+    """Write the record, reduction.json."""
+    with replacing(make_folder(folder) / KEPT, text=True) as file:
+        json.dump(finite(reduction.described()), file, indent=1, allow_nan=False)
+
+
+def _check_limits(budget: Any, seed: Any) -> None:
+    """Check a budget, and a seed."""
+    check_counts(seed=(seed, 0))
+    if not isinstance(budget, Budget):
+        raise StudyError(f"budget = {budget!r}: give hhr.Budget(seconds=600), of full_answers or of bytes")
+
+
+def _arrays_beside(store: SnapshotStore | None) -> ArrayStore | None:
+    """Store of solutions of connected components, next to that of full answers."""
+    return None if store is None else ArrayStore(store.folder.parent / "compliances", store.problem_digest)
+
+
+def _free_folder(folder: str | Path, scene: str) -> Path:
+    """Check that a folder holds no model of another scene."""
+    if not str(folder):
+        raise StudyError("folder='' has no name: give one, or None to keep nothing")
+    path = checked_folder(folder)
+    try:
+        other = json.loads((path / KEPT).read_text(encoding="utf-8")).get("scene")
+    except (OSError, ValueError, AttributeError):
+        return path
+    if other not in (None, scene):
+        raise StudyError(f"the folder {path} holds a model of scene '{other}': choose another one for '{scene}'")
+    return path
+
+
+def _full_model(scene: Any) -> FullOrderModel:
+    """The full model of a scene, on one rank, which models can be built of."""
+    if not isinstance(scene, FullOrderModel | Scene):
+        raise StudyError(f"{scene!r} is no scene: give a Scene")
+    full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
+    full.problem.require_parts("a search for a model")
+    return full
+
+
+def _check_paths(full: FullOrderModel, paths: Any) -> None:
+    """Check that paths are given exactly if answers depend on them."""
+    name = full.scene.name
+    if paths is not None and not isinstance(paths, PathFamily):
+        raise StudyError(f"paths = {paths!r} must be a PathFamily, from which paths to train and to check on are drawn")
+    if full.equilibrium is not None and paths is None:
+        raise NotOfferedError(
+            f"bodies of scene '{name}' flow, so that answers depend on the path that leads to them: give "
+            "paths=hhr.PathFamily(...), of those that are to be answered; on the command line as PATHS beside the scene"
+        )
+    if paths is not None and full.equilibrium is None and full.friction is None:
+        raise StudyError(f"answers of scene '{name}' do not depend on paths: leave them out")
+
+
+def _searched(bench: Bench, kept: Path | None) -> tuple[Any, Reduction]:
+    """The model to return, and its record; the table is written whatever ends the search."""
+    found = _Found(bench)
+    try:
+        found.search()
+    except BaseException:
+        if kept is not None:
+            keep_table(kept, replace(found.reduction, reason="the search was interrupted"))
+        raise
+    reduction = found.reduction
+    if reduction.chosen is None:
+        if kept is not None:
+            keep_table(kept, reduction)
+        raise _no_model(reduction) from found.failure
+    return found.models[reduction.chosen], reduction
+
+
+class _Found:
+    """Models of a search so far.
+
+    Attributes:
+        tried: a row for each.
+        models: the models; None for one that was not built.
+        failure: the last error of a model that could not be built.
+    """
+
+    def __init__(self, bench: Bench):
+        self._bench = bench
+        self._reason = "nothing more is known to be tried"
+        self._ended: set[str] = set()
+        self._over = False
+        self.tried: list[Tried] = []
+        self.models: list[Any] = []
+        self.failure: HHRError | None = None
+
+    @property
+    def reduction(self) -> Reduction:
+        """Record of the search so far."""
+        bench = self._bench
+        there = any(model is not None for model in self.models)
+        chosen = _chosen(self.tried, self.models, bench.wish) if there else None
+        tried = tuple(self.tried)
+        return Reduction(
+            bench.full.scene.name, bench.wish, tried, chosen, bench.solved, bench.clock.seconds, self._reason
+        )
+
+    def search(self) -> None:
+        """Try one way after another, until the target is met or no way is left that may help."""
+        bench = self._bench
+        for number, attempt in enumerate(attempts(bench)):
+            if any(item.met for item in self.tried) and not _worth_trying(bench, attempt, self.tried):
+                break
+            if self._over:
+                break
+            if attempt.method in self._ended:
+                continue
+            try:
+                bench.check_budget()
+                if not number:
+                    bench.measure()
+            except BudgetSpentError as error:
+                self._reason = str(error)
+                break
+            self._try(attempt)
+            row = self.tried[-1]
+            _log.info("%s, %s: %s %s (%s)", row.method, row.setting, row.outcome, dict(row.errors), row.known)
+
+    def _try(self, attempt: Attempt) -> None:
+        """Try one way, and decide whether similar ones are worth trying."""
+        bench = self._bench
+        clock = Stopwatch()
+        model = None
+        try:
+            model, row = _try(bench, attempt)
+        except BudgetSpentError as error:
+            self._reason = "what is left to be tried is not affordable"
+            self._ended.add(attempt.method)  # later attempts of this method take longer
+            row = Tried(
+                attempt.method, attempt.setting, bench.solved, clock.seconds, outcome=f"not affordable: {error}"
+            )
+        except ShapeError as error:
+            self.failure = error
+            self._reason = "the scene itself allows no model of all of its box"
+            self._over = True
+            row = Tried(attempt.method, attempt.setting, bench.solved, clock.seconds, outcome=f"refused: {error}")
+        except HHRError as error:
+            self.failure = error
+            row = Tried(attempt.method, attempt.setting, bench.solved, clock.seconds, outcome=f"refused: {error}")
+            before = {item.outcome for item in self.tried if item.method == attempt.method}
+            if isinstance(error, NotOfferedError | ParameterError | SceneError) or row.outcome in before:
+                self._ended.add(attempt.method)  # later attempts would fail for the same reason
+        except BaseException:
+            self._keep(Tried(attempt.method, attempt.setting, bench.solved, clock.seconds, outcome="interrupted"), None)
+            raise
+        self._keep(row, model)
+
+    def _keep(self, row: Tried, model: Any) -> None:
+        """Add a row, with its model if there is one."""
+        self.tried.append(row)
+        self.models.append(model)
+
+
+def _worth_trying(bench: Bench, attempt: Attempt, tried: Sequence[Tried]) -> bool:
+    """True if another model may be faster than one that meets the target: once, with many contact conditions."""
+    large = bench.full.conditions >= MANY
+    return large and not any(item.method == attempt.method for item in tried)
+
+
+def _try(bench: Bench, attempt: Attempt) -> tuple[Any, Tried]:
+    """Build and check a model."""
+    clock = Stopwatch()
+    # the search checks errors in its norms
+    with ignored(StabilityWarning, UncheckedWarning, NoBoundWarning):
+        bench.checking = False
+        model = attempt.make()
+    bench.checking = True
+    seconds = clock.seconds
+    limit = bench.budget.bytes
+    size = 0 if limit is None else _size(model)
+    made = Tried(attempt.method, attempt.setting, bench.solved, seconds, bytes=size)
+    if limit is not None and size > limit:
+        return None, replace(made, outcome=f"refused: {size / 1e6:.3g} MB in a file, and {limit / 1e6:.3g} are allowed")
+    bench.short = ""
+    try:
+        errors, known, beyond = _judged(bench, model)
+    except BudgetSpentError as error:
+        return model, replace(made, outcome=f"not checked: {error}", known="nothing", full_answers=bench.solved)
+    bench.forces_off = bench.errors.forces_off(errors)
+    worst = dict(zip(bench.wish.of, errors.tolist(), strict=True))
+    met = bool((errors <= bench.wish.error).all())
+    query = _query_time(bench, model)
+    outcome = "not exact enough" if not met else f"not checked enough: {bench.short}" if bench.short else MET
+    made = replace(made, full_answers=bench.solved, query=query, errors=worst, known=known, outcome=outcome)
+    return model, replace(made, beyond=beyond) if made.met else made
+
+
+def share_beyond(count: int) -> float:
+    """Largest share of the box that may exceed a limit, if none of so many random points does, with confidence.
+
+    With a larger share p, the probability (1 - p)^count of none in ``count`` points would be below 1 - CONFIDENCE.
+    """
+    return 1.0 - (1.0 - CONFIDENCE) ** (1.0 / count)
+
+
+def _judged(bench: Bench, model: Any) -> tuple[np.ndarray, str, float]:
+    """Largest known errors of a model, by the norms of the target, their source, and the share that may exceed it."""
+    if bench.family is not None:
+        exact = bench.fresh(FRESH_PATHS)
+        known = f"{len(exact)} fresh histories, times {ROOM:g}"
+        return _compared(bench, model, exact, ROOM), known, share_beyond(len(exact))
+    points = bench.full.parameters.random(LOOKED_AT, bench.seed + bench.checks)
+    if model.fields.exact:
+        exact = bench.fresh(SURE, _silent(bench, model, points))
+        errors = _compared(bench, model, exact)
+        return errors, f"{len(exact)} fresh answers; nothing but contact is left, exactly", math.nan
+    said = _said(model, points, bench.wish)
+    worst = np.array([said[name].max() if name in said else math.inf for name in bench.wish.of])
+    if (worst <= bench.wish.error).all():
+        exact = bench.fresh(SURE)
+        seen = _compared(bench, model, exact)
+        known = (
+            f"{model.fields.estimated} at {LOOKED_AT} points (each answer tells its own), {len(exact)} fresh answers"
+        )
+        return np.maximum(worst, seen), known, math.nan
+    return _seen(bench, model, points[_worst_first(said)[: FRESH // 2]] if said else None)
+
+
+def _seen(bench: Bench, model: Any, suspects: np.ndarray | None) -> tuple[np.ndarray, str, float]:
+    """Errors at fresh answers, including those at suspected points, and at answers of earlier checks."""
+    before = list(bench.held_out)
+    random = FRESH if suspects is None else FRESH - len(suspects)
+    exact = bench.fresh(random, suspects)
+    suspected = "" if suspects is None else ", half where it may be worst"
+    known = f"{len(exact)} fresh answers{suspected}, times {ROOM:g}"
+    errors = _compared(bench, model, exact, ROOM)
+    if before:  # with many attempts one passes by chance; models are not built from forces of earlier checks
+        others = [k for k, name in enumerate(bench.wish.of) if name != DISPLACEMENT]
+        errors[others] = np.maximum(errors, bench.errors_of(model, before).max(axis=0))[others]
+        known += f", {len(before)} of before"
+    off = _unresolved(model)
+    if off:
+        errors = np.maximum(errors, off)
+        known += f"; S is off by {off / UNRESOLVED:.1g}"
+    # suspected points do not belong to a random sample
+    return errors, known, share_beyond(min(random, len(exact)))
+
+
+def _silent(bench: Bench, model: Any, points: np.ndarray) -> np.ndarray | None:
+    """Some of the points at which an exact model has no answer, or no finite error of an output of the target."""
+    wanted = set(bench.wish.outputs)
+    found = []
+    for number, point in enumerate(points if wanted else points[:0]):
+        bench.announce("estimates", number / len(points))
+        answer = model.solve(point, outside="ignore", raise_on_failure=False)
+        estimate = answer.estimate()
+        if estimate is None or not all(estimate.outputs.get(name, math.inf) < math.inf for name in wanted):
+            found.append(point)
+        if len(found) == FRESH // 2:
+            break
+    return np.array(found) if found else None
+
+
+def _unresolved(model: Any) -> float:
+    """Expected error of an interpolation that spent its budget before it converged; zero for any other model,
+    and for one that answers by the interpolation of its bound."""
+    record = model.offline
+    if not isinstance(record, CondensedRecord) or record.finer:
+        return 0.0
+    worst = max([record.unresolved, *record.surpluses])
+    return UNRESOLVED * worst if worst > record.settings.tolerance else 0.0
+
+
+def _said(model: Any, points: np.ndarray, wish: Wish) -> dict[str, np.ndarray]:
+    """Errors that a model estimates at some points, by the names of a target; empty without a bound.
+
+    Indicators do not count: they follow errors without a scale. A point without an answer has an infinite error.
+    """
+    if model.fields.bound is None:
+        return {}
+    many = model.solve_many(points, raise_on_failure=False, outside="ignore")
+    known = many.estimates()
+    found = {}
+    for name in wish.of:
+        try:
+            check_asked(model.fields, name)
+        except ParameterError:  # an output without a bound
+            continue
+        errors = relative_errors(many, name, known)
+        if errors is not None:
+            found[name] = np.where(np.isnan(errors), np.inf, errors)
+    return found
+
+
+def _worst_first(said: Mapping[str, np.ndarray]) -> np.ndarray:
+    """Numbers of points, first those with the largest error relative to the median one."""
+    beside = [errors / max(float(np.median(errors)), TINY) for errors in said.values()]
+    return np.argsort(-np.max(beside, axis=0), kind="stable")
+
+
+def _compared(bench: Bench, model: Any, exact: Sequence[Exact], room: float = 1.0) -> np.ndarray:
+    """Largest errors against exact answers, times a factor for unseen points; the answers are held out from now on."""
+    bench.held_out += exact
+    return room * bench.errors_of(model, exact).max(axis=0)
+
+
+def _query_time(bench: Bench, model: Any) -> float:
+    """Median seconds of a query of the target, for a point or a history."""
+    if bench.family is not None:
+        paths = [item.full.path for item in bench.held_out[-FRESH_PATHS:] if isinstance(item.full, History)]
+        return float(np.median([timed(partial(_marched, model, path))[1] for path in paths]))
+    points = bench.full.parameters.random(TIMED + WARM_UP, bench.seed)
+    return median_time(bench.wish.ask(model), points, TIMING)  # accurate enough: models differ by a factor of three
+
+
+def _marched(model: Any, path: AnswerPath) -> None:
+    with suppress(HHRError):
+        model.march(path, MarchSettings(outside="ignore"))
+
+
+def _size(model: Any) -> int:
+    """Bytes of a model in a file; 0 if no file can keep it."""
+    with tempfile.TemporaryDirectory() as folder:
+        target = Path(folder) / "model.npz"
+        try:
+            with ignored(ModelFileWarning):
+                save_model(target, model)
+        except NotOfferedError:
+            return 0
+        return target.stat().st_size
+
+
+def _chosen(tried: Sequence[Tried], models: Sequence[Any], wish: Wish) -> int:
+    """Number of the most accurate of the models that meet the target within a factor of the fastest; else of all."""
+
+    def worst(number: int) -> float:
+        errors = tried[number].errors
+        return max((errors.get(name, math.inf) for name in wish.of), default=math.inf)
+
+    there = [number for number, model in enumerate(models) if model is not None]
+    met = [number for number in there if tried[number].met]
+    if not met:
+        return min(there, key=worst)
+    quickest = min(tried[number].query for number in met)
+    return min((number for number in met if tried[number].query <= CLOSE * quickest), key=worst)

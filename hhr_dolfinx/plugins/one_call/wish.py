@@ -1,0 +1,254 @@
+"""Target accuracy of a model, its norms, and the budget of the search; errors of answers in these norms.
+
+The errors of an answer, or of the steps k of a history, relative to the exact ones, are
+
+    displacement    max_k |u_k - u~_k|_K / max_k |u_k|_K,  |v|_K = (v^T K v)^1/2, lifts included
+    forces          max_k |λ_k - λ~_k|_2 / max_k |λ_k|_2, nodal contact forces
+    pressure        max_k max_i |σ_ki - σ~_ki| / max_k max_i σ_ki,  σ = λ / area
+    an output       max_k |s_k - s~_k| / max_k |s_k|
+
+If the exact size is less than a thousandth of the largest one known, as for forces when contact is nearly lost, that
+thousandth replaces it, as in :mod:`hhr_dolfinx.models.estimates`. For an output that is a sum, such as a moment, the
+size is at least a thousandth of the sum of the absolute values of its terms.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.certify.accuracy import FORCE_FLOOR
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import ParameterError
+from hhr_dolfinx.models.answer import Answer, History
+from hhr_dolfinx.models.estimates import ASKED
+from hhr_dolfinx.models.functionals.kinds import Linear
+from hhr_dolfinx.parameters import is_number, is_whole
+
+LEAST_ERROR = 1e-12
+"""Smallest target: answers of the full model are not more accurate. Exact condensation, which
+solves the same equations in another order, differs from them by up to 8e-13."""
+ROUND_OFF = 1e-10
+"""Part of the largest displacement or force by which exact answers may differ: a hundred times the observed value."""
+DISPLACEMENT = "displacement"
+PRESSURE = "pressure"
+
+
+@dataclass(frozen=True)
+class Budget:
+    """Limits of the cost of finding a model; None for no limit.
+
+    Attributes:
+        seconds: most seconds; a stage that cannot end by then is not begun, or stopped.
+        full_answers: of the full model, points or histories, including those of checks.
+        bytes: size of the model in a file.
+
+    Raises:
+        ParameterError: for a value that is no positive number.
+    """
+
+    seconds: float | None = None
+    full_answers: int | None = None
+    bytes: float | None = None
+
+    def __post_init__(self) -> None:
+        for name in ("seconds", "bytes"):
+            value = getattr(self, name)
+            if value is not None and not (is_number(value) and value > 0):
+                raise ParameterError(f"{name} = {value!r} of a budget must be a positive number, or None for no limit")
+        if self.full_answers is not None and not is_whole(self.full_answers, 1):
+            raise ParameterError(
+                f"full_answers = {self.full_answers!r} of a budget must be a positive integer, or None"
+            )
+
+
+@dataclass(frozen=True)
+class Wish:
+    """Target accuracy of a model.
+
+    Attributes:
+        error: largest relative error.
+        of: quantities: ``pressure``, ``forces``, ``displacement``, or outputs of the scene by name.
+    """
+
+    error: float
+    of: tuple[str, ...]
+
+    @classmethod
+    def checked(cls, error: Any, of: Any, full: Any) -> Wish:
+        """Target for the answers of a full model.
+
+        Raises:
+            ParameterError: for an error outside (0, 1), or less than round-off, or of an unknown quantity.
+        """
+        if not is_number(error) or not 0 < error < 1:
+            raise ParameterError(f"error = {error!r} of a wish must lie in (0, 1): 0.01 is one per cent")
+        if error < LEAST_ERROR:
+            raise ParameterError(
+                f"error = {error!r} of a wish is below {LEAST_ERROR:g}, to which answers of the full model are known "
+                "themselves: ask for a larger one"
+            )
+        words = (of,) if isinstance(of, str) else tuple(of) if isinstance(of, Sequence) else ()
+        outputs = () if full.functionals is None else tuple(item.name for item in full.functionals.items)
+        unknown = [word for word in words if word not in (*ASKED, *outputs)]
+        if unknown or not words:
+            known = ", ".join(repr(word) for word in (*ASKED, *outputs))
+            raise ParameterError(f"of = {of!r} is no error that is known here: give one or several of {known}")
+        if PRESSURE in words and not _pressed(full.problem).any():
+            raise ParameterError(
+                f"no contact condition of scene '{full.scene.name}' has an area, so that nothing is known of "
+                "pressures: ask for of='forces'"
+            )
+        return cls(float(error), tuple(dict.fromkeys(words)))
+
+    @property
+    def needs_fields(self) -> bool:
+        """True if it includes displacements."""
+        return DISPLACEMENT in self.of
+
+    @property
+    def outputs(self) -> tuple[str, ...]:
+        """Outputs that it includes."""
+        return tuple(word for word in self.of if word not in ASKED)
+
+    def ask(self, model: Any) -> Callable[[np.ndarray], Any]:
+        """Query of a point, (P,), that evaluates the quantities of the target, to be timed."""
+
+        def query(point: np.ndarray) -> None:
+            answer = model.solve(point, outside="ignore")
+            answer.forces()
+            if self.needs_fields:
+                answer.displacement()
+            if self.outputs:
+                answer.outputs()
+
+        return query
+
+
+@dataclass(frozen=True)
+class Exact:
+    """Answer of the full model to one query.
+
+    Attributes:
+        full: its answer to a point, or the history of a path.
+    """
+
+    full: Answer | History
+
+    @property
+    def answers(self) -> Sequence[Answer]:
+        """One answer, or those of all steps."""
+        return self.full.answers if isinstance(self.full, History) else (self.full,)
+
+
+class Errors:
+    """Errors of models in the norms of a target, against exact answers.
+
+    Args:
+        wish: the target.
+        full: the full model.
+    """
+
+    def __init__(self, wish: Wish, full: Any):
+        self.wish = wish
+        self._problem = full.problem
+        self._pressed = _pressed(full.problem)
+        self._floors = dict.fromkeys(wish.of, 0.0)
+        self._last: tuple[np.ndarray, ContactProblem] | None = None
+        items = () if full.functionals is None else full.functionals.items
+        self._sums = {item.name: item for item in items if isinstance(item, Linear)}
+
+    def know(self, exact: Sequence[Exact]) -> None:
+        """Update least sizes from exact answers: denominators of errors are at least a thousandth of the largest."""
+        for name in self.wish.of:
+            sizes = [self._largest(name, answer) for item in exact for answer in item.answers]
+            self._floors[name] = max(self._floors[name], FORCE_FLOOR * max(sizes, default=0.0))
+
+    def of(self, found: Sequence[Answer], exact: Exact) -> np.ndarray:
+        """Errors of the answers of a model to one query, in the order of the target; infinite if one is missing."""
+        if len(found) != len(exact.answers) or not all(answer.converged for answer in found):
+            return np.full(len(self.wish.of), math.inf)
+        return np.array([self._relative(name, found, exact.answers) for name in self.wish.of])
+
+    def forces_off(self, worst: np.ndarray) -> bool:
+        """True if contact forces may miss the target, by the largest errors in the order of the target."""
+        known = dict(zip(self.wish.of, worst.tolist(), strict=True))
+        seen = [known[name] for name in ("forces", PRESSURE) if name in known]
+        return not seen or max(seen) > self.wish.error
+
+    def _relative(self, name: str, found: Sequence[Answer], exact: Sequence[Answer]) -> float:
+        error = 0.0
+        size = self._floors[name]
+        for here, there in zip(found, exact, strict=True):
+            known = self._read(name, there)
+            error = max(error, self._size(name, there, self._read(name, here) - known))
+            size = max(size, self._size(name, there, known))
+        if not math.isfinite(error):
+            return math.inf
+        relative = error / size if size > 0 else math.inf if error > 0 else 0.0
+        if name in ASKED or relative <= self.wish.error:
+            return relative
+        # an output that vanishes up to round-off, as a closed gap does, has no size to compare with
+        return 0.0 if error <= max(self._round_off(name, there) for there in exact) else relative
+
+    def _round_off(self, name: str, answer: Answer) -> float:
+        """Change of an output of an exact answer if displacements and forces change by round-off of their largest."""
+        dice = np.random.default_rng(0)
+        value = answer.outputs()[name]
+        return max(abs(self._disturbed(answer, dice).outputs()[name] - value) for _ in range(3))
+
+    @staticmethod
+    def _disturbed(answer: Answer, dice: np.random.Generator) -> Answer:
+        """Answer whose displacements and forces are disturbed by round-off of the largest of each."""
+
+        def disturbed(values: np.ndarray) -> np.ndarray:
+            size = ROUND_OFF * float(np.abs(values).max(initial=0.0))
+            return values + size * dice.choice([-1.0, 1.0], values.shape)
+
+        return answer._replace(unknown=disturbed(answer.unknown), multipliers=disturbed(answer.multipliers))
+
+    def _read(self, name: str, answer: Answer) -> np.ndarray:
+        """Quantity of the target, for one answer."""
+        if name == DISPLACEMENT:
+            return answer.displacement()
+        if name not in ASKED:
+            return np.array(answer.outputs()[name])
+        forces = answer.forces()
+        if name != PRESSURE:
+            return forces
+        # with variable shapes, the areas at the point of the answer
+        problem = self._problem if self._problem.reshaped is None else self._at(answer.parameter)
+        return forces[self._pressed] / problem.contact_areas[self._pressed]
+
+    def _size(self, name: str, answer: Answer, values: np.ndarray) -> float:
+        """Norm of a quantity; energies by the stiffness at the parameter of an answer."""
+        if name == DISPLACEMENT:
+            stiffness = self._at(answer.parameter).stiffness
+            return math.sqrt(max(values @ (stiffness @ values), 0.0))
+        return float(np.linalg.norm(values)) if name == "forces" else float(np.abs(values).max(initial=0.0))
+
+    def _at(self, point: np.ndarray) -> ContactProblem:
+        """The problem at a point; the last one is kept for further queries there."""
+        if not self._problem.varies:
+            return self._problem
+        if self._last is None or not np.array_equal(self._last[0], point):
+            self._last = point, self._problem.at(point)
+        return self._last[1]
+
+    def _largest(self, name: str, answer: Answer) -> float:
+        """Size of an exact answer; for an output that is a sum, with absolute values of its terms."""
+        size = self._size(name, answer, self._read(name, answer))
+        item = self._sums.get(name)
+        if item is None:
+            return size
+        sizes = abs(item.matrix(self._problem.free.size)) @ np.abs(answer.displacement())
+        return max(size, float(np.abs(item.weights) @ np.abs(answer.forces()[item.conditions]) + sizes.sum()))
+
+
+def _pressed(problem: Any) -> np.ndarray:
+    """Conditions with a pressure, (N_lambda,) bool: those along a normal that have an area."""
+    return (problem.contact_areas > 0) & problem.pressing

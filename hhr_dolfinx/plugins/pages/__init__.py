@@ -1,0 +1,14 @@
+"""A model as one HTML page that answers in a browser, without Python and without a network."""
+
+from hhr_dolfinx.registry import Plugin
+
+PLUGIN = Plugin(
+    name="pages",
+    public={
+        "hhr_dolfinx.plugins.pages.page": "write_model_page",
+        "hhr_dolfinx.plugins.pages.scenery": "Scenery",
+        "hhr_dolfinx.plugins.pages.scenery_of": "scenery_of",
+    },
+    commands={"page": "hhr_dolfinx.plugins.pages.commands:page"},
+    companions=("hhr_dolfinx.plugins.pages.scenery_of:write_scenery",),
+)

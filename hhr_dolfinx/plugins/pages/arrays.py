@@ -1,0 +1,307 @@
+"""What a page holds of a model: numbers by name, and a tree of plain values that says what they are.
+
+A page answers by
+
+    S(μ) = sum_c s_c(μ) sum_k h_k(μ) S_ck,  g(μ) = D(μ) θ(μ) - free motions,  λ >= 0,  g + S λ >= 0,  λ·(g + S λ) = 0
+
+of which a constant stiffness is the case of one term, see :mod:`hhr_dolfinx.models.eliminations.interpolated`. Where
+bodies flow it holds the arrays of a step instead, see :mod:`hhr_dolfinx.plugins.pages.flowing`.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.amplitudes import Amplitudes, Coverage, Limits
+from hhr_dolfinx.contact.friction import Friction
+from hhr_dolfinx.errors import NotOfferedError
+from hhr_dolfinx.formulas import Scalar
+from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.models.displacement import dense
+from hhr_dolfinx.models.eliminations.constant import ConstantElimination
+from hhr_dolfinx.models.eliminations.floating import FloatingElimination
+from hhr_dolfinx.models.eliminations.interpolated import Compliance, Compliances
+from hhr_dolfinx.models.eliminations.interpolation import Interpolant, leja_points
+from hhr_dolfinx.models.exact import ExactFields
+from hhr_dolfinx.models.functionals.kinds import LOADED, Largest, Linear, Loaded
+from hhr_dolfinx.models.model import KeptModel
+from hhr_dolfinx.plugins.pages.bounding import bound_tree
+from hhr_dolfinx.plugins.pages.packing import Packed, half, steps_of
+from hhr_dolfinx.plugins.pages.pictures import pictures_of
+from hhr_dolfinx.plugins.pages.scenery import Scenery
+
+FLAT = 0.3
+"""Part of its width that a contact may rise by to be drawn from above."""
+
+
+def check_model(model: Any, what: str = "a page") -> None:
+    """Raise NotOfferedError for a model that ``what`` is not built for; says what to take."""
+    if flows(model):
+        from hhr_dolfinx.plugins.pages.flowing import check_flow
+
+        check_flow(model, what)
+        return
+    known = ConstantElimination | Compliances | FloatingElimination
+    if not isinstance(model, CondensedModel) or not isinstance(model.eliminated, known):
+        raise NotOfferedError(
+            f"{what} answers by all contact conditions, and {_kind(model)} does not: condense the scene, "
+            "hhr.condense(scene) or hhr train SCENE --model condensed"
+        )
+    if isinstance(model.eliminated, FloatingElimination) and model.friction is not None:
+        raise NotOfferedError(
+            f"{what} knows bodies that contact alone holds without friction: ask in Python, or hold them by a "
+            "displacement"
+        )
+    if isinstance(model.eliminated, Compliances) and not model.eliminated.symmetric:
+        raise NotOfferedError(f"{what} solves with a symmetric S, and that of this model is not")
+
+
+def flows(model: Any) -> bool:
+    """Whether bodies of a model flow."""
+    return isinstance(model, KeptModel) and model.equilibrium is not None
+
+
+def _kind(model: Any) -> str:
+    eliminated = getattr(model, "eliminated", None)
+    return f"a {type(model).__name__}" + ("" if eliminated is None else f" with {type(eliminated).__name__}")
+
+
+def packed(model: Any, scenery: Scenery, room: int) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """A model that :func:`check_model` has passed as a tree and its arrays, with what a page draws of it.
+
+    What need not be there has no more ``room``, in bytes, than all else leaves.
+
+    Raises:
+        NotOfferedError: for an amplitude of a user's own.
+    """
+    arrays = Packed()
+    tree = contact_tree(model, arrays) | {"bound": bound_tree(model, arrays)}
+    tree |= pictures_of(model, scenery, arrays, room)
+    return tree, arrays.texts()
+
+
+def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
+    """What answers for contact forces and outputs, without Python: a tree of plain values, its arrays by name.
+
+    Raises:
+        NotOfferedError: for an amplitude of a user's own.
+    """
+    space = model.parameters
+    flowing = flows(model)
+    amplitudes = model.fields.amplitudes if flowing else model.eliminated.amplitudes
+    tree: dict[str, Any] = {
+        "names": list(space.names),
+        "lower": list(map(float, space.lower)),
+        "upper": list(map(float, space.upper)),
+        "amplitudes": _amplitudes(amplitudes, arrays),
+        "limits": [_limit(limit) for limit in amplitudes.limits],
+        "m": model.conditions,
+        "groups": None if flowing else _groups(model, arrays),
+        "friction": None if model.friction is None else _friction(model.friction, arrays),
+        "flow": None,
+        "floating": None,
+    }
+    tree |= _flowing(model, arrays) if flowing else _eliminated(model.eliminated, arrays)
+    tree["outputs"], tree["missing"] = _outputs(model, arrays)
+    trained = model.trained.parameters if flowing and model.trained is not None else model.trained
+    tree["trained"] = None if trained is None else [trained.lower.tolist(), trained.upper.tolist()]
+    return tree
+
+
+def _limit(limit: Limits) -> dict[str, Any]:
+    """An elastic constant and its ends; None for none, as JSON has no infinity."""
+    low, high = limit.ends
+    return {"steps": steps_of(limit.scalar), "low": low, "high": high if math.isfinite(high) else None}
+
+
+def _flowing(model: Any, arrays: Packed) -> dict[str, Any]:
+    """What stands in the place of S where bodies flow."""
+    from hhr_dolfinx.plugins.pages.flowing import flow_tree
+
+    return {"schur": None, "parts": [], "flow": flow_tree(model, arrays)}
+
+
+def _groups(model: Any, arrays: Packed) -> str | None:
+    """Contact of each condition, by which round-off is told from forces."""
+    return None if model.pairs is None else arrays.put("groups", model.pairs, "<i4")
+
+
+def _friction(friction: Friction, arrays: Packed) -> dict[str, Any]:
+    """Rows of friction, and their laws."""
+    tree: dict[str, Any] = {
+        name: arrays.put(f"friction_{name}", getattr(friction, name), "<i4")
+        for name in ("normal", "tangential", "owner", "law", "twice")
+    }
+    tree["area"] = arrays.put("friction_area", friction.area)
+    tree["tangents"] = arrays.put("friction_tangents", friction.tangents)
+    tree["fixed"] = friction.fixed.tolist()
+    tree["laws"] = [[steps_of(law.coefficient), steps_of(law.limit)] for law in friction.laws]
+    return tree
+
+
+def _amplitudes(amplitudes: Amplitudes, arrays: Packed) -> dict[str, Any]:
+    """θ: affine ones, and those that are not."""
+    others = []
+    for number, item in enumerate(amplitudes.nonaffine):
+        if isinstance(item, Coverage):
+            own = {"positions": arrays.put(f"positions{number}", item.positions), "extent": item.extent}
+            own |= {"constant": item.constant, "slopes": item.slopes.tolist(), "degree": item.degree}
+            others.append({"kind": "coverage", **own})
+        elif isinstance(item, Scalar):
+            others.append({"kind": "formula", "steps": steps_of(item)})
+        else:
+            raise NotOfferedError(f"a page knows no amplitude of kind {type(item).__name__}: it is one of your own")
+    return {
+        "constant": arrays.put("constant", amplitudes.constant),
+        "slopes": arrays.put("slopes", amplitudes.slopes),
+        "others": others,
+    }
+
+
+def _eliminated(eliminated: Any, arrays: Packed) -> dict[str, Any]:
+    """S and the free slack, and where contact alone holds bodies their motions."""
+    if isinstance(eliminated, ConstantElimination | FloatingElimination):
+        responses = eliminated.responses
+        return {
+            "floating": _floating(eliminated, arrays) if isinstance(eliminated, FloatingElimination) else None,
+            "schur": arrays.put("schur", half(responses.schur)),
+            "free_slack": arrays.put("free_slack", responses.free_slack),
+            "parts": [],
+        }
+    parts = [_part(part, number, arrays) for number, part in enumerate(eliminated.parts)]
+    reshaped = None if eliminated.reshaped is None else _interpolant(eliminated.reshaped, "gaps", arrays)
+    return {
+        "schur": None, "free_slack": None, "parts": parts,
+        "gaps": arrays.put("gaps", eliminated.gaps), "reshaped": reshaped,
+    }  # fmt: skip
+
+
+def _floating(eliminated: FloatingElimination, arrays: Packed) -> dict[str, Any]:
+    """What rigid motions take from the slack, and what drives them."""
+    return {
+        "taken": arrays.put("floating_taken", eliminated.taken),
+        "driving": arrays.put("floating_driving", eliminated.driving),
+    }
+
+
+def _part(part: Compliance, number: int, arrays: Packed) -> dict[str, Any]:
+    """A connected component."""
+    m = part.conditions.size
+    modes = part.interpolant.modes.T.reshape(-1, m, m)
+    halves = np.array([half(mode) for mode in modes])
+    tree = _interpolant(part.interpolant, f"part{number}_", arrays, modes=halves)
+    return tree | {
+        "conditions": arrays.put(f"part{number}_conditions", part.conditions, "<i4"),
+        "terms": arrays.put(f"part{number}_terms", part.terms, "<i4"),
+        "forced": int(part.forced.size),
+        "factor": steps_of(part.factor),
+        "columns": arrays.put(f"part{number}_columns", part.columns),
+    }
+
+
+def _interpolant(found: Interpolant, name: str, arrays: Packed, modes: np.ndarray | None = None) -> dict[str, Any]:
+    """A polynomial on a sparse grid; its modes one behind another."""
+    top = int(found.levels.max(initial=0))
+    return {
+        "axes": found.axes.tolist(), "lower": found.lower.tolist(), "upper": found.upper.tolist(),
+        "nodes": list(leja_points()[: top + 1]),
+        "levels": arrays.put(f"{name}levels", found.levels, "<i4"),
+        "weights": arrays.put(f"{name}weights", found.weights),
+        "modes": arrays.put(f"{name}modes", found.modes.T if modes is None else modes),
+    }  # fmt: skip
+
+
+def _outputs(model: Any, arrays: Packed) -> tuple[list[dict[str, Any]], list[str]]:
+    """Outputs that a page reads, and the names of those that it does not."""
+    fields = model.fields
+    items = () if fields.functionals is None else fields.functionals.items
+    found = []
+    missing = []
+    for number, item in enumerate(items):
+        if not _is_read(fields, item, flowing=flows(model)):
+            missing.append(item.name)
+            continue
+        own = _linear(model, item, number, arrays) if isinstance(item, Linear) else _of_forces(item, number, arrays)
+        found.append({"name": item.name, "unit": item.unit} | own)
+    return found, missing
+
+
+def _is_read(fields: Any, item: Any, *, flowing: bool) -> bool:
+    """Whether a page reads an output: of forces on a shape that stays, or of a displacement that its arrays make."""
+    if np.size(fields.functionals.axes) or not isinstance(item, Linear | Largest | Loaded):
+        return False
+    return not item.count or isinstance(fields, ExactFields) or flowing
+
+
+def _linear(model: Any, item: Linear, number: int, arrays: Packed) -> dict[str, Any]:
+    """An output as weights of forces and amplitudes: those of displacements are among them."""
+    fields = model.fields
+    flowing = flows(model)
+    amplitudes = fields.amplitudes if flowing else model.eliminated.amplitudes
+    of_forces = np.zeros(model.conditions)
+    np.add.at(of_forces, item.conditions, item.weights)
+    of_terms = np.zeros(amplitudes.firsts[-1])
+    np.add.at(of_terms, item.terms, item.coefficients)
+    own: dict[str, Any] = {}
+    if item.count and flowing:
+        from hhr_dolfinx.plugins.pages.flowing import linear_of_flow
+
+        own = {"moved": linear_of_flow(fields, item, number, arrays)}
+    elif item.count:
+        rows = item.matrix(fields.functionals.size)
+        if isinstance(model.eliminated, FloatingElimination):
+            moved = item.along @ (rows @ model.eliminated.modes)
+            own = {"motions": arrays.put(f"output{number}_motions", moved)}
+        of_forces -= item.along @ (rows @ fields.per_force)
+        of_terms += item.along @ (rows @ fields.per_term + dense(rows @ fields.lifts))
+    own |= {"forces": arrays.put(f"output{number}_forces", of_forces)}
+    return {"kind": "linear", **own, "terms": arrays.put(f"output{number}_terms", of_terms)}
+
+
+def _of_forces(item: Largest | Loaded, number: int, arrays: Packed) -> dict[str, Any]:
+    """The largest pressure, or an area under load."""
+    own = {"conditions": arrays.put(f"output{number}_conditions", item.conditions, "<i4")}
+    own |= {"areas": arrays.put(f"output{number}_areas", item.areas)}
+    if isinstance(item, Largest):
+        return {"kind": "largest"} | own
+    return {"kind": "loaded", "offset": item.offset, "factor": item.factor, "least": LOADED} | own
+
+
+def drawn(scenery: Scenery) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    """A scenery as a tree and its arrays."""
+    arrays = Packed()
+    kind = "<u2" if len(scenery.points) < 2**16 else "<u4"
+    tree = {
+        "dim": scenery.points.shape[1],
+        "points": arrays.put("points", scenery.points, "<f4"),
+        "triangles": arrays.put("triangles", scenery.triangles, kind),
+        "lines": arrays.put("lines", scenery.lines, kind),
+        "contact_points": arrays.put("contact_points", scenery.contact_points),
+        "areas": arrays.put("areas", scenery.areas),
+        "pairs": arrays.put("pairs", scenery.pairs, "<i4"),
+        "words": scenery.words,
+        "moves": scenery.moves,
+    }
+    if scenery.points.shape[1] == 3:
+        tree["flat"] = arrays.put("flat", _flat(scenery), "<f4")
+    return tree, arrays.texts()
+
+
+def _flat(scenery: Scenery) -> np.ndarray:
+    """Places of contact along two axes where it hardly leaves their plane, else along its widest directions, (m, 2)."""
+    found = np.zeros((len(scenery.areas), 2))
+    for pair in np.unique(scenery.pairs):
+        own = scenery.pairs == pair
+        places = scenery.contact_points[own] - scenery.contact_points[own].mean(axis=0)
+        widths = np.ptp(places, axis=0)
+        if widths.min() < FLAT * widths.max():
+            found[own] = np.delete(places, widths.argmin(), axis=1)
+            continue
+        ways = np.linalg.svd(places, full_matrices=False)[2][:2]
+        # the largest component of each points upwards or to the right
+        ways *= np.sign(ways[np.arange(len(ways)), np.abs(ways).argmax(axis=1)])[:, None]
+        found[own, : len(ways)] = places @ ways.T
+    return found

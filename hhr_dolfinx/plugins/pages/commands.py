@@ -1,0 +1,65 @@
+"""The command page."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from hhr_dolfinx.command.loading import naming_condensed
+from hhr_dolfinx.command.speaking import guarded
+from hhr_dolfinx.command.words import KNOWN, examples
+from hhr_dolfinx.compat import extra
+
+with extra("study", "the command hhr"):
+    import click
+
+PAGES = (".html",)
+
+
+@click.command(epilog=examples("hhr page out/my_scene/condensed.npz", "hhr page model.npz --scene my_scene.py"))
+@click.argument("model", type=click.Path(path_type=Path))
+@click.option("--scene", help="what the model was made of, where no scenery.npz lies beside it")
+@click.option("--out", type=click.Path(path_type=Path), help="the page [<model>.html]")
+@KNOWN
+@guarded
+def page(model: Path, scene: str | None, out: Path | None, known: tuple[str, ...]) -> None:
+    """Write one HTML page that answers as a condensed model does, in any browser, without Python and without a network.
+
+    Contact pressures and their error, outputs and their derivatives, displacement of the mesh: sliders for all
+    parameters. What it draws comes from scenery.npz, which train and reduce leave beside the model.
+    """
+    from hhr_dolfinx.command.loading import checked_target, model_of
+    from hhr_dolfinx.plugins.pages.page import check_for_page, write_model_page
+
+    checked_target(out, PAGES)
+    loaded = model_of(model, known)
+    target = out or model.with_suffix(".html")
+    checked_target(target, PAGES)
+    with naming_condensed(model):
+        check_for_page(loaded)  # before a scene is asked for
+        click.echo(write_model_page(target, loaded, _scenery_of(model, scene)))
+
+
+def _scenery_of(model: Path, scene: str | None) -> Any:
+    """What lies beside a model, or is made of its scene.
+
+    Raises:
+        FileError: where there is neither.
+    """
+    from hhr_dolfinx.errors import FileError
+    from hhr_dolfinx.plugins.pages.scenery import NAME, Scenery
+
+    if scene is not None:
+        from mpi4py import MPI
+
+        from hhr_dolfinx.command.loading import scene_of
+        from hhr_dolfinx.full_order.full import FullOrderModel
+        from hhr_dolfinx.plugins.pages.scenery_of import scenery_of
+
+        return scenery_of(FullOrderModel(scene_of(scene), MPI.COMM_SELF))
+    try:
+        return Scenery.read(model.with_name(NAME))
+    except FileNotFoundError:
+        raise FileError(
+            f"there is no {NAME} beside {model}, and a model in a file knows no mesh: name its scene, --scene FILE.py"
+        ) from None

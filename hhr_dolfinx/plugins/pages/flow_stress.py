@@ -1,0 +1,153 @@
+"""Von Mises' stress of bodies that flow on a page: means of cells in few modes, of all that their stress is made of.
+
+With the arrays of :class:`hhr_dolfinx.models.histories.condensed_fields.PlasticFields` the deviator of a cell is
+
+    dev σ = D (K^-1 F θ - K^-1 B^T λ) + (D (u_L θ + u_p s) - M (ε_0 θ + ε_p s)) / c,
+
+D and M means of the points of a cell, s the shares of the modes of the plastic strain, c what its body gives beside the
+middle of the box.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
+
+from hhr_dolfinx.errors import NotOfferedError
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
+from hhr_dolfinx.plugins.pages.packing import BASE64, Packed, kept_levels, modes_of, packed_levels
+from hhr_dolfinx.plugins.pages.scenery import Scenery
+from hhr_dolfinx.plugins.pages.stress import APART, COARSE, FALSE, STRESS, far_off, mises_of
+
+MOST_CELLS = 20_000
+"""Cells that are drawn up to which their stress is: as of elastic bodies."""
+
+
+def cells_of(model: CondensedFlowModel, scenery: Scenery) -> np.ndarray:
+    """The cell behind each triangle that is drawn, (t,): the one that has all of its nodes.
+
+    Raises:
+        NotOfferedError: where none has, of a scenery of another mesh.
+    """
+    cells = model.fields.flow.strain.dofs[:, :: model.dimension] // model.dimension
+    count = len(model.fields.basis) // model.dimension
+    corners = scenery.nodes[scenery.triangles]
+    of_triangles, of_cells = (
+        csr_matrix(
+            (np.ones(nodes.size), nodes.ravel(), np.arange(len(nodes) + 1) * nodes.shape[1]), (len(nodes), count)
+        )
+        for nodes in (corners, cells)
+    )
+    shared = (of_triangles @ of_cells.T).tocsr()
+    if (shared.max(axis=1).toarray() < corners.shape[1]).any():
+        raise NotOfferedError("the scenery is of another mesh than the model: its triangles are none of its cells'")
+    return np.asarray(shared.argmax(axis=1)).ravel()
+
+
+class CellMeans:
+    """Deviators of the stress of cells, as sparse matrices: (c k, N) of displacements, (c k, points) of strains.
+
+    Without the third component, that of a deviator being what the first two leave.
+
+    Args:
+        model: of flow.
+        cells: their numbers, (c,).
+    """
+
+    def __init__(self, model: CondensedFlowModel, cells: np.ndarray):
+        flow = model.fields.flow
+        operator = flow.strain
+        shares = operator.weights[cells] / operator.weights[cells].sum(axis=1, keepdims=True)
+        points = operator.points_of(cells).reshape(len(cells), -1)
+        self._shares = shares
+        self._points = points
+        part = np.eye(operator.components)
+        part[:3, :3] -= 1 / 3
+        self._part = np.delete(part, 2, axis=0)
+        scaled = shares * flow.moduli[points, 1]
+        gradients = np.einsum("cp,kj,cpjd->ckd", scaled, self._part, operator.gradients[cells], optimize=True)
+        self.of_displacements = _sparse(gradients, operator.dofs[cells], operator.size)
+        strains = np.einsum("cp,kj->ckpj", scaled, self._part).reshape(len(cells), len(self._part), -1)
+        places = points[:, :, None] * operator.components + np.arange(operator.components)
+        self.of_strains = _sparse(strains, places.reshape(len(cells), -1), len(flow.moduli) * operator.components)
+
+    def stressed(self, stress: np.ndarray) -> np.ndarray:
+        """Of a stress at all Gauss points, (Gauss points, components): (c k,)."""
+        return np.einsum("cp,kj,cpj->ck", self._shares, self._part, stress[self._points], optimize=True).ravel()
+
+
+def _sparse(blocks: np.ndarray, columns: np.ndarray, size: int) -> csc_matrix:
+    """Rows of cells one behind another, of blocks (c, k, d) on columns (c, d)."""
+    count = blocks.shape[0] * blocks.shape[1]
+    places = np.repeat(np.arange(count), blocks.shape[2]), np.broadcast_to(columns[:, None], blocks.shape).ravel()
+    return csc_matrix(coo_matrix((blocks.ravel(), places), (count, size)))
+
+
+def flow_stress(
+    model: CondensedFlowModel, scenery: Scenery, histories: Sequence[Sequence[Answer]], arrays: Packed, room: int
+) -> dict[str, Any] | None:
+    """The stress of the cells that are drawn in modes of some histories, and how far off it is along others.
+
+    None where there are too many cells, where the largest one would be far off, or where there is no room.
+    """
+    assert scenery.owners is not None
+    cells, places = np.unique(scenery.owners, return_inverse=True)
+    if not 0 < len(cells) <= MOST_CELLS or len(histories) < APART:
+        return None
+    means = CellMeans(model, cells)
+    seen = np.array([means.stressed(model.fields.stress(answer)) for along in histories for answer in along]).T
+    number = np.repeat(np.arange(len(histories)), [len(along) for along in histories])
+    apart = np.flatnonzero(number % APART == APART - 1)
+    ways = modes_of(np.delete(seen, apart, axis=1), STRESS, int((room - arrays.size) / BASE64))
+    if ways is None:
+        return None
+    tried = Packed()
+    tree = {"kind": "stressed"} | packed_levels("stress_modes", ways.T, tried, COARSE)
+    tree |= _maps(model, means, cells, ways, tried)
+    found = kept_levels(tree, tried).T @ (ways.T @ seen[:, apart])
+    exact, drawn = (
+        np.array([mises_of(one.reshape(len(cells), -1)) for one in own.T]) for own in (seen[:, apart], found)
+    )
+    # what is left of a stress behind unloading is small beside that of its history
+    scales = np.array([exact[number[apart] == own].max() for own in number[apart]])
+    off = far_off(exact, drawn, scales)
+    tree |= {
+        "cells": tried.put("stress_cells", places.ravel(), "<i4"),
+        "off": off,
+        # deviators of stress, where a page expects those of strain of one body: 2 μ' = 1
+        "bodies": tried.put("stress_bodies", np.zeros(len(cells)), "<u1"),
+        "components": len(seen) // len(cells),
+        "plane_stress": False,
+        "moduli": [[[0.0], [0.5]]],
+        "middle": [1.0],
+    }
+    if off["largest"] > FALSE or arrays.size + tried.size > room:
+        return None
+    arrays.take(tried)
+    return tree
+
+
+def _maps(
+    model: CondensedFlowModel, means: CellMeans, cells: np.ndarray, ways: np.ndarray, arrays: Packed
+) -> dict[str, Any]:
+    """What makes coefficients of modes of an answer: of forces and loads, and by part of what else there is."""
+    fields = model.fields
+    flow = fields.flow
+    components = flow.strain.components
+    flowed = (flow.flowed[:, None] * components + np.arange(components)).ravel()
+    given = means.of_displacements @ fields.given - (means.of_strains @ flow.unstressed).toarray()
+    plastic = means.of_displacements @ flow.moved - means.of_strains[:, flowed] @ flow.plastic.modes
+    part = np.repeat(fields.parts[flow.strain.dofs[cells, 0]], len(ways) // len(cells))
+    inside = [(ways * (part == number)[:, None]).T for number in range(fields.factors.middle.size)]
+    own = {
+        "pushed": -(ways.T @ (means.of_displacements @ fields.per_force)),
+        "forced": ways.T @ (means.of_displacements @ fields.forced),
+        "given": np.array([rows @ given for rows in inside]),
+        "plastic": np.array([rows @ plastic for rows in inside]),
+        "fit": flow.plastic.fit,
+    }
+    return {name: arrays.put(f"stress_{name}", values, "<f4") for name, values in own.items()}

@@ -1,0 +1,200 @@
+"""What a page holds of condensed flow: the arrays of a step, the laws as formulas, and what is drawn of an answer.
+
+A page marches as :mod:`hhr_dolfinx.models.histories.condensed_flow` does, in ``flow.js``: the same residual, the same
+contact problem for each correction, and Newton's method on both.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix
+
+from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
+from hhr_dolfinx.formulas import Scalar, formula_of
+from hhr_dolfinx.materials.constants import parameters_of
+from hhr_dolfinx.materials.laws import Plasticity
+from hhr_dolfinx.materials.update import Group
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.functionals.kinds import Linear
+from hhr_dolfinx.models.histories.condensed_fields import CondensedFlowFields, PlasticFields
+from hhr_dolfinx.models.histories.condensed_flow import CondensedFlow, CondensedFlowModel
+from hhr_dolfinx.plugins.pages.packing import Packed, half, modes_of, packed_levels, steps_of
+from hhr_dolfinx.plugins.pages.scenery import Scenery
+from hhr_dolfinx.trained import TrainedPaths
+from hhr_dolfinx.warn import ignored
+
+WALKS = 16
+WALK = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 0.6, 0.3, 0.0)
+"""Histories that the modes of the picture are made of, in proportion to random points and back, and their steps."""
+
+EXACT = 100_000
+"""Most strains of contact forces that are kept with all digits: with half of them forces were off by 8e-9."""
+
+
+def check_flow(model: Any, what: str = "a page") -> None:
+    """Raise NotOfferedError for other models than condensed ones, laws that ``what`` does not know, and friction."""
+    if not isinstance(model, CondensedFlowModel):
+        raise NotOfferedError(
+            f"{what} marches with condensed flow, and a {type(model).__name__} is not of that kind: "
+            "hhr.train(scene, paths).condense(), or hhr reduce SCENE with PATHS beside the scene"
+        )
+    if model.friction is not None:
+        raise NotOfferedError(
+            f"{what} knows friction of elastic bodies alone: histories that flow and rub run in Python"
+        )
+    for group in model.flow.groups:
+        if group.law is not None and type(group.law) is not Plasticity:
+            raise NotOfferedError(
+                f"{what} knows the law Plasticity, and none with rates or of your own, as {type(group.law).__name__} "
+                "is: histories run in Python, or by hhr answer"
+            )
+
+
+def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:
+    """The arrays of a step."""
+    flow = model.flow
+    names = model.parameters.names
+    exact = ("per_mode", "forced", "given", "moved", "modal", "coupled", "pressed", "gaps")
+    tree: dict[str, Any] = {name: arrays.put(f"flow_{name}", getattr(flow, name)) for name in exact}
+    kind = "<f8" if flow.per_force.size <= EXACT else "<f4"
+    tree["per_force"] = arrays.put("flow_per_force", flow.per_force, kind)
+    tree["weights"] = arrays.put("flow_weights", _weights(flow))
+    tree |= {name: arrays.put(f"flow_{name}", getattr(flow, name), "<i4") for name in ("parts", "mode_parts")}
+    tree["schur"] = arrays.put("flow_schur", np.array([half(part) for part in flow.schur]))
+    tree["moduli"] = [steps_of(modulus.factor_scalar) for modulus in flow.factors.moduli]
+    tree["middle"] = flow.factors.middle.tolist()
+    tree["groups"] = [_group(group, names) for group in flow.groups]
+    tree["fixed"] = fixed(model)
+    return tree | {"unforeseen": _unforeseen(model.fields.flow, arrays)}
+
+
+def _weights(flow: CondensedFlow) -> np.ndarray:
+    """Weight of each point times 2 μ: what ``tested`` is of the deviator of ``per_mode``, (n,)."""
+    shape = len(flow.per_mode), flow.components, -1
+    deviator = flow.per_mode.reshape(shape).copy()
+    deviator[:, :3] -= deviator[:, :3].mean(axis=1, keepdims=True)
+    squares = (deviator**2).sum(axis=(0, 1))
+    return (flow.tested.reshape(shape) * deviator).sum(axis=(0, 1)) / np.where(squares > 0, squares, 1.0)
+
+
+def _group(group: Group, names: tuple[str, ...]) -> dict[str, Any]:
+    """Elasticity and law of the points of a body."""
+    law = group.law
+    assert law is None or isinstance(law, Plasticity)
+    constants = None if law is None else [_steps(value, names) for value in (law.yield_stress, law.hardening)]
+    return {
+        "points": len(group.indices),
+        "young": _steps(group.young, names),
+        "poisson": float(group.poisson),
+        "law": constants,
+    }
+
+
+def _steps(constant: float | str, names: tuple[str, ...]) -> list[Any] | None:
+    """A constant, or a formula, as operations."""
+    return steps_of(Scalar(constant, names)) if isinstance(constant, str) else [float(constant)]
+
+
+def fixed(model: CondensedFlowModel) -> list[int]:
+    """Places of parameters that do not change in a history: of moduli, and of constants that no load depends on."""
+    names = model.parameters.names
+    moduli = {name for modulus in model.flow.factors.moduli for name in formula_of(modulus.factor, "young").variables}
+    constants = {name for group in model.flow.groups for name in parameters_of(group.law)}
+    loads = {names[place] for place in _axes(model.fields.amplitudes, names)}
+    return [place for place, name in enumerate(names) if name in moduli | (constants - loads)]
+
+
+def _axes(amplitudes: Amplitudes, names: tuple[str, ...]) -> Iterator[int]:
+    """Places of the parameters on which loads depend."""
+    yield from np.flatnonzero(amplitudes.slopes.any(axis=0)).tolist()
+    for item in amplitudes.nonaffine:
+        if isinstance(item, Scalar):
+            yield from (names.index(name) for name in item.formula.variables)
+        else:
+            yield from range(len(names))
+
+
+def _unforeseen(flow: PlasticFields, arrays: Packed) -> dict[str, Any]:
+    """What :meth:`PlasticFields.unforeseen` needs for the estimate of the answer shown, to its first digits.
+
+    What the fit of all points leaves of a plastic strain is what is orthogonal to the modes: directions of these serve.
+    """
+    ways, _ = np.linalg.qr(flow.shown)
+    return packed_levels("flow_shown", ways.T, arrays) | {"without": arrays.put("flow_without", flow.without, "<f4")}
+
+
+def linear_of_flow(fields: CondensedFlowFields, item: Linear, number: int, arrays: Packed) -> dict[str, Any]:
+    """What an output reads of the displacement: of corrections, loads, and of forces and loads of each part."""
+    rows = csr_matrix(item.along @ item.matrix(len(fields.basis)))
+    found = {
+        "modes": rows @ fields.basis,
+        "given": rows @ fields.given,
+        "pushed": np.vstack([_of_part(rows, fields, part) @ fields.per_force for part in _parts(fields)]),
+        "forced": np.vstack([_of_part(rows, fields, part) @ fields.forced for part in _parts(fields)]),
+    }
+    return {name: arrays.put(f"output{number}_{name}", np.ravel(values)) for name, values in found.items()}
+
+
+def _parts(fields: CondensedFlowFields) -> range:
+    """Numbers of the parts of the stiffness."""
+    return range(fields.factors.middle.size)
+
+
+def _of_part(rows: csr_matrix, fields: CondensedFlowFields, part: int) -> csr_matrix:
+    """Rows, on the dofs of a part alone."""
+    return csr_matrix(rows.multiply(fields.parts == part))
+
+
+def flow_field(
+    model: CondensedFlowModel, histories: Sequence[Sequence[Answer]], scenery: Scenery, rows: np.ndarray, arrays: Packed
+) -> dict[str, Any] | None:
+    """The displacement of the dofs that are drawn in modes of some histories, and how plastic strain is drawn."""
+    fields = model.fields
+    seen = np.array([answer.displacement()[rows] for along in histories for answer in along]).T
+    ways = modes_of(seen)
+    if ways is None:
+        return None
+    tree = packed_levels("field_modes", ways.T, arrays)
+    own = {"modes_of_flow": ways.T @ fields.basis[rows], "given": ways.T @ fields.given[rows]}
+    parts = fields.parts[rows]
+    inside = [(ways * (parts == part)[:, None]).T for part in _parts(fields)]
+    own["pushed"] = np.array([part @ fields.per_force[rows] for part in inside])
+    own["forced"] = np.array([part @ fields.forced[rows] for part in inside])
+    found = {name: arrays.put(f"field_{name}", values, "<f4") for name, values in own.items()}
+    return {"kind": "flow"} | tree | found | _plastic(fields, scenery, arrays)
+
+
+def walked(model: CondensedFlowModel) -> Iterator[list[Answer]]:
+    """Answers of histories that nobody has asked for, loaded in proportion to random points of what was trained."""
+    space = model.parameters
+    rest = np.clip(0.0, space.lower, space.upper)
+    still = fixed(model)
+    points = space.random(WALKS, 0)
+    if isinstance(model.trained, TrainedPaths):
+        trained = model.trained.parameters
+        points = np.clip(points, trained.lower, trained.upper)
+    for point in points:
+        start = rest.copy()
+        start[still] = point[still]
+        path = [(float(time), start + share * (point - start)) for time, share in enumerate(WALK)]
+        with ignored(Warning), suppress(ConvergenceError):
+            yield model.march(path).answers
+
+
+def _plastic(fields: CondensedFlowFields, scenery: Scenery, arrays: Packed) -> dict[str, Any]:
+    """Cumulated plastic strain of the nodes that are drawn, the mean of the Gauss points around each, in its modes."""
+    flow = fields.flow
+    cells = flow.strain.dofs // fields.dimension
+    points = np.arange(flow.gauss_points).reshape(len(cells), -1)
+    nodes = np.repeat(cells[:, :: fields.dimension], points.shape[1], axis=1)
+    around = np.tile(points, (1, cells.shape[1] // fields.dimension))
+    count = len(fields.basis) // fields.dimension
+    mean = csr_matrix(coo_matrix((np.ones(nodes.size), (nodes.ravel(), around.ravel())), (count, flow.gauss_points)))
+    mean = csr_matrix(mean.multiply(1 / np.maximum(mean.sum(axis=1), 1)))[scenery.nodes][:, flow.flowed]
+    strained = packed_levels("field_strained", (mean @ flow.cumulated.modes).T, arrays)
+    return {"strained": strained | {"fit": arrays.put("field_fit", flow.cumulated.fit, "<f4")}}

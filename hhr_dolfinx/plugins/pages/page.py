@@ -1,0 +1,160 @@
+"""One HTML file that answers as a model does: by double click, from mail, without Python and without a network."""
+
+from __future__ import annotations
+
+import json
+import re
+from dataclasses import replace
+from html import escape
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.errors import NotOfferedError
+from hhr_dolfinx.files import replacing
+from hhr_dolfinx.models.estimates import relative_errors
+from hhr_dolfinx.plugins.pages.arrays import check_model, contact_tree, drawn, flows, packed
+from hhr_dolfinx.plugins.pages.packing import Packed
+from hhr_dolfinx.plugins.pages.scenery import Scenery, thinned
+from hhr_dolfinx.timing import today
+from hhr_dolfinx.version import __version__
+
+MOST_BYTES = 3_000_000
+"""Of a page: what goes by mail."""
+ALIKE = 0.01
+"""Relative difference of S up to which a model and a scenery are of one scene: S may be interpolated."""
+DRAWN = 12_000
+"""Nodes of the mesh that are drawn at most."""
+SCRIPTS = 150_000
+"""Bytes of a page beside its arrays, at most."""
+PARTS = (
+    "page.css", "model.js", "bound.js", "friction.js", "floating.js", "flow.js", "path.js", "drawing.js", "plots.js",
+    "field.js", "view.js",
+)  # fmt: skip
+"""Files that stand in ``page.html`` where they are named there."""
+LOOKED_AT = 100
+"""Random points at which a model tells its error to a page."""
+
+
+def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
+    """Write a page of a condensed model.
+
+    Args:
+        path: of the page, ``.html``.
+        model: that of ``hhr.condense``, ``hhr.train`` or a file: elastic, with friction, or of condensed
+            flow.
+        scenery: what is drawn, see :func:`hhr_dolfinx.plugins.pages.scenery_of.scenery_of`.
+
+    Returns:
+        The path.
+
+    Raises:
+        NotOfferedError: for another kind of model, one of another scene, or one that is too large for a page.
+        FileError: if the file cannot be written.
+    """
+    check_for_page(model)
+    if len(scenery.areas) != model.conditions:
+        raise NotOfferedError(
+            f"the scenery is of {len(scenery.areas)} contact conditions and the model of {model.conditions}: they are "
+            "of two scenes or meshes"
+        )
+    dofs = len(model.fields.basis) if flows(model) else model.fields.lifts.shape[0]
+    if scenery.nodes.max(initial=0) * model.dimension >= dofs or (scenery.strains and scenery.strains.dofs != dofs):
+        raise NotOfferedError(f"the scenery is of another mesh than the model, which has {dofs} dofs")
+    own = _compliance(model).sum(axis=1)
+    if not np.linalg.norm(own - scenery.compliance) <= ALIKE * np.linalg.norm(own):
+        raise NotOfferedError("the scenery is not of the scene of this model: its contact is stiffer or softer")
+    text = page_text(model, scenery)
+    _check_size(len(text.encode()), model)
+    with replacing(path, text=True) as file:
+        file.write(text)
+    return Path(path)
+
+
+def check_for_page(model: Any) -> None:
+    """Refuse a model that a page cannot hold, before anything is made for it: a scenery, bounds, pictures.
+
+    Raises:
+        NotOfferedError: for another kind of model, or one whose contact problem alone is too large.
+    """
+    check_model(model)
+    arrays = Packed()
+    contact_tree(model, arrays)
+    _check_size(sum(len(item["data"]) for item in arrays.texts().values()), model)
+
+
+def _check_size(count: int, model: Any) -> None:
+    """Raise NotOfferedError for a page of too many bytes."""
+    if count > MOST_BYTES:
+        raise NotOfferedError(
+            f"a page of {count / 1e6:.1f} MB or more exceeds the {MOST_BYTES / 1e6:g} MB that go by mail: "
+            f"{_size(model)} are too many. Take a coarser mesh for the page"
+            + (", or a model with fewer modes: a larger error, or fewer paths" if flows(model) else "")
+        )
+
+
+def _compliance(model: Any) -> np.ndarray:
+    """S in the middle of the box, (m, m)."""
+    middle = model.parameters.middle
+    return model.equilibrium.at(middle).schur if flows(model) else model.contacts()(middle).schur
+
+
+def _size(model: Any) -> str:
+    """What makes a page large, in words."""
+    conditions = f"{model.conditions} contact conditions"
+    if not flows(model):
+        return conditions
+    flow = model.flow
+    return f"{conditions}, {len(flow.per_mode)} modes and {flow.points.size} points at which laws are evaluated"
+
+
+def _strained(scenery: Scenery) -> int:
+    """Cells whose stress could be drawn."""
+    if scenery.owners is not None:
+        return int(np.unique(scenery.owners).size)
+    return 0 if scenery.strains is None else len(scenery.strains.bodies)
+
+
+def page_text(model: Any, scenery: Scenery) -> str:
+    """The page."""
+    if flows(model):
+        from hhr_dolfinx.plugins.pages.flow_stress import cells_of
+
+        scenery = replace(scenery, owners=cells_of(model, scenery))
+    strained = _strained(scenery)
+    scenery = thinned(scenery, DRAWN)
+    of_scenery, placed = drawn(scenery)
+    tree, arrays = packed(model, scenery, MOST_BYTES - SCRIPTS - sum(len(item["data"]) for item in placed.values()))
+    tree |= {"scenery": of_scenery, "strained": strained}
+    arrays |= placed
+    tree["error"] = error_of(model)
+    tree["made"] = f"{today()}, hhr_dolfinx {__version__}"
+    data = json.dumps({"tree": tree, "arrays": arrays}, separators=(",", ":"), allow_nan=False).replace("<", "\\u003c")
+    needed = {"friction.js": model.friction is not None, "flow.js": flows(model)}
+    needed |= {"floating.js": tree["floating"] is not None, "bound.js": tree["bound"] is not None}
+    marked = {f"/*{part}*/": _file(part) if needed.get(part, True) else "" for part in PARTS}
+    marked |= {"/*DATA*/": data, "TITLE": escape(scenery.words["scene"].replace("_", " "))}
+    # in one pass: a name of the user's may look like a marker
+    return re.sub("|".join(map(re.escape, marked)), lambda found: marked[found.group()], _file("page.html"))
+
+
+def error_of(model: Any) -> dict[str, Any]:
+    """What a page says of errors: their kind, and the largest known ones at random points of the box, relative."""
+    if flows(model):  # each answer has an estimate of its own
+        return {"kind": "history", "pressure": None, "forces": None, "points": 0}
+    if model.fields.exact:
+        return {"kind": "exact", "pressure": 0.0, "forces": 0.0, "points": 0}
+    if model.fields.bound is None or model.friction is not None:  # nothing is known of errors of increments
+        return {"kind": "none", "pressure": None, "forces": None, "points": 0}
+    many = model.solve_many(model.parameters.random(LOOKED_AT, 1), raise_on_failure=False)
+    found: dict[str, Any] = {"kind": model.fields.bound.kind, "points": LOOKED_AT}
+    for name in ("pressure", "forces"):
+        errors = relative_errors(many, name)
+        found[name] = None if errors is None or not (errors < float("inf")).all() else float(errors.max())
+    return found
+
+
+def _file(name: str) -> str:
+    return (resources.files(__package__) / name).read_text(encoding="utf-8")

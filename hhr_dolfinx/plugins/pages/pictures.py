@@ -1,0 +1,330 @@
+"""What a page draws of bodies: few modes of answers over the box, and how parameters and forces make them."""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from dataclasses import dataclass
+from functools import partial
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix, vstack
+
+from hhr_dolfinx.errors import ConvergenceError, FarSlidingWarning
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.displacement import dense
+from hhr_dolfinx.models.eliminations.interpolated import InterpolatedFields
+from hhr_dolfinx.models.exact import ExactFields
+from hhr_dolfinx.plugins.pages.packing import (
+    BASE64,
+    FIELD,
+    LEVELS,
+    ROOM,
+    Packed,
+    kept_levels,
+    modes_of,
+    packed_levels,
+    steps_of,
+)
+from hhr_dolfinx.plugins.pages.scenery import Scenery
+from hhr_dolfinx.plugins.pages.stress import APART, COARSE, FALSE, STRESS, Stress
+from hhr_dolfinx.sampling import Sobol
+from hhr_dolfinx.warn import ignored
+
+SEEN = 200
+FEW = 40
+CORNERS = 64
+"""Answers that these modes are made of; loaded in proportion, where a path does not settle; corners of the box that
+are among them."""
+FITTED = 512
+FORCE_MODES = 20
+DEGREE = 6
+OFF = 0.03
+"""Points to which the picture of a varying model is fitted, modes of forces, highest degree, and how far off it may be
+at half of the points by a fit to the other half."""
+
+
+@dataclass(frozen=True, eq=False)
+class Drawn:
+    """What is drawn of a displacement: rows times it.
+
+    Attributes:
+        name: of its arrays.
+        rows: sparse, (k, N).
+        left: part of what is seen that modes may leave out.
+        levels: of their numbers to either side of zero.
+        room: bytes that they may take.
+        most: bytes that all arrays of a page may take; None where that is seen to elsewhere.
+    """
+
+    name: str
+    rows: csr_matrix
+    left: float = FIELD
+    levels: int = LEVELS
+    room: int = ROOM
+    most: int | None = None
+
+    def modes(self, seen: np.ndarray) -> np.ndarray | None:
+        """Of answers, (k, S)."""
+        return modes_of(seen, self.left, int(self.room / (BASE64 * (1 if self.levels < 128 else 2))))
+
+
+@dataclass(frozen=True, eq=False)
+class Picture:
+    """Modes of what is drawn.
+
+    Attributes:
+        tree: what a page holds of them.
+        values: what it draws of answers that tell how far off it is, (k, S).
+        apart: places of the latter, (S,).
+    """
+
+    tree: dict[str, Any]
+    values: np.ndarray
+    apart: np.ndarray
+
+
+class Split:
+    """Answers that modes are made of, and those that tell how far off they are; corners of the box are both.
+
+    Args:
+        answers: those that there are, at corners behind the others.
+        corners: how many of these are at corners.
+    """
+
+    def __init__(self, answers: Iterable[Answer], corners: int):
+        every = list(answers)
+        first = len(every) - corners
+        self.answers = [answer for answer in every if answer.converged]
+        self._others = sum(answer.converged for answer in every[:first])
+
+    def held(self, every: int) -> tuple[np.ndarray, np.ndarray]:
+        """Places of the former and the latter, which are one of so many."""
+        count = len(self.answers)
+        held = np.arange(every - 1, self._others, every)
+        return np.delete(np.arange(count), held), np.append(held, np.arange(self._others, count))
+
+
+def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict[str, Any]:
+    """The displacement of the nodes that are drawn, and the stress of the cells, in few modes.
+
+    Neither where a model has no map of forces to displacements, and no stress where it has no room beside all else.
+
+    Args:
+        model: with fields.
+        scenery: what is drawn.
+        arrays: of the model; those of the pictures are put there.
+        room: bytes of a page that are left for all arrays.
+    """
+    if model.equilibrium is not None:
+        from hhr_dolfinx.plugins.pages.flow_stress import flow_stress
+        from hhr_dolfinx.plugins.pages.flowing import flow_field, walked
+
+        histories = list(walked(model))
+        moved = flow_field(model, histories, scenery, rows_of(model, scenery), arrays)
+        return {"field": moved, "stress": moved and flow_stress(model, scenery, histories, arrays, room)}
+    found: dict[str, Any] = {"field": None, "stress": None}
+    known, maps = _answers(model)
+    if not known.answers:
+        return found
+    rows = rows_of(model, scenery)
+    entries = np.ones(rows.size), (np.arange(rows.size), rows)
+    chosen = csr_matrix(entries, shape=(rows.size, model.fields.lifts.shape[0]))
+    strains = scenery.strains
+    stress = None if strains is None else Stress(strains, model.parameters.names, model.parameters.middle)
+    every = chosen if stress is None else csr_matrix(vstack([chosen, stress.rows]))
+    seen = np.array([every @ answer.displacement() for answer in known.answers]).T  # each displacement once
+    field = maps(Drawn("field", chosen, most=room), known, seen[: rows.size], arrays)
+    if field is None:
+        return found
+    found["field"] = field.tree
+    if stress is not None:
+        drawn = Drawn("stress", stress.rows, STRESS, COARSE, min(ROOM, room - arrays.size - stress.size))
+        found["stress"] = _stress(partial(maps, drawn, known), stress, known, seen[rows.size :], arrays)
+    return found
+
+
+def _answers(model: Any) -> tuple[Split, Callable[[Drawn, Split, np.ndarray, Packed], Picture | None]]:
+    """Answers that pictures are made of, and what makes them; none where a model has no map of forces to them."""
+    fields = model.fields
+    if isinstance(fields, ExactFields) and model.friction is not None:
+        return Split(_walked(model), 0), partial(_exact, model)
+    corners = _corners(model)
+    if isinstance(fields, ExactFields):
+        points = np.vstack([model.parameters.random(SEEN, 0), corners])
+        return Split(model.solve_many(points, raise_on_failure=False), len(corners)), partial(_exact, model)
+    if isinstance(fields, InterpolatedFields) and fields.galerkin is not None:
+        # with friction each point is the end of a path, and maps are fitted elsewhere
+        points = Sobol(FITTED if model.friction is None else FEW).points(model.parameters)
+        corners = corners if model.friction is None else corners[:0]
+        return Split(_reached(model, np.vstack([points, corners])), len(corners)), partial(_fitted, model)
+    return Split([], 0), partial(_exact, model)
+
+
+def _stress(
+    maps: Callable[[np.ndarray, Packed], Picture | None], stress: Stress, known: Split, seen: np.ndarray, arrays: Packed
+) -> dict[str, Any] | None:
+    """The stress of the cells, and how far off it is; None where its largest value is far off, or there is no room."""
+    tried = Packed()
+    picture = maps(seen, tried)
+    if picture is None:
+        return None
+    points = np.array([known.answers[place].parameter for place in picture.apart])
+    off = stress.off(points, seen[:, picture.apart], picture.values)
+    if off["largest"] > FALSE:
+        return None
+    found = picture.tree | stress.tree(tried) | {"off": off}
+    arrays.take(tried)
+    return found
+
+
+def rows_of(model: Any, scenery: Scenery) -> np.ndarray:
+    """Dofs of the nodes that are drawn, node by node."""
+    dim = model.dimension
+    return (scenery.nodes[:, None] * dim + np.arange(dim)).ravel()
+
+
+def _exact(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Packed) -> Picture | None:
+    """Where the stiffness is constant: c = W^T (C θ - K^-1 B^T λ + R q) with modes W of answers over the box."""
+    fields = model.fields
+    inner, apart = known.held(APART)
+    ways = drawn.modes(seen[:, inner])
+    if ways is None:
+        return None
+    of_terms = ways.T @ (drawn.rows @ fields.per_term + dense(drawn.rows @ fields.lifts))
+    tree = {"kind": "linear"} | packed_levels(f"{drawn.name}_modes", ways.T, arrays, drawn.levels)
+    tree["terms"] = arrays.put(f"{drawn.name}_terms", of_terms, "<f4")
+    tree["forces"] = arrays.put(f"{drawn.name}_forces", -(ways.T @ (drawn.rows @ fields.per_force)), "<f4")
+    if fields.floats:
+        tree["motions"] = arrays.put(f"{drawn.name}_motions", ways.T @ (drawn.rows @ model.eliminated.modes), "<f4")
+    return Picture(tree, kept_levels(tree, arrays).T @ (ways.T @ seen[:, apart]), apart)
+
+
+def _corners(model: Any) -> np.ndarray:
+    """Corners of the box, (c, P); some of them where there are many."""
+    space = model.parameters
+    count = len(space.names)
+    ends = np.random.default_rng(0).integers(0, 2, (CORNERS, count))
+    if 2**count <= CORNERS:
+        ends = np.arange(2**count)[:, None] >> np.arange(count) & 1
+    return np.where(ends, space.upper, space.lower)
+
+
+def _walked(model: Any) -> Iterable[Answer]:
+    """Answers with friction along a path through the box, whose laws are those of its middle."""
+    points = model.parameters.random(SEEN, 0)
+    points[:, model.friction.fixed] = model.parameters.middle[model.friction.fixed]
+    # nobody has asked for this path
+    with ignored(FarSlidingWarning), suppress(ConvergenceError):
+        return model.march(list(enumerate(points))).answers
+    return model.solve_many(points[:FEW], raise_on_failure=False)
+
+
+def _reached(model: Any, points: np.ndarray) -> Iterable[Answer]:
+    """Answers at some points, with friction loaded in proportion: where that does not settle there is none."""
+    with ignored(FarSlidingWarning):  # nobody has asked for these points
+        return list(model.solve_many(points, raise_on_failure=False))
+
+
+def _fitted(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Packed) -> Picture | None:
+    """Where it varies: c = p(μ) + P(μ) Q^T λ, with modes Q of forces and polynomials that are fitted to some points.
+
+    None where the fit is off by more than a picture may be at points that it has not seen, as where a load ends within
+    the box.
+    """
+    answers = known.answers
+    alone = model.friction is None
+    ways = drawn.modes(seen) if len(answers) >= (FITTED if alone else FEW) // 2 else None
+    if ways is None:
+        return None
+    forces = np.array([answer.multipliers for answer in answers]).T
+    pushes, sizes, _ = np.linalg.svd(forces, full_matrices=False)
+    pushes = pushes[:, : min(FORCE_MODES, max(1, int((sizes > FIELD * sizes[0]).sum())))]
+    here = np.array([answer.parameter for answer in answers])
+    points = here if alone else Sobol(FITTED).points(model.parameters)
+    values = _maps_at(model, drawn, ways, pushes, points)
+    monomials = Monomials(model, points)
+    features = monomials.at(points)
+    flat = values.reshape(len(points), -1)
+    # one half is held against the other; answers that are apart are held against the fit itself
+    inner, apart = known.held(2) if alone else (np.arange(len(points)), np.arange(len(answers)))
+    fitted = monomials.at(here) @ np.linalg.lstsq(features[inner], flat[inner], rcond=None)[0]
+    along = fitted.reshape(len(answers), *values.shape[1:])
+    weights = np.column_stack([np.ones(len(answers)), forces.T @ pushes])
+    coefficients = np.einsum("skr,sr->ks", along, weights)[:, apart]
+    tried = Packed()
+    tree = {"kind": "fitted"} | packed_levels(f"{drawn.name}_modes", ways.T, tried, drawn.levels)
+    found = kept_levels(tree, tried).T @ coefficients
+    sizes = np.linalg.norm(seen[:, apart], axis=0)
+    off = np.linalg.norm(found - seen[:, apart], axis=0)[sizes > 0] / sizes[sizes > 0]
+    if np.median(off) > OFF:
+        return None
+    whole = np.linalg.lstsq(features, flat, rcond=None)[0].reshape(-1, *values.shape[1:])
+    tree |= monomials.tree | {"pushes": tried.put(f"{drawn.name}_pushes", pushes.T, "<f4")}
+    tree |= {"fit": tried.put(f"{drawn.name}_fit", whole, "<f4")}
+    if drawn.most is not None and arrays.size + tried.size > drawn.most:
+        return None
+    arrays.take(tried)
+    return Picture(tree, found, apart)
+
+
+def _maps_at(model: Any, drawn: Drawn, ways: np.ndarray, pushes: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """p(μ) and P(μ) at some points, (S, P): (S, k, 1 + R)."""
+    fields = model.fields
+    basis = ways.T @ (drawn.rows @ fields.basis)
+    lifts = ways.T @ dense(drawn.rows @ fields.lifts)
+    values = []
+    for point in points:
+        contact = fields.galerkin(point)
+        free = basis @ contact.unknown(np.zeros(model.conditions)) + lifts @ fields.amplitudes(point)
+        values.append(np.column_stack([free, -basis @ contact.pushed(pushes)]))
+    return np.array(values)
+
+
+class Monomials:
+    """Monomials of parameters, each about from -1 to 1 at some points, (S, P), of which there are a third as many.
+
+    Of a parameter that alone makes the modulus of a component its compliance, 1 over the modulus, in which answers are
+    nearly linear; of others themselves.
+    """
+
+    def __init__(self, model: Any, points: np.ndarray):
+        factors = [part.factor for part in model.eliminated.parts if part.factor is not None]
+        alone = {factor.formula.variables[0]: factor for factor in factors if len(factor.formula.variables) == 1}
+        self._factors = [alone.get(name) for name in model.parameters.names]
+        still = np.ptp(self._columns(points), axis=0) == 0  # a modulus that names a parameter and does not change
+        self._factors = [None if one else factor for one, factor in zip(still, self._factors, strict=True)]
+        columns = self._columns(points)
+        self._low = columns.min(axis=0)
+        self._high = columns.max(axis=0)
+        self._powers = _powers(points.shape[1], len(points) // 3)
+
+    def _columns(self, points: np.ndarray) -> np.ndarray:
+        pairs = zip(points.T, self._factors, strict=True)
+        return np.column_stack([own if factor is None else 1 / factor.values(points) for own, factor in pairs])
+
+    def at(self, points: np.ndarray) -> np.ndarray:
+        """At other points, (S, P): (S, F)."""
+        scaled = 2 * (self._columns(points) - self._low) / (self._high - self._low) - 1
+        return np.prod(scaled[:, None, :] ** self._powers, axis=2)
+
+    @property
+    def tree(self) -> dict[str, Any]:
+        """How a page makes them of a point."""
+        ends = zip(self._factors, self._low.tolist(), self._high.tolist(), strict=True)
+        axes = [{"modulus": steps_of(factor), "low": low, "high": high} for factor, low, high in ends]
+        return {"axes": axes, "powers": self._powers.tolist()}
+
+
+def _powers(parameters: int, most: int) -> np.ndarray:
+    """Exponents of all monomials up to the highest degree of which there are no more than so many, (F, P)."""
+    found = np.zeros((1, parameters), dtype=int)
+    for degree in range(1, DEGREE + 1):
+        every = itertools.combinations_with_replacement(range(parameters), degree)
+        more = np.array([np.bincount(places, minlength=parameters) for places in every])
+        if len(found) + len(more) > most:
+            break
+        found = np.vstack([found, more])
+    return found

@@ -1,0 +1,134 @@
+"""Scenery of a page, from the full model: triangles to draw, points of contact, words."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.sparse import coo_matrix, csr_matrix
+
+from hhr_dolfinx.full_order.outputs import moduli_of, strains_of_cells
+from hhr_dolfinx.geometries.cells import CORNERS, TENSOR, outer_faces_of_cells
+from hhr_dolfinx.materials.elasticity import von_mises
+from hhr_dolfinx.plugins.pages.scenery import NAME, Scenery, Strains
+from hhr_dolfinx.scene import Scene
+
+PARTS = {3: ((0, 1, 2),), 4: ((0, 1, 2), (0, 2, 3))}
+"""Triangles of a triangle, and of a quadrilateral with corners in circular order."""
+STRAINED = 20_000
+"""Number of drawn cells up to which their strains are kept: they take 50 MB in space."""
+LOOKED_AT = 8
+"""Random points at which the stress of undeformed bodies is checked."""
+ALIKE = 1e-9
+"""Part of a stress below which its deviator counts as round-off of a pressure."""
+
+
+def write_scenery(full: Any, folder: Path) -> None:
+    """Write what a page draws beside a model in a folder. Collective."""
+    scenery = scenery_of(full)
+    if full.comm.rank == 0:
+        scenery.write(folder / NAME)
+
+
+def scenery_of(full: Any) -> Scenery:
+    """Scenery of the scene of a full model, on each of its ranks. Collective.
+
+    In the plane all cells, in space faces of cells that no other cell shares; for cells of second order the corners.
+    """
+    discretisation = full.discretisation
+    problem = full.problem
+    kind = discretisation.mesh.topology.cell_name()
+    cells = discretisation._cell_nodes()[:, : CORNERS[kind]]
+    flat = problem.block_size == 2
+    cells = cells[:, TENSOR[kind]] if kind in TENSOR else cells  # corners in circular order
+    outer, inside = outer_faces_of_cells(kind, cells)
+    faces = cells if flat else outer
+    owners = np.arange(len(cells)) if flat else inside
+    parts = PARTS[faces.shape[1]]
+    triangles = np.concatenate([faces[:, list(corners)] for corners in parts])
+    nodes, places = np.unique(triangles, return_inverse=True)
+    number = np.full(len(discretisation._points()), -1)
+    number[nodes] = np.arange(len(nodes))
+    drawn = number[outer] if flat else np.zeros((0, 2))
+    return Scenery(
+        np.ascontiguousarray(discretisation._points()[nodes]),
+        nodes.astype(np.int64),
+        places.reshape(triangles.shape).astype(np.int64),
+        drawn.astype(np.int64),
+        np.ascontiguousarray(problem.contact_points),
+        problem.contact_areas.copy(),
+        problem.contact_pairs.astype(np.int64),
+        problem.contact @ full.pushed_everywhere(np.ones(full.conditions)),
+        bool(full.scene.shapes),
+        _words(full.scene),
+        strains_of(full, np.tile(owners, len(parts))),
+    )
+
+
+def strains_of(full: Any, cells: np.ndarray) -> Strains | None:
+    """Strains of the cells of triangles, (t,).
+
+    None if a stress is more than moduli times strain: for bodies that are inelastic, change their shape or have a
+    user-defined elasticity, for anisotropic strains without stress, or with too many cells.
+    """
+    scene = full.scene
+    drawn, places = np.unique(cells, return_inverse=True)
+    own = full.equilibrium is not None or scene.shapes or any(body.stress is not None for body in scene.bodies)
+    if own or len(drawn) > STRAINED or _stressed_at_rest(full):
+        return None
+    discretisation = full.discretisation
+    bodies = np.concatenate(discretisation.comm.allgather(discretisation.cell_bodies()))[drawn]
+    components = 6 if scene.hypothesis == "solid" else 4
+    rows = csr_matrix((len(drawn) * components, full.problem.free.size))
+    for place in np.unique(bodies):
+        here = np.flatnonzero(bodies == place)
+        strain, dofs, grading, _ = strains_of_cells(discretisation, drawn[here], int(place))
+        if scene.hypothesis == "plane_stress":
+            strain[:, 2] = 0.0
+        numbers = np.broadcast_to((here[:, None] * components + np.arange(components))[:, :, None], strain.shape)
+        columns = np.broadcast_to(dofs[:, None], strain.shape)
+        values = (strain * grading[:, None, None]).ravel()
+        rows = rows + coo_matrix((values, (numbers.ravel(), columns.ravel())), shape=rows.shape).tocsr()
+    rows.eliminate_zeros()
+    moduli = tuple(moduli_of(body, scene.hypothesis) for body in scene.bodies)
+    return Strains(places.astype(np.int64), bodies.astype(np.int64), rows, moduli, scene.hypothesis == "plane_stress")
+
+
+def _stressed_at_rest(full: Any) -> bool:
+    """True if undeformed bodies have a von Mises' stress, from strains without stress that have a deviator."""
+    if not any(hasattr(load, "eigenstrain_of") for load in full.scene.loads):
+        return False
+    rest = np.zeros(full.problem.free.size)
+    box = full.parameters
+    # loads may cancel each other at ends and in the middle
+    for point in (box.lower, box.upper, *box.random(LOOKED_AT, 0)):
+        stress = full.stress_of(rest, point)
+        if von_mises(stress).max() > ALIKE * np.abs(stress).max():
+            return True
+    return False
+
+
+def _words(scene: Scene) -> dict[str, Any]:
+    """Words of a page on a scene."""
+    units = scene.units
+    bodies = []
+    for body in scene.bodies:
+        law = "" if body.law is None else f", {body.law!r}"
+        bodies.append(f"{body.tag}: E = {_said(body.young)}, nu = {_said(body.poisson)}{law}")
+    return {
+        "scene": scene.name,
+        "units": dict(scene.parameter_units),
+        "hypothesis": scene.hypothesis.replace("_", " "),
+        "bodies": bodies,
+        "contacts": [" and ".join(map(str, item.tags)) for item in scene.contacts],
+        "length": "" if units is None else units.length,
+        "stress": "" if units is None else units.stress,
+        "force": "" if units is None else units.force_in(scene.hypothesis),
+        "work": "" if units is None else units.work_in(scene.hypothesis),
+    }
+
+
+def _said(value: Any) -> str:
+    """A number or a formula in words."""
+    return f"{value:g}" if isinstance(value, float | int) else str(getattr(value, "text", value))

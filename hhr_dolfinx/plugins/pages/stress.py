@@ -1,0 +1,104 @@
+"""Von Mises' stress on a page: strains of few modes, moduli as formulas, and how far off that is."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix, diags, kron
+
+from hhr_dolfinx.formulas import Scalar
+from hhr_dolfinx.materials.elasticity import von_mises
+from hhr_dolfinx.plugins.pages.packing import BASE64, NOTHING, Packed, steps_of
+from hhr_dolfinx.plugins.pages.scenery import Strains
+
+STRESS = 3e-3
+COARSE = 127
+FALSE = 0.05
+"""Part of the stress that its modes leave out, levels of their numbers, which a scale of colours does not tell from
+finer ones, and part of itself that the largest stress may be off by."""
+APART = 4
+"""One of so many answers is held out of the modes, and tells how far off they are."""
+
+
+class Stress:
+    """What a page makes of strains.
+
+    Args:
+        strains: of the cells that are drawn.
+        names: of the parameters.
+        middle: of their box, (P,).
+
+    Attributes:
+        rows: strains by displacements, times μ' of the middle of the box, so that modes are as exact for stiff bodies
+            as for soft ones, (n c, N). Without the third component: it is zero in plane stress, and elsewhere that of
+            deviators, which have no trace.
+    """
+
+    def __init__(self, strains: Strains, names: tuple[str, ...], middle: np.ndarray):
+        self._strains = strains
+        self._moduli = [[Scalar(text, names) for text in pair] for pair in strains.moduli]
+        self._middle = np.array([shape.value(middle) for _, shape in self._moduli])
+        part = np.eye(strains.components)
+        if not strains.plane_stress:
+            part[:3, :3] -= 1 / 3
+        scale = diags(self._middle[strains.bodies])
+        self.rows = csr_matrix(kron(scale, np.delete(part, 2, axis=0)) @ strains.rows)
+
+    @property
+    def size(self) -> int:
+        """Bytes of text that its arrays take."""
+        return int(BASE64 * (4 * len(self._strains.cells) + len(self._strains.bodies)))
+
+    def mises(self, values: np.ndarray, point: np.ndarray) -> np.ndarray:
+        """Von Mises' stress of what the rows give, (n c,), at a point, (P,): (c,)."""
+        bodies = self._strains.bodies
+        moduli = np.array([[modulus.value(point) for modulus in pair] for pair in self._moduli])
+        volume, shape = (moduli / self._middle[:, None])[bodies].T
+        strain = values.reshape(len(bodies), -1)
+        stress = 2 * shape[:, None] * strain
+        if self._strains.plane_stress:
+            stress[:, :2] += (volume * strain[:, :2].sum(axis=1))[:, None]
+        return mises_of(stress, plane_stress=self._strains.plane_stress)
+
+    def tree(self, arrays: Packed) -> dict[str, Any]:
+        """The same for a page."""
+        strains = self._strains
+        return {
+            "components": strains.components - 1,
+            "plane_stress": strains.plane_stress,
+            "cells": arrays.put("stress_cells", strains.cells, "<i4"),
+            "bodies": arrays.put("stress_bodies", strains.bodies, "<u1"),
+            "moduli": [[steps_of(volume), steps_of(shape)] for volume, shape in self._moduli],
+            "middle": self._middle.tolist(),
+        }
+
+    def off(self, points: np.ndarray, exact: np.ndarray, found: np.ndarray) -> dict[str, float]:
+        """How far drawn values, (n c, S), are off of those at some points, (S, P), see :func:`far_off`."""
+        right, here = (
+            np.array([self.mises(*pair) for pair in zip(own.T, points, strict=True)]) for own in (exact, found)
+        )
+        return far_off(right, here)
+
+
+def mises_of(stress: np.ndarray, *, plane_stress: bool = False) -> np.ndarray:
+    """Von Mises' stress of cells of which the third component is left out, (c, k): (c,).
+
+    In plane stress it is zero; elsewhere it is that of deviators, which have no trace.
+    """
+    third = 0.0 if plane_stress else -stress[:, 0] - stress[:, 1]
+    return von_mises(np.insert(stress, 2, third, axis=1))
+
+
+def far_off(exact: np.ndarray, found: np.ndarray, scales: np.ndarray | None = None) -> dict[str, float]:
+    """How far von Mises' stress that is drawn is off that of answers, (S, c) each, relative to some scales, (S,).
+
+    By default to the largest of each. In any cell, and the largest value itself; answers of which nothing is left but
+    round-off do not count.
+    """
+    largest = exact.max(axis=1, initial=0.0)
+    scales = largest if scales is None else scales
+    known = scales > NOTHING * scales.max(initial=0.0)
+    cells = np.abs(found - exact).max(axis=1, initial=0.0)[known] / scales[known]
+    peaks = np.abs(found.max(axis=1, initial=0.0) - largest)[known] / scales[known]
+    return {"cells": float(cells.max(initial=0.0)), "largest": float(peaks.max(initial=0.0))}

@@ -1,0 +1,7 @@
+"""Theorems of thesis chapter 3: both sides and their constants, to show how sharp they are."""
+
+from hhr_dolfinx.registry import Plugin
+
+PLUGIN = Plugin(
+    name="theorems",
+)

@@ -1,0 +1,150 @@
+"""Constants and hypotheses of the thesis' theorems, see :mod:`hhr_dolfinx.plugins.theorems.theorems`.
+
+Each proof uses a on spaces of its own; the constants on these are the sharpest with which it holds. They are
+eigenvalues of pencils of the size of the basis, but for those on V^0, which are as large as the RID; large ones are
+left to SLEPc.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from scipy import linalg
+
+from hhr_dolfinx.certify.constants import Constants
+from hhr_dolfinx.errors import BoundError, ReductionError
+from hhr_dolfinx.models.eliminations.projected import ReducedProblem
+from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity
+from hhr_dolfinx.plugins.theorems.rid_norms import Directions, Norms
+
+SLACK = 1e-8
+"""Relative accuracy of constants, by which others may be beyond them."""
+SYMMETRIC = 1e-10
+"""Largest entry of K - K^T over the largest of K."""
+NAMES = {"3": "beta_HR of (2.38)", "6": "alpha' of (2.46)"}
+"""Names of the constants that are not alpha, (2.9), on the space of the proof."""
+OVER_ALL = "its infimum is over all of the reduced space, (2.142), and that of the proof over fewer functions"
+
+
+@dataclass(frozen=True)
+class Spaces:
+    """Spaces of the proofs, by orthonormal functions.
+
+    Attributes:
+        test: V^0_HR, modes cut off outside A, (2.29).
+        test_kernel: those that contact forces do not feel, K^0_HR, (2.35).
+        trial_kernel: whole modes that leave all gaps of the RID as they are, K_HR, (2.45).
+    """
+
+    test: Directions
+    test_kernel: Directions
+    trial_kernel: Directions
+
+    @classmethod
+    def of(cls, norms: Norms, reduced: ReducedProblem, basis: np.ndarray) -> Spaces:
+        """Of a basis V, (N, ell)."""
+        cut = basis[norms.domain.sets.A]
+        return cls(
+            Directions.spanned(cut, norms.inside),
+            Directions.spanned(cut @ linalg.null_space(reduced.contact_test), norms.inside),
+            Directions.spanned(basis @ linalg.null_space(reduced.contact_trial), norms.whole),
+        )
+
+
+def sharp_constants(norms: Norms, spaces: Spaces, inf_sup: Constants) -> dict[str, Ellipticity]:
+    """By theorem M_a, and alpha or what stands in its place; without those that are not defined."""
+    found = {"4": norms.inner, "8": replace(norms.inner, continuity=norms.from_interface)}
+    if inf_sup.beta_HR > 0:  # and not NaN
+        found["3"] = Ellipticity(norms.continuity(spaces.test), inf_sup.beta_HR)
+    kernel = spaces.test_kernel
+    if kernel.vectors.shape[1] == 0:
+        return found
+    continuity = norms.continuity(kernel)
+    energies = linalg.eigvalsh(kernel.vectors.T @ (norms.domain.inner @ kernel.vectors))
+    found["4 kernel"] = found["5"] = Ellipticity(continuity, float(energies[0]))
+    if inf_sup.alpha_prime is not None and inf_sup.alpha_prime > 0:
+        found["6"] = Ellipticity(continuity, inf_sup.alpha_prime)
+    return found
+
+
+def refused(norms: Norms, sharp: dict[str, Ellipticity]) -> dict[str, str]:
+    """The hypothesis that fails, by theorem."""
+    reasons = {
+        "3": "beta_HR of (2.38) is not positive: some contact force of the RID moves no mode",
+        "4 kernel": "no mode leaves all gaps as they are: alpha on the kernel, (2.39), is not defined",
+        "5": "no mode leaves all gaps as they are: alpha on the kernel, (2.39), is not defined",
+        "6": "alpha' of (2.46) is not positive, or no mode leaves all gaps as they are",
+    }
+    found = {name: why for name, why in reasons.items() if name not in sharp}
+    reached = int((norms.domain.contact[:, norms.domain.sets.I].getnnz(axis=1) > 0).sum())
+    if reached:
+        found["8"] = f"(H2), (2.101), fails: {reached} contact conditions of the RID act on its interface"
+    return found
+
+
+def given_constants(
+    sharp: dict[str, Ellipticity], given: Ellipticity, sigma_min: float | None
+) -> dict[str, Ellipticity]:
+    """Constants with M_a and alpha from outside; with ``sigma_min`` as printed, and without where it is None.
+
+    Raises:
+        BoundError: for constants that are not positive.
+    """
+    if not (0 < given.continuity < math.inf and 0 < given.coercivity < math.inf):
+        raise BoundError(f"M_a = {given.continuity!r} and alpha = {given.coercivity!r} must be positive numbers")
+    used = {name: given for name in sharp}
+    for name in ("3", "6"):
+        if name in sharp:
+            used[name] = replace(sharp[name], continuity=given.continuity)
+    if sigma_min is None:
+        return used
+    if "3" in used:
+        used["3"] = replace(used["3"], coercivity=sigma_min)
+    return used | {name: given for name in ("4 kernel", "5", "6")}
+
+
+def beyond(used: dict[str, Ellipticity], sharp: dict[str, Ellipticity]) -> dict[str, str]:
+    """Theorems whose constants from outside are none of their spaces, and why."""
+    found = {}
+    for name in used.keys() & sharp.keys():
+        own = used[name]
+        known = sharp[name]
+        if own.continuity < known.continuity * (1 - SLACK):
+            found[name] = (
+                f"M_a = {own.continuity:.3g} is no constant of (2.7), which are {known.continuity:.3g} and more"
+            )
+        elif own.coercivity > known.coercivity * (1 + SLACK):
+            what = NAMES.get(name, "alpha of (2.9)")
+            found[name] = f"{own.coercivity:.3g} is no {what}, which are {known.coercivity:.3g} and less"
+    return found
+
+
+def check_models(full: Any, model: Any) -> None:
+    """Refuse models that the theorems are not on.
+
+    Raises:
+        BoundError: with the hypothesis that fails.
+        ReductionError: for a model that does not know how it was made, or of another full model.
+    """
+    problem = full.problem
+    if full.equilibrium is not None:
+        raise BoundError("bodies flow, and the theorems are on elastic ones")
+    if problem.varies:
+        raise BoundError("the stiffness depends on parameters, and the constants of the theorems are those of one")
+    if getattr(model, "offline", None) is None:
+        raise ReductionError(f"{model!r} does not know its basis and its RID: give a reduced model as it was built")
+    if model.offline.basis.shape[0] != problem.free.size:
+        raise ReductionError(
+            f"the reduced model has {model.offline.basis.shape[0]} dofs, the full one {problem.free.size}: give both "
+            "of one scene"
+        )
+    skew = abs(problem.stiffness - problem.stiffness.T).max()
+    size = abs(problem.stiffness).max()
+    if skew > SYMMETRIC * size:
+        raise BoundError(f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy")
+    coercivity = Ellipticity.of(full).coercivity
+    if not (coercivity > 0 and math.isfinite(coercivity)):
+        raise BoundError(f"K is not positive definite, (2.9): alpha = {coercivity:.2g}")

@@ -1,0 +1,191 @@
+"""Continuity and coercivity of a(v, w) = v^T K w: by the formulas of the thesis, and by eigenvalues.
+
+LAPACK finds those of small matrices. Of large ones SLEPc does: the smallest by shift and invert through factors that
+are there already, the largest without any, and no dense matrix of the size of the mesh is made.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from dataclasses import dataclass
+from numbers import Real
+from typing import Any
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from scipy import linalg
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.certify.eigenvalues import DENSE, extreme_eigenvalue
+from hhr_dolfinx.errors import BoundError, NotSolvableError
+
+
+@dataclass(frozen=True)
+class Ellipticity:
+    """Constants of a: |a(v, w)| <= M_a |v| |w|, (2.7), and a(v, v) >= alpha |v|^2, (2.9), in some norm.
+
+    Attributes:
+        continuity: M_a.
+        coercivity: alpha.
+    """
+
+    continuity: float
+    coercivity: float
+
+    @classmethod
+    def of(cls, full: Any) -> Ellipticity:
+        """Constants of a full model in the Euclidean norm of nodal values, found once and kept as long as it lives.
+
+        Where the stiffness depends on parameters, those of the middle of the box.
+
+        Raises:
+            BoundError: if ranks share the factors of K.
+        """
+        if full not in _KNOWN:
+            _KNOWN[full] = _of_full(full)
+        return _KNOWN[full]
+
+    @classmethod
+    def of_materials(cls, bodies: Iterable[Any]) -> Ellipticity:
+        """Constants by (2.143) and (2.144): the largest 2 (lambda + mu) and the smallest 2 mu of all bodies.
+
+        These are moduli, the constants of a in the norm of the strain in the plane. The thesis takes them for those in
+        the Euclidean norm of nodal values, in which they are constants for no mesh: see docs/bounds.md.
+
+        Raises:
+            BoundError: if moduli depend on parameters or on the place.
+        """
+        pairs = [_moduli(body) for body in bodies]
+        return cls(max(pair[0] for pair in pairs), min(pair[1] for pair in pairs))
+
+    def scaled(self, factor: float) -> Ellipticity:
+        """Both constants times a number, as for another unit."""
+        return Ellipticity(factor * self.continuity, factor * self.coercivity)
+
+
+_KNOWN: WeakKeyDictionary[Any, Ellipticity] = WeakKeyDictionary()
+
+
+def of_stiffness(stiffness: csr_matrix, solve: Callable[[np.ndarray], np.ndarray]) -> Ellipticity:
+    """Constants in the Euclidean norm of a symmetric K, (n, n), on the dofs that are free, and what solves with it."""
+    return Ellipticity(largest_eigenvalue(stiffness), smallest_eigenvalue(stiffness, solve))
+
+
+def smallest_eigenvalue(
+    matrix: csr_matrix, solve: Callable[[np.ndarray], np.ndarray], gram: csr_matrix | None = None
+) -> float:
+    """Smallest eigenvalue of K v = alpha G v, less what the residual leaves open.
+
+    Args:
+        matrix: K, symmetric and positive definite, (n, n).
+        solve: K^-1 times a vector (n,), by factors that are there already.
+        gram: G, likewise, of the norm; None is the Euclidean one.
+    """
+    if matrix.shape[0] <= DENSE:
+        return float(linalg.eigvalsh(matrix.toarray(), None if gram is None else gram.toarray())[0])
+
+    def prepared() -> Any:
+        from slepc4py import SLEPc
+
+        solver = _solver(matrix, gram)
+        solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
+        solver.setTarget(0.0)
+        transform = solver.getST()
+        transform.setType(SLEPc.ST.Type.SINVERT)
+        transform.getKSP().setType("preonly")
+        preconditioner = transform.getKSP().getPC()
+        preconditioner.setType("python")
+        preconditioner.setPythonContext(_Kept(solve))
+        return solver
+
+    value, residual = _found(prepared)
+    return value * (1 - residual)
+
+
+def largest_eigenvalue(matrix: csr_matrix) -> float:
+    """Largest eigenvalue of a symmetric matrix (n, n), and what the residual leaves open."""
+    if matrix.shape[0] <= DENSE:
+        return float(linalg.eigvalsh(matrix.toarray())[-1])
+
+    def prepared() -> Any:
+        from slepc4py import SLEPc
+
+        solver = _solver(matrix, None)
+        solver.setWhichEigenpairs(SLEPc.EPS.Which.LARGEST_REAL)
+        return solver
+
+    value, residual = _found(prepared)
+    return value * (1 + residual)
+
+
+class _Kept:
+    """Factors that are there already, as what PETSc calls a preconditioner."""
+
+    def __init__(self, solve: Callable[[np.ndarray], np.ndarray]) -> None:
+        self._solve = solve
+
+    def apply(self, _: Any, rhs: Any, solution: Any) -> None:
+        """PETSc asks for K^-1 rhs."""
+        solution.array[:] = self._solve(rhs.array_r)
+
+
+def _solver(matrix: csr_matrix, gram: csr_matrix | None) -> Any:
+    """A solver of SLEPc for one eigenvalue of a symmetric pencil."""
+    from petsc4py import PETSc
+    from slepc4py import SLEPc
+
+    solver = SLEPc.EPS().create(PETSc.COMM_SELF)
+    solver.setOptionsPrefix("hhr_ellipticity_")
+    if gram is None:
+        solver.setOperators(_petsc(matrix))
+        solver.setProblemType(SLEPc.EPS.ProblemType.HEP)
+    else:
+        solver.setOperators(_petsc(matrix), _petsc(gram))
+        solver.setProblemType(SLEPc.EPS.ProblemType.GHEP)
+    return solver
+
+
+def _petsc(matrix: csr_matrix) -> Any:
+    """The matrix for PETSc, on this rank alone."""
+    from petsc4py import PETSc
+
+    matrix = csr_matrix(matrix)
+    matrix.sort_indices()
+    entries = matrix.indptr, matrix.indices, matrix.data
+    return PETSc.Mat().createAIJ(matrix.shape, csr=entries, comm=PETSc.COMM_SELF)
+
+
+def _found(prepared: Callable[[], Any]) -> tuple[float, float]:
+    """The eigenvalue and its relative residual, by which it may be off."""
+    if (found := extreme_eigenvalue(prepared)) is None:
+        raise NotSolvableError("SLEPc found no eigenvalue of K: look for moduli many powers of ten apart")
+    return found
+
+
+def _of_full(full: Any) -> Ellipticity:
+    problem = full.problem
+    if len(full.per_force) != problem.free.size:
+        raise BoundError("ranks share the factors of K, and its constants need whole columns: build on MPI.COMM_SELF")
+    free = np.flatnonzero(problem.free)
+    return of_stiffness(problem.stiffness[free][:, free], on_dofs(full.stiffness.solve, free, problem.free.size))
+
+
+def on_dofs(solve: Callable[[np.ndarray], np.ndarray], dofs: np.ndarray, size: int) -> Callable[..., np.ndarray]:
+    """What solves on some dofs, (n,), from what solves for vectors of all, (size,)."""
+
+    def solved(rhs: np.ndarray) -> np.ndarray:
+        whole = np.zeros(size)
+        whole[dofs] = rhs
+        return solve(whole)[dofs]
+
+    return solved
+
+
+def _moduli(body: Any) -> tuple[float, float]:
+    """(2.143) and (2.144) of a body."""
+    if body.grading is not None or not isinstance(body.young, Real) or not isinstance(body.poisson, Real):
+        raise BoundError(f"moduli of body {body.tag} depend on parameters or on the place: (2.143) takes numbers")
+    young = float(body.young)
+    poisson = float(body.poisson)
+    shear = 0.5 * young / (1 + poisson)
+    return 2 * (young * poisson / ((1 + poisson) * (1 - 2 * poisson)) + shear), 2 * shear

@@ -1,0 +1,98 @@
+"""Exact condensation on the contact conditions: the rival without reduction error while the stiffness is constant."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from scipy.sparse import csr_matrix
+
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.models.eliminations.constant import ConstantElimination
+from hhr_dolfinx.models.eliminations.elimination import Responses
+from hhr_dolfinx.models.exact import ExactFields, SolvedFields
+from hhr_dolfinx.models.starts import KnownStatuses
+
+
+def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
+    """Eliminate everything but the contact forces exactly; for constant stiffness only.
+
+    The answer is that of the full model, to round-off. Where the full model has no room for the columns of K^-1 B^T, or
+    several ranks have parts of them, neither has this one: a displacement takes one more solution, for which all ranks
+    ask together.
+
+    Args:
+        full: the full model; on one rank where contact alone holds bodies.
+        known: statuses of the training points, (S, N_lambda).
+        field: compute the displacement with each answer; without it only when it is asked for, and a query costs less.
+    """
+    full.problem.require_parts("condensation")
+    if full.spread.comm is not None and full.problem.rigid is not None:
+        raise SceneError("contact alone holds bodies: give a full model on MPI.COMM_SELF, whose motions one rank knows")
+    if full.equilibrium is not None:
+        raise SceneError(
+            f"bodies of scene '{full.scene.name}' flow: their stiffness changes, and no condensation is exact"
+        )
+    if full.problem.varies:
+        raise SceneError(
+            f"the stiffness of scene '{full.scene.name}' depends on parameters, and no condensation is exact then: "
+            "interpolate it, training.condense()"
+        )
+    problem = full.problem
+    conditions = len(problem.gaps)
+    if not isinstance(known, KnownStatuses) or known.active.shape[1:] != (conditions,) or not known.active.size:
+        raise SceneError(
+            f"known, a {type(known).__name__}, must hold statuses of the {conditions} conditions of this scene at one "
+            "point or more: snapshots.known_statuses()"
+        )
+    free = full.spread.whole(full.per_load)
+    # only with the field is it known how far bodies moved that contact holds
+    kept = full.keeps_columns and full.spread.comm is None
+    field = (field and kept) or problem.rigid is not None
+    responses = Responses(
+        free_primal=free if field else free[:0],
+        primal_per_force=full.per_force if field else np.zeros((0, conditions)),
+        free_slack=problem.gaps - problem.contact @ free,
+        schur=full.schur,
+    )
+    outputs: Any = full.functionals  # of one mesh: a scene with shapes was refused above
+    floats = problem.rigid is not None
+    size = problem.block_size
+    if not (kept or floats):
+        fields: Any = _solved_fields(full, free)
+    else:
+        rest = free, size, floats, full.stress_of, outputs, full
+        fields = ExactFields(problem.amplitudes, problem.lifts, full.per_force, *rest)
+    if problem.rigid is not None:
+        return _floating(problem, problem.rigid, responses, known, fields)
+    eliminated = ConstantElimination(responses, problem.amplitudes)
+    friction = problem.friction
+    return CondensedModel(problem.parameters, eliminated, known, fields, problem.contact_pairs, friction=friction)
+
+
+def _solved_fields(full: FullOrderModel, free: np.ndarray) -> SolvedFields:
+    """Fields of a full model that keeps no columns, from K^-1 loads, (N, 1 + T)."""
+    problem = full.problem
+    outputs: Any = full.functionals
+    rows = csr_matrix((0, problem.free.size)) if outputs is None else csr_matrix(outputs.rows)
+    read = rows if full.has_room(rows.shape[0]) else rows[:0]
+    return SolvedFields(
+        problem.amplitudes, problem.lifts, free, problem.block_size, np.ascontiguousarray(-full.pressed(read)),
+        full.pushed_everywhere, full.stress_of, outputs, full,
+    )  # fmt: skip
+
+
+def _floating(
+    problem: ContactProblem, rigid: np.ndarray, responses: Responses, known: KnownStatuses, fields: ExactFields
+) -> CondensedModel:
+    """The same with rigid motions, (N, r), that nothing but contact holds."""
+    from hhr_dolfinx.models.eliminations.floating import FloatingElimination
+
+    taken = problem.contact @ rigid
+    driving = rigid.T @ problem.loads
+    left = FloatingElimination(responses, taken, driving, rigid, problem.amplitudes)
+    friction = problem.friction
+    return CondensedModel(problem.parameters, left, known, fields, problem.contact_pairs, friction=friction)

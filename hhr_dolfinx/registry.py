@@ -1,0 +1,139 @@
+"""Plug-ins: packages that add a capability to the core. Each declares in one value what it adds, and where it lies.
+
+A plug-in is an entry point of the group ``hhr_dolfinx.plugins`` that names a :class:`Plugin`. Those of this package, in
+``hhr_dolfinx/plugins/``, register in the same way as those of anybody else. Places are written ``module:name`` and are
+loaded when they are used, so that a scene loads only the plug-ins that it names.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import importlib.metadata
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
+from types import MappingProxyType
+from typing import Any
+
+from hhr_dolfinx.errors import PluginWarning, SceneError
+from hhr_dolfinx.warn import warn
+
+GROUP = "hhr_dolfinx.plugins"
+"""Group of entry points of plug-ins."""
+NOTHING: Mapping[str, Any] = MappingProxyType({})
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """Manifest of a plug-in.
+
+    Attributes:
+        name: by which other plug-ins need it.
+        needs: plug-ins that it cannot do without.
+        public: names that it adds to ``hhr_dolfinx``: of each module its names, separated by blanks.
+        parts: what scenes may name: of each kind (``laws``, ``outputs``, ... of :mod:`hhr_dolfinx.by_name`) places by
+            name.
+        classes: classes that model files may hold: of each module their names, separated by blanks.
+        commands: places of the commands of ``hhr``, by name.
+        kinds: kinds of models that a training can build: places of functions ``(training, **options) -> model`` by the
+            name of the method of a :class:`~hhr_dolfinx.study.training.train.Training`, and of ``hhr train --model``.
+        methods: further methods of a training, which build no model that a file can keep.
+        trainings: ways to choose training points of ``hhr train`` and ``hhr study``: places of objects with
+            ``options``, decorators of click, and ``training(given)``, by the option that asks for them.
+        companions: places of functions ``(full, folder) -> None`` that write what lies beside a model; collective
+            over the ranks of the full model.
+    """
+
+    name: str
+    needs: tuple[str, ...] = ()
+    public: Mapping[str, str] = field(default=NOTHING)
+    parts: Mapping[str, Mapping[str, str]] = field(default=NOTHING)
+    classes: Mapping[str, str] = field(default=NOTHING)
+    commands: Mapping[str, str] = field(default=NOTHING)
+    kinds: Mapping[str, str] = field(default=NOTHING)
+    methods: Mapping[str, str] = field(default=NOTHING)
+    trainings: Mapping[str, str] = field(default=NOTHING)
+    companions: tuple[str, ...] = ()
+
+
+@functools.cache
+def installed() -> Mapping[str, Plugin]:
+    """Plug-ins by name, each with all that it needs.
+
+    Warns:
+        PluginWarning: if a plug-in is left out since it cannot be loaded, is no manifest, has the name of another one,
+            or needs one that is missing.
+    """
+    found: dict[str, Plugin] = {}
+    for point in importlib.metadata.entry_points(group=GROUP):
+        try:
+            plugin = point.load()
+            if not isinstance(plugin, Plugin):
+                raise TypeError(f"{point.value} is a {type(plugin).__name__} and no hhr_dolfinx.registry.Plugin")
+        except (Exception, SystemExit) as error:  # code of anybody
+            _leave_out(point.name, f"{point.value} cannot be loaded: {type(error).__name__}: {error}")
+            continue
+        if plugin.name in found and found[plugin.name] is not plugin:
+            _leave_out(plugin.name, f"{point.value} has the name of another plug-in")
+            continue
+        found[plugin.name] = plugin
+    while lacking := {name: set(plugin.needs) - found.keys() for name, plugin in found.items() if plugin.needs}:
+        if not any(lacking.values()):
+            break
+        for name, missing in lacking.items():
+            if missing:
+                _leave_out(name, f"it needs {', '.join(sorted(missing))}")
+                del found[name]
+    return MappingProxyType(dict(sorted(found.items())))
+
+
+def _leave_out(name: str, why: str) -> None:
+    warn(f"the plug-in '{name}' is left out: {why}", PluginWarning, stacklevel=3)
+
+
+def load(place: str) -> Any:
+    """Object at a place, ``module:name``."""
+    module, _, name = place.partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
+def named(what: str) -> dict[str, str]:
+    """Places by name in one mapping of the manifests of all plug-ins: ``public``, ``classes``, ``commands``, ...
+
+    Raises:
+        SceneError: for a name that two plug-ins have.
+    """
+    places: dict[str, str] = {}
+    for plugin in installed().values():
+        for name, place in _places(getattr(plugin, what)):
+            if places.setdefault(name, place) != place:
+                raise SceneError(f"two plug-ins register {name!r} among their {what}: {places[name]} and {place}")
+    return places
+
+
+def _places(mapping: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    for key, value in mapping.items():
+        if ":" in value:
+            yield key, value
+        else:
+            yield from ((name, f"{key}:{name}") for name in value.split())
+
+
+def parts(kind: str) -> dict[str, tuple[str, str]]:
+    """Parts of scenes of one kind: place and plug-in by name."""
+    return {
+        name: (place, plugin.name)
+        for plugin in installed().values()
+        for name, place in plugin.parts.get(kind, {}).items()
+    }
+
+
+def listed(what: str) -> list[Any]:
+    """Objects at the places in one list of the manifests of all plug-ins, such as ``companions``."""
+    return [load(place) for plugin in installed().values() for place in getattr(plugin, what)]
+
+
+def write_companions(full: Any, folder: Any) -> None:
+    """Write what plug-ins keep beside a model in a folder. Collective over the ranks of the full model."""
+    for write in listed("companions"):
+        write(full, folder)

@@ -1,0 +1,718 @@
+"""A model as a C header and as a unit for co-simulation: compiled and asked here, beside Python; what is refused."""
+
+import copy
+import ctypes
+import dataclasses
+import platform
+import shutil
+import subprocess
+import zipfile
+from types import SimpleNamespace
+from xml.etree import ElementTree
+
+import contract
+import numpy as np
+import pytest
+import test_moduli
+from test_flow_pages import EXACT, cycle, pair, yielding
+from test_pages import MORE, RUBBING, SCENES, outputs_of_pellet, rubbed, tour_of
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import MissingPackageError, ModelFileWarning, NotOfferedError
+from hhr_dolfinx.formulas import Scalar
+from hhr_dolfinx.materials.update import Group
+from hhr_dolfinx.plugins.exporters import c_header, fmu
+from hhr_dolfinx.plugins.pages.arrays import contact_tree
+from hhr_dolfinx.plugins.pages.packing import Packed, steps_of
+from hhr_dolfinx.trained import TrainedRange
+
+CC = shutil.which("cc")
+compiled = pytest.mark.skipif(CC is None, reason="there is no C compiler")
+WORDS = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-O2", "-shared", "-fPIC"]
+CALLED = """
+#include "press.h"
+int ask(int count, const double *points, double *forces, double *outputs, double *slopes) {
+    press_work *work = press_new();
+    int status = PRESS_DONE;
+    for (int k = 0; k < count && !status; k++) {
+        const double *point = points + k * PRESS_PARAMETERS;
+        status = press_solve(work, point, forces + k * PRESS_CONDITIONS, outputs + k * PRESS_OUTPUTS);
+        if (!status) status = press_derivatives(work, point, slopes + k * PRESS_OUTPUTS * PRESS_PARAMETERS);
+    }
+    press_free(work);
+    return status;
+}
+"""
+DONE, OUTSIDE, NO_ANSWER, CHANGED = 0, 1, 2, 3
+
+
+def library(folder, model, program=CALLED):
+    """A model compiled, without a warning, and called from here: status, forces, outputs, slopes of points, (n, P)."""
+    c_header.write_c_header(folder / "press.h", model)
+    (folder / "press.c").write_text(program)
+    done = subprocess.run([CC, *WORDS, "-o", "press.so", "press.c", "-lm"], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    ask = ctypes.CDLL(str(folder / "press.so")).ask
+    count = len(contact_tree(model, Packed())["outputs"])
+
+    def asked(points):
+        points = np.ascontiguousarray(points, dtype=float)
+        n, p = points.shape
+        found = [np.full(shape, np.nan) for shape in ((n, model.conditions), (n, count), (n, count, p))]
+        status = ask(n, *(ctypes.c_void_p(array.ctypes.data) for array in (points, *found)))
+        return status, *found
+
+    return asked
+
+
+@compiled
+@pytest.mark.parametrize("name", [*SCENES, "held by contact"])
+def test_a_header_has_the_digits_of_python(name, tmp_path):
+    model = hhr.condense((SCENES | MORE)[name](), fields=True)
+    ends = [model.parameters.lower, model.parameters.upper]
+    points = np.vstack([model.parameters.random(30, 4), ends])
+    status, forces, outputs, slopes = library(tmp_path, model)(points)
+    assert status == DONE
+    many = model.solve_many(points)
+    exact = np.array([answer.forces() for answer in many])
+    np.testing.assert_allclose(forces, exact, rtol=0, atol=1e-10 * np.abs(exact).max())
+    for k, item in enumerate(contact_tree(model, Packed())["outputs"]):
+        known = many.outputs()[item["name"]]
+        np.testing.assert_allclose(outputs[:, k], known, rtol=1e-8, atol=1e-10 * np.abs(known).max())
+        for point, found in zip(points[:5], slopes[:5, k], strict=True):
+            gradient = model.outputs(point, gradient=True).gradient[item["name"]]
+            # by central differences of a hundred-thousandth of the box
+            np.testing.assert_allclose(found, gradient, rtol=0, atol=1e-5 * np.abs(gradient).max() + 1e-9)
+
+
+OPENED = CALLED.replace(
+    "if (!status) status = press_derivatives",
+    "memset(work->active, 0, PRESS_CONDITIONS);\n"
+    "if (!status) status = press_solve(work, point, forces + k * PRESS_CONDITIONS, outputs + k * PRESS_OUTPUTS);\n"
+    "if (!status) status = press_derivatives",
+)
+
+
+@compiled
+def test_springs_hold_bodies_where_nothing_touches_at_first(tmp_path):
+    model = hhr.condense(MORE["held by contact"](), fields=True)
+    points = np.vstack([model.parameters.random(6, 4), [model.parameters.lower, model.parameters.upper]])
+    status, forces, *_ = library(tmp_path, model, OPENED)(points)
+    assert status == DONE
+    exact = np.array([answer.forces() for answer in model.solve_many(points)])
+    np.testing.assert_allclose(forces, exact, rtol=0, atol=1e-10 * np.abs(exact).max())
+
+
+@compiled
+def test_a_point_outside_of_the_box_is_refused(tmp_path):
+    model = hhr.condense(contract.blocks())
+    asked = library(tmp_path, model)
+    upper = np.array(model.parameters.upper)
+    assert asked([upper])[0] == DONE
+    assert asked([upper * 1.001])[0] == OUTSIDE
+    assert asked([upper * np.nan])[0] == OUTSIDE
+
+
+def narrow():
+    """A model that was trained in the lower half of its box, and a point of the box beyond."""
+    model = hhr.condense(contract.blocks())
+    lower, upper = np.array(model.parameters.lower), np.array(model.parameters.upper)
+    trained = TrainedRange(tuple(model.parameters.names), lower, (lower + upper) / 2)
+    return model.changed(trained=trained), np.array([upper[0], lower[1]])
+
+
+@compiled
+def test_a_point_that_was_not_trained_is_refused(tmp_path):
+    model, beyond = narrow()
+    asked = library(tmp_path, model)
+    assert asked([model.trained.lower])[0] == asked([model.trained.upper])[0] == DONE
+    assert asked([beyond])[0] == OUTSIDE
+
+
+@compiled
+def test_a_unit_says_which_input_it_refuses(tmp_path):
+    model, beyond = narrow()
+    said = []
+    logger = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, ctypes.c_char_p, ctypes.c_char_p)
+    log = logger(lambda _, status, category, message: said.append((status, message.decode())))
+    unit = Instance(tmp_path, model, log)
+    assert unit.put(model.trained.lower) == 0 and unit.made.fmi3ExitInitializationMode(unit.at) == 0 and not said
+    assert unit.put(beyond) == 0
+    discard = 2
+    assert unit.made.fmi3ExitInitializationMode(unit.at) == discard
+    assert said == [(discard, "push = 0.06 is outside of what the model was made for, 0.005 to 0.0325")]
+
+
+@compiled
+def test_formulas_of_all_kinds_mean_the_same_in_c(tmp_path):
+    names = ("a", "b")
+    texts = [
+        "a + b - a * b / 3",
+        "-a ** 2 + (-b) ** 2",
+        "sqrt(a) + exp(-b) + log(a) + pi",
+        "sin(a) * cos(b) - tan(a) + tanh(b)",
+    ]
+    texts += [
+        "min(a, b) + 2 * max(a, 0.3) - abs(b - a)",
+        "table(a, 0, 1, 0.5, 3, 2, -1) + table(b, 0, -1, 2, 5)",
+        "a ** b",
+    ]
+    scalars = [Scalar(text, names) for text in texts]
+    own = "\n".join(
+        f"double f{k}(const double *p) {{ return {c_header.formula(steps_of(scalar))}; }}"
+        for k, scalar in enumerate(scalars)
+    )
+    texts.append("min(1, sqrt(a - 1))")
+    scalars.append(Scalar(texts[-1], names))
+    own += f"\ndouble f{len(texts) - 1}(const double *p) {{ return {c_header.formula(steps_of(scalars[-1]))}; }}"
+    helpers = c_header.kernel_file("kernel.h").partition("/*DATA*/")[0]
+    (tmp_path / "f.c").write_text(f"{helpers}\n{own}\n#endif\n")
+    subprocess.run([CC, "-std=c99", "-shared", "-fPIC", "-o", "f.so", "f.c", "-lm"], cwd=tmp_path, check=True)
+    made = ctypes.CDLL(str(tmp_path / "f.so"))
+    for point in np.random.default_rng(0).uniform(0.1, 1.9, (20, 2)):
+        for k, scalar in enumerate(scalars):
+            call = getattr(made, f"f{k}")
+            call.restype = ctypes.c_double
+            with np.errstate(invalid="ignore"):
+                known = pytest.approx(scalar.value(point), rel=1e-13, nan_ok=True)
+            assert call(ctypes.c_void_p(point.ctypes.data)) == known, texts[k]
+
+
+@compiled
+def test_what_is_not_finite_has_no_answer(tmp_path, monkeypatch):
+    """A formula that nobody has looked at; Python says the same."""
+    monkeypatch.setattr("hhr_dolfinx.online.matrices.check_over_box", lambda *_: None)
+    space = hhr.ParameterSpace(("a", "b"), (0.0, -1.0), (1.0, 1.0))
+    given = {"stiffness": [[2.0, -1.0], [-1.0, 2.0]], "contact": [[0.0, 1.0]], "gaps": [[0.1, 0.0]], "areas": [1.0]}
+    for number, text in enumerate(("sqrt(b)", "1 / b", "min(1, sqrt(b))", "exp(1000 * b)", "table(b, 0, 1, 1, 2)")):
+        made = hhr.condense_matrices(space, loads=[[0.0, 1.0], [0.0, 0.0]], amplitudes=[1.0, text], **given)
+        folder = tmp_path / str(number)  # a library is loaded once by its path
+        folder.mkdir()
+        asked = library(folder, made)
+        bad = [0.5, 1.0 if "exp" in text else 0.0 if "/" in text else -0.5]
+        assert asked([bad])[0] == NO_ANSWER, text
+        status, forces, *_ = asked([[0.5, 0.5]])
+        assert status == DONE and forces[0] == pytest.approx(made.solve([0.5, 0.5]).forces(), rel=1e-12)
+
+
+def test_outputs_that_stay_out_are_named():
+    scene = dataclasses.replace(SCENES["partial pressure"](), outputs=outputs_of_pellet())
+    with pytest.warns(ModelFileWarning, match="stress stay out of C"):
+        text, _ = c_header.c_header(hhr.condense(scene), "press")
+    assert "#define PRESS_OUTPUTS 4" in text
+    shaped = hhr.condense(SCENES["shape"]())
+    with (
+        pytest.warns(ModelFileWarning, match="peak, force stay out"),
+        pytest.raises(NotOfferedError, match="no outputs for it: peak, force"),
+    ):
+        fmu.write_fmu("never.fmu", shaped)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"), [("time", "there twice"), ("push", "there twice"), ("pe\x01ak", "printed"), ("pe\nak", "printed")]
+)
+def test_names_that_fmi_does_not_know_are_refused(name, said, tmp_path):
+    scene = dataclasses.replace(contract.blocks(), outputs=(hhr.LargestPressure(name, 0),))
+    with pytest.raises(NotOfferedError, match=said):
+        fmu.write_fmu(tmp_path / "press.fmu", hhr.condense(scene))
+
+
+def test_names_are_those_of_the_file_and_of_the_scene(tmp_path):
+    scene = contract.blocks()
+    odd = dataclasses.replace(scene, outputs=(hhr.LargestPressure('a "peak"\\ of ?? µ', 0, unit="N/mm²"),))
+    text, _ = c_header.c_header(hhr.condense(odd), "press")
+    assert "press_solve" in text and "PRESS_DONE" in text and "model_" not in text and "MODEL_" not in text
+    kept = dataclasses.replace(scene, outputs=(hhr.LargestPressure("model_MODEL_peak", 0),))
+    text_of_kept, _ = c_header.c_header(hhr.condense(kept), "my_model")
+    assert '"model_MODEL_peak"' in text_of_kept and "my_model_solve" in text_of_kept
+    assert text.isascii() and '\\x22""peak\\x22""' in text
+    for name in ("1st", "a b", "läge", ""):
+        with pytest.raises(NotOfferedError, match="identifier"):
+            c_header.c_header(hhr.condense(scene), name)
+
+
+def test_other_models_are_refused_by_name(monkeypatch):
+    with pytest.raises(NotOfferedError, match="contact alone holds without friction"):
+        c_header.c_header(hhr.condense(contract.blocks(free=True, friction=0.1)), "press")
+    with pytest.raises(NotOfferedError, match="FullOrderModel"):
+        c_header.c_header(hhr.FullOrderModel(contract.blocks()), "press")
+    model = hhr.condense(contract.blocks())
+    monkeypatch.setattr(c_header, "MOST_NUMBERS", 10)
+    with pytest.raises(NotOfferedError, match="coarser mesh"):
+        c_header.c_header(model, "press")
+
+
+UNITS = {
+    "pellet": lambda: dataclasses.replace(SCENES["partial pressure"](), outputs=outputs_of_pellet()[:3]),
+    "held by contact": MORE["held by contact"],
+}
+
+
+@pytest.fixture(scope="module", params=UNITS)
+def unit(request, tmp_path_factory):
+    """A model and its unit."""
+    if CC is None:
+        pytest.skip("there is no C compiler")
+    model = hhr.condense(UNITS[request.param](), fields=True)
+    return model, fmu.write_fmu(tmp_path_factory.mktemp("unit") / "press.fmu", model)
+
+
+def test_a_unit_answers_as_python_does(unit, tmp_path):
+    """Called as an importer does, by its functions alone; by fmpy below."""
+    model, path = unit
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(tmp_path)
+    described = ElementTree.parse(tmp_path / "modelDescription.xml").getroot()
+    variables = {item.get("name"): int(item.get("valueReference")) for item in described.find("ModelVariables")}
+    names = list(model.outputs(model.parameters.middle).values)
+    count = len(names)
+    assert list(variables) == ["time", *model.parameters.names, *names]
+    assert list(variables.values()) == [*range(3 + count)]
+    (binary,) = (tmp_path / "binaries").glob("*/model.*")
+    assert binary.parent.name == f"{platform.machine()}-{platform.system().lower()}"
+    made = ctypes.CDLL(str(binary))
+    made.fmi3InstantiateCoSimulation.restype = ctypes.c_void_p
+    rest = [None, False, False, False, False, None, ctypes.c_size_t(0), None, None, None]
+    assert not made.fmi3InstantiateCoSimulation(b"one", b"another token", *rest)
+    token = described.get("instantiationToken").encode()
+    instance = ctypes.c_void_p(made.fmi3InstantiateCoSimulation(b"one", token, *rest))
+    inputs, outputs = (ctypes.c_uint32 * 2)(1, 2), (ctypes.c_uint32 * count)(*range(3, 3 + count))
+
+    def asked(point):
+        two, all_of_them = ctypes.c_size_t(2), ctypes.c_size_t(count)
+        found = (ctypes.c_double * count)()
+        assert made.fmi3SetFloat64(instance, inputs, two, (ctypes.c_double * 2)(*point), two) == 0
+        return made.fmi3GetFloat64(instance, outputs, all_of_them, found, all_of_them), np.array(found)
+
+    for point in model.parameters.random(20, 6):
+        status, found = asked(point)
+        assert status == 0
+        np.testing.assert_allclose(found, list(model.outputs(point).values.values()), rtol=1e-10)
+    discard = 2
+    assert asked([1e9, 1.0])[0] == discard
+    made.fmi3FreeInstance(instance)
+
+
+def test_a_unit_runs_in_fmpy(unit):
+    fmpy = pytest.importorskip("fmpy")
+    validation = pytest.importorskip("fmpy.validation")
+    model, path = unit
+    assert validation.validate_fmu(str(path)) == []
+    lower, upper = np.array(model.parameters.lower), np.array(model.parameters.upper)
+    times = np.linspace(0, 1, 11)
+    points = lower + times[:, None] * (upper - lower)
+    kinds = [("time", float), *((name, float) for name in model.parameters.names)]
+    signals = np.array([(time, *point) for time, point in zip(times, points, strict=True)], dtype=kinds)
+    found = fmpy.simulate_fmu(str(path), input=signals, stop_time=1.0, output_interval=0.1)
+    known = model.solve_many(points).outputs()
+    for name in model.outputs(lower).values:
+        # a step is from a time on: what it ends with is the answer to the inputs that it began with
+        np.testing.assert_allclose(
+            found[name][1:], known[name][:-1], rtol=1e-10, atol=1e-10 * np.abs(known[name]).max()
+        )
+
+
+def test_a_unit_needs_outputs_and_a_compiler(tmp_path):
+    bare = hhr.condense(dataclasses.replace(contract.blocks(), outputs=()))
+    with pytest.raises(NotOfferedError, match="has no outputs"):
+        fmu.write_fmu(tmp_path / "press.fmu", bare)
+    with pytest.raises(MissingPackageError, match="no-such-compiler"):
+        fmu.write_fmu(tmp_path / "press.fmu", hhr.condense(contract.blocks()), compiler="no-such-compiler")
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_unit_keeps_to_what_was_trained_within_the_box():
+    """As the header that it is compiled of does, which refuses the rest."""
+    tree = contact_tree(hhr.condense(contract.blocks()), Packed())
+    assert tree["names"] == ["push", "load"]
+    tree |= {"lower": [0.0, 0.0], "upper": [1.0, 1.0], "trained": [[0.25, -1.0], [2.0, 0.5]]}
+    found = ElementTree.fromstring(fmu.description(tree, "press", "token")).find("ModelVariables")
+    ends = {
+        item.get("name"): [float(item.get(key)) for key in ("min", "max", "start")] for item in found if item.get("min")
+    }
+    assert ends == {"push": [0.25, 1.0, 0.625], "load": [0.0, 0.5, 0.25]}
+
+
+BEGUN = """
+int begin(const double *point, double *forces, double *outputs) {
+    press_path *path = press_path_new();
+    const int status = press_begin(path, point, forces, outputs);
+    press_path_free(path);
+    return status;
+}
+"""
+RUBBED = """
+#include "press.h"
+int ask(int count, const double *points, double *forces, double *outputs, double *slips, int *statuses) {
+    press_path *path = press_path_new();
+    int status = press_rest(path, points);
+    for (int k = 1; k < count && !status; k++) {
+        const int m = PRESS_CONDITIONS, c = PRESS_CONTACTS;
+        status = press_go(path, points + k * PRESS_PARAMETERS, forces + (k - 1) * m, outputs + (k - 1) * PRESS_OUTPUTS);
+        for (int i = 0; i < c && !status; i++) {
+            double *slip = slips + ((k - 1) * c + i) * 3;
+            slip[0] = path->state->slipped[i], slip[1] = path->state->work[i], slip[2] = path->state->wear[i];
+            statuses[(k - 1) * c + i] = path->state->statuses[i];
+        }
+    }
+    press_path_free(path);
+    return status;
+}
+"""
+
+
+def rubbing_model(name):
+    """Condensed, with outputs of forces, and a tour whose first point is at rest."""
+    model = hhr.condense(rubbed(name), fields=True)
+    return model, tour_of(model)
+
+
+def rubbing_library(folder, model):
+    """The functions above, compiled without a warning."""
+    c_header.write_c_header(folder / "press.h", model)
+    (folder / "press.c").write_text(RUBBED + BEGUN)
+    done = subprocess.run([CC, *WORDS, "-o", "press.so", "press.c", "-lm"], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return ctypes.CDLL(str(folder / "press.so"))
+
+
+def at(*arrays):
+    """Their places in memory."""
+    return [ctypes.c_void_p(array.ctypes.data) for array in arrays]
+
+
+@compiled
+@pytest.mark.parametrize("name", RUBBING)
+def test_increments_in_c_are_those_of_python(name, tmp_path):
+    model, tour = rubbing_model(name)
+    made = rubbing_library(tmp_path, model)
+    steps, contacts = len(tour) - 1, model.friction.normal.size
+    points = np.array(tour)
+    forces, outputs = np.zeros((steps, model.conditions)), np.zeros((steps, 2))
+    slips, statuses = np.zeros((steps, contacts, 3)), np.zeros((steps, contacts), dtype=np.int32)
+    assert made.ask(len(tour), *at(points, forces, outputs, slips, statuses)) == DONE
+    history = model.march(list(enumerate(tour)))
+    assert history.cuts == 0
+    largest = max(np.abs(answer.multipliers).max() for answer in history.answers)
+    for k, answer in enumerate(history.answers):
+        np.testing.assert_allclose(forces[k], answer.multipliers, rtol=0, atol=1e-10 * largest)
+        for place, kind in enumerate(("path", "work", "wear")):
+            known = getattr(answer.slip, kind)
+            np.testing.assert_allclose(
+                slips[k, :, place], known, rtol=1e-8, atol=1e-10 * max(np.abs(known).max(), 1e-6)
+            )
+        assert statuses[k].tolist() == answer.slip.statuses.tolist()
+        np.testing.assert_allclose(outputs[k], list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11)
+    assert set(statuses.ravel().tolist()) == {0, 1, 2}
+    # loaded in proportion, with increments that are halved as those of model.solve are
+    for point in model.parameters.random(4, 3):
+        assert made.begin(*at(point, forces, outputs)) == DONE
+        exact = model.solve(point)
+        scale = np.abs(exact.multipliers).max()
+        np.testing.assert_allclose(forces[0], exact.multipliers, rtol=0, atol=1e-8 * max(scale, 1e-3 * largest))
+
+
+@compiled
+def test_paths_in_c_end_where_those_of_python_do(tmp_path):
+    """Outside of the box, and where a law changes on the way; the path stays where it was."""
+    model, tour = rubbing_model("formula and limit")
+    made = rubbing_library(tmp_path, model)
+    forces, outputs = np.zeros((9, model.conditions)), np.zeros((9, 2))
+    slips, statuses = np.zeros((9, model.friction.normal.size, 3)), np.zeros((9, model.friction.normal.size), np.int32)
+    place = model.friction.fixed[0]
+    for change, status in ((0.1, CHANGED), (5.0, OUTSIDE), (np.nan, OUTSIDE)):
+        points = np.array(tour[:3])
+        points[2, place] += change
+        assert made.ask(3, *at(points, forces, outputs, slips, statuses)) == status
+        assert made.begin(*at(points[2], forces, outputs)) == (DONE if status == CHANGED else OUTSIDE)
+
+
+@pytest.fixture(scope="module", params=["formula and limit", "in space"])
+def rubbing_unit(request, tmp_path_factory):
+    """A unit of a model with friction, in the plane with a law that has a parameter, and the tour."""
+    if CC is None:
+        pytest.skip("there is no C compiler")
+    model, tour = rubbing_model(request.param)
+    return model, tour, fmu.write_fmu(tmp_path_factory.mktemp("unit") / "rubbing.fmu", model)
+
+
+def test_a_unit_with_friction_steps_as_python_does(rubbing_unit, tmp_path):
+    """Called by its functions: inputs, a step, outputs; what does not change on the way is a parameter."""
+    model, tour, path = rubbing_unit
+    with zipfile.ZipFile(path) as archive:
+        archive.extractall(tmp_path)
+    described = ElementTree.parse(tmp_path / "modelDescription.xml").getroot()
+    kinds = {item.get("name"): item.get("causality") for item in described.find("ModelVariables")}
+    fixed = model.friction.fixed.size > 0
+    words = ("independent", "input", "input", "parameter" if fixed else "input", "output", "output")
+    assert kinds == dict(zip(("time", *model.parameters.names, "peak", "pull"), words, strict=True))
+    (binary,) = (tmp_path / "binaries").glob("*/model.*")
+    made = ctypes.CDLL(str(binary))
+    made.fmi3InstantiateCoSimulation.restype = ctypes.c_void_p
+    made.fmi3DoStep.argtypes = [
+        ctypes.c_void_p,
+        ctypes.c_double,
+        ctypes.c_double,
+        ctypes.c_bool,
+        *[ctypes.c_void_p] * 4,
+    ]
+    rest = [None, False, False, False, False, None, ctypes.c_size_t(0), None, None, None]
+    token = described.get("instantiationToken").encode()
+    instance = ctypes.c_void_p(made.fmi3InstantiateCoSimulation(b"one", token, *rest))
+    inputs, outputs = (ctypes.c_uint32 * 3)(1, 2, 3), (ctypes.c_uint32 * 2)(4, 5)
+    flags, last, two, three = (ctypes.c_bool * 3)(), ctypes.c_double(), ctypes.c_size_t(2), ctypes.c_size_t(3)
+
+    def put(point):
+        return made.fmi3SetFloat64(instance, inputs, three, (ctypes.c_double * 3)(*point), three)
+
+    def step(number):
+        ends = [ctypes.byref(flags, k) for k in range(3)]
+        return made.fmi3DoStep(instance, float(number), 1.0, False, *ends, ctypes.byref(last))
+
+    def read():
+        found = (ctypes.c_double * 2)()
+        assert made.fmi3GetFloat64(instance, outputs, two, found, two) == 0
+        return np.array(found)
+
+    for _ in range(2):  # a unit that is reset begins anew
+        assert put(tour[0]) == 0 and made.fmi3ExitInitializationMode(instance) == 0
+        history = model.march(list(enumerate(tour)))
+        for number, (point, answer) in enumerate(zip(tour[1:], history.answers, strict=True)):
+            before = read()
+            assert put(point) == 0
+            np.testing.assert_array_equal(read(), before)  # until the step is made
+            assert step(number) == 0 and last.value == number + 1
+            np.testing.assert_allclose(read(), list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11)
+        if fixed:
+            assert put([*tour[-1][:2], 0.6]) == 0 and step(20) == 2  # another law
+        assert made.fmi3Reset(instance) == 0
+    made.fmi3FreeInstance(instance)
+
+
+def test_a_unit_with_friction_runs_in_fmpy(rubbing_unit):
+    fmpy = pytest.importorskip("fmpy")
+    validation = pytest.importorskip("fmpy.validation")
+    model, tour, path = rubbing_unit
+    assert validation.validate_fmu(str(path)) == []
+    names = model.parameters.names
+    moving = [place for place in range(3) if place not in model.friction.fixed]
+    kinds = [("time", float), *((names[place], float) for place in moving)]
+    signals = np.array([(float(time), *point[moving]) for time, point in enumerate(tour)], dtype=kinds)
+    start = dict(zip(names, tour[0], strict=True))
+    found = fmpy.simulate_fmu(
+        str(path), input=signals, start_values=start, stop_time=float(len(tour) - 1), output_interval=1.0
+    )
+    known = [answer.outputs() for answer in model.march(list(enumerate(tour))).answers]
+    for name in ("peak", "pull"):
+        values = np.array([outputs[name] for outputs in known])
+        # a step ends with what its inputs were as it began
+        np.testing.assert_allclose(found[name][2:], values[:-1], rtol=1e-8, atol=1e-10 * np.abs(values).max())
+
+
+FLOWED = """
+#include "press.h"
+int ask(int count, const double *points, double *forces, double *outputs, double *cumulated) {
+    press_path *path = press_path_new();
+    int status = press_rest(path, points);
+    for (int k = 1; k < count && !status; k++) {
+        double *own = forces + (k - 1) * PRESS_CONDITIONS, *told = outputs + (k - 1) * PRESS_OUTPUTS;
+        status = press_go(path, points + k * PRESS_PARAMETERS, own, told);
+        memcpy(cumulated + (k - 1) * PRESS_POINTS, path->state->cumulated, sizeof path->state->cumulated);
+    }
+    press_path_free(path);
+    return status;
+}
+"""
+
+
+def flowing(name):
+    """Condensed flow, and a path that pushes and lets go."""
+    if name == "moduli":
+        return pair()[1], [point for _, point in cycle(2.9)]
+    return yielding()[1], [np.array(point) for _, point in contract.path(0.04)]
+
+
+def flowing_library(folder, model):
+    """The functions above, compiled without a warning."""
+    c_header.write_c_header(folder / "press.h", model)
+    (folder / "press.c").write_text(FLOWED + BEGUN)
+    done = subprocess.run([CC, *WORDS, "-o", "press.so", "press.c", "-lm"], cwd=folder, capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    return ctypes.CDLL(str(folder / "press.so"))
+
+
+def room_for(model, steps):
+    """Forces, outputs and cumulated strains of some steps."""
+    count = len(contact_tree(model, Packed())["outputs"])
+    return [np.zeros((steps, size)) for size in (model.conditions, count, len(model.flow.parts))]
+
+
+@compiled
+@pytest.mark.parametrize("name", ["moduli", "outputs"])
+def test_increments_of_flow_in_c_are_those_of_python(name, tmp_path):
+    model, path = flowing(name)
+    made = flowing_library(tmp_path, model)
+    outputs = contact_tree(model, Packed())["outputs"]
+    points, found = np.array(path), room_for(model, len(path) - 1)
+    assert made.ask(len(path), *at(points, *found)) == DONE
+    forces, told, cumulated = found
+    history = model.march(list(enumerate(path)), EXACT)
+    assert history.cuts == 0
+    largest = max(np.abs(answer.forces()).max() for answer in history.answers)
+    flowed = max(answer.state().state.cumulated.max() for answer in history.answers)
+    assert flowed > 0
+    for k, answer in enumerate(history.answers):
+        np.testing.assert_allclose(forces[k], answer.forces(), rtol=0, atol=1e-9 * largest)
+        np.testing.assert_allclose(cumulated[k], answer.state().state.cumulated, rtol=0, atol=1e-9 * flowed)
+        known = [answer.outputs()[item["name"]] for item in outputs]
+        np.testing.assert_allclose(told[k], known, rtol=1e-8, atol=1e-10)
+
+
+@compiled
+def test_flow_in_c_begins_in_proportion_and_ends_where_python_does(tmp_path):
+    """In increments of a fortieth of the box; outside of it, and where a modulus changes on the way, it is refused."""
+    model, path = flowing("moduli")
+    made = flowing_library(tmp_path, model)
+    forces, outputs, cumulated = room_for(model, 9)
+    point = np.array([0.04, 3.1])
+    assert made.begin(*at(point, forces, outputs)) == DONE
+    rest = [np.clip(0.0, model.parameters.lower[0], None), point[1]]
+    steps = [rest + share * (point - rest) for share in np.linspace(0, 1, 28)]
+    last = model.march(list(enumerate(steps)), EXACT).answers[-1].forces()
+    np.testing.assert_allclose(forces[0], last, rtol=0, atol=1e-9 * last.max())
+    for change, status in ((0.1, CHANGED), (50.0, OUTSIDE), (np.nan, OUTSIDE)):
+        points = np.array(path[:3])
+        points[2, 1] += change
+        assert made.ask(3, *at(points, forces, outputs, cumulated)) == status
+
+
+@compiled
+def test_flow_in_c_is_without_undefined_behaviour(tmp_path):
+    """Under the sanitisers of the compiler, as a program of its own."""
+    model, path = flowing("outputs")
+    c_header.write_c_header(tmp_path / "press.h", model)
+    numbers = ", ".join(repr(value) for value in np.array(path).ravel().tolist())
+    count = len(contact_tree(model, Packed())["outputs"])
+    text = f"""{FLOWED}{BEGUN}
+int main(void) {{
+    static const double points[] = {{{numbers}}};
+    static double forces[{len(path) * model.conditions}], outputs[{len(path) * max(count, 1)}];
+    static double cumulated[{len(path) * len(model.flow.parts)}];
+    return ask({len(path)}, points, forces, outputs, cumulated) + begin(points + {len(path[0])}, forces, outputs);
+}}"""
+    (tmp_path / "press.c").write_text(text)
+    words = ["-std=c99", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
+    words += ["-o", "press", "press.c", "-lm"]
+    built = subprocess.run([CC, *words], cwd=tmp_path, capture_output=True, text=True)
+    if built.returncode:
+        pytest.skip("the compiler has no sanitisers")
+    done = subprocess.run([tmp_path / "press"], capture_output=True, text=True)
+    assert done.returncode == 0 and not done.stderr, done.stderr[:2000]
+
+
+def test_a_unit_that_flows_runs_in_fmpy(tmp_path):
+    """Steps are increments; a modulus is a parameter, and a step ends with what its inputs were as it began."""
+    fmpy = pytest.importorskip("fmpy")
+    validation = pytest.importorskip("fmpy.validation")
+    model, path = flowing("outputs")
+    unit = fmu.write_fmu(tmp_path / "flowing.fmu", model)
+    assert validation.validate_fmu(str(unit)) == []
+    names = model.parameters.names
+    signals = np.array(
+        [(float(time), *point) for time, point in enumerate(path)], dtype=[(name, float) for name in ("time", *names)]
+    )
+    start = dict(zip(names, path[0], strict=True))
+    stop = float(len(path) - 1)
+    found = fmpy.simulate_fmu(str(unit), input=signals, start_values=start, stop_time=stop, output_interval=1.0)
+    answers = model.march(list(enumerate(path)), EXACT).answers
+    read = [item["name"] for item in contact_tree(model, Packed())["outputs"]]
+    for name in read:
+        values = np.array([answer.outputs()[name] for answer in answers])
+        np.testing.assert_allclose(found[name][2:], values[:-1], rtol=1e-7, atol=1e-8 * np.abs(values).max())
+
+
+def test_flow_that_c_does_not_know_is_refused_by_name():
+    creeping = SimpleNamespace(groups=(Group(np.arange(3), 1.0, 0.3, hhr.Norton(1.0, 2.0)),))
+    model = copy.copy(flowing("outputs")[0])
+    model.flow = creeping
+    with pytest.raises(NotOfferedError, match="a header knows the law Plasticity"):
+        c_header.c_header(model, "press")
+
+
+class Instance:
+    """An instance of a unit, called by its functions."""
+
+    def __init__(self, folder, model, log=None):
+        path = fmu.write_fmu(folder / "unit.fmu", model)
+        with zipfile.ZipFile(path) as archive:
+            archive.extractall(folder)
+        (binary,) = (folder / "binaries").glob("*/model.*")
+        self.made = ctypes.CDLL(str(binary))
+        self.made.fmi3InstantiateCoSimulation.restype = ctypes.c_void_p
+        token = ElementTree.parse(folder / "modelDescription.xml").getroot().get("instantiationToken").encode()
+        rest = [None, False, False, False, False, None, ctypes.c_size_t(0), None, log, None]
+        self.at = ctypes.c_void_p(self.made.fmi3InstantiateCoSimulation(b"one", token, *rest))
+        self.inputs, self.outputs = len(model.parameters.names), len(contact_tree(model, Packed())["outputs"])
+
+    def put(self, point):
+        places, count = (ctypes.c_uint32 * self.inputs)(*range(1, self.inputs + 1)), ctypes.c_size_t(self.inputs)
+        return self.made.fmi3SetFloat64(self.at, places, count, (ctypes.c_double * self.inputs)(*point), count)
+
+    def read(self):
+        first, count, found = self.inputs + 1, ctypes.c_size_t(self.outputs), (ctypes.c_double * self.outputs)()
+        places = (ctypes.c_uint32 * self.outputs)(*range(first, first + self.outputs))
+        assert self.made.fmi3GetFloat64(self.at, places, count, found, count) == 0
+        return np.array(found)
+
+
+@compiled
+@pytest.mark.parametrize("name", ["flow", "formula and limit"])
+def test_outputs_that_are_read_before_a_path_begins_do_not_begin_it(name, tmp_path):
+    """In initialization mode inputs may be set and outputs read over and over, laws and moduli too."""
+    model, path = flowing("outputs") if name == "flow" else rubbing_model(name)
+    unit = Instance(tmp_path, model)
+    first, second = path[4], path[2]
+    assert unit.put(second) == 0
+    expected = unit.read()
+    assert unit.made.fmi3Reset(unit.at) == 0
+    for point in (first, second):
+        assert unit.put(point) == 0
+        found = unit.read()
+    assert unit.made.fmi3ExitInitializationMode(unit.at) == 0
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(unit.read(), expected)
+    assert unit.put(first) == 0
+    np.testing.assert_array_equal(unit.read(), expected)  # until a step is made
+
+
+@compiled
+@pytest.mark.parametrize("name", ["flow", "friction"])
+def test_a_path_in_c_does_not_begin_at_laws_outside_of_the_box(name, tmp_path):
+    if name == "flow":
+        model, path = flowing("moduli")
+        made, room, place = flowing_library(tmp_path, model), room_for(model, 9), 1
+    else:
+        model, path = rubbing_model("formula and limit")
+        made, place = rubbing_library(tmp_path, model), model.friction.fixed[0]
+        contacts = model.friction.normal.size
+        room = [np.zeros((9, model.conditions)), np.zeros((9, 2)), np.zeros((9, contacts, 3))]
+        room.append(np.zeros((9, contacts), dtype=np.int32))
+    points = np.array(path[:3])
+    points[:, place] = np.nan
+    assert made.ask(3, *at(points, *room)) == OUTSIDE
+    points[:, place] = 1e3
+    assert made.ask(3, *at(points, *room)) == OUTSIDE
+
+
+@compiled
+@pytest.mark.parametrize("bodies", [(test_moduli.YOUNG, 0.3), ("E1", test_moduli.RATIO)], ids=["modulus", "ratio"])
+def test_a_header_has_no_answer_where_an_elastic_constant_is_impossible(bodies, tmp_path):
+    """As every model in Python; beside the point both answer."""
+    model = hhr.condense(test_moduli.scene(*bodies), fields=True)
+    point = np.array([list(test_moduli.POINT.values())])
+    beside = np.add(point, [0.0, 0.0, 1e-3])
+    asked = library(tmp_path, model)
+    status, forces, *_ = asked(beside)
+    assert status == DONE
+    np.testing.assert_allclose(forces[0], model.solve(beside[0]).forces(), rtol=0, atol=1e-10 * forces.max())
+    assert asked(point)[0] == NO_ANSWER and asked(np.vstack([beside, point]))[0] == NO_ANSWER

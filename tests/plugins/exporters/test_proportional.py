@@ -1,0 +1,110 @@
+"""Answers loaded in proportion: one rule cuts their increments in Python, on pages and in C."""
+
+import ctypes
+import dataclasses
+import json
+import re
+import shutil
+import subprocess
+from functools import cache
+
+import numpy as np
+import pytest
+from bare import WAIT
+from mpi4py import MPI
+from test_embedded import CC, DONE, rubbing_library
+from test_friction import rubbing
+from test_pages import ALONG, FRICTION, MODEL
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.models.histories import sliding
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.plugins.exporters import c_header
+from hhr_dolfinx.plugins.pages import page
+
+NODE = shutil.which("node")
+BLOCKS = 7
+"""Contacts of the blocks below."""
+# pages and C used to cut these otherwise: their errors were measured by the forces and the energy of increments that
+# the path kept, and those of Python by all that were tried; forces were up to 1.4e-4 apart
+NEAR = {
+    7: (0.04963800609111786, -0.08819317817687988),
+    11: (0.0370611846446991, -0.08725740909576417),
+    14: (0.04349467754364014, 0.08306531906127931),
+    19: (0.02985280277207494, -0.0401470422744751),
+}
+"""Random blocks, and points at which one of their increments is off by about as much as it may be."""
+
+
+@cache
+def blocks():
+    """Two blocks, condensed, and what is drawn of them."""
+    full = hhr.FullOrderModel(dataclasses.replace(rubbing(0.5, cells=BLOCKS - 1), outputs=()), MPI.COMM_SELF)
+    return hhr.condense(full), hhr.scenery_of(full)
+
+
+def random_blocks(seed):
+    """The same with a random compliance and random gaps, which each push and shear in a way of its own."""
+    model, scenery = blocks()
+    rng = np.random.default_rng(seed)
+    given, friction, m = model.eliminated.responses, model.friction, model.conditions
+    root = rng.normal(size=(m, m))
+    schur = root @ root.T / m + 0.3 * np.eye(m)
+    slack = np.zeros((m, 3))
+    gaps, bent, pressed = rng.random(BLOCKS), rng.normal(size=BLOCKS), rng.random(BLOCKS)
+    slack[friction.normal] = np.column_stack([0.015 * gaps, 0.05 * bent, 1 + pressed])
+    turned, aside = rng.normal(size=BLOCKS), rng.normal(size=BLOCKS)
+    slack[friction.tangential] = np.column_stack([np.zeros(BLOCKS), 0.5 + 0.1 * turned, 0.2 * aside])
+    responses = dataclasses.replace(given, schur=schur, free_slack=slack)
+    changed = model.changed(eliminated=dataclasses.replace(model.eliminated, responses=responses))
+    return changed, dataclasses.replace(scenery, compliance=schur.sum(axis=1))
+
+
+def close(found, model, point):
+    """Whether forces are those of Python to round-off: 1e-8 of the largest, where a cut more or less makes 1e-5."""
+    exact = model.solve(point).multipliers
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-8 * np.abs(exact).max())
+
+
+@pytest.mark.skipif(NODE is None, reason="node is not there")
+@pytest.mark.parametrize("seed", NEAR)
+def test_a_page_cuts_increments_where_python_does(seed):
+    model, scenery = random_blocks(seed)
+    point = np.array(NEAR[seed])
+    asked = json.dumps({"page": page.page_text(model, scenery), "path": [[0.0, 0.0]], "points": [point.tolist()]})
+    words = [NODE, "-e", ALONG.replace("[...model.displacement(state)]", "[]"), str(MODEL), str(FRICTION)]
+    done = subprocess.run(words, input=asked, capture_output=True, text=True, timeout=WAIT, check=True)
+    (found,) = json.loads(done.stdout)["loaded"]
+    shares = np.linspace(0.0, 1.0, sliding.PROPORTIONAL + 1)
+    settings = MarchSettings(time_tolerance=sliding.TOLERANCE, outside="ignore")
+    history = model.slide([(float(share), share * point) for share in shares], settings)
+    np.testing.assert_allclose(found["path"], [place for _, place in history.solved_path], rtol=0, atol=1e-15)
+    close(found["forces"], model, point)
+
+
+@pytest.mark.skipif(CC is None, reason="there is no C compiler")
+@pytest.mark.parametrize("seed", NEAR)
+def test_c_cuts_increments_where_python_does(seed, tmp_path):
+    model, _ = random_blocks(seed)
+    made = rubbing_library(tmp_path, model)
+    forces, outputs, point = np.zeros(model.conditions), np.zeros(1), np.array(NEAR[seed])
+    places = [ctypes.c_void_p(array.ctypes.data) for array in (point, forces, outputs)]
+    assert made.begin(*places) == DONE
+    close(forces, model, point)
+
+
+def test_limits_of_cuts_are_those_of_python():
+    """Each program has its own copy of them."""
+    script = FRICTION.read_text(encoding="utf-8")
+    header = c_header.kernel_file("friction.h")
+    expected = {
+        ("FEWEST", "FEWEST"): sliding.PROPORTIONAL,
+        ("CUTS", "CUTS"): sliding.CUTS,
+        ("HALVED", "HALVED"): MarchSettings().cuts,
+        ("SETTLED", "SETTLED"): sliding.TOLERANCE,
+        ("WORK", "WORK_LEAST"): sliding.WORK,
+        ("APART", "APART"): sliding.APART,
+    }
+    for (of_page, of_header), value in expected.items():
+        assert float(re.search(rf"\b{of_page} = ([\d.e-]+)", script)[1]) == value
+        assert float(re.search(rf"#define MODEL_{of_header} ([\d.e-]+)", header)[1]) == value

@@ -1,0 +1,274 @@
+"""Decisions of a search, of an advice and of a report, held on made-up models and made-up figures: no full order.
+
+Each of these rules decides which model a user gets, or what he reads of it. Real scenes pass through few of their
+branches, so that a wrong rule would pass tests that solve them.
+"""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.plugins.one_call import bench as benches
+from hhr_dolfinx.plugins.one_call import search
+from hhr_dolfinx.plugins.one_call.search import Tried
+from hhr_dolfinx.plugins.one_call.wish import Budget, Wish
+from hhr_dolfinx.timing import unannounced
+
+ERROR = 0.01
+BOX = hhr.ParameterSpace(("a", "b"), (0.0, 0.0), (1.0, 1.0))
+
+
+class FakeBench:
+    """Exact answers are points; the error of a model at one is what the model says."""
+
+    def __init__(self, of=("forces",), family=None, before=()):
+        self.wish = Wish(ERROR, of)
+        self.full = SimpleNamespace(parameters=BOX)
+        self.family, self.seed, self.checks = family, 3, 0
+        self.held_out = list(before)
+        self.asked = []
+
+    def announce(self, stage, share):
+        """Nothing is shown."""
+
+    def fresh(self, count, suspects=None):
+        self.checks += 1
+        self.asked.append((count, suspects))
+        points = BOX.random(count, 99)
+        return list(points if suspects is None else np.concatenate([points, suspects]))
+
+    def errors_of(self, model, exact):
+        return np.array([np.broadcast_to(model.error(point), len(self.wish.of)) for point in exact], dtype=float)
+
+
+def fake_model(error, said=None, exact=False):
+    """A model with errors by points, and what it says of them itself, where it says anything."""
+    fields = SimpleNamespace(exact=exact, bound=said, estimated="bound")
+    return SimpleNamespace(error=error, said=said, fields=fields, offline=None)
+
+
+@pytest.fixture(autouse=True)
+def said_by_the_model(monkeypatch):
+    monkeypatch.setattr(
+        search, "_said", lambda model, points, wish: {} if model.said is None else {wish.of[0]: model.said(points)}
+    )
+
+
+def first(points):
+    return np.atleast_2d(points)[:, 0]
+
+
+@pytest.mark.parametrize("family", [None, "paths"])
+@pytest.mark.parametrize(("seen", "met"), [(0.4, True), (0.6, False)])
+def test_an_error_that_was_seen_counts_twice(seen, met, family):
+    """Of 200 points the worst is worse than that of 40, of 6 histories all the more."""
+    errors, *_ = search._judged(FakeBench(family=family), fake_model(lambda point: seen * ERROR))
+    assert errors == pytest.approx([2 * seen * ERROR], rel=1e-14)
+    assert (errors.max() <= ERROR) == met
+
+
+def test_half_of_a_check_is_where_the_model_expects_its_worst():
+    bench = FakeBench()
+    # above the wish everywhere, so that the model does not vouch for itself, and largest at the right
+    search._judged(bench, fake_model(lambda point: 0.0, said=lambda points: 2 * ERROR * np.exp(first(points))))
+    ((count, suspects),) = bench.asked
+    assert (count, len(suspects)) == (search.FRESH // 2, search.FRESH // 2)
+    # the twenty largest of several hundred uniform numbers are above all but a few per cent
+    assert first(suspects).min() > 0.9
+
+
+def test_what_is_wrong_only_where_the_model_expects_it_is_found():
+    def error(point):
+        return 5 * ERROR if point[0] > 0.97 else 0.0
+
+    model = fake_model(error, said=lambda points: 2 * ERROR * np.exp(first(points)))
+    assert not (first(BOX.random(search.FRESH // 2, 99)) > 0.97).any()  # no random point of this check sees it
+    errors, *_ = search._judged(FakeBench(), model)
+    assert errors.max() == pytest.approx(10 * ERROR)
+
+
+def test_earlier_checks_are_looked_at_again():
+    """One of many attempts passes a check by luck; fields alone are made of earlier checks, which then say nothing."""
+    earlier = np.array([2.0, 2.0])
+    model = fake_model(lambda point: [5 * ERROR, 7 * ERROR] if point is earlier else [0.0, 0.0])
+    bench = FakeBench(of=("forces", "displacement"), before=[earlier])
+    errors, known, _ = search._judged(bench, model)
+    assert errors == pytest.approx([5 * ERROR, 0.0])
+    assert "1 of before" in known
+
+
+def test_a_bound_is_looked_at_in_hundreds_of_points():
+    """What it exceeds at a few of 500 is not vouched for, however good it is in the middle."""
+    seen = []
+
+    def said(points, top):
+        seen.append(np.array(points))
+        return np.where(first(points) > top, 5 * ERROR, 0.5 * ERROR)
+
+    errors, known, _ = search._judged(FakeBench(), fake_model(lambda point: 0.1 * ERROR, said=lambda p: said(p, 2.0)))
+    looked_at = np.concatenate(seen)
+    assert len(np.unique(looked_at, axis=0)) == 500
+    assert errors == pytest.approx([0.5 * ERROR]) and "500 points" in known
+    top = np.sort(first(looked_at))[-3]  # two of 500 lie beyond it
+    bench = FakeBench()
+    _, known, _ = search._judged(bench, fake_model(lambda point: 0.1 * ERROR, said=lambda p: said(p, top)))
+    assert bench.asked[0][0] == search.FRESH // 2 and "500 points" not in known
+
+
+def test_a_bound_that_is_exceeded_by_what_was_seen_is_not_believed():
+    model = fake_model(lambda point: 3 * ERROR, said=lambda points: np.full(len(points), 0.5 * ERROR))
+    bench = FakeBench()
+    errors, *_ = search._judged(bench, model)
+    assert bench.asked == [(search.SURE, None)] and errors == pytest.approx([3 * ERROR])
+
+
+def test_an_interpolation_that_has_not_settled_counts_as_far_off(monkeypatch):
+    monkeypatch.setattr(search, "_unresolved", lambda model: 4 * ERROR)
+    errors, known, _ = search._judged(FakeBench(), fake_model(lambda point: 0.0))
+    assert errors == pytest.approx([4 * ERROR]) and "S is off" in known
+
+
+def test_what_was_seen_of_an_exact_model_counts_for_outputs_too():
+    """A body that contact leaves free to turn has several answers: an output that reads it may be off by anything."""
+    model = fake_model(lambda point: [0.0, 6.2], exact=True)
+    model.solve = lambda point, **how: SimpleNamespace(estimate=lambda: SimpleNamespace(outputs={"turns": 0.0}))
+    bench = FakeBench(of=("forces", "turns"))
+    errors, *_ = search._judged(bench, model)
+    assert errors == pytest.approx([0.0, 6.2]) and bench.asked == [(search.SURE, None)]
+
+
+def test_an_exact_model_is_checked_where_it_does_not_vouch_for_an_output():
+    """At 4 % of the box nothing bounds the output: four random answers would meet it in one search of seven."""
+
+    def solve(point, **how):
+        known = {} if point[0] > 0.96 else {"turns": 0.0}
+        return SimpleNamespace(estimate=lambda: SimpleNamespace(outputs=known))
+
+    model = fake_model(lambda point: 6.2 if point[0] > 0.96 else 0.0, exact=True)
+    model.solve = solve
+    bench = FakeBench(of=("turns",))
+    errors, *_ = search._judged(bench, model)
+    assert errors == pytest.approx([6.2])
+    ((count, suspects),) = bench.asked
+    assert count == search.SURE and first(suspects).min() > 0.96 and 10 < len(suspects) <= search.FRESH // 2
+
+
+def test_how_much_of_the_box_may_be_beyond_is_said_with_its_confidence():
+    """None of n random points is beyond: with 90 % confidence at most p of the box is, (1 - p)^n = 0.1."""
+    assert search.share_beyond(40) == pytest.approx(0.0559, abs=5e-5)
+    for count in (6, 20, 40, 400):
+        assert (1 - search.share_beyond(count)) ** count == pytest.approx(0.1, rel=1e-12)
+    # suspected points are no random ones: half as many of a check that has some
+    *_, beyond = search._judged(FakeBench(), fake_model(lambda point: 0.0))
+    assert beyond == search.share_beyond(40)
+    said = lambda points: 2 * ERROR * np.exp(first(points))  # noqa: E731
+    *_, beyond = search._judged(FakeBench(), fake_model(lambda point: 0.0, said=said))
+    assert beyond == search.share_beyond(20)
+    *_, beyond = search._judged(FakeBench(family="paths"), fake_model(lambda point: 0.0))
+    assert beyond == search.share_beyond(6)
+    # a bound says more of each answer
+    *_, beyond = search._judged(FakeBench(), fake_model(lambda point: 0.0, said=lambda points: 0 * first(points)))
+    assert math.isnan(beyond)
+
+
+def test_the_verdict_says_the_confidence():
+    row = Tried("hhr", "", 72, 1.0, 1e-3, {"forces": 1e-3}, "40 fresh answers, times 2", 0, search.MET, 0.0559)
+    found = search.Reduction("any", Wish(ERROR, ("forces",)), (row,), 0, 72, 2.0)
+    assert (
+        "is met, 40 fresh answers, times 2; at 90 % confidence at most 5.6 % of the box is beyond it" in found.verdict
+    )
+    bounded = search.Reduction("any", Wish(ERROR, ("forces",)), (tried(1e-3, 1e-3),), 0, 4, 2.0)
+    assert bounded.met and "confidence" not in bounded.verdict
+
+
+# ---------------------------------------------------------------- which of several models
+
+
+def tried(query, worst, outcome=search.MET):
+    return Tried("condensed", "", 4, 1.0, query, {"forces": worst}, "", 0, outcome)
+
+
+@pytest.mark.parametrize(
+    ("rows", "chosen"),
+    [
+        # the first that meets, the quickest, and one that is nearly as quick and far more exact: that one
+        ([tried(3.5e-3, 1e-9), tried(1e-3, 9e-3), tried(2.9e-3, 1e-6)], 2),
+        # more than three times as slow: not, however exact
+        ([tried(3.1e-3, 1e-9), tried(1e-3, 9e-3)], 1),
+        # what does not meet the wish is not taken, however quick
+        ([tried(1e-6, 0.02, "not exact enough"), tried(1.0, 9e-3)], 1),
+        # a quick one that does not meet it makes no other one slow
+        ([tried(1e-6, 0.02, "not exact enough"), tried(1.0, 9e-3), tried(2.0, 1e-3)], 2),
+        # nothing meets it: the most exact, whatever it takes
+        ([tried(1e-6, 0.05, "not exact enough"), tried(1.0, 0.02, "not exact enough")], 1),
+    ],
+)
+def test_the_most_exact_of_the_quick_models_is_handed_out(rows, chosen):
+    assert search._chosen(rows, [object()] * len(rows), Wish(ERROR, ("forces",))) == chosen
+
+
+def test_a_model_that_was_not_made_is_not_handed_out():
+    rows = [tried(1e-3, 1e-9), tried(2e-3, 1e-3)]
+    assert search._chosen(rows, [None, object()], Wish(ERROR, ("forces",))) == 1
+
+
+# ---------------------------------------------------------------- what a check is made of
+
+
+class Recorded:
+    """Solves for nothing: what it was asked for is kept."""
+
+    size = 1
+
+    def __init__(self):
+        self.questions = []
+
+    def solved(self, questions):
+        self.questions += questions
+        return [SimpleNamespace(parameter=point, forces=lambda: np.ones(1)) for point in questions]
+
+
+@pytest.fixture
+def real_bench(monkeypatch):
+    monkeypatch.setattr(benches, "Errors", lambda wish, full: SimpleNamespace(know=lambda found: None))
+    full = SimpleNamespace(parameters=BOX)
+    made = benches.Bench(full, Recorded(), Wish(ERROR, ("forces",)), Budget(), None, 3, unannounced)
+    made.looked = True
+    return made
+
+
+def test_a_check_asks_for_what_no_model_was_made_from(real_bench):
+    """Neither training points, nor those at which models are looked at or timed, nor those of another check.
+
+    Answers of a check make the next model better: that one must not be looked at where it knows them.
+    """
+    asked = []
+    looked_at = np.concatenate([BOX.random(search.LOOKED_AT, real_bench.seed + number) for number in range(4)])
+    for _ in range(3):
+        fresh = [item.full.parameter for item in real_bench.fresh(search.FRESH)]
+        training = hhr.Sobol(512, real_bench.seed, corners=True).points(BOX)
+        timed = BOX.random(search.TIMED, real_bench.seed)
+        others = {tuple(point) for part in (looked_at, training, timed, asked) for point in part}
+        assert len(fresh) == search.FRESH and not others & {tuple(point) for point in fresh}
+        asked += fresh
+    assert len({tuple(point) for point in asked}) == len(asked) == len(real_bench.crew.questions)
+
+
+def test_paths_of_a_check_are_none_of_the_training(real_bench):
+    seeds = []
+    sampled = lambda sampling: seeds.append(sampling) or []  # noqa: E731
+    real_bench.family = SimpleNamespace(paths=sampled)
+    for _ in range(2):
+        real_bench.fresh(6)
+    points = [sampling.points(BOX) for sampling in (*seeds, hhr.Sobol(32, real_bench.seed))]
+    found = [{tuple(point) for point in some} for some in points]
+    assert not (found[0] & found[1] or found[0] & found[2] or found[1] & found[2])
+
+
+# ---------------------------------------------------------------- what a report advises
+
+
+# ---------------------------------------------------------------- what a report shows

@@ -1,0 +1,219 @@
+"""What a page shows and does: its scripts in jsdom, beside the numbers of the model in Python."""
+
+import dataclasses
+import json
+import os
+import shutil
+import subprocess
+from functools import cache, partial
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bare import WAIT
+from test_pages import in_space, known, made, round_blocks_in_space, rubbed
+
+from hhr_dolfinx.plugins.pages import page
+
+NODE = shutil.which("node")
+PLACES = ("/usr/share/nodejs", "/usr/lib/node_modules", "/usr/local/lib/node_modules")
+"""Where Debian and npm put packages for all users."""
+PATHS = os.pathsep.join([*filter(None, [os.environ.get("NODE_PATH")]), *PLACES])
+WIDE, HIGH = 400, 240
+"""Size of all canvases in jsdom."""
+
+
+def has_jsdom():
+    """Whether node is there and finds jsdom."""
+    if NODE is None:
+        return False
+    words = [NODE, "-e", "require.resolve('jsdom')"]
+    return subprocess.run(words, env=os.environ | {"NODE_PATH": PATHS}, capture_output=True).returncode == 0
+
+
+pytestmark = pytest.mark.skipif(not has_jsdom(), reason="node or its package jsdom is not there")
+
+
+def shown(text, address, *acts):
+    """What a page shows at an address, and after each act of a user: see page_in_jsdom.js."""
+    asked = json.dumps({"page": text, "address": address, "acts": acts})
+    words = [NODE, str(Path(__file__).with_name("page_in_jsdom.js"))]
+    env = os.environ | {"NODE_PATH": PATHS}
+    done = subprocess.run(words, input=asked, capture_output=True, text=True, timeout=WAIT, env=env)
+    assert done.returncode == 0, done.stderr
+    told = json.loads(done.stdout)
+    assert told["errors"] == []
+    return told["found"]
+
+
+def said(value):
+    """A number as a page shows it."""
+    return float(f"{value:.6g}")
+
+
+def rows_of(view):
+    """Numbers of the table by name."""
+    return {row[0]: row[1] for row in view["table"][1:] if len(row) > 1}
+
+
+def canvas(view, name):
+    """A canvas by its id or the beginning of its label."""
+    (found,) = [
+        item
+        for item in view["canvases"]
+        if item["id"] == name or (not item["id"] and (item["label"] or "").startswith(name))
+    ]
+    return found
+
+
+def drawn(view, name, call):
+    """Arguments of all calls of one kind on a canvas."""
+    return [given for kind, *given in canvas(view, name)["calls"] if kind == call]
+
+
+@cache
+def elastic():
+    """A page of two blocks whose moduli vary, from a model and the scenery."""
+    _, model, scenery = known("moduli")
+    return model, scenery, page.page_text(model, scenery)
+
+
+START = {"push": 0.05, "load": 0.02, "E1": 3.0, "nu": 0.25}
+ADDRESS = "&".join(f"{name}={value}" for name, value in START.items())
+
+
+@cache
+def views_of_elastic():
+    """At an address, with a slider moved, a number written, reset, stress chosen, copied, and another address."""
+    acts = [
+        ("slide", "E1", "4"), ("write", "push", "0.01"),
+        ("choose", "component", "0"), ("choose", "component", "stress"), ("choose", "exaggerate", "0"),
+        ("click", "copy"),
+        ("drag", "pad", (WIDE, 0), (0, HIGH / 2)), ("key", "pad", "ArrowRight"),
+        ("click", "reset"), ("address", "#E1=2&what=1"),
+    ]  # fmt: skip
+    return shown(elastic()[2], ADDRESS, *acts)
+
+
+def test_numbers_are_those_of_the_model():
+    model, scenery, _ = elastic()
+    first, slid, written, *_ = views_of_elastic()
+    for view, change in ((first, {}), (slid, {"E1": 4.0}), (written, {"E1": 4.0, "push": 0.01})):
+        point = START | change
+        answer = model.solve(point, gradient=True)
+        forces, outputs, rows = answer.forces(), answer.outputs(), rows_of(view)
+        assert float(rows["peak"]) == said(outputs["peak"]) and float(rows["force"]) == said(outputs["force"])
+        assert float(rows["sum of forces"]) == said(forces.sum())
+        assert float(rows["largest pressure"]) == said((forces / scenery.areas).max())
+        assert rows["active contacts"] == f"{(forces > 0).sum()} of {len(forces)}"
+        (slopes,) = [row[2:] for row in view["table"] if row[0] == "peak"]
+        exact = outputs.gradient["peak"]
+        np.testing.assert_allclose([float(item) for item in slopes], exact, rtol=0, atol=1e-5 * np.abs(exact).max())
+        assert view["texts"]["where"] == "at " + ", ".join(f"{name} = {value:.15g}" for name, value in point.items())
+        assert view["converged"] == "true" and "a proved bound" in view["texts"]["error"]
+
+
+def test_parameters_go_to_the_address_and_come_from_it():
+    *_, pulled, keyed, reset, elsewhere = views_of_elastic()
+    model = elastic()[0]
+    names, lower, upper = model.parameters.names, model.parameters.lower, model.parameters.upper
+    slid = views_of_elastic()[1]
+    assert slid["hash"] == "#push=0.05&load=0.02&E1=4&nu=0.25" and slid["inputs"][2] == 4
+    # the pad is across the first parameter and up the second: dragged to its right upper corner, and to the left edge
+    assert pulled["inputs"][:2] == pytest.approx([lower[0], (lower[1] + upper[1]) / 2], rel=1e-12)
+    assert keyed["inputs"][0] == pytest.approx(lower[0] + 0.02 * (upper[0] - lower[0]), rel=1e-12)
+    np.testing.assert_allclose(reset["inputs"], (np.array(lower) + upper) / 2, rtol=1e-12)
+    assert elsewhere["inputs"][2] == 2 and "does not know: what." in elsewhere["texts"]["wrong"]
+    assert list(names) == ["push", "load", "E1", "nu"]
+
+
+def test_pressures_are_drawn_to_scale_along_the_contact():
+    model, scenery, _ = elastic()
+    answer = model.solve(START)
+    pressures = answer.forces() / scenery.areas
+    dots = [(x, y) for x, y, radius, *_ in drawn(views_of_elastic()[0], "pressure along x", "arc")]
+    order = np.argsort(scenery.contact_points[:, 0])
+    xs, ys = np.array(dots).T
+    places, values = scenery.contact_points[order, 0], pressures[order]
+    # from the left edge of the plot to its right one, and upwards from zero in one scale
+    np.testing.assert_allclose(xs, 64 + (places - places[0]) / np.ptp(places) * (WIDE - 64 - 13), atol=1e-9)
+    zero = HIGH - 36
+    scale = (zero - ys[0]) / values[0]
+    np.testing.assert_allclose(zero - ys, scale * values, atol=1e-6)
+    assert 0 < (zero - ys).max() < HIGH - 36 - 24
+
+
+def test_the_mesh_is_drawn_where_it_has_moved():
+    """Places of nodes are those of the mesh and as many times of the displacement as the page says."""
+    model, scenery, _ = elastic()
+    first, _, written, across, stress, still, *_ = views_of_elastic()
+    rows = (scenery.nodes[:, None] * model.dimension + np.arange(model.dimension)).ravel()
+    exact = model.solve(START).displacement()[rows].reshape(-1, 2)
+    places = np.array(drawn(first, "field", "bufferData")[1][1]).reshape(-1, 3)[:, :2]
+    times = float(first["texts"]["times"].split()[0])
+    moved = (places - scenery.points) / times
+    # drawn by few modes, and times has two digits
+    assert np.linalg.norm(moved - exact) < 0.08 * np.linalg.norm(exact)
+    at = START | {"E1": 4.0, "push": 0.01}
+    there = model.solve(at).displacement()[rows].reshape(-1, 2)
+    assert float(across["texts"]["most"]) == pytest.approx(there[:, 0].max(), abs=0.03 * np.abs(there).max())
+    assert float(written["texts"]["most"]) == pytest.approx(np.linalg.norm(there, axis=1).max(), rel=0.03)
+    assert "In the middle of cells" in stress["texts"]["drawnby"] and float(stress["texts"]["least"]) >= 0
+    assert len(drawn(stress, "field", "drawArrays")) == 1 and len(drawn(first, "field", "drawArrays")) == 0
+    assert still["texts"]["times"] == "not at all"
+
+
+def test_numbers_are_copied_as_a_table():
+    view = views_of_elastic()[6]
+    assert view["texts"]["said"] in ("", "copied")
+    lines = dict(line.split("\t") for line in views_of_elastic()[7]["copied"].splitlines())
+    assert float(lines["E1"]) == 4 and float(lines["push"]) == 0.01
+    assert said(float(lines["peak"])) == float(rows_of(views_of_elastic()[2])["peak"])
+
+
+def test_a_surface_is_drawn_from_above():
+    """A disc for each condition, in the colour of its pressure; a drag turns the mesh."""
+    scene = dataclasses.replace(in_space(0.3), geometry=partial(round_blocks_in_space, cells=3))
+    _, model, scenery = made(scene)
+    acts = (("drag", "field", (100, 100), (140, 90)), ("key", "field", "ArrowLeft"), ("wheel", "field", -250))
+    first, turned, keyed, zoomed = shown(page.page_text(model, scenery), "", *acts)
+    answer = model.solve(model.parameters.middle)
+    forces, own = (values[model.friction.normal] for values in (answer.multipliers, scenery.areas))
+    discs = drawn(first, "pressures on the surface", "arc")
+    # and a dot on each that is closed, by which it sticks or slips
+    assert len(discs) == len(forces) + (forces > 0).sum()
+    assert all(8 <= x <= WIDE - 8 and 0 <= y <= HIGH for x, y, *_ in discs)
+    label = canvas(first, "pressures on the surface")["label"]
+    assert float(label.split("at most ")[1]) == pytest.approx((forces / own).max(), rel=1e-5)
+    matrices = [np.array(drawn(view, "field", "uniformMatrix4fv")[-1][2]) for view in (first, turned, keyed, zoomed)]
+    assert all(np.abs(one - other).max() > 1e-3 for one, other in pairwise(matrices))
+    # nearer by what the wheel says, in the two directions of the screen
+    screen = np.arange(16) % 4 < 2
+    np.testing.assert_allclose(matrices[3][screen], np.exp(0.5) * matrices[2][screen], rtol=1e-6)
+
+
+def test_a_path_with_friction_is_kept_drawn_and_begun_anew():
+    _, model, scenery = made(rubbed("Coulomb"))
+    acts = (("slide", "shear", "-0.05"), ("click", "keep"), ("choose", "drawn", "1"), ("click", "anew"))
+    first, sheared, _, chosen, anew = shown(page.page_text(model, scenery), "push=0.03&shear=0.05", *acts)
+    assert set(first["hidden"]) == set() and "What has slipped is remembered" in first["texts"]["memory"]
+    lines = [line.split("\t") for line in anew["copied"].splitlines()]
+    assert lines[0] == ["time", "push", "shear"]
+    path = [(float(time), np.array([float(item) for item in point])) for time, *point in lines[1:]]
+    np.testing.assert_allclose([path[0][1], path[-1][1]], [[0.0, 0.0], [0.03, -0.05]])
+    answer = model.march(path).answers[-1]
+    normal = model.friction.normal
+    dragged = -(answer.multipliers[model.friction.tangential] @ model.friction.tangents[:, 0])
+    for view, exact in ((sheared, answer), (anew, model.solve({"push": 0.03, "shear": -0.05}))):
+        rows, statuses = rows_of(view), exact.slip.statuses
+        assert float(rows["sum of forces"]) == pytest.approx(exact.multipliers[normal].sum(), rel=1e-5)
+        assert rows["sticking contacts"] == f"{(statuses == 1).sum()} of {len(statuses)}"
+        assert rows["slipping contacts"] == f"{(statuses == 2).sum()} of {len(statuses)}"
+        assert float(rows["dissipated work"]) == pytest.approx(exact.slip.work.sum(), rel=1e-5)
+        assert float(rows["largest accumulated slip"]) == pytest.approx(exact.slip.path.max(), rel=1e-5)
+    assert float(rows_of(sheared)["friction on the first surface, along x"]) == pytest.approx(dragged, rel=1e-5)
+    assert float(rows_of(sheared)["dissipated work"]) > float(rows_of(anew)["dissipated work"])
+    # one point of the curve for each increment; another number is another curve
+    curves = [drawn(view, "loop", "lineTo") for view in (sheared, chosen)]
+    assert len(curves[0]) >= len(path) - 1 and curves[0] != curves[1]

@@ -1,0 +1,772 @@
+"""Pages that answer without Python: the same digits in node as in Python, what is refused, what a page may not hold."""
+
+import dataclasses
+import itertools
+import json
+import os
+import re
+import shutil
+import subprocess
+from functools import cache, partial
+from pathlib import Path
+
+import contract
+import held_by_contact
+import numpy as np
+import pellet_cladding
+import press_fit
+import pytest
+import sphere_on_block
+import test_moduli
+from bare import WAIT
+from mpi4py import MPI
+from scipy.sparse import csr_matrix
+from test_friction import driven, leaning, round_block, rubbing
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import FileContentError, NotOfferedError
+from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
+from hhr_dolfinx.materials.elasticity import von_mises
+from hhr_dolfinx.models.bounds.least_response import FactoredResponse, ManyResponses
+from hhr_dolfinx.models.displacement import dense
+from hhr_dolfinx.plugins.pages import page
+from hhr_dolfinx.plugins.pages.packing import Packed
+from hhr_dolfinx.plugins.pages.pictures import pictures_of
+from hhr_dolfinx.plugins.pages.scenery import thinned
+
+MODEL = Path(page.__file__).with_name("model.js")
+NODE = shutil.which("node")
+CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
+FRICTION = MODEL.with_name("friction.js")
+in_node = pytest.mark.skipif(NODE is None, reason="node is not there")
+PROGRAM = """
+const fs = require("fs"), hhr = require(process.argv[1]);
+const { page, points, starts } = JSON.parse(fs.readFileSync(0, "utf8"));
+const data = JSON.parse(page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1]);
+const model = new hhr.Model(data.tree, hhr.decoded(data.arrays));
+if (data.tree.floating) {
+  global.hhr = hhr;
+  require(process.argv[1].replace("model.js", "floating.js"));
+  new hhr.Floating(model);
+}
+if (data.tree.bound) {
+  global.hhr = hhr;
+  require(process.argv[1].replace("model.js", "bound.js"));
+}
+const bound = data.tree.bound && new hhr.Bound(model);
+const found = points.map((point) => {
+  const open = starts === "open" ? new Uint8Array(model.m) : null;
+  const answer = model.solve(point, starts === true ? undefined : open), field = model.displacement(answer);
+  return { forces: [...answer.forces], outputs: model.outputs(answer), slopes: model.slopes(answer),
+    converged: answer.converged, error: bound && bound.at(answer),
+    field: field && [...field], stress: model.tree.stress && [...model.stress(answer)] };
+});
+console.log(JSON.stringify(found));
+"""
+
+
+def answered(text, points, starts=True):
+    """What a page answers in node, point by point."""
+    asked = json.dumps({"page": text, "points": points.tolist(), "starts": starts})
+    words = [NODE, "-e", PROGRAM, str(MODEL)]
+    found = subprocess.run(words, input=asked, capture_output=True, text=True, timeout=WAIT)
+    assert found.returncode == 0, found.stderr
+    return json.loads(found.stdout)
+
+
+def made(scene, **how):
+    """The full model of a scene, its condensed model, and a page."""
+    full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
+    model = hhr.condense(full, **how)
+    return full, model, hhr.scenery_of(full)
+
+
+@cache
+def known(name):
+    """The same of one of the scenes below, with displacements."""
+    return made((SCENES | MORE)[name](), fields=True)
+
+
+def stress_drawn(full, model, scenery, point):
+    """Von Mises' stress of the cells that a scenery draws, of the model, by the forms of the mesh."""
+    cells = scenery.strains.cells
+    order = np.unique(cells, return_index=True)[1]
+    discretisation = full.discretisation
+    corners = discretisation._cell_nodes()
+    # the first triangle of each cell, whose corners are three nodes of this cell alone
+    nodes = scenery.nodes[scenery.triangles[order]]
+    owner = [np.flatnonzero(np.isin(corners, own).sum(axis=1) == 3)[0] for own in nodes]
+    return von_mises(model.solve(point).stress()[owner])
+
+
+def held():
+    """A ring in its groove under a lid, and what is read of both."""
+    pressed = hhr.LargestPressure("peak", 0), hhr.ContactForce("push", 1, (0.0, 1.0))
+    moved = hhr.DisplacementAt("sinks", (20.0, 5.5), 1, "lid"), hhr.DisplacementAt("widens", (22.0, 2.0), 0, "ring")
+    return dataclasses.replace(held_by_contact.o_ring(0.15), outputs=(*pressed, *moved))
+
+
+def outputs_of_pellet():
+    return (
+        hhr.LargestPressure("peak", 0),
+        hhr.ContactForce("push", 0, (1.0, 0.0)),
+        hhr.ContactWidth("width", 0),
+        hhr.DisplacementAt("bulge", (4.1, 0.0), 0, 1),
+        hhr.VonMises("stress", 1),
+    )
+
+
+SCENES = {
+    "partial pressure": lambda: dataclasses.replace(
+        pellet_cladding.scene(**pellet_cladding.QUICK_MESH), outputs=outputs_of_pellet()
+    ),
+    "moduli": lambda: contract.blocks(("E1", "nu"), box=contract.MODULI | {"nu": (0.1, 0.4)}),
+    "formula": lambda: contract.blocks(("E1 * (1 + exp(-2 * E1) / 3) ** 2 - min(0.1, -E1)", 0.3), box=contract.MODULI),
+    "shape": lambda: contract.blocks(box=contract.SHAPE, shapes=(contract.CROWNED,)),
+    "space": lambda: press_fit.scene(around=4, hub_cells=(2, 4), shaft_cells=(2, 4)),
+}
+MORE = {
+    "held by contact": held,
+    "sphere": lambda: sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3)),
+    "plane stress": lambda: dataclasses.replace(SCENES["moduli"](), hypothesis="plane_stress"),
+    "heat": lambda: heated("axisymmetric", 0.05, load=10.0),
+}
+
+
+@in_node
+@pytest.mark.parametrize("name", [*SCENES, "held by contact"])
+def test_a_page_has_the_digits_of_python(name):
+    _, model, scenery = known(name)
+    text = page.page_text(model, scenery)
+    points = model.parameters.random(12, 4)
+    rows = (scenery.nodes[:, None] * model.dimension + np.arange(model.dimension)).ravel()
+    missing = []
+    for point, found in zip(points, answered(text, points), strict=True):
+        answer = model.solve(point, gradient=True)
+        forces = answer.forces()
+        np.testing.assert_allclose(found["forces"], forces, rtol=0, atol=1e-10 * np.abs(forces).max())
+        outputs = answer.outputs()
+        tree = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]
+        missing = tree["missing"]
+        shown = [item["name"] for item in tree["outputs"]]
+        assert sorted([*shown, *missing]) == sorted(outputs)
+        for here, value, slopes in zip(shown, found["outputs"], found["slopes"], strict=True):
+            assert value == pytest.approx(outputs[here], rel=1e-8, abs=1e-12)
+            exact = outputs.gradient[here]
+            # by central differences of a hundred-thousandth of the box
+            np.testing.assert_allclose(slopes, exact, rtol=0, atol=1e-5 * np.abs(exact).max() + 1e-9)
+        exact = answer.displacement()[rows]
+        assert np.linalg.norm(found["field"] - exact) < 0.03 * np.linalg.norm(exact)
+    unread = {"partial pressure": ["stress"], "shape": ["peak", "force"]}
+    unread["space"] = ["torque of a quarter", "largest stress", "lost contact"]
+    assert missing == unread.get(name, [])
+
+
+@in_node
+@pytest.mark.parametrize("name", ["moduli", "formula", "shape"])
+def test_a_page_bounds_the_error_of_its_answer(name):
+    """As Python does with a factor of S at each point, if interpolation is all that is off by more than round-off."""
+    _, model, scenery = known(name)
+    # so far off that the bound is more than round-off, which is not that of Python
+    bound = dataclasses.replace(model.fields.bound, inexact=1e-3)
+    model = model.changed(fields=dataclasses.replace(model.fields, bound=bound))
+    points = model.parameters.random(12, 4)
+    many = model.solve_many(points)
+    there = bound.at(points, dense(model.fields.amplitudes.of_many(points)))
+    schurs = there.found.schur
+    alone = ManyResponses([FactoredResponse(schur, np.linalg.cholesky(schur)) for schur in schurs], schurs)
+    forces = np.maximum(many.multipliers, 0.0)
+    gamma = model.fields._solver.many_under(points, forces)
+    exact = there._replace(response=alone).of(gamma, forces, lambda: forces)
+    wider = many.estimates()
+    for k, found in enumerate(answered(page.page_text(model, scenery), points)):
+        error = found["error"]
+        assert error["forces"]["error"] == pytest.approx(exact.forces_euclid[k], rel=1e-6)
+        assert error["forces"]["relative"] == pytest.approx(exact.forces_euclid_relative[k], rel=1e-6)
+        assert exact.forces_euclid[k] <= wider.forces_euclid[k] * (1 + 1e-6)
+        if name == "shape":
+            assert error["pressure"] is None
+            continue
+        assert error["pressure"]["error"] == pytest.approx(exact.pressure[k], rel=1e-6)
+        assert error["pressure"]["relative"] == pytest.approx(exact.pressure_relative[k], rel=1e-6)
+
+
+@in_node
+def test_a_page_holds_bodies_by_springs_where_nothing_touches_at_first():
+    """No set of statuses without contact holds a body that contact alone holds: forces are those of Python."""
+    _, model, scenery = known("held by contact")
+    points = np.vstack([model.parameters.random(6, 4), [model.parameters.lower, model.parameters.upper]])
+    for point, found in zip(points, answered(page.page_text(model, scenery), points, starts="open"), strict=True):
+        forces = model.solve(point).forces()
+        np.testing.assert_allclose(found["forces"], forces, rtol=0, atol=1e-10 * forces.max())
+
+
+def loose():
+    """The upper block lies on the lower one, pressed from above, with play to two walls: nothing holds it across."""
+    scene = contract.blocks(free=True)
+    walls = [
+        hhr.Obstacle(side(SECOND, 0, upper), way, at)
+        for upper, way, at in ((True, (1, 0), 2.01), (False, (-1, 0), -0.99))
+    ]
+    held = tuple(item for item in scene.displacements if item.tag == side(FIRST, 1, False))
+    moved = hhr.DisplacementAt("sinks", (1.0, 2.0), 1, SECOND)
+    return dataclasses.replace(
+        scene,
+        contacts=(*scene.contacts, *walls),
+        displacements=held,
+        outputs=(*scene.outputs, moved),
+        parameters=hhr.ParameterSpace(("press",), (0.0,), (0.1,)),
+    )
+
+
+@in_node
+def test_derivatives_of_what_contact_does_not_hold():
+    """What no contact holds moves as little as it may."""
+    _, model, scenery = made(loose())
+    text = page.page_text(model, scenery)
+    points = np.array([[0.0404], [0.08]])
+    for point, found in zip(points, answered(text, points), strict=True):
+        outputs = model.outputs(point, gradient=True)
+        here = zip(outputs.values.items(), found["outputs"], found["slopes"], strict=True)
+        for (name, value), shown, slopes in here:
+            assert shown == pytest.approx(value, rel=1e-8)
+            exact = outputs.gradient[name]
+            # by central differences of a hundred-thousandth of the box, on springs a hundred thousand times as soft
+            np.testing.assert_allclose(slopes, exact, rtol=0, atol=1e-4 * np.abs(exact).max())
+
+
+def test_stress_is_drawn_though_there_is_none_in_some_answers():
+    """Where bodies come off what is left of a stress is round-off, of which nothing is off."""
+    space = hhr.ParameterSpace(("push",), (-0.02,), (0.05,))
+    scene = dataclasses.replace(contract.blocks(), loads=(), parameters=space)
+    _, model, scenery = made(scene, fields=True)
+    text = page.page_text(model, scenery)
+    assert any(not answer.forces().any() for answer in model.solve_many(model.parameters.random(200, 0)))
+    told = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]["stress"]
+    assert told is not None and told["off"]["largest"] < 0.03
+
+
+@in_node
+@pytest.mark.parametrize("name", ["partial pressure", "moduli", *MORE])
+def test_a_page_draws_the_stress_of_cells(name):
+    """As far off as it says of points that its modes are not made of, and the largest value much less."""
+    full, model, scenery = known(name)
+    text = page.page_text(model, scenery)
+    told = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]["stress"]["off"]
+    assert told["largest"] < 0.05 and told["largest"] <= told["cells"]
+    corners = np.array(list(itertools.product(*zip(model.parameters.lower, model.parameters.upper, strict=True))))
+    inside = model.parameters.random(12, 4)
+    points = np.vstack([corners, inside])
+    for place, (point, found) in enumerate(zip(points, answered(text, points), strict=True)):
+        exact = stress_drawn(full, model, scenery, point)
+        off = np.abs(found["stress"] - exact).max() / exact.max()
+        # corners are among those that it tells of, in numbers of half the digits; others are as far off as these, about
+        assert off <= told["cells"] * (1.5 if place >= len(corners) else 1.0001)
+        if place >= len(corners):
+            assert np.linalg.norm(found["stress"] - exact) < 0.03 * np.linalg.norm(exact)
+
+
+def heated(hypothesis, expansion=1e-3, **slopes):
+    warm = hhr.ThermalExpansion(FIRST, expansion, hhr.Amplitude(constant=0.0 if slopes else 2.0, slopes=slopes))
+    return dataclasses.replace(contract.blocks(), hypothesis=hypothesis, loads=(*contract.blocks().loads, warm))
+
+
+@pytest.mark.parametrize(
+    ("scene", "there"),
+    [
+        (lambda: heated("plane_strain"), True),
+        (lambda: heated("plane_stress"), False),
+        (lambda: heated("plane_stress", push=2.0, load=-1.5), False),
+        (SCENES["shape"], False),
+    ],
+    ids=["heat", "heat in plane stress", "heat that comes and goes", "shape"],
+)
+def test_stress_is_left_out_where_it_is_not_that_of_the_displacement_alone(scene, there):
+    _, _, scenery = made(scene())
+    assert (scenery.strains is not None) is there
+
+
+@in_node
+def test_a_page_starts_from_the_answer_before_and_from_none():
+    _, model, scenery = made(pellet_cladding.scene(**pellet_cladding.QUICK_MESH))
+    text = page.page_text(model, scenery)
+    points = np.vstack([model.parameters.random(20, 5), [model.parameters.lower, model.parameters.upper]])
+    warm, cold = (answered(text, points, starts=starts) for starts in (True, False))
+    for one, other in zip(warm, cold, strict=True):
+        assert one["converged"] and other["converged"]
+        np.testing.assert_allclose(one["forces"], other["forces"], rtol=0, atol=1e-12 * max(map(abs, other["forces"])))
+
+
+@in_node
+@pytest.mark.parametrize(
+    "text",
+    ["2 * a ** 2 - b / 4", "-a + sqrt(b) * pi", "max(a, b) + abs(-a)", "table(a, 0, 1, 2, 5, 10, 6)", "tanh(log(b))"],
+)
+def test_formulas_are_worked_off_as_python_does(text):
+    from hhr_dolfinx.formulas import Scalar
+    from hhr_dolfinx.plugins.pages.packing import steps_of
+
+    scalar = Scalar(text, ("a", "b"))
+    program = "const hhr = require(process.argv[1]); const [s, p] = JSON.parse(process.argv[2]);"
+    program += "console.log(hhr.formula(s, p));"
+    for point in ([1.5, 2.25], [0.25, 9.0]):
+        words = [NODE, "-e", program, str(MODEL), json.dumps([steps_of(scalar), point])]
+        found = subprocess.run(words, capture_output=True, text=True, timeout=WAIT, check=True).stdout
+        assert float(found) == pytest.approx(scalar.value(np.array(point)), rel=1e-14)
+
+
+def test_a_page_needs_nothing_else_and_says_what_it_knows(tmp_path):
+    full, model, scenery = made(contract.blocks(("E1", 0.3), box=contract.MODULI), fields=True)
+    target = hhr.write_model_page(tmp_path / "page.html", model, scenery)
+    text = target.read_text(encoding="utf-8")
+    assert not re.search(r"https?://|<link|src=|@import|import\(|fetch\(|XMLHttp", text)
+    assert "/*DATA*/" not in text and text.count("<script") == 3
+    tree = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]
+    assert tree["error"]["kind"] == "bound" and 0 <= tree["error"]["pressure"] < 1e-3
+    assert tree["scenery"]["words"]["contacts"] == [" and ".join(map(str, full.scene.contacts[0].tags))]
+    assert tree["names"] == list(full.parameters.names)
+
+
+def test_a_name_is_no_marker():
+    """Names of users stand as they are, whatever marks the places of scripts, data and title in ``page.html``."""
+    _, model, scenery = made(contract.blocks())
+    name = "/*DATA*/ TITLE /*view.js*/ /*page.css*/"
+    text = page.page_text(model, dataclasses.replace(scenery, words={**scenery.words, "scene": name}))
+    assert f"<title>{name}</title>" in text and f"<h1>{name}</h1>" in text
+    plain = page.page_text(model, scenery)
+    assert text.count('"amplitudes"') == plain.count('"amplitudes"')
+    assert text.count("fromAddress()") == plain.count("fromAddress()")
+
+
+SHOWN = """
+const { JSDOM, VirtualConsole } = require("jsdom"), page = require("fs").readFileSync(0, "utf8");
+const { window } = new JSDOM(page, { runScripts: "dangerously", virtualConsole: new VirtualConsole() });
+console.log(JSON.stringify([...window.document.querySelectorAll("#sliders label")].map((label) => label.textContent)));
+"""
+
+
+def test_parameters_have_no_units_of_javascript():
+    """Every object of JavaScript has a ``constructor``, and it is not the unit of a parameter of this name."""
+    words = [NODE, "-e", SHOWN]
+    environment = os.environ | {"NODE_PATH": "/usr/share/nodejs:/usr/lib/nodejs"}
+    if subprocess.run([NODE, "-e", "require('jsdom')"], env=environment, capture_output=True).returncode:
+        pytest.skip("there is no jsdom")
+    scene = contract.blocks(("constructor", 0.3), box={"constructor": (1.0, 6.0)})
+    _, model, scenery = made(scene)
+    text = page.page_text(model, scenery)
+    found = subprocess.run(words, input=text, env=environment, capture_output=True, text=True, timeout=WAIT)
+    assert json.loads(found.stdout) == ["push", "load", "constructor"]
+
+
+def test_a_name_ends_no_script(tmp_path):
+    peak = hhr.LargestPressure("peak", 0, unit="</script><!--<script>")
+    scene = dataclasses.replace(contract.blocks(), outputs=(peak,))
+    _, model, scenery = made(scene)
+    text = hhr.write_model_page(tmp_path / "page.html", model, scenery).read_text(encoding="utf-8")
+    assert text.count("</script>") == 3 and text.count("<script") == 3
+    data = re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1]
+    assert "<" not in data and json.loads(data)["tree"]["outputs"][0]["unit"] == peak.unit
+
+
+@pytest.mark.parametrize(
+    ("make", "said"),
+    [
+        (
+            lambda: contract.training("constant").build(contract.AS_IT_IS),
+            "ReducedModel with CondensedModel does not",
+        ),
+        (lambda: contract.training("constant").local(hhr.Clusters(2), recipe=contract.AS_IT_IS), "LocalModels"),
+        (lambda: hhr.condense(contract.blocks(free=True, friction=0.1)), "contact alone holds without friction"),
+    ],
+)
+def test_models_of_other_kinds_are_refused_by_name(make, said):
+    full = contract.training("constant").full_order
+    scenery = hhr.scenery_of(full)
+    model = make()
+    scenery = dataclasses.replace(scenery, areas=np.ones(model.conditions))
+    with pytest.raises(NotOfferedError, match=said):
+        hhr.write_model_page("never.html", model, scenery)
+
+
+def test_a_page_of_another_scene_or_too_large_is_refused(monkeypatch, tmp_path):
+    _, model, scenery = made(contract.blocks())
+    with pytest.raises(NotOfferedError, match="of two scenes or meshes"):
+        hhr.write_model_page(tmp_path / "page.html", model, dataclasses.replace(scenery, areas=np.ones(3)))
+    others = dataclasses.replace(contract.blocks(), bodies=contract.blocks((4.0, 0.3)).bodies)
+    with pytest.raises(NotOfferedError, match="not of the scene of this model"):
+        hhr.write_model_page(tmp_path / "page.html", model, made(others)[2])
+    with pytest.raises(NotOfferedError, match="another mesh"):
+        hhr.write_model_page(tmp_path / "page.html", model, dataclasses.replace(scenery, nodes=scenery.nodes + 1000))
+    monkeypatch.setattr(page, "MOST_BYTES", 20_000)  # its scripts alone have more
+    with pytest.raises(NotOfferedError, match="go by mail"):
+        hhr.write_model_page(tmp_path / "page.html", model, scenery)
+    # where the contact problem alone is too large nothing is made before that is said
+    monkeypatch.setattr(page, "MOST_BYTES", 100)
+    monkeypatch.setattr(page, "page_text", None)
+    with pytest.raises(NotOfferedError, match=r"MB or more exceeds .* 4 contact conditions are too many"):
+        hhr.write_model_page(tmp_path / "page.html", model, scenery)
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_scenery_is_kept_and_checked(tmp_path):
+    _, _, scenery = made(contract.blocks())
+    scenery.write(tmp_path / "scenery.npz")
+    again = hhr.Scenery.read(tmp_path / "scenery.npz")
+    for name in ("points", "nodes", "triangles", "lines", "areas"):
+        np.testing.assert_array_equal(getattr(again, name), getattr(scenery, name))
+    assert again.words == scenery.words
+    assert again.strains.moduli == scenery.strains.moduli
+    assert (again.strains.rows != scenery.strains.rows).nnz == 0
+    own = scenery.strains
+    for said, wrong in (
+        ("strains do not fit", {"strains": dataclasses.replace(own, cells=own.cells + 1000)}),
+        ("strains do not fit", {"strains": dataclasses.replace(own, cells=own.cells[1:])}),
+        ("no whole numbers", {"strains": dataclasses.replace(own, cells=own.cells + 0.25)}),
+        ("no whole numbers", {"strains": dataclasses.replace(own, bodies=own.bodies[:, None])}),
+        ("neither true nor false", {"strains": dataclasses.replace(own, plane_stress="no")}),
+        ("no whole numbers", {"nodes": scenery.nodes + 0.5}),
+        ("no words", {"words": scenery.words | {"contacts": []}}),
+    ):
+        dataclasses.replace(scenery, **wrong).write(tmp_path / "wrong.npz")
+        with pytest.raises(FileContentError, match=said):
+            hhr.Scenery.read(tmp_path / "wrong.npz")
+    dataclasses.replace(scenery, triangles=scenery.triangles + 1000).write(tmp_path / "wrong.npz")
+    with pytest.raises(FileContentError, match="triangles name nodes that are not there"):
+        hhr.Scenery.read(tmp_path / "wrong.npz")
+    (tmp_path / "cut.npz").write_bytes((tmp_path / "scenery.npz").read_bytes()[:-40])
+    with pytest.raises(FileContentError):
+        hhr.Scenery.read(tmp_path / "cut.npz")
+
+
+@pytest.mark.parametrize("name", ["partial pressure", "space"])
+def test_a_scenery_shows_the_whole_surface(name):
+    """Triangles of the plane have its area; in space each edge of the surface is one of two triangles."""
+    _, _, scenery = known(name)
+    if name == "space":
+        edges = np.sort(scenery.triangles[:, [[0, 1], [1, 2], [2, 0]]].reshape(-1, 2), axis=1)
+        _, count = np.unique(edges, axis=0, return_counts=True)
+        assert (count == 2).all()
+    else:
+        a, b, c = scenery.points[scenery.triangles].transpose(1, 0, 2)
+        sizes = np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]) / 2
+        assert sizes.min() > 0
+        assert sizes.sum() == pytest.approx(4.1 * 7.0 + 0.6 * 7.0, rel=0.05)
+
+
+@in_node
+def test_slopes_on_the_border_stay_inside_the_box():
+    """A table ends where the box does: beyond there is no modulus."""
+    scene = contract.blocks(("table(E1, 1, 2, 3, 4, 6, 5)", 0.3), box=contract.MODULI)
+    _, model, scenery = made(scene, fields=True)
+    text = page.page_text(model, scenery)
+    point = np.array([[0.05, 0.02, 6.0]])
+    (found,) = answered(text, point)
+    exact = model.outputs(point[0], gradient=True).gradient
+    for slopes, name in zip(found["slopes"], ("peak", "force"), strict=True):
+        np.testing.assert_allclose(slopes, exact[name], rtol=1e-3)
+
+
+def test_where_shapes_are_parameters_forces_are_shown_and_no_pressures():
+    """Areas are those of one shape, by which forces of another one are no pressures."""
+    _, model, scenery = known("shape")
+    assert scenery.moves
+    text = page.page_text(model, scenery)
+    tree = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]
+    assert tree["scenery"]["moves"] and set(tree["missing"]) == {"peak", "force"}
+    assert not made(contract.blocks())[2].moves
+
+
+def test_a_page_of_what_never_moves(tmp_path):
+    """No displacement, and no picture of one."""
+    space = hhr.ParameterSpace(("gap",), (0.01,), (0.02,))
+    scene = dataclasses.replace(
+        contract.blocks(), parameters=space, loads=(), outputs=(),
+        displacements=tuple(hhr.Displacement(item.tag, item.component) for item in contract.blocks().displacements),
+        openings=(hhr.Opening(0, hhr.Amplitude(slopes={"gap": 1.0})),),
+    )  # fmt: skip
+    _, model, scenery = made(scene, fields=True)
+    text = hhr.write_model_page(tmp_path / "still.html", model, scenery).read_text(encoding="utf-8")
+    assert '"field":null' in text
+
+
+def dumped(target, address, folder):
+    """A page with an address as a browser has it in the end."""
+    words = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-background-networking", "--no-first-run"]
+    words += ["--enable-unsafe-swiftshader", f"--user-data-dir={folder / 'profile'}", "--virtual-time-budget=3000"]
+    words += ["--dump-dom", f"{target.as_uri()}#{address}"]
+    return subprocess.run([CHROMIUM, *words], capture_output=True, text=True, timeout=WAIT, check=True).stdout
+
+
+@pytest.mark.skipif(CHROMIUM is None, reason="chromium is not there")
+@pytest.mark.parametrize("name", ["partial pressure", "space"])
+def test_a_browser_shows_the_answer_of_its_address(name, tmp_path):
+    """By double click: numbers in the table, a plot for each contact, and parameters out of the box at its border."""
+    _, model, scenery = known(name)
+    target = hhr.write_model_page(tmp_path / "page.html", model, scenery)
+    space = model.parameters
+    asked = [*model.parameters.random(1, 8)[0].tolist()]
+    asked[0] = 2 * space.upper[0]  # is taken for the upper end
+    address = "&".join(f"{key}={value!r}" for key, value in zip(space.names, asked, strict=True))
+    found = dumped(target, address, tmp_path)
+    assert 'data-converged="true"' in found
+    assert found.count('class="plot"') == len(set(scenery.pairs.tolist()))
+    asked[0] = space.upper[0]
+    assert f"does not know: {space.names[0]} = {2 * space.upper[0]!r}." in found
+    assert f"at {space.names[0]} = {space.upper[0]:.15g}, {space.names[1]} = " in found
+    forces = model.solve(asked).forces()
+    for pair in set(scenery.pairs.tolist()):
+        total = forces[scenery.pairs == pair].sum()
+        assert f"<td>sum of forces</td><td>{float(f'{total:.6g}'):.12g}</td>" in found, total
+
+
+ALONG = """
+const fs = require("fs"), hhr = require(process.argv[1]);
+require(process.argv[2]);
+const { page, path, points } = JSON.parse(fs.readFileSync(0, "utf8"));
+const data = JSON.parse(page.match(/<script id="data" type="application.json">([^]*?)<.script>/)[1]);
+const model = new hhr.Model(data.tree, hhr.decoded(data.arrays)), sliding = new hhr.Sliding(model);
+const found = [];
+let state = sliding.rest(path[0]);
+for (const point of path.slice(1)) {
+  state = sliding.reached(state, point);
+  const names = ["forces", "position", "path", "work", "wear", "statuses"];
+  const plain = Object.fromEntries(names.map((name) => [name, [...state[name]]]));
+  found.push({ ...plain, outputs: model.outputs(state), field: [...model.displacement(state)] });
+}
+const loaded = points.map((point) => sliding.begun(point));
+const told = (states) => ({ forces: [...states.at(-1).forces], path: states.map(({ point }) => point) });
+console.log(JSON.stringify({ found, loaded: loaded.map(told) }));
+"""
+
+
+def round_blocks_in_space(comm, cells=4):
+    """A block, and another one that touches it with a round side."""
+
+    def warp(points, tag):
+        bulge = 0.2 * ((points[:, :2] - 0.5) ** 2).sum(axis=1) * (2 - points[:, 2]) if tag == SECOND else 0.0
+        return points + np.outer(np.ones(len(points)) * bulge, (0.0, 0.0, 1.0))
+
+    first = (0.0, 0.0, 0.0), (1.0, 1.0, 1.0), (cells,) * 3
+    second = (0.0, 0.0, 1.0), (1.0, 1.0, 2.0), (cells,) * 3
+    return two_blocks(comm, warp=warp, first=first, second=second)
+
+
+def in_space(friction):
+    """The same blocks in space, of which the upper one moves along both tangents."""
+    scene = rubbing(friction, dimension=3, geometry=round_blocks_in_space, box={"aside": (-0.1, 0.1)})
+    aside = hhr.Amplitude(slopes={"aside": 1.0})
+    moved = [item for item in scene.displacements if item.component == 1 and item.tag == side(SECOND, 2, True)]
+    return dataclasses.replace(
+        scene,
+        displacements=tuple(
+            dataclasses.replace(item, amplitude=aside) if item in moved else item for item in scene.displacements
+        ),
+    )
+
+
+RUBBING = {
+    "in space": lambda: in_space(0.3),
+    "in space with a limit": lambda: in_space(hhr.Coulomb(0.5, limit=0.05)),
+    "in space, Tresca": lambda: in_space(hhr.Tresca(0.02)),
+    "Coulomb": lambda: rubbing(geometry=round_block, pairing=None),
+    "formula and limit": lambda: rubbing(
+        hhr.Coulomb("f * (1 + f)", limit=0.02), geometry=round_block, box={"f": (0.0, 0.8)}
+    ),
+    "Tresca": lambda: rubbing(hhr.Tresca(0.01), geometry=round_block),
+    "both sides imposed": lambda: driven(geometry=leaning),
+    "slave nodes": lambda: rubbing(
+        pairing=hhr.NodeToSurface(side(SECOND, 1, False), side(FIRST, 1, True), (0.0, -1.0), friction=0.4),
+        geometry=round_block,
+    ),
+}
+TOUR = [
+    (0.0, 0.0),
+    (0.03, 0.0),
+    (0.03, 0.02),
+    (0.04, 0.06),
+    (0.02, 0.0),
+    (0.002, -0.06),
+    (0.05, -0.02),
+    (0.05, 0.1),
+    (0.01, 0.1),
+]
+"""Pressed, sheared, turned round, let go, and pressed again."""
+
+
+def rubbed(name):
+    """One of these scenes, with outputs of forces."""
+    scene = RUBBING[name]()
+    along = (1.0, 0.0, 0.0)[: 3 if scene.hypothesis == "solid" else 2]
+    return dataclasses.replace(scene, outputs=(hhr.LargestPressure("peak", 0), hhr.ContactForce("pull", 0, along)))
+
+
+def tour_of(model):
+    """The tour; in space to and fro aside too, elsewhere with half of what a law asks for."""
+    rest = [0.05 * np.sin(k) for k in range(len(TOUR))] if model.dimension == 3 else [0.5] * len(TOUR)
+    return [np.array([*point, other][: len(model.parameters.names)]) for point, other in zip(TOUR, rest, strict=True)]
+
+
+@in_node
+@pytest.mark.parametrize("name", RUBBING)
+def test_increments_with_friction_are_those_of_python(name):
+    _, model, scenery = made(rubbed(name))
+    tour = tour_of(model)
+    points = model.parameters.random(6, 3)
+    text = page.page_text(model, scenery)
+    asked = json.dumps({"page": text, "path": [point.tolist() for point in tour], "points": points.tolist()})
+    words = [NODE, "-e", ALONG, str(MODEL), str(FRICTION)]
+    done = subprocess.run(words, input=asked, capture_output=True, text=True, timeout=WAIT)
+    assert done.returncode == 0, done.stderr
+    given = json.loads(done.stdout)
+    history = model.march(list(enumerate(tour)))
+    assert history.cuts == 0
+    statuses = set()
+    largest = max(np.abs(answer.multipliers).max() for answer in history.answers)
+    rows = (scenery.nodes[:, None] * model.dimension + np.arange(model.dimension)).ravel()
+    for found, answer in zip(given["found"], history.answers, strict=True):
+        np.testing.assert_allclose(found["forces"], answer.multipliers, rtol=0, atol=1e-10 * largest)
+        for kind in ("position", "path", "work", "wear"):
+            known = getattr(answer.slip, kind)
+            np.testing.assert_allclose(found[kind], known, rtol=1e-8, atol=1e-10 * max(np.abs(known).max(), 1e-6))
+        assert found["statuses"] == answer.slip.statuses.tolist()
+        statuses |= set(found["statuses"])
+        np.testing.assert_allclose(found["outputs"], list(answer.outputs().values.values()), rtol=1e-8, atol=1e-11)
+        exact = answer.displacement()[rows]
+        assert np.linalg.norm(np.array(found["field"]) - exact) < 0.03 * max(np.linalg.norm(exact), 0.05)
+    assert statuses == {0, 1, 2}
+    for found, point in zip(given["loaded"], points, strict=True):
+        known = model.solve(point)
+        # both halve increments until forces and work change by a thousandth of the largest
+        size = np.linalg.norm(known.multipliers)
+        assert np.linalg.norm(found["forces"] - known.multipliers) < 1e-9 * size
+        # the path that a page copies is all of it
+        along = model.march(list(enumerate(map(np.array, found["path"])))).answers[-1]
+        assert np.linalg.norm(found["forces"] - along.multipliers) < 1e-9 * size
+
+
+@in_node
+def test_bodies_that_rub_are_drawn_where_their_moduli_vary():
+    """By a fit of the maps of forces, whose answers it has not seen."""
+    bodies = (hhr.Body(FIRST, "E1", 0.3), hhr.Body(SECOND, "2 * E2", "nu"))
+    box = {"E1": (2.0, 6.0), "E2": (2.0, 4.0), "nu": (0.2, 0.3)}
+    _, model, scenery = made(rubbing(geometry=round_block, bodies=bodies, box=box), fields=True)
+    text = page.page_text(model, scenery)
+    tree = json.loads(re.search(r'application/json">(.*?)</script>', text, re.DOTALL)[1])["tree"]
+    assert tree["field"]["kind"] == "fitted"
+    tour = [np.array([*point, 3.1, 2.7, 0.23]) for point in TOUR]
+    asked = json.dumps({"page": text, "path": [point.tolist() for point in tour], "points": []})
+    words = [NODE, "-e", ALONG, str(MODEL), str(FRICTION)]
+    done = subprocess.run(words, input=asked, capture_output=True, text=True, timeout=WAIT)
+    assert done.returncode == 0, done.stderr
+    answers = model.march(list(enumerate(tour))).answers
+    largest = max(np.abs(answer.multipliers).max() for answer in answers)
+    rows = (scenery.nodes[:, None] * model.dimension + np.arange(model.dimension)).ravel()
+    for found, answer in zip(json.loads(done.stdout)["found"], answers, strict=True):
+        np.testing.assert_allclose(found["forces"], answer.multipliers, rtol=0, atol=1e-9 * largest)
+        exact = answer.displacement()[rows]
+        assert np.linalg.norm(np.array(found["field"]) - exact) < 0.03 * max(np.linalg.norm(exact), 0.05)
+
+
+def test_a_picture_of_bodies_that_rub_is_left_out_where_it_has_no_room():
+    """And moduli that name a parameter without changing are those of a constant."""
+    bodies = (hhr.Body(FIRST, "3 + 0 * E1", 0.3), hhr.Body(SECOND, "E2", 0.2))
+    box = {"E1": (2.0, 6.0), "E2": (2.0, 4.0)}
+    _, model, scenery = made(rubbing(cells=4, bodies=bodies, box=box), fields=True)
+    arrays = Packed()
+    assert pictures_of(model, scenery, arrays, 3_000_000)["field"]["kind"] == "fitted" and arrays.arrays
+    for value in arrays.arrays.values():
+        assert np.isfinite(value).all()
+    nothing = Packed()
+    assert pictures_of(model, scenery, nothing, 1000)["field"] is None and not nothing.arrays
+
+
+@in_node
+def test_loading_in_proportion_is_halved_as_often_as_in_python():
+    """Where contacts stick as they close one halving more changes forces by 1e-5."""
+    _, model, scenery = made(dataclasses.replace(in_space(1.0), geometry=partial(round_blocks_in_space, cells=3)))
+    points = model.parameters.random(6, 3)
+    rest = list(model.parameters.lower)
+    asked = json.dumps({"page": page.page_text(model, scenery), "path": [rest], "points": points.tolist()})
+    words = [NODE, "-e", ALONG, str(MODEL), str(FRICTION)]
+    done = subprocess.run(words, input=asked, capture_output=True, text=True, timeout=WAIT, check=True)
+    exact = np.array([model.solve(point).multipliers for point in points])
+    found = np.array([item["forces"] for item in json.loads(done.stdout)["loaded"]])
+    np.testing.assert_allclose(found, exact, rtol=0, atol=1e-9 * np.abs(exact).max())
+
+
+TICKS = """
+const drawing = require(process.argv[1]), found = [];
+for (const [low, high] of JSON.parse(process.argv[2])) found.push(drawing.ticks(low, high, 4));
+console.log(JSON.stringify(found));
+"""
+
+
+@in_node
+def test_axes_have_a_few_round_numbers_whatever_their_range():
+    """One of a last digit would go on for ever."""
+    ranges = [
+        (0, 1),
+        (-3, 7),
+        (1.6191466698074306, 1.6191466698074308),
+        (5, 5),
+        (0, 0),
+        (-1e-300, 0),
+        (1e9, 1.00000001e9),
+    ]
+    words = [NODE, "-e", TICKS, str(MODEL.with_name("drawing.js")), json.dumps(ranges)]
+    done = subprocess.run(words, capture_output=True, text=True, timeout=20)
+    assert done.returncode == 0, done.stderr
+    for (low, high), ticks in zip(ranges, json.loads(done.stdout), strict=True):
+        assert len(ticks) <= 10 and ticks == sorted(ticks), (low, high)
+    first, second, *_ = json.loads(done.stdout)
+    assert first == pytest.approx([0, 0.5, 1]) and second == pytest.approx([0, 5])
+
+
+def test_a_mesh_that_is_finer_than_a_screen_is_thinned():
+    points = np.stack(np.meshgrid(np.linspace(0, 2, 81), np.linspace(0, 1, 41), indexing="ij"), axis=-1).reshape(-1, 2)
+    number = np.arange(len(points)).reshape(81, 41)
+    corners = [number[:-1, :-1], number[1:, :-1], number[1:, 1:], number[:-1, 1:]]
+    triangles = np.concatenate(
+        [np.stack([corners[k] for k in some], axis=-1).reshape(-1, 3) for some in ((0, 1, 2), (0, 2, 3))]
+    )
+    border = np.concatenate([number[0], number[-1], number[:, 0], number[:, -1]])
+    pieces = (number[0], number[-1], number[:, 0], number[:, -1])
+    lines = np.concatenate([np.column_stack([line[:-1], line[1:]]) for line in pieces])
+    # two bodies that touch along x = 2: their nodes there are no neighbours
+    both = {
+        "points": np.vstack([points, points + np.array([2.0, 0.0])]),
+        "nodes": np.arange(2 * len(points)) + 7,
+        "triangles": np.vstack([triangles, triangles + len(points)]),
+        "lines": np.vstack([lines, lines + len(points)]),
+    }
+    _, _, scenery = made(contract.blocks())
+    cells = np.arange(2 * len(triangles))  # of which each has its number for a strain
+    rows = csr_matrix(np.repeat(cells, 4)[:, None] * 1.0)
+    strains = dataclasses.replace(scenery.strains, cells=cells, bodies=np.zeros(len(cells), int), rows=rows)
+    whole = dataclasses.replace(scenery, **both, strains=strains)
+    assert thinned(whole, 10_000) is whole
+    found = thinned(whole, 900)
+    assert 500 < len(found.points) <= 900
+    assert (found.points == whole.points[found.nodes - 7]).all()
+    area = lambda item: np.abs(np.linalg.det(np.diff(item.points[item.triangles], axis=1))).sum() / 2  # noqa: E731
+    assert area(found) == pytest.approx(area(whole), rel=0.03)
+    outline = np.isin(found.nodes[found.lines] - 7, [*border, *(border + len(points))])
+    assert outline.all() and len(found.lines) > 100
+    # each triangle that is left has the strain of one near it
+    kept = found.strains.rows.toarray()[4 * found.strains.cells, 0].astype(int)
+    middles = [item.points[item.triangles].mean(axis=1) for item in (found, whole)]
+    assert np.abs(middles[0] - middles[1][kept]).max() < 0.1
+    bodies = found.nodes[found.triangles] - 7 >= len(points)
+    assert (bodies.all(axis=1) | ~bodies.any(axis=1)).all() and bodies.any() and not bodies.all()
+
+
+@in_node
+@pytest.mark.parametrize("bodies", [(test_moduli.YOUNG, 0.3), ("E1", test_moduli.RATIO)], ids=["modulus", "ratio"])
+def test_a_page_has_no_answer_where_an_elastic_constant_is_impossible(bodies):
+    """As every model in Python; beside the point both answer."""
+    _, model, scenery = made(test_moduli.scene(*bodies))
+    point = np.array(list(test_moduli.POINT.values()))
+    beside = np.add(point, [0.0, 0.0, 1e-3])
+    there, nowhere = answered(page.page_text(model, scenery), np.array([beside, point]))
+    assert there["converged"] and not nowhere["converged"]
+    np.testing.assert_allclose(there["forces"], model.solve(beside).forces(), rtol=0, atol=1e-10)

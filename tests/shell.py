@@ -1,0 +1,45 @@
+"""The command hhr as tests call it."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from bare import WAIT
+from click.testing import CliRunner
+
+from hhr_dolfinx.command.main import hhr as command
+
+DEMO = str(Path(__file__).parents[1] / "demos" / "your_scene.py")
+
+
+PROGRAM = ["-m", "hhr_dolfinx.command.main"]
+
+
+POINT = {"travel": 0.5, "lowered": 0.1}
+
+
+AT = ["--at", "travel=0.5,lowered=0.1"]
+
+
+TRAIN = ["train", DEMO, "--sobol", "12"]
+
+
+def invoke(*words):
+    """A command in this process: its exit code, and all that it said."""
+    result = CliRunner().invoke(command, [str(word) for word in words], prog_name="hhr")
+    assert result.exception is None or isinstance(result.exception, SystemExit), result.exc_info
+    assert "Traceback" not in result.output
+    return result.exit_code, result.output
+
+
+def run(*words, cwd=None):
+    """A command in a process of its own, whose output is a pipe."""
+    words = [sys.executable, *PROGRAM, *map(str, words)]
+    found = subprocess.run(words, capture_output=True, text=True, cwd=cwd, env=ENVIRONMENT, timeout=WAIT)
+    for text in (found.stdout, found.stderr):
+        assert "\x1b" not in text and "\r" not in text and "Traceback" not in text, text
+    return found
+
+
+ENVIRONMENT = {name: value for name, value in os.environ.items() if name != "FORCE_COLOR"} | {"OMP_NUM_THREADS": "1"}

@@ -1,0 +1,33 @@
+"""A system of a user's own, in one file: bodies on an elastic foundation whose stiffness is a parameter, K + k M."""
+
+import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix
+
+from hhr_dolfinx.full_order.system import System
+
+
+class Foundation(System):
+    """K + k M with the Gram matrix M of the L2 product; ``k`` is a parameter of the scene."""
+
+    def __init__(self, *given):
+        super().__init__(*given)
+        problem = self.problem
+        self.axis = problem.parameters.names.index("k")
+        own = problem.own_stiffness
+        rows = np.repeat(np.arange(own.shape[0]), np.diff(own.indptr))
+        entries = np.asarray(csr_matrix(problem.mass)[rows, own.indices]).ravel()
+        self.mass = csr_matrix((entries, own.indices, own.indptr), shape=own.shape)
+        self.pulled = csc_matrix(self.mass @ problem.lifts).multiply(problem.free[:, None]).tocsc()
+
+    def equations(self, point, theta):
+        problem, k = self.problem, point[self.axis]
+        own = problem.own_stiffness
+        matrix = csr_matrix((own.data + k * self.mass.data, own.indices, own.indptr), shape=own.shape)
+        return problem, self.made(matrix, problem), problem.loads @ theta - k * (self.pulled @ theta)
+
+    def explicit(self, point, forces, unknown):
+        left, slack = super().explicit(point, forces, unknown)
+        acting, slopes = self.problem.amplitudes.slopes_at(point)
+        left += point[self.axis] * (self.pulled[:, acting] @ slopes)
+        left[:, self.axis] += self.mass @ unknown + self.pulled @ self.problem.amplitudes(point)
+        return left, slack
