@@ -341,7 +341,13 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
         """See :class:`AnsweringModel`; a stiffness that stays from one point to the next is the same."""
-        return lambda point: self.system.at(point).contact()
+
+        def made(point: np.ndarray) -> CondensedContact:
+            at = self.system.at(point)
+            with at.stiffness.held():  # threads at other points would factor K of each twice
+                return at.contact()
+
+        return made
 
     @property
     def sizes(self) -> tuple[int, int]:

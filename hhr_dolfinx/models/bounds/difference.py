@@ -159,12 +159,8 @@ class ExactDifference(Rebuilt):
         return DifferenceThere(self, theta, driven(self.free_slack, theta))
 
     def size(self, forces: np.ndarray) -> np.ndarray:
-        """S norms of forces, (n, m): (n,)."""
+        """S norms of forces, (..., m): (...,)."""
         return lengths(forces, forces @ self.schur)
-
-    def sizes(self, forces: np.ndarray) -> np.ndarray:
-        """The same, Euclidean norms and largest pressures: (3, n)."""
-        return np.array((self.size(forces), lengths(forces, forces), self.scale.peak(np.abs(forces))))
 
     def left_out(self, unknown: np.ndarray, exact: np.ndarray, theta: Any) -> np.ndarray:
         """Energy norms of the fields handed out less the exact ones, of γ, (n, ell), and exact forces, (n, m): (n,)."""
@@ -177,6 +173,9 @@ class ExactDifference(Rebuilt):
         if self.kept is None or not self.kept.shape[1]:
             return np.zeros(len(exact))
         rest = pressed - (pressed @ self.kept) @ self.kept.T
+        if not self.taken.shape[1]:
+            return lengths(rest, rest)
+        # S is less than what L is the factor of
         return self.size(solve_triangular(self.lower, rest.T, lower=True, trans="T").T)
 
 
@@ -253,17 +252,19 @@ class DifferenceThere(NamedTuple):
         """
         owner = self.owner
         exact, _, found = self.exact(forces)
-        size = owner.sizes(exact)
+        # products of many rows at once: each call has an overhead
+        every = np.array((exact, forces - exact, forces))
+        norms = np.array((owner.size(every), lengths(every, every), owner.scale.peak(np.abs(every))))
+        size, off, handed = np.moveaxis(norms, 1, 0)
         given, lifted = (driven(part, self.theta) for part in (owner.given, owner.lifts))
         parts = np.hypot(lengths(given, given), size[0])
         pulled = np.sum(driven(owner.cross, self.theta) * exact, axis=1)
         energy = np.sqrt(np.maximum((1 - SQUARES) * parts**2 - 2 * pulled, 0.0))
-        errors = np.array((owner.left_out(unknown, exact, self.theta), *owner.sizes(forces - exact)))
-        round_off = ROUND_OFF * np.array(
-            (energy + CANCELLED * (parts + lengths(lifted, lifted)), *(size + owner.sizes(forces)))
-        )
-        # in energy the part of forces that balances itself is measured: the rest would depend on the pins
-        size[0] = owner.size(exact - (exact @ owner.balancing) @ owner.balancing.T)
-        least = np.concatenate([[0.0], owner.least])[:, None]
-        over = np.maximum(np.array((energy, *size)) - round_off, least)
+        errors = np.vstack((owner.left_out(unknown, exact, self.theta), off))
+        round_off = ROUND_OFF * np.vstack((energy + CANCELLED * (parts + lengths(lifted, lifted)), size + handed))
+        sizes = np.vstack((energy, size))
+        if owner.taken.shape[1]:
+            # in energy the part of forces that balances itself is measured: the rest would depend on the pins
+            sizes[1] = owner.size(exact - (exact @ owner.balancing) @ owner.balancing.T)
+        over = np.maximum(sizes - round_off, np.append(0.0, owner.least)[:, None])
         return estimates_of(owner.kind, np.where(found, errors + round_off, np.inf), over)
