@@ -1,4 +1,4 @@
-"""Words that several commands take, and what they end with."""
+"""Options and parameters of several commands, and their exit codes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ with extra("study", "the command hhr"):
     import click
 
 NO_ANSWER = 1
-"""Exit code where something has no answer, or a check found mistakes."""
+"""Exit code for missing answers, or for mistakes that a check found."""
 
 
 def examples(*lines: str) -> str:
