@@ -123,14 +123,14 @@ def contact_residuals(problem: ContactProblem, displacement: np.ndarray, forces:
     """Residuals of (1.21) for a displacement, lift included, (N,), and forces, (N_lambda,), as returned to a user."""
     homogeneous = displacement - problem.lifts @ theta
     load = problem.loads @ theta
-    pushed = problem.contact.T @ forces
+    contact_load = problem.contact.T @ forces
     rows = problem.spread
-    residual = problem.own_stiffness @ homogeneous + rows.of(pushed - load)
+    residual = problem.own_stiffness @ homogeneous + rows.of(contact_load - load)
     if problem.resting is not None:  # the moment of facets of round surfaces is distributed over the body
         resting = rows.of(problem.resting)
         residual = residual - resting @ rows.sum(resting.T @ residual)
     # K lift, the reaction to imposed displacements, is far larger than the forces on a body
-    scale = max(norm(problem.external @ theta), norm(pushed)) or norm(load)
+    scale = max(norm(problem.external @ theta), norm(contact_load)) or norm(load)
     left = residual * rows.of(problem.free)
     equilibrium = float(np.sqrt(rows.sum(left @ left))) / scale if scale > 0 else 0.0
     return Residuals(equilibrium, *slack_residuals(problem, homogeneous, forces, theta))
@@ -155,8 +155,8 @@ def slack_residuals(problem: ContactProblem, homogeneous: np.ndarray, forces: np
 
 def mass_norm(problem: ContactProblem, field: np.ndarray) -> float:
     """L2 norm of a field, (N,), whose values are all on each of the ranks that share the Gram matrix by rows."""
-    moved = problem.node_mass @ field.reshape(-1, problem.block_size)  # components do not meet
-    square = problem.spread.sum(problem.spread.of(field) @ moved.ravel())
+    mass_times = problem.node_mass @ field.reshape(-1, problem.block_size)  # components do not meet
+    square = problem.spread.sum(problem.spread.of(field) @ mass_times.ravel())
     return float(np.sqrt(max(square, 0.0)))
 
 

@@ -188,5 +188,5 @@ def largest_motion(full: Any, training: Solutions) -> float:
     """Largest gap or relative motion of contact surfaces in training."""
     problem = full.problem
     gaps = problem.amplitudes.sum_columns(problem.gaps, training.points)
-    motion = problem.moved(training.displacements)
+    motion = problem.contact_rows_times(training.displacements)
     return max(float(np.abs(gaps).max()), float(np.abs(motion).max()))

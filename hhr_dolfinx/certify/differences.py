@@ -52,27 +52,31 @@ def exact_arrays(full: Any, forces: np.ndarray | None) -> tuple[np.ndarray, dict
     problem = full.problem
     check_hypotheses(full, floating=True)
     if problem.varies:
-        raise BoundError("the stiffness depends on parameters, and the exact answer takes an S of its own")
+        raise BoundError("the stiffness depends on parameters, and so does the S of the exact answer")
     schur = (full.schur + full.schur.T) / 2
     terms = full.per_load.shape[1]
     held = problem.rigid is None
-    taken = np.zeros((len(schur), 0)) if held else np.ascontiguousarray(full.system.kernel.taken)
+    contact_of_motions = (
+        np.zeros((len(schur), 0)) if held else np.ascontiguousarray(full.system.kernel.contact_of_motions)
+    )
     least = least_sizes(problem, schur, forces)
     if forces is not None:  # energies are those of the self-balancing part of forces
-        along = np.linalg.qr(taken)[0]
+        along = np.linalg.qr(contact_of_motions)[0]
         least[0] = least_sizes(problem, schur, forces - along @ (along.T @ forces))[0]
     rows = problem.spread
     lifts = rows.of(problem.lifts.tocsr()).toarray()
     given = full.per_load + lifts
     values, ways = linalg.eigh(rows.sum(given.T @ (problem.stiffness_of_rows @ given)))
     # K^-1 K u0 is K^-1 loads, plus the part of lifts on imposed dofs that K^-1 does not contain
-    cross = problem.moved(full.per_load)
+    cross = problem.contact_rows_times(full.per_load)
     lifted = np.flatnonzero(rows.sum(np.abs(lifts).sum(axis=0)))
-    cross[:, lifted] += problem.moved(full.stiffness.columns(csc_matrix(problem.stiffness_of_rows @ lifts[:, lifted])))
-    return factor_of(definite(schur, taken)), {
-        "free_slack": np.asfortranarray(problem.gaps - problem.moved(full.per_load)),
+    cross[:, lifted] += problem.contact_rows_times(
+        full.stiffness.columns(csc_matrix(problem.stiffness_of_rows @ lifts[:, lifted]))
+    )
+    return factor_of(definite(schur, contact_of_motions)), {
+        "free_slack": np.asfortranarray(problem.gaps - problem.contact_rows_times(full.per_load)),
         "schur": schur,
-        "taken": taken,
+        "taken": contact_of_motions,
         "driving": np.zeros((0, terms)) if held else np.asfortranarray(full.system.kernel.loads),
         "given": np.asfortranarray(np.sqrt(np.maximum(values, 0.0))[:, None] * ways.T),
         "cross": np.asfortranarray(cross),
@@ -129,7 +133,7 @@ def unit_energy(full: Any, lower: np.ndarray, basis: np.ndarray) -> tuple[np.nda
     sizes = energies(problem, rest)
     along = np.zeros((len(lower), rest.shape[1]))
     for _ in range(2):
-        more = solve_triangular(lower, problem.moved(rest), lower=True)
+        more = solve_triangular(lower, problem.contact_rows_times(rest), lower=True)
         along += more
         rest = rest - full.stiffness.response_to_forces(solve_triangular(lower, more, lower=True, trans="T"))
     ell = basis.shape[1]
@@ -153,19 +157,19 @@ def energy_coordinates(problem: ContactProblem, columns: np.ndarray, least: np.n
     ``least`` is the energy norm up to which the remainder of each column is round-off, (k,).
     """
     total = problem.spread.sum
-    directions, pushed = (np.empty(columns.shape, order="F") for _ in range(2))
+    directions, images = (np.empty(columns.shape, order="F") for _ in range(2))
     coordinates = np.zeros((columns.shape[1],) * 2, order="F")
     rank = 0
     for k, left in enumerate(columns.T):
         for _ in range(2):
-            along = total(pushed[:, :rank].T @ left)
+            along = total(images[:, :rank].T @ left)
             coordinates[:rank, k] += along
             left = left - directions[:, :rank] @ along
-        push = problem.stiffness_of_rows @ left
-        length = float(np.sqrt(max(total(left @ push), 0.0)))
+        image = problem.stiffness_of_rows @ left
+        length = float(np.sqrt(max(total(left @ image), 0.0)))
         if length > least[k]:
             directions[:, rank] = left / length
-            pushed[:, rank] = push / length
+            images[:, rank] = image / length
             coordinates[rank, k] = length
             rank += 1
     return coordinates[:rank]

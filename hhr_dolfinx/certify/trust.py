@@ -334,14 +334,14 @@ def _warn_of_held_out(held_out: Solutions | None, flows: bool) -> None:
     """Warn of no or few validation solutions; one load path of inelastic bodies counts as many points."""
     if held_out is not None and (flows or len(held_out.points) >= FEW):
         return
-    told = (
+    warning = (
         "no solutions were kept out of training: the model is compared with its own training only, and its error "
         "elsewhere is unknown"
         if held_out is None
         else f"only {len(held_out.points)} solutions were kept out of training: errors between them are hardly known"
     )
     advice = f"Give {'a history' if flows else f'at least {FEW}'} as held_out, as train does"
-    warn(f"{told}. {advice}", UncheckedWarning, stacklevel=4)
+    warn(f"{warning}. {advice}", UncheckedWarning, stacklevel=4)
 
 
 def warn_of_gaps_in_training(points: np.ndarray) -> None:

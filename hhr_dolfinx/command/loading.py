@@ -51,8 +51,10 @@ def scene_of(name: str) -> Scene:
 
     found = find("scenes", name)
     if inspect.isfunction(found):
-        asked = inspect.signature(found).parameters.values()
-        needed = [item.name for item in asked if item.default is item.empty and item.kind is item.POSITIONAL_OR_KEYWORD]
+        arguments = inspect.signature(found).parameters.values()
+        needed = [
+            item.name for item in arguments if item.default is item.empty and item.kind is item.POSITIONAL_OR_KEYWORD
+        ]
         if needed:
             raise SceneError(f"{name}: the function needs {', '.join(needed)}; give them defaults, or name another one")
         found = found()

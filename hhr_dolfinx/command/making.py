@@ -78,12 +78,12 @@ def train(
     else:
         settings = _settings_of(scene)
         held_out = None if settings is None else settings.held_out
-        asked = _training_of(how, settings)
+        sampling = _training_of(how, settings)
         if part is not None:
-            _solve_part(console, made, asked, part, folder / "snapshots", held_out=held_out, progress=progress)
+            _solve_part(console, made, sampling, part, folder / "snapshots", held_out=held_out, progress=progress)
             return
         training = trained(
-            made, asked, held_out=held_out, folder=folder / "snapshots", progress=progress, together=together
+            made, sampling, held_out=held_out, folder=folder / "snapshots", progress=progress, together=together
         )
         full = training.full_order
         if MPI.COMM_WORLD.rank and full.comm.size == 1:
@@ -181,8 +181,8 @@ def _training_of(how: dict[str, Any], settings: Any) -> Any:
     from hhr_dolfinx.sampling import Sobol
 
     chosen = {name: registry.load(place) for name, place in registry.named("trainings").items()}
-    asked = [name for name, way in chosen.items() if any(how[option] is not None for option in way.names)]
-    given = [name for name in ("grid", "sobol") if how[name] is not None] + asked
+    others = [name for name, way in chosen.items() if any(how[option] is not None for option in way.names)]
+    given = [name for name in ("grid", "sobol") if how[name] is not None] + others
     if len(given) > 1:
         raise click.UsageError(f"give one of {', '.join(f'--{name}' for name in ('grid', 'sobol', *chosen))}")
     if given == ["grid"]:
@@ -190,8 +190,8 @@ def _training_of(how: dict[str, Any], settings: Any) -> Any:
             return [int(word) for word in how["grid"].split(",")]
         except ValueError:
             raise click.UsageError(f"--grid {how['grid']} must be counts, as 16,16") from None
-    if asked:
-        return chosen[asked[0]].training(how)
+    if others:
+        return chosen[others[0]].training(how)
     if given == ["sobol"]:
         return Sobol(how["sobol"])
     return Sobol(64) if settings is None else settings.training

@@ -25,7 +25,9 @@ OUT = click.option(
 )
 AT = click.option("--at", "words", multiple=True, help="value of a parameter, name=value; once for each")
 
-KNOWN = click.option("--known", multiple=True, help="class of your own in the model, law.py:Voce; once for each [none]")
+KNOWN = click.option(
+    "--known", multiple=True, help="user-defined class of the model, law.py:Voce; once for each [none]"
+)
 
 
 class Part(click.ParamType):

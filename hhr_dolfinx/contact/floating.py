@@ -57,16 +57,16 @@ class FloatingEqualities:
         contact_of_motions: G = B R, effect of the motions on the contact rows, (m, r).
     """
 
-    def __init__(self, schur: np.ndarray, taken: np.ndarray):
+    def __init__(self, schur: np.ndarray, contact_of_motions: np.ndarray):
         self.schur = schur
-        self.taken = taken
-        count = taken.shape[1]
+        self.contact_of_motions = contact_of_motions
+        count = contact_of_motions.shape[1]
         # each motion in a unit that makes its column as large as those of S: rotations of a nearly round body have
         # little effect
         self._size = float(np.abs(np.diag(schur)).mean() or 1.0)
-        largest = np.abs(taken).max(axis=0, initial=0.0)
+        largest = np.abs(contact_of_motions).max(axis=0, initial=0.0)
         self._units = self._size / np.where(largest > 0, largest, 1.0)
-        scaled = taken * self._units
+        scaled = contact_of_motions * self._units
         self._whole = np.block([[schur, -scaled], [scaled.T, np.zeros((count, count))]])
         self._equalities = SchurEqualities.of(self._whole, LapackLU)
 
@@ -95,9 +95,9 @@ class FloatingEqualities:
 
     def left_open(self, bearing: np.ndarray) -> np.ndarray:
         """Orthonormal motions without effect on some conditions, (r, d)."""
-        rows = self.taken[bearing] * self._units
+        rows = self.contact_of_motions[bearing] * self._units
         if not rows.shape[0]:
-            return np.eye(self.taken.shape[1])
+            return np.eye(self.contact_of_motions.shape[1])
         # all columns of G are as large as S here; a zero column is a motion without effect on any condition
         ways = null_space(np.vstack([rows, np.zeros((rows.shape[1],) * 2)]), rcond=SINGULAR)
         return np.linalg.qr(self._units[:, None] * ways)[0]
@@ -109,18 +109,22 @@ class FloatingEqualities:
         those along a motion of a heavier body.
         """
         units = self._units
-        left = units * np.abs(driving - forces @ self.taken)
-        sizes = units * (np.abs(driving) + np.abs(forces) @ np.abs(self.taken))
+        left = units * np.abs(driving - forces @ self.contact_of_motions)
+        sizes = units * (np.abs(driving) + np.abs(forces) @ np.abs(self.contact_of_motions))
         return left <= SINGULAR * sizes + ROUND_OFF * sizes.max(initial=0.0) + units * nothing
 
     @cached_property
     def springs(self) -> tuple[tuple[np.ndarray, SchurEqualities], ...]:
         """Compliances of springs along each motion, 1 / k, (r,), and equality problems of bodies on them."""
-        push = (self.taken**2).mean(axis=0)
+        push = (self.contact_of_motions**2).mean(axis=0)
         unit = self._size / np.where(push > 0, push, 1.0)
         every = (unit * weak for weak in WEAKNESS)
         return tuple(
-            (one, SchurEqualities.of(self.schur + (self.taken * one) @ self.taken.T, LapackLU)) for one in every
+            (
+                one,
+                SchurEqualities.of(self.schur + (self.contact_of_motions * one) @ self.contact_of_motions.T, LapackLU),
+            )
+            for one in every
         )
 
     def several(self, active: np.ndarray, free_slacks: np.ndarray, drivings: np.ndarray) -> tuple[np.ndarray, ...]:
@@ -153,7 +157,7 @@ class OpenMotions(NamedTuple):
 
 
 def open_motions(
-    equalities: FloatingEqualities, forces: np.ndarray, free_slack: np.ndarray, slack: np.ndarray, moved: np.ndarray
+    equalities: FloatingEqualities, forces: np.ndarray, free_slack: np.ndarray, slack: np.ndarray, motions: np.ndarray
 ) -> OpenMotions | None:
     """Motions that no bearing condition resists; None if the forces determine all of them.
 
@@ -168,10 +172,10 @@ def open_motions(
     ways = equalities.left_open(bearing)
     if not ways.shape[1]:
         return None
-    rows = equalities.taken[~bearing] @ ways
-    change = _nearest(rows, np.maximum(slack[~bearing], 0.0), -ways.T @ moved)
+    rows = equalities.contact_of_motions[~bearing] @ ways
+    change = _nearest(rows, np.maximum(slack[~bearing], 0.0), -ways.T @ motions)
     shift = ways @ change
-    opening = -equalities.taken @ shift
+    opening = -equalities.contact_of_motions @ shift
     return OpenMotions(ways, shift, ~bearing & (opening > BEARING * np.abs(opening).max(initial=0.0)))
 
 
@@ -217,7 +221,7 @@ def floating_set(
     direct = _direct(equalities, free_slack, driving, start, pairs)
     if direct is not None:
         return direct
-    taken = equalities.taken
+    contact_of_motions = equalities.contact_of_motions
     # forces that only close round-off of the gaps: without loads there are no other forces to compare with
     nothing = NOTHING * np.abs(free_slack).max() / (np.abs(np.diag(equalities.schur)).mean() or 1.0)
     ends = np.zeros(driving.size)
@@ -225,14 +229,14 @@ def floating_set(
     active = start
     for compliance, sprung in (spring for spring in equalities.springs for _ in range(MOST_STEPS)):
         offset = ends + compliance * driving
-        found = active_set(sprung, free_slack - taken @ offset, active, pairs=pairs)
+        found = active_set(sprung, free_slack - contact_of_motions @ offset, active, pairs=pairs)
         spent += found.iterations
         if found.status is not Status.CONVERGED:
             return found._replace(iterations=spent, cycled=True), ends
-        left = driving - found.forces @ taken
+        left = driving - found.forces @ contact_of_motions
         ends = ends + compliance * left
         active = found.active
-        largest = (np.abs(driving) + found.forces @ np.abs(taken)).max()
+        largest = (np.abs(driving) + found.forces @ np.abs(contact_of_motions)).max()
         close = np.abs(left) <= BALANCED * largest + nothing
         if (close & equalities.balanced(found.forces, driving, nothing)).all():
             return found._replace(iterations=spent, cycled=True), ends

@@ -268,15 +268,15 @@ class SlipState(NamedTuple):
         Tangential slack is the slip of the increment. Bounds and pressures are averaged over the increment, which is
         exact for proportional growth; a contact that opens has slipped half of the increment while closed.
         """
-        moved = slack[friction.tangential]
+        slip = slack[friction.tangential]
         count = friction.normal.size
         pressure = np.maximum(forces[friction.normal], 0.0)
-        slipped = friction.slid(moved)
+        slipped = friction.slid(slip)
         closed = 0.5 * ((self.pressure > 0).astype(float) + (pressure > 0))
         mean = 0.5 * (self.pressure + pressure)
         stress = np.divide(mean, friction.area, out=np.zeros(count), where=friction.area > 0)
         work = 0.5 * (self.bound + bound) * slipped
         return SlipState(
-            self.position + moved, self.path + slipped * closed, self.work + work, self.wear + stress * slipped,
+            self.position + slip, self.path + slipped * closed, self.work + work, self.wear + stress * slipped,
             pressure, bound, friction.statuses(active),
         )  # fmt: skip

@@ -397,7 +397,7 @@ class ContactProblem:
         """K for products with tables of which each rank has local rows, (own, k)."""
         return self.own_stiffness if self.spread.comm is None else MatrixOfRows(self.own_stiffness, self.spread)
 
-    def moved(self, table: np.ndarray) -> np.ndarray:
+    def contact_rows_times(self, table: np.ndarray) -> np.ndarray:
         """B V, the product of B and a table V of local rows of fields, (N_lambda, k) on all ranks."""
         return self.spread.sum(self.contact_of_rows @ table)
 

@@ -148,11 +148,11 @@ class SlidingContact:
         contact_of_motions: G = B R of rigid motions that only contact holds, (M, r); None without such motions.
     """
 
-    def __init__(self, schur: np.ndarray, friction: Friction, taken: np.ndarray | None = None):
+    def __init__(self, schur: np.ndarray, friction: Friction, contact_of_motions: np.ndarray | None = None):
         self.given = schur
         self.schur = schur = _softened(schur, friction)
         self.friction = friction
-        self.taken = np.zeros((len(schur), 0)) if taken is None else taken
+        self.contact_of_motions = np.zeros((len(schur), 0)) if contact_of_motions is None else contact_of_motions
         rows = friction.tangential
         owner = friction.owner
         self._rows = rows
@@ -167,8 +167,8 @@ class SlidingContact:
         typical = softness[softness > 0].mean() if (softness > 0).any() else 1.0
         self.stiffness = 1.0 / np.where(softness > 0, softness, typical)
         unit = self.stiffness[:, None]
-        balance = np.ascontiguousarray(self.taken.T)
-        scaled = np.hstack([schur, -self.taken]) * unit
+        balance = np.ascontiguousarray(self.contact_of_motions.T)
+        scaled = np.hstack([schur, -self.contact_of_motions]) * unit
         self._problem = Rows(scaled, balance, rows, self._normal, self._curved)
         self._nowhere = np.zeros(rows.size, dtype=bool)
         self._systems = SlidingSystems(self._problem)
@@ -184,7 +184,7 @@ class SlidingContact:
         """
         if not (np.isfinite(given.slack).all() and np.isfinite(given.driving).all()):
             return self._failed(given, start, Status.NOT_FINITE)
-        motions = np.zeros(self.taken.shape[1])
+        motions = np.zeros(self.contact_of_motions.shape[1])
         own = self._prepared(given)
         if active is not None and not motions.size:
             with suppress(SingularError):
@@ -240,7 +240,7 @@ class SlidingContact:
         before = np.inf
         status = Status.UNSETTLED
         for iteration in range(NEWTON + 1):
-            slack = given.slack + self.schur @ forces - self.taken @ motions
+            slack = given.slack + self.schur @ forces - self.contact_of_motions @ motions
             at = self._projected(given, forces, slack, probe)
             worst = np.abs(at.off).max(initial=0.0)
             balanced = self._balanced(given, forces)
@@ -300,9 +300,9 @@ class SlidingContact:
         """Rows about to change their status, for which derivatives are one-sided, (M,) bool."""
         near = GRAZING * np.abs(found.forces).max(initial=0.0)
         at = self._projected(self._prepared(given), found.forces, found.slack, PROBES[0])
-        moved = self.stiffness * np.abs(found.slack)
-        close = np.where(found.active, np.abs(found.forces) <= near, moved <= near)
-        size, slip = (self._length(values[self._rows]) for values in (found.forces, moved))
+        scaled = self.stiffness * np.abs(found.slack)
+        close = np.where(found.active, np.abs(found.forces) <= near, scaled <= near)
+        size, slip = (self._length(values[self._rows]) for values in (found.forces, scaled))
         tangential = np.where(at.statuses.slips, slip <= near, size >= at.bound - near)
         close[self._rows] = tangential & at.statuses.acting[self._normal]
         return close
@@ -313,13 +313,13 @@ class SlidingContact:
         projected = np.maximum(y, 0.0)
         acting = y > 0
         bound, limited = self._bound(given, projected)
-        pushed = y[self._rows]
+        trial = y[self._rows]
         if self._turns:
-            projected[self._rows] = pushed * _share(bound, self._length(pushed))
+            projected[self._rows] = trial * _share(bound, self._length(trial))
         else:
-            projected[self._rows] = np.minimum(np.maximum(pushed, -bound), bound)
+            projected[self._rows] = np.minimum(np.maximum(trial, -bound), bound)
         own = forces[self._rows]
-        tangential = own + probe * (pushed - own)
+        tangential = own + probe * (trial - own)
         size = self._length(tangential)
         bears = acting[self._normal] if given.plain else (bound > 0) | acting[self._normal]
         acting[self._rows] = bears
@@ -355,8 +355,8 @@ class SlidingContact:
         """True if forces balance the loads along rigid motions."""
         if not given.driving.size:
             return True
-        left = np.abs(given.driving - forces @ self.taken)
-        size = np.abs(given.driving) + np.abs(forces) @ np.abs(self.taken)
+        left = np.abs(given.driving - forces @ self.contact_of_motions)
+        size = np.abs(given.driving) + np.abs(forces) @ np.abs(self.contact_of_motions)
         return bool((left <= 1e-10 * size.max()).all())
 
     def _solved(self, given: _Given, at: _Iterate, near: np.ndarray | None = None) -> np.ndarray:
@@ -427,7 +427,9 @@ class SlidingContact:
     def _failed(self, given: Increment, start: np.ndarray, status: Status) -> Sliding:
         none = np.zeros(len(start), dtype=bool)
         nothing = np.zeros(0, dtype=np.int64)
-        return Sliding(np.zeros(len(start)), none, given.slack, np.zeros(self.taken.shape[1]), 0, 0, status, nothing)
+        return Sliding(
+            np.zeros(len(start)), none, given.slack, np.zeros(self.contact_of_motions.shape[1]), 0, 0, status, nothing
+        )
 
     def _by_sweeps(self, given: Increment, own: _Given, found: Sliding) -> Sliding:
         """Sweeps over single contacts, and Newton's method from their result."""
@@ -448,11 +450,15 @@ class SlidingContact:
     @cached_property
     def _sprung(self) -> tuple[tuple[np.ndarray, SlidingContact], ...]:
         """Compliances of springs that hold the bodies, (r,), and the contact problems with these springs."""
-        push = (self.taken**2).mean(axis=0)
+        push = (self.contact_of_motions**2).mean(axis=0)
         unit = np.abs(np.diag(self.schur)).mean() / np.where(push > 0, push, 1.0)
         every = (unit * weak for weak in WEAKNESS)
         return tuple(
-            (one, SlidingContact(self.schur + (self.taken * one) @ self.taken.T, self.friction)) for one in every
+            (
+                one,
+                SlidingContact(self.schur + (self.contact_of_motions * one) @ self.contact_of_motions.T, self.friction),
+            )
+            for one in every
         )
 
     def _by_springs(self, given: Increment, own: _Given, failed: Sliding) -> Sliding:
@@ -464,18 +470,18 @@ class SlidingContact:
         nothing = NOTHING * np.abs(given.slack).max() * self.stiffness.max()
         for compliance, sprung in (spring for spring in self._sprung for _ in range(MOST_STEPS)):
             offset = ends + compliance * given.driving
-            held = given._replace(slack=given.slack - self.taken @ offset, driving=given.driving[:0])
+            held = given._replace(slack=given.slack - self.contact_of_motions @ offset, driving=given.driving[:0])
             found = sprung.increment(held, forces)
             iterations += found.iterations
             sweeps += found.sweeps
             if found.status is not Status.CONVERGED:
                 return found._replace(motions=ends, iterations=iterations, sweeps=sweeps)
             forces = found.forces
-            left = given.driving - forces @ self.taken
+            left = given.driving - forces @ self.contact_of_motions
             ends = ends + compliance * left
             direct = self._tried(own, forces, ends)
             iterations += direct.iterations
-            largest = (np.abs(given.driving) + np.abs(forces) @ np.abs(self.taken)).max()
+            largest = (np.abs(given.driving) + np.abs(forces) @ np.abs(self.contact_of_motions)).max()
             if direct.status is Status.CONVERGED:
                 return direct._replace(iterations=iterations, sweeps=sweeps)
             if (np.abs(left) <= BALANCED * largest + nothing).all():

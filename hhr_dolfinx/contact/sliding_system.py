@@ -331,9 +331,9 @@ class SlidingSystems:
         own = codes[chosen]
         found = unknowns[:, chosen].T
         scaled = rows.scaled if chosen.size == codes.size else rows.scaled[chosen]
-        moved = scaled @ unknowns.T
+        slack = scaled @ unknowns.T
         held = own == HELD
-        found[held] = moved[held]
+        found[held] = slack[held]
         slips = own >= UP
         if slips.any():
             place = self._place[chosen[slips]]
@@ -345,7 +345,7 @@ class SlidingSystems:
             turns = turns[np.argsort(place)]
             place.sort()
             direction = at.direction[place].reshape(-1, 2, 1)
-            y = (found[turns] - at.measure * moved[turns]).reshape(len(direction), 2, -1)
+            y = (found[turns] - at.measure * slack[turns]).reshape(len(direction), 2, -1)
             y -= direction * (direction * y).sum(axis=1, keepdims=True)
             y *= at.shrunk[place].reshape(-1, 2, 1)
             share = (at.followed[place] * at.direction[place])[:, None]

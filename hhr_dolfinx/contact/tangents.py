@@ -66,7 +66,7 @@ def with_tangents(
     matrix = csr_matrix(turns @ matrix)
     matrix = csr_matrix(matrix - diags(driven.astype(float)) @ matrix @ diags(free.astype(float)))
     tangents = turns @ tangents.reshape(-1, dim)
-    behind = ContactRows(matrix, np.zeros(owner.size), own.slaves[owner], own.points[owner], own.areas[owner])
+    added = ContactRows(matrix, np.zeros(owner.size), own.slaves[owner], own.points[owner], own.areas[owner])
     held = csr_matrix(rows.matrix.multiply(free.astype(float)))
     moving = csr_matrix(matrix.multiply(free.astype(float)))
     moving.eliminate_zeros()
@@ -76,7 +76,7 @@ def with_tangents(
         normal, own.areas, _spacing(own, pairs[normal], normals, mesh), np.searchsorted(numbers, pairs[normal]),
         len(pairs) + np.arange(owner.size), owner, tangents, tuple(laws.values()), fixed, shaped, len(pairs) + twice,
     )  # fmt: skip
-    return joined([rows, behind]), np.concatenate([pairs, pairs[normal][owner]]), friction
+    return joined([rows, added]), np.concatenate([pairs, pairs[normal][owner]]), friction
 
 
 def _spacing(rows: ContactRows, pairs: np.ndarray, normals: np.ndarray, mesh: Mesh) -> np.ndarray:

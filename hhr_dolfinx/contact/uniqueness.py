@@ -35,10 +35,10 @@ def coupling(schur: np.ndarray, friction: Friction, coefficient: np.ndarray) -> 
     """
     if np.abs(schur - schur.T).max() > SYMMETRIC * np.abs(schur).max():
         return np.nan
-    rubs = np.isfinite(coefficient) & (coefficient > 0)
+    frictional = np.isfinite(coefficient) & (coefficient > 0)
     # rows without effect on unknowns do not move anything, and their forces follow from all others
     acts = np.diag(schur) > 0
-    kept = rubs[friction.owner] & acts[friction.tangential]
+    kept = frictional[friction.owner] & acts[friction.tangential]
     if not kept.any():
         return 0.0
     rows = friction.tangential[kept]
@@ -56,9 +56,9 @@ def coupling(schur: np.ndarray, friction: Friction, coefficient: np.ndarray) -> 
     largest = np.zeros(own.size)
     np.maximum.at(largest, place, np.diag(tangential))
     weights = (largest / np.diag(inverse)) ** 0.25
-    pushed = np.linalg.eigvalsh(inverse * np.outer(weights, weights))[-1]
-    slid = np.linalg.eigvalsh(tangential / np.outer(weights[place], weights[place]))[-1]
-    return math.sqrt(float(pushed) * float(slid))
+    largest_normal = np.linalg.eigvalsh(inverse * np.outer(weights, weights))[-1]
+    largest_tangential = np.linalg.eigvalsh(tangential / np.outer(weights[place], weights[place]))[-1]
+    return math.sqrt(float(largest_normal) * float(largest_tangential))
 
 
 def residual(schur: np.ndarray, friction: Friction, given: Increment, forces: np.ndarray) -> np.ndarray:

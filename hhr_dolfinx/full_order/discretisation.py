@@ -102,9 +102,9 @@ class Discretisation(DiscreteSpace):
     def contact_problem(self, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()) -> ContactProblem:
         """Assemble (1.21) with local rows of the parts of K, (own dofs, N); only large matrices are distributed."""
         scene = self.scene
-        moved, free = self._displacements()
+        imposed, free = self._displacements()
         terms = self.load_terms()
-        straight, curved = parted(moved)
+        straight, curved = parted(imposed)
         opened = [item.amplitude for item in scene.openings]
         given = [term.amplitude for term in straight], opened, [term.amplitude for term in (*terms, *curved)]
         limits = tuple(limit for body in scene.bodies for limit in body.limits(scene.parameters.names))

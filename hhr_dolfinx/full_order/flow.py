@@ -125,7 +125,7 @@ class FullEquilibrium:
             self.eigenstrains = at_gauss_points(gauss.discretisation, problem, self.operator)
         self._set_elasticity(gauss.material.moduli_at(problem.middle), problem.own_stiffness)
         self.elastic = _SparseLinearisation(
-            problem, self._pairs, full.stiffness, full.equalities, self._pushed, self._unchanged.tangents
+            problem, self._pairs, full.stiffness, full.equalities, self._response_to_forces, self._unchanged.tangents
         )
         self.material = gauss.material
         self.young = tuple(modulus.factor for modulus in gauss.moduli)
@@ -160,7 +160,7 @@ class FullEquilibrium:
         found.eigenstrains = csc_matrix(self.eigenstrains.tocsr()[rows])
         material = self.material.between(points.points)
         found._set_elasticity(material.moduli_at(self.problem.middle), self.problem.own_stiffness)
-        found.elastic = replace(self.elastic, push=found._pushed, moduli=found._unchanged.tangents)
+        found.elastic = replace(self.elastic, push=found._response_to_forces, moduli=found._unchanged.tangents)
         found.material = material
         found._middle = found
         found._last = None
@@ -206,14 +206,14 @@ class FullEquilibrium:
             return self._lazy(matrix, full.store, moduli)
         scaled = full.system.stiffness(point)
         given = self.problem, self._pairs, scaled, scaled.equalities
-        return _SparseLinearisation(*given, lambda forces: self._pushed(forces) / scaled.own, moduli)
+        return _SparseLinearisation(*given, lambda forces: self._response_to_forces(forces) / scaled.own, moduli)
 
     def _lazy(self, matrix: csr_matrix, store: FactorStore, moduli: np.ndarray) -> _SparseLinearisation:
         """The linearisation of a matrix whose columns of K^-1 B^T are solved for when conditions become active."""
         lazy = LazyStiffness(matrix, self.problem, store)
         return _SparseLinearisation(self.problem, self._pairs, lazy, lazy.equalities, lazy.response_to_forces, moduli)
 
-    def _pushed(self, forces: np.ndarray) -> np.ndarray:
+    def _response_to_forces(self, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T λ in the middle of the box, by the columns of loaded conditions: few of a contact in space.
 
         Columns are added one by one: a copy of hundreds of them takes longer.

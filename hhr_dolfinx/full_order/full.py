@@ -145,9 +145,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
         # used for whole load paths
         anew = self.system.anew and all(body.law is None for body in self.scene.bodies)
         # only S is needed if it is used once for each query, or if columns are not kept
-        asked = np.unique(problem.contact.indices) if anew or not self.keeps_columns else None
+        last = np.unique(problem.contact.indices) if anew or not self.keeps_columns else None
         ordering = "mumps" if anew else "qmd"
-        self.store = FactorStore(lambda matrix: self.factors_of(matrix, ordering, asked, anew=anew))
+        self.store = FactorStore(lambda matrix: self.factors_of(matrix, ordering, last, anew=anew))
         with self.store.of(problem.own_stiffness) as factors:
             check_regular(problem, lambda rhs: self.spread.whole(factors.solve(rhs)), self.scene.name)
         self.stiffness = self._middle()
@@ -233,7 +233,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         own = csr_matrix(rows)[:, self.problem.rows]
         if self.stiffness.has_response:
             return self.spread.sum(own @ self.stiffness.response)
-        return self.problem.moved(self.stiffness.columns(csc_matrix(own.T))).T
+        return self.problem.contact_rows_times(self.stiffness.columns(csc_matrix(own.T))).T
 
     @cached_property
     def per_load(self) -> np.ndarray:
@@ -396,7 +396,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     @property
     def full(self) -> FullOrderModel:
-        """Itself, of its own answers; see :class:`~hhr_dolfinx.models.answer.ModelFields`."""
+        """The model itself; see :class:`~hhr_dolfinx.models.answer.ModelFields`."""
         return self
 
     def areas(self, mu: Any) -> np.ndarray:

@@ -255,7 +255,7 @@ def at_gauss_points(discretisation: DiscreteSpace, problem: ContactProblem, oper
     strained = [load for load in loads if hasattr(load, "eigenstrain_of")]
     if sorted(map(id, seen)) != sorted(map(id, strained)):
         raise SceneError(
-            f"of the loads {strained} each is a strain of one body that flows or lies beside one, and must have the "
+            f"of the loads {strained} each is a strain of one inelastic body or one beside it, and must have the "
             "one term that its assembler's eigenstress gives"
         )
     blocks.append(csc_matrix((points, terms - sum(widths) - first)))

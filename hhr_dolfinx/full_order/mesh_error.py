@@ -63,7 +63,7 @@ def mesh_error(full: FullOrderModel, answer: Answer) -> MeshError:
     if full.comm.size > 1 or full.equilibrium is not None or any(body.stress is not None for body in scene.bodies):
         raise NotOfferedError(
             "the error of the mesh is estimated for elastic bodies, on one rank: give a model on MPI.COMM_SELF, of a "
-            "scene without laws of its own"
+            "scene without user-defined laws"
         )
     point = answer.parameter
     if len(answer.displacement()) != full.problem.free.size or len(answer.forces()) != full.conditions:

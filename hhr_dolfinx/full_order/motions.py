@@ -70,7 +70,7 @@ def free_bodies(
         free: dofs that are not imposed, (N,) bool.
     """
     count, dim = points.shape
-    part = hanging_together(count, cell_nodes)
+    part = components_of_nodes(count, cell_nodes)
     imposed = ~free.reshape(count, dim)
     found = []
     for number in np.unique(part[cell_nodes[:, 0]]):
@@ -87,7 +87,7 @@ def free_bodies(
     return found
 
 
-def hanging_together(count: int, cell_nodes: np.ndarray) -> np.ndarray:
+def components_of_nodes(count: int, cell_nodes: np.ndarray) -> np.ndarray:
     """Connected component of each of so many nodes, by cells, (cells, n): (nodes,)."""
     starts = np.repeat(cell_nodes[:, :1], cell_nodes.shape[1], axis=1)
     graph = csr_matrix((np.ones(cell_nodes.size), (starts.ravel(), cell_nodes.ravel())), shape=(count, count))
@@ -279,7 +279,7 @@ def rigid_lifts(
     """
     if scene.shapes or any(body.law is not None for body in scene.bodies):
         return lifts
-    part = hanging_together(len(points), cell_nodes)
+    part = components_of_nodes(len(points), cell_nodes)
     found = [lifts[:, [term]] for term in range(lifts.shape[1])]
     imposed = ~free.reshape(points.shape)
     for term in np.flatnonzero(np.diff(lifts.indptr)):
@@ -291,10 +291,10 @@ def rigid_lifts(
             held = imposed[nodes]
             wanted = values[nodes]
             ways = np.linalg.lstsq(motions[:, held].T, wanted[held], rcond=ALIKE)[0]
-            moved = np.tensordot(ways, motions, 1)
-            if np.abs(moved - wanted)[held].max() > ALIKE * np.abs(wanted).max():
+            rigid = np.tensordot(ways, motions, 1)
+            if np.abs(rigid - wanted)[held].max() > ALIKE * np.abs(wanted).max():
                 continue
-            moved[held] = wanted[held]
-            moving[nodes] = np.where(np.abs(moved) > ALIKE * np.abs(moved).max(), moved, 0.0)
+            rigid[held] = wanted[held]
+            moving[nodes] = np.where(np.abs(rigid) > ALIKE * np.abs(rigid).max(), rigid, 0.0)
         found[term] = csc_matrix(moving.reshape(-1, 1))
     return csc_matrix(hstack(found))

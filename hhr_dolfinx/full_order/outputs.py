@@ -322,11 +322,11 @@ def moving_cells(discretisation: DiscreteSpace, cells: np.ndarray, *, mean_dilat
     of_geometry = np.full(nodes.size, -1)
     of_geometry[cells_here[:, : geometry.shape[1]]] = geometry
     moves = [np.isin(of_geometry, own) for own in reshaped.nodes]
-    given = [(shape, moved) for shape, moved in zip(scene.shapes, moves, strict=True) if moved.any()]
-    taken = slice(1, None) if mean_dilatation else slice(1, 1)
+    given = [(shape, mask) for shape, mask in zip(scene.shapes, moves, strict=True) if mask.any()]
+    selected = slice(1, None) if mean_dilatation else slice(1, 1)
     return MovingCells(
         shapes=tuple(shape for shape, _ in given),
-        moved=tuple(moved for _, moved in given),
+        moved=tuple(mask for _, mask in given),
         coordinates=coordinate_names(scene.hypothesis),
         parameters=scene.parameters.names,
         middles=reshaped.middles().among(nodes),
@@ -336,8 +336,8 @@ def moving_cells(discretisation: DiscreteSpace, cells: np.ndarray, *, mean_dilat
         values=values[0],
         slopes=slopes[0],
         weights=weights if mean_dilatation else np.zeros(0),
-        gauss_values=values[taken],
-        gauss_slopes=slopes[taken],
+        gauss_values=values[selected],
+        gauss_slopes=slopes[selected],
         axisymmetric=scene.hypothesis == "axisymmetric",
     )
 
@@ -435,14 +435,14 @@ def _energy(
     loaded = np.arange(external.shape[1]) if moving else np.flatnonzero(np.diff(external.indptr))
     lifted = np.flatnonzero(np.diff(problem.lifts.tocsc().indptr))
     lifts = problem.lifts.tocsc()[:, lifted]
-    pushed = [csc_matrix(problem.from_rows(csr_matrix(strained(part, lifts)))) for part in stiffness]
-    blocks = [external[:, loaded], *(masked(csc_matrix(part), problem.free) for part in pushed)]
+    pulled = [csc_matrix(problem.from_rows(csr_matrix(strained(part, lifts)))) for part in stiffness]
+    blocks = [external[:, loaded], *(masked(csc_matrix(part), problem.free) for part in pulled)]
     entries = hstack([csc_matrix(block) for block in blocks]).T.tocoo()
     own = (entries.tocsr() @ lifts).toarray()
     terms = np.concatenate([loaded, np.tile(lifted, len(stiffness))]).astype(np.int64)
     parts = np.concatenate([np.full(loaded.size, -1), np.repeat(np.arange(len(stiffness)), lifted.size)])
     matrix = terms.size, entries.row.astype(np.int64), entries.col.astype(np.int64), entries.data
-    squares = np.array([(lifts.T @ part).toarray() for part in pushed]).reshape(
+    squares = np.array([(lifts.T @ part).toarray() for part in pulled]).reshape(
         len(stiffness), lifted.size, lifted.size
     )
     gap_terms = loaded if moving else np.flatnonzero(problem.gaps.any(axis=0)).astype(np.int64)

@@ -58,8 +58,8 @@ class PointsOfRanks:
             found = work()
         except BaseException as error:  # after an interrupt too the other ranks would wait
             failure = error
-        told = self._comm.allgather(None if failure is None else (type(failure).__name__, str(failure)))
-        failed = [(rank, *words) for rank, words in enumerate(told) if words is not None]
+        failures = self._comm.allgather(None if failure is None else (type(failure).__name__, str(failure)))
+        failed = [(rank, *words) for rank, words in enumerate(failures) if words is not None]
         if not failed:
             return found
         rank, name, text = next((item for item in failed if item[1] != ConvergenceError.__name__), failed[0])
@@ -75,7 +75,7 @@ class PointsOfRanks:
 
     def worst(self, size: float, what: Any) -> Any:
         """See :class:`Points`."""
-        return max(self._comm.allgather((float(size), what)), key=lambda told: told[0])[1]
+        return max(self._comm.allgather((float(size), what)), key=lambda pair: pair[0])[1]
 
     def own(self, answer: Answer) -> Answer:
         """See :class:`Points`."""

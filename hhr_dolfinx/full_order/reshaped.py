@@ -68,23 +68,23 @@ class Reshaped:
     def coordinates(self, point: np.ndarray) -> np.ndarray:
         """Coordinates of the nodes of the geometry at a point, (nodes, 3)."""
         scene = self._owner.scene
-        moved = self.reference.copy()
+        coordinates = self.reference.copy()
         names = coordinate_names(scene.hypothesis)
         dim = self._owner.mesh.geometry.dim
         values = dict(zip(scene.parameters.names, point.tolist(), strict=True))
         size = np.ptp(self.reference, axis=0).max()
-        seen = np.zeros(len(moved), dtype=bool)
+        seen = np.zeros(len(coordinates), dtype=bool)
         for shape, nodes in zip(scene.shapes, self.nodes, strict=True):
             there = shape.moved(self.reference[nodes, :dim], names, values)
-            both = seen[nodes] & (np.abs(moved[nodes, :dim] - there).max(axis=1) > CLOSE * size)
+            both = seen[nodes] & (np.abs(coordinates[nodes, :dim] - there).max(axis=1) > CLOSE * size)
             if both.any():
                 raise SceneError(
                     f"the shape of body {shape.tag} tears it from its neighbour, at {self.reference[nodes][both][0]}: "
                     "two bodies that share nodes must move them alike"
                 )
-            moved[nodes, :dim] = there
+            coordinates[nodes, :dim] = there
             seen[nodes] = True
-        return moved
+        return coordinates
 
     def middles(self) -> Middles:
         """Nodes that the geometry lacks: displacements of second order on cells of first order."""
@@ -134,9 +134,9 @@ class Reshaped:
         point = self._middle.copy()
         point[list(self.axes)] = np.frombuffer(key)
         # between the checked points of the box a map may still fold
-        complaint = self._complaint(self.coordinates(point), point)
-        if complaint:
-            raise ShapeError(complaint)
+        fault = self._fault(self.coordinates(point), point)
+        if fault:
+            raise ShapeError(fault)
         with self.at(point), ignored(PairingWarning):  # the warning was shown when the model was built
             problem = self._owner.contact_problem(*self._owner.stiffness_terms())
         assert self._base is not None
@@ -153,8 +153,8 @@ class Reshaped:
                 "shape changes which surfaces face each other. Narrow the box, or tag surfaces that face in all of it"
             )
         for before, after in zip(base.amplitudes.nonaffine, problem.amplitudes.nonaffine, strict=True):
-            line, moved = (getattr(item, "positions", None) for item in (before, after))
-            if line is not None and moved is not None and not np.allclose(line, moved, rtol=1e-12):
+            line, other = (getattr(item, "positions", None) for item in (before, after))
+            if line is not None and other is not None and not np.allclose(line, other, rtol=1e-12):
                 raise ShapeError(
                     "the line of a partial pressure moves with the shape: press on a surface that does not, or on all"
                 )
@@ -169,29 +169,29 @@ class Reshaped:
             "contact_points",
             "contact_areas",
         )
-        taken = {name: getattr(problem, name)[order] for name in rows}
-        return replace(problem, **taken | {"gaps": np.asfortranarray(taken["gaps"])})
+        ordered = {name: getattr(problem, name)[order] for name in rows}
+        return replace(problem, **ordered | {"gaps": np.asfortranarray(ordered["gaps"])})
 
     def _check_box(self) -> None:
         """Raise SceneError for maps that invert a cell in a corner of the box or between."""
         scene = self._owner.scene
         for point in box_samples(scene.parameters, TRIED):
             try:
-                moved = self.coordinates(point)
+                coordinates = self.coordinates(point)
             except ParameterError as error:
                 raise SceneError(
                     f"a shape of scene '{scene.name}' at {scene.parameters.described(point)}: {error}. Give the table "
                     "further points, or narrow the box"
                 ) from None
-            complaint = self._complaint(moved, point)
-            if complaint:
-                raise SceneError(complaint)
+            fault = self._fault(coordinates, point)
+            if fault:
+                raise SceneError(fault)
 
-    def _complaint(self, moved: np.ndarray, point: np.ndarray) -> str:
+    def _fault(self, coordinates: np.ndarray, point: np.ndarray) -> str:
         """Message about invalid cells with nodes at some coordinates at a point; empty if all are valid."""
         scene = self._owner.scene
         dim = self._owner.mesh.geometry.dim
-        corners = moved[self._cells][:, :, :dim]
+        corners = coordinates[self._cells][:, :, :dim]
         where = scene.parameters.described(point)
         if not np.isfinite(corners).all():
             return f"a shape of scene '{scene.name}' is not finite at {where}: check its formulas"

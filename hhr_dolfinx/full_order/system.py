@@ -37,7 +37,7 @@ class Kernel(NamedTuple):
     """Rigid motions R that only contact prevents, (N, r), G = B R, (m, r), and loads along them."""
 
     motions: np.ndarray
-    taken: np.ndarray
+    contact_of_motions: np.ndarray
     loads: np.ndarray  # (r, 1 + T), the same for every stiffness
 
 
@@ -66,15 +66,15 @@ class SystemAt:
         stiffness = self.stiffness
         problem = self.problem
         free = stiffness.solve(self.loads)
-        moved = problem.contact_of_rows @ free
+        closed = problem.contact_of_rows @ free
         response = stiffness.response_to_forces
         if (rows := problem.spread).comm is not None:
             free = rows.whole(free)
-            moved = rows.sum(moved)
+            closed = rows.sum(closed)
             response = self._response
         floating = None if problem.rigid is None else self._floating(problem.rigid)
         changes = self._at_fixed_forces
-        return CondensedContact(stiffness.schur, self.gaps - moved, free, response, changes, True, floating, stiffness)
+        return CondensedContact(stiffness.schur, self.gaps - closed, free, response, changes, True, floating, stiffness)
 
     def _response(self, forces: np.ndarray) -> np.ndarray:
         return self.problem.spread.whole(self.stiffness.response_to_forces(forces))
@@ -84,7 +84,7 @@ class SystemAt:
         left, slack = self.system.explicit(self.point, forces, unknown)
         with self.stiffness.held():
             found = np.stack([self.stiffness.solve(-column) for column in left.T], axis=1)
-        return slack - self.problem.moved(found), self.problem.spread.whole(found)
+        return slack - self.problem.contact_rows_times(found), self.problem.spread.whole(found)
 
     def _floating(self, motions: np.ndarray) -> Floating:
         """The kernel at this point; lifts do not contribute, since rigid motions have no strain."""
@@ -172,7 +172,10 @@ class System(ABC):
         if known is None or known[0] is not stiffness:
             assert self.kernel is not None
             # in one assignment: several threads may call this
-            self._known_floating = known = stiffness, FloatingEqualities(stiffness.schur, self.kernel.taken)
+            self._known_floating = known = (
+                stiffness,
+                FloatingEqualities(stiffness.schur, self.kernel.contact_of_motions),
+            )
         return known[1]
 
 
@@ -255,9 +258,9 @@ class ReassembledSystem(_OfParts):
     def explicit(self, point: np.ndarray, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """See :class:`System`; by central differences of the equations on slightly displaced meshes."""
 
-        def residual_and_slack(moved: np.ndarray) -> np.ndarray:
-            problem = self.problem.at(moved)
-            theta = problem.amplitudes(moved)
+        def residual_and_slack(displaced: np.ndarray) -> np.ndarray:
+            problem = self.problem.at(displaced)
+            theta = problem.amplitudes(displaced)
             residual = problem.stiffness @ unknown + problem.contact.T @ forces - problem.loads @ theta
             return np.append(residual, problem.gaps @ theta - problem.contact @ unknown)
 

@@ -198,10 +198,10 @@ class Factors:
         if comm.size > 1:
             first = self._matrix.getOwnershipRange()[0]
             own = columns.tocoo()
-            told = comm.gather((own.data, own.row + first, own.col))
+            received = comm.gather((own.data, own.row + first, own.col))
             columns = csc_matrix((size, 0))
-            if told is not None:
-                data, rows, places = (np.concatenate(part) for part in zip(*told, strict=True))
+            if received is not None:
+                data, rows, places = (np.concatenate(part) for part in zip(*received, strict=True))
                 columns = csc_matrix((data, (rows, places)), shape=(size, count))
         sizes = ((columns.shape[1], count), (size if comm.rank == 0 else 0, size))
         entries = columns.indptr, columns.indices, columns.data

@@ -147,9 +147,9 @@ class MatrixOfRows:
         owner = np.searchsorted(starts, needed, side="right") - 1
         wanted = [needed[owner == rank] for rank in range(self._comm.size)]
         self._received = np.array([part.size for part in wanted])
-        asked = self._comm.alltoall(wanted)
-        self._sent = np.array([part.size for part in asked])
-        self._given = np.concatenate(asked).astype(np.int64) - first
+        requested = self._comm.alltoall(wanted)
+        self._sent = np.array([part.size for part in requested])
+        self._given = np.concatenate(requested).astype(np.int64) - first
 
     def alike(self, matrix: csr_matrix) -> MatrixOfRows:
         """Local rows of another matrix, with entries at the same positions in the same order."""

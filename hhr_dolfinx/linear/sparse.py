@@ -75,8 +75,8 @@ def singular_stiffness(scene: str) -> str:
     """Message for a singular stiffness; ``full_order.motions`` has excluded bodies with rigid-body motions."""
     return (
         f"the stiffness of scene '{scene}' is singular to round-off, though every body is held as a whole: look for "
-        "parts that hang together at single nodes or edges, E many powers of ten apart, nu next to 0.5, needle-like "
-        "cells"
+        "parts that are connected only at single nodes or edges, E many powers of ten apart, nu next to 0.5, "
+        "needle-like cells"
     )
 
 

@@ -114,8 +114,8 @@ class Substructures:
         """Product rows K^-1 rows^T, (m, m), of rows, (m, n), on the last rows of all ranks. Collective."""
         found = np.zeros((rows.shape[0], rows.shape[0]))
         for part, factors in self._dense.items():
-            asked = self._border.asked
-            own = csr_matrix(rows[:, (asked >= part.rows.start) & (asked < part.rows.stop)])
+            inverted = self._border.inverted
+            own = csr_matrix(rows[:, (inverted >= part.rows.start) & (inverted < part.rows.stop)])
             if own.nnz:
                 add_between(own, factors.inverse(), found)
         self._comm.Allreduce(MPI.IN_PLACE, found)
@@ -148,15 +148,15 @@ class Substructures:
             if still is not None:
                 loads[inside.reach] -= inside.times(still)[inside.rows.size :]
         self._comm.Allreduce(MPI.IN_PLACE, loads)
-        moved = np.zeros_like(loads)
+        on_border = np.zeros_like(loads)
         for part, factors in self._dense.items():
-            moved[part.rows] = factors.solve(loads[part.rows])
-        self._comm.Allreduce(MPI.IN_PLACE, moved)
+            on_border[part.rows] = factors.solve(loads[part.rows])
+        self._comm.Allreduce(MPI.IN_PLACE, on_border)
         for inside in self._insides:
-            drawn = np.zeros((inside.rows.size + inside.reach.size, moved.shape[1]), order="F")
-            drawn[inside.rows.size :] = moved[inside.reach]
+            drawn = np.zeros((inside.rows.size + inside.reach.size, on_border.shape[1]), order="F")
+            drawn[inside.rows.size :] = on_border[inside.reach]
             solutions[inside.rows] -= inside.solved(inside.times(drawn)[: inside.rows.size])[: inside.rows.size]
-        solutions[self._edge] = moved[self._at]
+        solutions[self._edge] = on_border[self._at]
 
     def multiply(self, block: np.ndarray, image: np.ndarray) -> None:
         """Write the matrix times some columns, (own, k), into an array; both are in Fortran order. Collective."""

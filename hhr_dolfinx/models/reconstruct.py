@@ -217,9 +217,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
             return answer.unknown if self.response is None else np.full(self.basis.shape[1], np.nan)
         there: Any = self._bound_at(answer)
         found = self.response.coordinates(there, there.completed(answer.multipliers[None], self._outside)[0])
-        return found if answer.undetermined is None else self._least_moved(answer, answer.undetermined, found)
+        return found if answer.undetermined is None else self._least_motion(answer, answer.undetermined, found)
 
-    def _least_moved(self, answer: Answer, undetermined: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
+    def _least_motion(self, answer: Answer, undetermined: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
         """Coordinates, (c,), of the field with the motion of the answer along undetermined motions.
 
         The first modes of gamma and the last columns of the displacement are the rigid motions, orthonormal.
@@ -228,9 +228,11 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         along_columns, along_loads = self._along_motions
         r = len(along_columns)
         ways = undetermined[:r]
-        moved = along_columns @ coordinates + along_loads @ (self.response.loading @ self.amplitudes(answer.parameter))
+        motions = along_columns @ coordinates + along_loads @ (
+            self.response.loading @ self.amplitudes(answer.parameter)
+        )
         found = coordinates.copy()
-        found[-r:] += ways @ (ways.T @ (answer.unknown[:r] - moved))
+        found[-r:] += ways @ (ways.T @ (answer.unknown[:r] - motions))
         return found
 
     @cached_property
@@ -244,8 +246,8 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     @cached_property
     def _lifted(self) -> tuple[np.ndarray, np.ndarray]:
         """Terms with a lift, which are affine and so the first of θ, and their columns; sparse ones take 5 us."""
-        moved = np.flatnonzero(np.diff(self.lifts.tocsc().indptr))
-        return moved, self.lifts[:, moved].toarray(order="F")
+        lifted = np.flatnonzero(np.diff(self.lifts.tocsc().indptr))
+        return lifted, self.lifts[:, lifted].toarray(order="F")
 
     @cached_property
     def _parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -265,9 +267,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         field = self.basis @ self._coordinates(answer)
         if self.response is not None:
             field += self.response.loaded @ (self.response.loading @ self.amplitudes(answer.parameter))
-        moved, columns = self._lifted
-        if moved.size:
-            field += columns @ self.amplitudes(answer.parameter).values[moved]
+        lifted, columns = self._lifted
+        if lifted.size:
+            field += columns @ self.amplitudes(answer.parameter).values[lifted]
         return field
 
     def forces(self, answer: Answer) -> np.ndarray:

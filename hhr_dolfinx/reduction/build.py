@@ -207,7 +207,7 @@ def not_by_rows(problem: ContactProblem, snapshots: SnapshotSet | None = None, r
     Decomposition, projection, enrichment and bounds use only sums over the ranks.
     """
     if problem.friction is not None:
-        return "contacts rub"
+        return "frictional contact"
     if snapshots is not None and snapshots.histories:
         return "it is trained on histories"
     if recipe is not None and not recipe.by_rows:
@@ -248,7 +248,7 @@ def _built(
         completion = Completion.of(full.problem, snapshots)
     states = _tangents(full, snapshots, recipe, log, announce)
     if recipe.indicator is None and (full.problem.friction is None or full.equilibrium is not None):
-        log.skip("indicator", "no estimate of the error of each answer was asked for")
+        log.skip("indicator", "no estimate of the error of each answer was requested")
     shared = _Offline(full, snapshots, held_out, recipe, basis, nodes, constants, completion, states, log, announce)
     return first_trusted(lambda layers: _attempt(shared, layers), recipe.domain.layers, recipe.domain.most_layers, log)
 
@@ -258,7 +258,7 @@ def _tangents(
 ) -> list[tuple[np.ndarray, Any]]:
     """Tangents at training states and their stiffness; empty for elastic bodies, or if they were not requested."""
     if full.equilibrium is None or recipe.tangents is None:
-        why = "nothing flows: the elastic operator is the tangent" if full.equilibrium is None else "not asked for"
+        why = "elastic bodies: the elastic operator is the tangent" if full.equilibrium is None else "not requested"
         log.skip("tangents", why)
         return []
     from hhr_dolfinx.reduction.flow import training_tangents
@@ -437,7 +437,7 @@ def _eliminated_between(model: ReducedModel, log: StageLog) -> ReducedModel:
         log.skip("interpolation", "contact alone holds bodies: K~ is factored for each query")
         return model
     if model.friction is not None:
-        log.skip("interpolation", "contacts rub: K~ is factored once for all increments of a path")
+        log.skip("interpolation", "frictional contact: K~ is factored once for all increments of a path")
         return model
     compliances, _ = interpolated_reduction(model.problem, model.fields.amplitudes, model.parameters)
     if compliances is None:
@@ -468,7 +468,7 @@ def _enriched(shared: _Offline, sets: IndexSets) -> Enrichment:
     rows = _distinct(problem, sets)
     enrichment = enrich(problem, shared.basis, rows, np.inf if step is None else step.kappa_max)
     if step is None:
-        shared.log.skip("enrichment", "not asked for")
+        shared.log.skip("enrichment", "not requested")
     else:
         record_enrichment(enrichment, step.kappa_max, shared.log)
     return enrichment

@@ -91,7 +91,7 @@ class Completion:
             amplitudes=problem.amplitudes,
             basis=problem.spread.whole(basis),
             lifts=problem.lifts,
-            contact_basis=problem.moved(basis),
+            contact_basis=problem.contact_rows_times(basis),
             gaps=problem.gaps + 0.0,  # files keep the sign of zeros
             A_lambda=sets.A_lambda,
             force_snapshots=self.rays if cone else None,
@@ -153,7 +153,7 @@ def _gap_scale(problem, snapshots) -> np.ndarray:
     slack is round-off, and relative to it all gaps would count as open.
     """
     gaps = problem.amplitudes.sum_columns(problem.gaps, snapshots.points)
-    sizes = np.maximum(np.abs(gaps), np.abs(problem.moved(snapshots.displacements))).max(axis=1)
+    sizes = np.maximum(np.abs(gaps), np.abs(problem.contact_rows_times(snapshots.displacements))).max(axis=1)
     scale = np.ones(sizes.size)
     for pair in np.unique(problem.contact_pairs):
         inside = problem.contact_pairs == pair
@@ -161,7 +161,7 @@ def _gap_scale(problem, snapshots) -> np.ndarray:
     return scale
 
 
-OF_FRICTION = "contacts rub, and how far reduced increments are off is not bounded"
+OF_FRICTION = "frictional contact: the error of reduced increments has no bound"
 
 
 class Bounding(NamedTuple):

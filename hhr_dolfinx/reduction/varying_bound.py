@@ -269,12 +269,12 @@ def _largest_images(probes: Sequence[_Probe], lower: np.ndarray, problem: Contac
             solve_triangular(lower, image, lower=True, trans="T")[probe.conditions]
             for probe, image in zip(probes, images, strict=True)
         ]
-        pushed = csc_matrix(sum(probe.rows.T @ own for probe, own in zip(probes, forces, strict=True)))
+        loads = csc_matrix(sum(probe.rows.T @ own for probe, own in zip(probes, forces, strict=True)))
         every = solver.serves_all
-        moved = solver.solved_everywhere(middle, pushed) if every else solver.solved_columns(problem, middle, pushed)
+        responses = solver.solved_everywhere(middle, loads) if every else solver.solved_columns(problem, middle, loads)
         for place, (probe, own) in enumerate(zip(probes, forces, strict=True)):
             off = np.zeros(images[place].shape)
-            off[probe.conditions] = probe.slack(own) - probe.rows @ moved
+            off[probe.conditions] = probe.slack(own) - probe.rows @ responses
             images[place] = solve_triangular(lower, off, lower=True)
     return sum((CERTAIN * float(np.linalg.norm(image, axis=0).max())) ** (1 / POWERS) for image in images)
 

@@ -48,7 +48,7 @@ class Exact(NamedTuple):
     found: np.ndarray
 
 
-def definite(schur: np.ndarray, taken: np.ndarray) -> np.ndarray:
+def definite(schur: np.ndarray, contact_of_motions: np.ndarray) -> np.ndarray:
     """S + G M G^T, (m, m), equal to S on differences of balanced forces, and definite if S is on these.
 
     Motions are scaled like a force on one condition, at the condition with the largest effect.
@@ -57,8 +57,8 @@ def definite(schur: np.ndarray, taken: np.ndarray) -> np.ndarray:
         schur: S, (m, m).
         contact_of_motions: G = B R, (m, r), without zero columns; r = 0 if all bodies are held.
     """
-    scale = schur.diagonal().mean() / np.abs(taken).max(axis=0) ** 2
-    return schur + (taken * scale) @ taken.T
+    scale = schur.diagonal().mean() / np.abs(contact_of_motions).max(axis=0) ** 2
+    return schur + (contact_of_motions * scale) @ contact_of_motions.T
 
 
 @dataclass(frozen=True)

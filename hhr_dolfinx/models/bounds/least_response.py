@@ -145,11 +145,11 @@ class ManyResponses:
         found = [one.amplified for one in self.each]
         return np.array([longest for longest, _ in found]), np.array([sizes for _, sizes in found])
 
-    def pushed(self, forces: np.ndarray) -> np.ndarray:
+    def schur_times(self, forces: np.ndarray) -> np.ndarray:
         """S times forces, (n, m) each."""
         return (forces[:, None] @ self.schur)[:, 0]
 
-    def settled(self, forces: np.ndarray, free: np.ndarray, pushed: np.ndarray) -> tuple[np.ndarray, ...]:
+    def settled(self, forces: np.ndarray, free: np.ndarray, schur_times_forces: np.ndarray) -> tuple[np.ndarray, ...]:
         """Forces that solve the contact problem on S, S times them, (n, m) each, and their error in the S norm, (n,).
 
         The search starts from the statuses of given forces, which remain if it does not converge. Closed gaps
@@ -160,11 +160,11 @@ class ManyResponses:
             free: slack without forces, (n, m).
             schur_times_forces: S times the forces, (n, m).
         """
-        touching = self.schur.diagonal(axis1=1, axis2=2) * forces > free + pushed
+        touching = self.schur.diagonal(axis1=1, axis2=2) * forces > free + schur_times_forces
         found = forces.copy()
-        slack = free + pushed
+        slack = free + schur_times_forces
         wrong = np.where(forces > 0, np.abs(slack), np.maximum(-slack, 0.0)).max(axis=1, initial=0.0)
-        solved = wrong <= SOLVED * np.abs(pushed).max(axis=1, initial=0.0)
+        solved = wrong <= SOLVED * np.abs(schur_times_forces).max(axis=1, initial=0.0)
         closed = np.zeros(len(forces), dtype=bool)
         for k in np.flatnonzero(~solved):
             schur = self.schur[k]
@@ -173,15 +173,15 @@ class ManyResponses:
             if closed[k]:
                 found[k] = alone.forces
         better = np.maximum(found, 0.0)
-        less = self.pushed(better)
-        slack = free + less
+        schur_times_better = self.schur_times(better)
+        slack = free + schur_times_better
         # forces cut off at zero leave gaps open elsewhere
         closed &= found.min(axis=1) >= 0
         slack[(better > 0) & closed[:, None]] = 0.0
         off = np.zeros(len(found))
         rows = np.flatnonzero(~(closed & (slack.min(axis=1) >= 0)))
         off[rows] = self.off(slack[rows], better[rows], rows)
-        return better, less, off
+        return better, schur_times_better, off
 
     def off(self, slack: np.ndarray, forces: np.ndarray, rows: np.ndarray) -> np.ndarray:
         """S^-1 norms of residuals of some answers, by their numbers, (k,)."""

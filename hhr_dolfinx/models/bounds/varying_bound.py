@@ -199,7 +199,7 @@ class _Energies(NamedTuple):
         scale: of the sums of their terms, which determines round-off.
     """
 
-    moved: np.ndarray
+    homogeneous: np.ndarray
     size: np.ndarray
     scale: np.ndarray
 
@@ -226,7 +226,7 @@ class VaryingThere(NamedTuple):
 
     def slack(self, forces: np.ndarray) -> np.ndarray:
         """See :class:`BoundThere`."""
-        return self.found.free_slack + self.response.pushed(forces)
+        return self.found.free_slack + self.response.schur_times(forces)
 
     def completed(self, own: np.ndarray, outside: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """See :class:`BoundThere`."""
@@ -250,9 +250,9 @@ class VaryingThere(NamedTuple):
         def fields(better: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             pulled = loaded - np.sum(better * pressed, axis=1)
             energies = self._energies(better)
-            noise = inexact * energies.moved + OF_ENERGY * (own + 2 * np.abs(pulled) + energies.scale)
-            left = np.maximum(own - 2 * pulled + energies.moved, 0.0) + noise
-            return np.sqrt(left), np.sqrt(energies.size), np.sqrt(energies.moved)
+            noise = inexact * energies.homogeneous + OF_ENERGY * (own + 2 * np.abs(pulled) + energies.scale)
+            left = np.maximum(own - 2 * pulled + energies.homogeneous, 0.0) + noise
+            return np.sqrt(left), np.sqrt(energies.size), np.sqrt(energies.homogeneous)
 
         return self._bounded(forces, slack, fields)
 
@@ -277,13 +277,13 @@ class VaryingThere(NamedTuple):
         response = self.response
         inexact = self.owner.inexact
         scale = self.owner.scale_at(self.found.points)
-        pushed = response.pushed(forces)
-        better, less, nearer = response.settled(forces, self.found.free_slack, pushed)
+        product = response.schur_times(forces)
+        better, less, nearer = response.settled(forces, self.found.free_slack, product)
         off = forces - better
         unbalanced, size, balanced = fields(better)
         # one product for many rows: each call has an overhead
         one = np.array((forces, better, off, off, better))
-        other = np.array((pushed, less, pushed - less, off, better))
+        other = np.array((product, less, product - less, off, better))
         sizes, exact, apart, apart_euclid, exact_euclid = lengths(one, other)
         noise = max(inexact, ROUND_OFF) * (sizes + exact + balanced)
         primal = unbalanced + nearer
@@ -323,12 +323,14 @@ class VaryingThere(NamedTuple):
             held -= np.sum(acting * lifts[used] * done, axis=1)
             if part.lifted.size:
                 lifting = found.theta[:, part.lifted]
-                moved = np.einsum("nr,tmr,nm->nt", along, part.columns[part.forced.size :], forces[:, part.where])
-                held -= np.sum(lifting * moved, axis=1)
+                lift_work = np.einsum("nr,tmr,nm->nt", along, part.columns[part.forced.size :], forces[:, part.where])
+                held -= np.sum(lifting * lift_work, axis=1)
                 own = weights[:, lifts]
                 lifted += np.einsum("ns,nr,rst,nt->n", own, along, energy.lifted, own, optimize=True)
         closed = found.owner.many_driven(found.points, found.theta) - found.free_slack
         pulled = np.sum(closed * forces, axis=1)
-        pushed = np.sum(self.response.pushed(forces) * forces, axis=1)
-        moved = np.maximum(driven - 2 * pulled + pushed, 0.0)
-        return _Energies(moved, np.maximum(moved + 2 * held + lifted, 0.0), driven + 2 * np.abs(pulled) + pushed)
+        work_of_forces = np.sum(self.response.schur_times(forces) * forces, axis=1)
+        homogeneous = np.maximum(driven - 2 * pulled + work_of_forces, 0.0)
+        return _Energies(
+            homogeneous, np.maximum(homogeneous + 2 * held + lifted, 0.0), driven + 2 * np.abs(pulled) + work_of_forces
+        )
