@@ -296,7 +296,7 @@ def check_outer(
     _refuse(
         comm,
         f"{{count}} facets tagged {tag} under a {load} lie inside the mesh, e.g. at {{place}}: "
-        "loads act on outer facets only. Tag the surface, or give the bodies nodes of their own",
+        "loads act on outer facets only. Tag the surface, or give the bodies separate nodes",
         dmesh.compute_midpoints(mesh, fdim, inner)[:, : fdim + 1],
     )
 

@@ -189,7 +189,7 @@ def eigenstress(
             f"{[body.tag for body in scene.bodies]}"
         )
     if scene.bodies[places[0]].stress is not None:
-        raise SceneError(f"body {tag!r} has a stress of its own, and a load that is a strain of it is not built in")
+        raise SceneError(f"body {tag!r} has a user-defined stress, and a load that is a strain of it is not built in")
     if any(body.law is not None for body in scene.bodies):
         return [(Formula("1"), np.zeros(discretisation.size))]
     body = scene.bodies[places[0]]

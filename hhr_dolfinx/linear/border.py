@@ -159,10 +159,10 @@ def _cover(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     lefts, left = np.unique(one, return_inverse=True)
     rights, right = np.unique(other, return_inverse=True)
     edges = csr_matrix((np.ones(left.size, dtype=bool), (left, right)), shape=(lefts.size, rights.size))
-    matched = maximum_bipartite_matching(edges, perm_type="column")  # the right one of each left one
+    matched = maximum_bipartite_matching(edges, perm_type="column")  # right vertex of each left one
     partner = np.full(rights.size, -1)
     partner[matched[matched >= 0]] = np.flatnonzero(matched >= 0)
-    # what alternating paths reach from the lefts that have no partner
+    # reached by alternating paths from left vertices without a partner
     reached = matched < 0
     front = reached.copy()
     met = np.zeros(rights.size, dtype=bool)

@@ -85,7 +85,7 @@ class Factors:
                 return self._closed()
             if pc.getFactorSolverType() != "mumps" or pc.getFactorMatrix().getMumpsInfog(1) not in NO_ROOM:
                 return False
-            pc.reset()  # or nothing would be factored anew
+            pc.reset()  # otherwise PETSc would reuse the factors
             self._ksp.setOperators(self._matrix)
             self._prepare(room)
         return factorised(self._ksp) and self._closed()
@@ -116,7 +116,7 @@ class Factors:
         if self.low_rank is not None:
             pc.getFactorMatrix().setMumpsIcntl(35, 2)
             pc.getFactorMatrix().setMumpsCntl(7, self.low_rank)
-            if not self._inverted:  # others are made beside it: what MUMPS worked in is given back, as a smaller copy
+            if not self._inverted:  # other factors exist meanwhile: free the workspace
                 gives_back(pc.getFactorMatrix())
         if self.last is not None and not schur.eliminate_last(pc.getFactorMatrix(), self.last):
             self.last = None

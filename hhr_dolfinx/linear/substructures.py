@@ -52,7 +52,7 @@ class Substructures:
         self.low_rank = low_rank
         own = len(pattern.rows) - 1
         first = int(comm.exscan(own) or 0)
-        entries = np.arange(1, pattern.columns.size + 1, dtype=pattern.places.dtype)  # their places: none is zero
+        entries = np.arange(1, pattern.columns.size + 1, dtype=pattern.places.dtype)  # indices plus one: none is zero
         marks = csr_matrix((entries, pattern.columns, pattern.rows), shape=(own, comm.allreduce(own)))
         self._border = border_of(marks, first, last, comm)
         at = self._border.place[first : first + own]
@@ -88,7 +88,7 @@ class Substructures:
             if total is not None:
                 left[part] = total
         definite = True
-        for part in list(left):  # each rank its own, at the same time
+        for part in list(left):  # all ranks at the same time
             self._dense[part] = DenseFactors(left.pop(part), part.common)
             definite &= self._dense[part].definite
         return self._comm.allreduce(definite, MPI.LAND)
