@@ -277,9 +277,8 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
         If S is known the forces outside close the remaining gaps, a small contact problem. Otherwise (1.70)-(1.71) is
         used: non-negative combinations of training forces are fitted to the forces inside the RID, and penalised
-            outside
-        where the reconstructed gap is open; inside, forces at open gaps are 0 already. With friction they are fitted by
-        modes, as tangential forces have any sign.
+        outside where the reconstructed gap is open; inside, forces at open gaps are 0 already. With friction they are
+        fitted by modes, as tangential forces have any sign.
         """
         if not answer.converged:
             return np.full(len(self.gaps), np.nan)

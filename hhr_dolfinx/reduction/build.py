@@ -122,9 +122,10 @@ class Reductor(Protocol):
     def reduced(self, full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> AnsweringModel:
         """A model of the same scene.
 
-        full: the full model, with all rows.
-        snapshots: training answers at single parameters, or load paths.
-        held_out: validation answers, for a check; None without any.
+        Args:
+            full: the full model, with all rows.
+            snapshots: training answers at single parameters, or load paths.
+            held_out: validation answers, for a check; None without any.
         """
 
 
