@@ -1,4 +1,4 @@
-"""Differences to the exact answer, offline: what :mod:`hhr_dolfinx.models.bounds.difference` needs."""
+"""Differences from the exact answer, offline: arrays for :mod:`hhr_dolfinx.models.bounds.difference`."""
 
 from __future__ import annotations
 

@@ -425,7 +425,7 @@ def checked_histories(
         UnstableModelError: for errors beyond the limits.
 
     Warns:
-        StabilityWarning: for doubtful errors, or a doubtful training range.
+        StabilityWarning: for errors or a training range close to a limit.
     """
     comparison, shown = compared_histories(full, model, snapshots, held_out, limits, remedy)
     # validation paths are not training: their errors would widen the training range to similar ones
@@ -454,7 +454,7 @@ def compared_histories(
         UnstableModelError: for errors beyond the limits.
 
     Warns:
-        StabilityWarning: for doubtful errors.
+        StabilityWarning: for errors close to a limit.
     """
     kept = () if held_out is None else held_out.histories
     histories = {f"{TRAINED} {k}": history for k, history in enumerate(snapshots.histories)}

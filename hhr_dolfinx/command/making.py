@@ -161,7 +161,7 @@ def _described(model: Any) -> str:
 
 
 def _settings_of(scene: str) -> Any:
-    """The ``SETTINGS`` beside a scene, or None.
+    """The ``SETTINGS`` in the file of a scene, or None.
 
     Raises:
         SceneError: for invalid input.

@@ -5,7 +5,7 @@ of statuses comes back, the least-index rule of Murty takes over: it switches on
 status. For a P-matrix S = B K^-1 B^T (K positive definite and B of full rank) it reaches the
 solution in finitely many steps (K. G. Murty, "Note on a Bard-type scheme for solving the
 complementarity problem", Opsearch 11, 1974). If it comes back to a set of statuses too, S is no
-P-matrix, and the answer says so instead of passing an iterate for a solution.
+P-matrix, and the status reports this: an iterate is never returned as a solution.
 
 A set on the way may be singular although the problem has a solution, since S of a reduced model is
 neither symmetric nor definite by construction. Then the least-index rule starts from no contact, which
@@ -92,7 +92,7 @@ class Pairs:
 
     @classmethod
     def of(cls, numbers: np.ndarray | None) -> Pairs | None:
-        """Groups; None if there is one pair only, or nothing is known about pairs."""
+        """Groups; None for a single pair, or if pairs are unknown."""
         return None if numbers is None or np.ptp(numbers) == 0 else cls(numbers)
 
     def largest(self, values: np.ndarray) -> np.ndarray:
@@ -131,14 +131,14 @@ def active_set(
             nothing = np.zeros(active.size, dtype=bool)
             found = _one_at_a_time(equalities, free_slack, nothing, (iteration, max_iterations), pairs, singular=True)
             break
-        # one factor of each product is 0, and 0 times infinity is NaN: this sees what min does not
+        # one factor of each product is 0, and 0 times infinity is NaN: unlike min this finds infinite values
         work = slack.dot(forces)
         if work == 0.0 and slack.min() >= 0 and forces.min() >= 0:
             return Statuses(forces, active, iteration, Status.CONVERGED, False)
         if work != 0.0 and not _finite(forces, slack):
             found = Statuses(forces, active, iteration, Status.NOT_FINITE, False)
             break
-        # what is wrong by any measure first: measuring pair by pair takes as long as all the rest
+        # errors in any measure first: the comparison pair by pair takes as long as all the rest
         wrong = _wrong(forces, slack, free_slack, None)
         if not wrong.any() and pairs is not None:
             wrong = _wrong(forces, slack, free_slack, pairs)

@@ -46,7 +46,7 @@ class Coulomb:
 
 @dataclass(frozen=True)
 class Tresca:
-    """Tresca's law: the tangential stress is at most a given one, whatever the pressure, also where contact is open.
+    """Tresca's law: the tangential stress is at most a given one at any pressure, also on open contacts.
 
     This is the classical problem, which has one solution. For a stress that vanishes on open contacts use a limit of
     Coulomb's law, ``Coulomb(coefficient, limit)``.

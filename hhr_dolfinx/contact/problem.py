@@ -456,7 +456,7 @@ class ContactProblem:
         return float(np.sqrt(self.contact.multiply(self.contact).sum(axis=1).max()))
 
     def condition_number(self, smallest: float, largest: float) -> float:
-        """kappa of B V by its extreme singular values; infinite where rows are dependent to round-off, (1.67)."""
+        """kappa of B V by its extreme singular values; infinite if rows are dependent to round-off, (1.67)."""
         return largest / smallest if smallest > DEPENDENT * max(largest, self.contact_norm) else math.inf
 
 

@@ -129,7 +129,7 @@ class SlidingSystem:
         self._tests = np.concatenate([self._held, self._turning[:, 0], moving])
         self._tested = self._tested_rows()
         self._matrix = self._assembled()
-        if self._matrix.size:  # LAPACK knows no matrix of nothing
+        if self._matrix.size:  # LAPACK refuses empty matrices
             self._factors, self._pivots, info = dgetrf(self._matrix)
             if info != 0:
                 raise SingularError(DEPENDENT)

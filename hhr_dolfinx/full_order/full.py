@@ -199,7 +199,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
     @cached_property
     def equalities(self) -> SchurEqualities:
         """Equality problems on this S, whose factors are shared by queries."""
-        self.schur  # noqa: B018 (all ranks hear of what is raised there)
+        self.schur  # noqa: B018 (an error is raised on all ranks)
         return self.stiffness.equalities
 
     def has_room(self, rows: int) -> bool:

@@ -127,7 +127,7 @@ def _gradings(discretisation: DiscreteSpace, places: Iterable[int], cells: np.nd
         grading = discretisation.scene.bodies[place].grading
         own = np.flatnonzero(bodies == place)
         if grading is not None:
-            # a grading that is a number does not know its mesh
+            # a grading that is a number has no mesh
             plain = abs(ufl.JacobianDeterminant(mesh))
             parts = (grading(ufl.SpatialCoordinate(mesh)) * plain, plain)
             graded, size = (fem.Expression(part, points).eval(mesh, cells[own].astype(np.int32)) for part in parts)
@@ -272,7 +272,7 @@ def _tabulated(discretisation: DiscreteSpace, load: Any, operator: StrainOperato
         given = load.eigenstrain_of(body.tag, mesh)
         cells = np.flatnonzero(bodies == place)
         if given is not None:
-            # a constant strain does not know its mesh
+            # a constant strain has no mesh
             one = fem.Constant(mesh, 1.0)
             vector = kelvin(_averaged(discretisation, place, given[1]), discretisation.scene.hypothesis)
             values = fem.Expression(one * vector, points).eval(mesh, cells.astype(np.int32))

@@ -226,7 +226,7 @@ class ScaledSystem(_OfParts):
         scales = self.bodies.at(point)
         last = self._last
         if last is None or not np.array_equal(last[0], scales):
-            self._last = last = scales, self.middle().scaled(scales)  # in one assignment: several threads may ask
+            self._last = last = scales, self.middle().scaled(scales)  # in one assignment: several threads may call this
         return last[1]
 
 

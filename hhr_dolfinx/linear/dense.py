@@ -157,7 +157,7 @@ class LapackLU:
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solve for one right-hand side, (n,), or several, (n, m)."""
-        # SciPy counts the pivots from 1 in their own array while LAPACK is at work
+        # SciPy counts the pivots from 1 in place during the call of LAPACK
         with self._lock:
             return dgetrs(*self._factors, rhs)[0]
 

@@ -85,7 +85,7 @@ class Estimate(NamedTuple):
         """Estimate by an indicator, as a relative error; errors of pressures are infinite."""
         if kind == FORCES:
             return cls(kind, math.inf, math.inf, math.inf, math.inf, forces_euclid_relative=value)
-        # that of the stress follows nothing else: other errors must not have a number
+        # an indicator of the stress says nothing about forces: these errors are infinite
         forces = math.inf if kind == STRESS else value
         return cls(kind, math.inf, math.inf, value, value, forces_euclid_relative=forces)
 

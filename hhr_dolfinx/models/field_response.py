@@ -22,7 +22,7 @@ class FieldResponse:
     Attributes:
         loaded: K^-1 of some loads, (N, k), which span all loads.
         loading: coefficients of each term in these loads, so that X_F is the product of both, sparse, (k, 1 + T).
-        onto: G, (c, m); None where the columns are those of K^-1 B^T.
+        onto: G, (c, m); None if the columns are those of K^-1 B^T.
     """
 
     loaded: Annotated[Floats, "N", "loads"]

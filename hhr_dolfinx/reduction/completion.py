@@ -31,7 +31,7 @@ STRESS = 1e-9
 PLASTIC_STRAIN = 1e-6
 """Part of the squared training fields that the modes for stress and for cumulated plastic strain leave out."""
 FORCES = 1e-6
-"""Part of the squared training forces that modes of forces leave out, where friction gives them any sign."""
+"""Part of the squared training forces that modes of forces leave out, for friction, which gives them any sign."""
 IN_THE_CONE = 1e-3
 """Relative distance from the cone of the other snapshots below which a force snapshot is left out: the fraction of the
 largest force below which a relative force error is meaningless."""
