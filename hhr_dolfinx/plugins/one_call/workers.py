@@ -25,7 +25,7 @@ Found = Answer | History | errors.HHRError
 
 
 @dataclass(frozen=True)
-class Crew:
+class Workers:
     """The ranks of a search.
 
     Attributes:
