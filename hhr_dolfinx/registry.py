@@ -105,13 +105,14 @@ def named(what: str) -> dict[str, str]:
     """
     places: dict[str, str] = {}
     for plugin in installed().values():
-        for name, place in _places(getattr(plugin, what)):
+        for name, place in places_in(getattr(plugin, what)):
             if places.setdefault(name, place) != place:
                 raise SceneError(f"two plug-ins register {name!r} among their {what}: {places[name]} and {place}")
     return places
 
 
-def _places(mapping: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+def places_in(mapping: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """Names with their places in a mapping of names to places, or of modules to names separated by blanks."""
     for key, value in mapping.items():
         if ":" in value:
             yield key, value

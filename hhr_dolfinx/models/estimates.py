@@ -30,10 +30,9 @@ NO_OUTPUTS: Mapping[str, float] = {}
 """Of what has no outputs, or no estimates of them."""
 NO_OUTPUTS_SHOWN: Mapping[str, str] = {}
 """Heads of no outputs."""
-NUMBERS = (
-    "primal", "dual", "primal_relative", "dual_relative",
-    "forces_euclid", "pressure", "forces_euclid_relative", "pressure_relative",
-)  # fmt: skip
+NUMBERS = tuple(
+    "primal dual primal_relative dual_relative forces_euclid pressure forces_euclid_relative pressure_relative".split()
+)
 """Numbers of an estimate that are not of outputs."""
 SHOWN = {
     "displacement": "primal_relative",

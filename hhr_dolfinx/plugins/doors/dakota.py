@@ -57,8 +57,9 @@ def answer_dakota(model: Any, parameters: str | Path, results: str | Path) -> No
     function = OutputFunction(model)
     asked = _named(read_parameters(parameters), function)
     for kind, given, known in (
-        ("variables", asked.variables, function.names), ("functions", asked.functions, function.outputs)
-    ):  # fmt: skip
+        ("variables", asked.variables, function.names),
+        ("functions", asked.functions, function.outputs),
+    ):
         if strange := [name for name in given if name not in known]:
             raise ParameterError(
                 f"Dakota's {kind} {strange} are none of {list(known)}: give its descriptors these names"

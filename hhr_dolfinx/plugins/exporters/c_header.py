@@ -249,9 +249,13 @@ class _Data:
         modes, size = self.arrays[item["per_mode"]].shape
         points = self.arrays[item["parts"]].size
         return {
-            "MODES": modes, "POINTS": points, "COMPONENTS": size // points, "BODIES": len(item["groups"]),
-            "SHARES": len(self.arrays[item["schur"]]), "MODULI": len(item["moduli"]),
-        }  # fmt: skip
+            "MODES": modes,
+            "POINTS": points,
+            "COMPONENTS": size // points,
+            "BODIES": len(item["groups"]),
+            "SHARES": len(self.arrays[item["schur"]]),
+            "MODULI": len(item["moduli"]),
+        }
 
     def _names(self) -> Iterable[str]:
         """Names, units and the box."""

@@ -33,8 +33,11 @@ _ELEMENTS = {
     "solid": {"tetrahedron": "C3D4", "hexahedron": "C3D8"},
 }
 _ELEMENTS_OF_SECOND_ORDER = {
-    "plane_strain": "CPE6", "plane_stress": "CPS6", "axisymmetric": "CAX6", "solid": "C3D10",
-}  # fmt: skip
+    "plane_strain": "CPE6",
+    "plane_stress": "CPS6",
+    "axisymmetric": "CAX6",
+    "solid": "C3D10",
+}
 
 
 def write_deck(path: Path, discretisation: Discretisation, mu: Any) -> None:
@@ -172,8 +175,11 @@ def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str
     cells = _cells(discretisation)
     kind = discretisation.mesh.topology.cell_name()
     corners = np.array(FACES[kind])
-    faces = {tuple(sorted(face)): (cell + 1, k + 1)
-             for cell, nodes in enumerate(cells) for k, face in enumerate(nodes[corners].tolist())}  # fmt: skip
+    faces = {
+        tuple(sorted(face)): (cell + 1, k + 1)
+        for cell, nodes in enumerate(cells)
+        for k, face in enumerate(nodes[corners].tolist())
+    }
     scene = discretisation.scene
     sizes = []
     for tag in dict.fromkeys(tag for item in scene.contacts for tag in item.tags):

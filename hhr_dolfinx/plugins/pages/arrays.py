@@ -174,9 +174,12 @@ def _eliminated(eliminated: Any, arrays: Packed) -> dict[str, Any]:
     parts = [_part(part, number, arrays) for number, part in enumerate(eliminated.parts)]
     reshaped = None if eliminated.reshaped is None else _interpolant(eliminated.reshaped, "gaps", arrays)
     return {
-        "schur": None, "free_slack": None, "parts": parts,
-        "gaps": arrays.put("gaps", eliminated.gaps), "reshaped": reshaped,
-    }  # fmt: skip
+        "schur": None,
+        "free_slack": None,
+        "parts": parts,
+        "gaps": arrays.put("gaps", eliminated.gaps),
+        "reshaped": reshaped,
+    }
 
 
 def _floating(eliminated: FloatingElimination, arrays: Packed) -> dict[str, Any]:
@@ -206,12 +209,14 @@ def _interpolant(found: Interpolant, name: str, arrays: Packed, modes: np.ndarra
     """A polynomial on a sparse grid; its modes one behind another."""
     top = int(found.levels.max(initial=0))
     return {
-        "axes": found.axes.tolist(), "lower": found.lower.tolist(), "upper": found.upper.tolist(),
+        "axes": found.axes.tolist(),
+        "lower": found.lower.tolist(),
+        "upper": found.upper.tolist(),
         "nodes": list(leja_points()[: top + 1]),
         "levels": arrays.put(f"{name}levels", found.levels, "<i4"),
         "weights": arrays.put(f"{name}weights", found.weights),
         "modes": arrays.put(f"{name}modes", found.modes.T if modes is None else modes),
-    }  # fmt: skip
+    }
 
 
 def _outputs(model: Any, arrays: Packed) -> tuple[list[dict[str, Any]], list[str]]:

@@ -29,10 +29,9 @@ DRAWN = 12_000
 """Nodes of the mesh that are drawn at most."""
 SCRIPTS = 150_000
 """Bytes of a page beside its arrays, at most."""
-PARTS = (
-    "page.css", "model.js", "bound.js", "friction.js", "floating.js", "flow.js", "path.js", "drawing.js", "plots.js",
-    "field.js", "view.js",
-)  # fmt: skip
+PARTS = tuple(
+    "page.css model.js bound.js friction.js floating.js flow.js path.js drawing.js plots.js field.js view.js".split()
+)
 """Files that stand in ``page.html`` where they are named there."""
 LOOKED_AT = 100
 """Random points at which a model tells its error to a page."""
