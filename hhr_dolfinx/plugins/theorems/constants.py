@@ -1,8 +1,8 @@
 """Constants and hypotheses of the thesis' theorems, see :mod:`hhr_dolfinx.plugins.theorems.theorems`.
 
-Each proof uses a on spaces of its own; the constants on these are the sharpest with which it holds. They are
-eigenvalues of pencils of the size of the basis, but for those on V^0, which are as large as the RID; large ones are
-left to SLEPc.
+Each proof uses the form a on different spaces; the constants on these are the sharpest with which it holds. They are
+eigenvalues of pencils of the size of the basis, except those on V^0, which have the size of the RID. SLEPc solves large
+pencils.
 """
 
 from __future__ import annotations

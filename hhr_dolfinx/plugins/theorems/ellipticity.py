@@ -171,7 +171,7 @@ def _of_full(full: Any) -> Ellipticity:
 
 
 def on_dofs(solve: Callable[[np.ndarray], np.ndarray], dofs: np.ndarray, size: int) -> Callable[..., np.ndarray]:
-    """What solves on some dofs, (n,), from what solves for vectors of all, (size,)."""
+    """Solver on some dofs, (n,), from a solver for vectors of all dofs, (size,)."""
 
     def solved(rhs: np.ndarray) -> np.ndarray:
         whole = np.zeros(size)

@@ -43,10 +43,10 @@ class ImposedInterface:
         return cls(problem, domain, space, contact, SchurEqualities.of(contact @ contact.T), pairs)
 
     def solve(self, field: np.ndarray, theta: Theta) -> np.ndarray:
-        """Solution on A, (|A|,), for a field whose values on the interface are taken, (N,).
+        """Solution on A, (|A|,), with imposed values on the interface from a field, (N,).
 
         Raises:
-            BoundError: if the statuses do not settle.
+            BoundError: if the statuses do not converge.
         """
         sets = self.domain.sets
         lift = field.copy()
