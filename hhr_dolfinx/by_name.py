@@ -71,7 +71,7 @@ OWN: Mapping[str, Mapping[str, str]] = MappingProxyType(
         for kind, modules in _MODULES.items()
     }
 )
-"""Places of the parts of the core, by kind and name; those of plug-ins stand in their manifests."""
+"""Places of the parts of the core, by kind and name; manifests have those of plug-ins."""
 
 _LOADED: dict[Path, tuple[int, ModuleType]] = {}
 """Files that were executed, with the time of their last change."""
@@ -169,7 +169,7 @@ def _module(name: str) -> ModuleType:
 
 
 def _file(path: Path) -> ModuleType:
-    """The module of a file, which may import other files of its folder."""
+    """Module of a file, which may import other files of its folder."""
     if not path.is_file():
         beside = sorted(item.name for item in path.absolute().parent.glob("*.py") if item.is_file())[:8]
         hint = f", which has {', '.join(beside)}" if beside else ""

@@ -168,7 +168,7 @@ class SearchContext:
         return f"{_about(left)} of the {seconds:g} s of the budget are left{kept}"
 
     def check_affordable(self, questions: Any, what: str, besides: int = 0) -> None:
-        """Raise BudgetSpentError before solving for answers if these, and ``besides`` more, exceed the budget."""
+        """Raise BudgetSpentError if answers that are not yet solved, and ``besides`` more, exceed the budget."""
         count = len({_key(question) for question in questions} - self._known.keys())
         answers = self.budget.full_answers
         if answers is not None and count and self.solved + count + besides > answers:

@@ -312,7 +312,7 @@ def _with_fallback(model: Any, full: FullOrderModel, target: Target) -> Any:
 
 
 def keep(folder: Path, model: Any, reduction: Reduction, full: FullOrderModel) -> None:
-    """Write a model, its record, and what plug-ins keep beside it: model.npz, reduction.json, scenery.npz."""
+    """Write a model, its record, and the files of plug-ins: model.npz, reduction.json, scenery.npz."""
     save_model(make_folder(folder) / "model.npz", model)
     registry.write_companions(full, folder)
     keep_table(folder, reduction)

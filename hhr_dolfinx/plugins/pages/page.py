@@ -109,7 +109,7 @@ def _size(model: Any) -> str:
 
 
 def _strained(scenery: Scenery) -> int:
-    """Cells whose stress could be drawn."""
+    """Number of cells with a stress to draw."""
     if scenery.owners is not None:
         return int(np.unique(scenery.owners).size)
     return 0 if scenery.strains is None else len(scenery.strains.bodies)

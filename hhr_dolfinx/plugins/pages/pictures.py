@@ -124,8 +124,8 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
 
         histories = list(walked(model))
         displacement = flow_field(model, histories, scenery, rows_of(model, scenery), arrays)
-        stress = displacement and flow_stress(model, scenery, histories, arrays, room)
-        return {"field": displacement, "stress": stress}
+        of_cells = displacement and flow_stress(model, scenery, histories, arrays, room)
+        return {"field": displacement, "stress": of_cells}
     found: dict[str, Any] = {"field": None, "stress": None}
     known, maps = _answers(model)
     if not known.answers:

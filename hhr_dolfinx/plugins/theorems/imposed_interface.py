@@ -1,4 +1,4 @@
-"""The reduced problem under hypothesis (H), (2.67): the interface of the RID moves as the full model says, (2.33)."""
+"""Reduced problem under hypothesis (H), (2.67): the RID interface has the displacements of the full model, (2.33)."""
 
 from __future__ import annotations
 

@@ -114,7 +114,7 @@ class Domain:
 
     @cached_property
     def outside(self) -> FreeCholesky | None:
-        """Factors of K on the free dofs outside Omega_A; None if there are none."""
+        """Factors of K on the free dofs outside Omega_A; None without such dofs."""
         mask = self.free & ~self.support
         return self.factor(mask) if mask.any() else None
 

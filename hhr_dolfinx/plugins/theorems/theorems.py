@@ -53,7 +53,7 @@ class Sides(NamedTuple):
 
     Attributes:
         left: the error.
-        right: what is said to be no less.
+        right: its upper bound by the theorem.
     """
 
     left: float
@@ -61,7 +61,7 @@ class Sides(NamedTuple):
 
     @property
     def effectivity(self) -> float:
-        """Right over left, (2.153); infinite where there is no error."""
+        """Right over left, (2.153); infinite if the error is zero."""
         return self.right / self.left if self.left > 0 else math.inf
 
 
@@ -111,7 +111,7 @@ class ThesisBounds:
 
         Raises:
             BoundError: with the hypothesis that fails for all theorems.
-            ReductionError: for a model that does not know how it was made, or of another full model.
+            ReductionError: for a model without a record of its construction, or of another full model.
         """
         check_models(full, model)
         if as_printed and constants is None:
@@ -156,7 +156,7 @@ class ThesisBounds:
         return {name: pair.sides(name) for name in THEOREMS if name not in self.refused}
 
     def sides(self, answer: Answer, exact: Answer) -> dict[str, Sides]:
-        """Both sides of all theorems that can be evaluated, also of those refused: numbers of which nothing is said."""
+        """Both sides of all theorems that can be evaluated; those with a failing hypothesis prove nothing."""
         pair = self._pair(answer, exact)
         return {name: pair.sides(name) for name in THEOREMS if name in self.constants}
 
