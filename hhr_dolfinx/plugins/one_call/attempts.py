@@ -53,7 +53,7 @@ class Attempt:
 def attempts(context: SearchContext) -> Iterator[Attempt]:
     """Ways to build a model of a scene: elastic, frictional or inelastic."""
     if context.full.equilibrium is not None:
-        yield from _flowing(context)
+        yield from _inelastic(context)
         return
     yield from _condensed(context)
     if context.full.problem.reshaped is not None:  # scenes with shapes are condensed
@@ -119,7 +119,7 @@ def _by_histories(context: SearchContext) -> Iterator[Attempt]:
         yield Attempt("hhr", f"{count} training paths", partial(_built, context, count))
 
 
-def _flowing(context: SearchContext) -> Iterator[Attempt]:
+def _inelastic(context: SearchContext) -> Iterator[Attempt]:
     """Condensed inelastic models of more and more histories, then hyper-reduced models of these."""
     from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 

@@ -104,7 +104,7 @@ def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
         "flow": None,
         "floating": None,
     }
-    tree |= _flowing(model, arrays) if inelastic else _eliminated(model.eliminated, arrays)
+    tree |= _inelastic(model, arrays) if inelastic else _eliminated(model.eliminated, arrays)
     tree["outputs"], tree["missing"] = _outputs(model, arrays)
     trained = model.trained.parameters if inelastic and model.trained is not None else model.trained
     tree["trained"] = None if trained is None else [trained.lower.tolist(), trained.upper.tolist()]
@@ -117,7 +117,7 @@ def _limit(limit: Limits) -> dict[str, Any]:
     return {"steps": steps_of(limit.scalar), "low": low, "high": high if math.isfinite(high) else None}
 
 
-def _flowing(model: Any, arrays: Packed) -> dict[str, Any]:
+def _inelastic(model: Any, arrays: Packed) -> dict[str, Any]:
     """Entries for inelastic bodies, which replace those of S."""
     from hhr_dolfinx.plugins.pages.flowing import flow_tree
 
