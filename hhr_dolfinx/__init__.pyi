@@ -66,7 +66,7 @@ from .plugins.local.models import LocalModels as LocalModels
 from .plugins.local.splitting import Splitting as Splitting
 from .plugins.one_call.search import Reduction as Reduction
 from .plugins.one_call.search import reduce as reduce
-from .plugins.one_call.wish import Budget as Budget
+from .plugins.one_call.target import Budget as Budget
 from .plugins.pages.page import write_model_page as write_model_page
 from .plugins.pages.scenery import Scenery as Scenery
 from .plugins.pages.scenery_of import scenery_of as scenery_of

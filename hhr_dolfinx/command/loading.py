@@ -97,8 +97,9 @@ def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) ->
                 f"'{word}' gives no parameter a number: write --at {space.names[0]}=0.5, with a decimal point"
             )
         if name not in space.names or name in found:
-            raise ParameterError(f"'{name}' is {'there twice' if name in found else 'no parameter'}: there are "
-                                 f"{', '.join(space.names)}")  # fmt: skip
+            raise ParameterError(
+                f"'{name}' is {'there twice' if name in found else 'no parameter'}: there are {', '.join(space.names)}"
+            )
         found[name] = value
     missing = [name for name in space.names if name not in found]
     if others is not None:

@@ -33,8 +33,9 @@ class TagNames:
     def of(cls, groups: Any, dim: int, summary: Summary | None = None) -> TagNames:
         """Names of physical groups, ``{name: (dimension, number or numbers)}`` or such pairs, of a mesh."""
         pairs = list(groups.items() if isinstance(groups, Mapping) else groups or ())
-        cells, facets = ({name: _numbers(group[1]) for name, group in pairs if int(group[0]) == wanted}
-                         for wanted in (dim, dim - 1))  # fmt: skip
+        cells, facets = (
+            {name: _numbers(group[1]) for name, group in pairs if int(group[0]) == wanted} for wanted in (dim, dim - 1)
+        )
         return cls(cells, facets, summary or Summary())
 
     def cell(self, tag: Tag) -> tuple[int, ...]:

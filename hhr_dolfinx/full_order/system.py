@@ -115,9 +115,11 @@ class System(ABC):
     bodies: ScaledBodies | None = None
 
     def __init__(
-        self, problem: ContactProblem, middle: Callable[[], SparseStiffness],
+        self,
+        problem: ContactProblem,
+        middle: Callable[[], SparseStiffness],
         made: Callable[[csr_matrix, ContactProblem], SparseStiffness],
-    ):  # fmt: skip
+    ):
         self.problem = problem
         self.middle = middle
         self.made = made

@@ -30,10 +30,9 @@ NO_OUTPUTS: Mapping[str, float] = {}
 """Outputs of a model without outputs, or without estimates of them."""
 NO_OUTPUTS_SHOWN: Mapping[str, str] = {}
 """Column heads without outputs."""
-NUMBERS = (
-    "primal", "dual", "primal_relative", "dual_relative",
-    "forces_euclid", "pressure", "forces_euclid_relative", "pressure_relative",
-)  # fmt: skip
+NUMBERS = tuple(
+    "primal dual primal_relative dual_relative forces_euclid pressure forces_euclid_relative pressure_relative".split()
+)
 """Attributes of an estimate that do not belong to outputs."""
 SHOWN = {
     "displacement": "primal_relative",

@@ -151,10 +151,12 @@ class VaryingBound(Rebuilt):
         if isinstance(self.whole, ReducedProblem):
             return theta @ self.whole.gaps.T - unknown @ self.whole.contact_trial.T
         problems = map(self.whole, points)
-        return np.array([
-            problem.gaps @ own - problem.contact_trial @ gamma
-            for problem, own, gamma in zip(problems, theta, unknown, strict=True)
-        ])  # fmt: skip
+        return np.array(
+            [
+                problem.gaps @ own - problem.contact_trial @ gamma
+                for problem, own, gamma in zip(problems, theta, unknown, strict=True)
+            ]
+        )
 
     @cached_property
     def _blocks(self) -> list[Block]:
@@ -231,9 +233,9 @@ class VaryingThere(NamedTuple):
     def completed(self, own: np.ndarray, outside: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """See :class:`BoundThere`."""
         free = self.found.free_slack[:, None]
-        return np.concatenate([
-            self.response[k].outside(*outside).completed(own[k, None], free[k]) for k in range(len(own))
-        ])  # fmt: skip
+        return np.concatenate(
+            [self.response[k].outside(*outside).completed(own[k, None], free[k]) for k in range(len(own))]
+        )
 
     def force_changes(
         self, forces: np.ndarray, outside: tuple[np.ndarray, np.ndarray], gradient: Gradient, changes: np.ndarray
