@@ -1,4 +1,4 @@
-"""The full problem as a first program would solve it: the measure of every claim of speed."""
+"""Naive full-order solver, as a first program would be written: a reference for times."""
 
 from __future__ import annotations
 
@@ -16,16 +16,17 @@ from hhr_dolfinx.models.model import AnsweringModel
 
 
 class NaiveFullOrder(AnsweringModel):
-    """Nothing is kept between queries.
+    """Full-order model that stores nothing between queries.
 
-    Each query assembles K anew, and each active-set iteration factors the saddle-point matrix
-    ((K, B^T), (B, 0)) of its active contacts anew. Serial.
+    Each query assembles K, and each active-set iteration factors the saddle-point matrix ((K, B^T), (B, 0)) of its
+    active contacts. Serial.
 
     Args:
         full_order: model whose scene is solved.
 
     Raises:
-        SceneError: on several ranks, or where bodies flow.
+        SceneError: on several ranks, or for inelastic bodies.
+        NotOfferedError: for friction.
     """
 
     def __init__(self, full_order: FullOrderModel):
@@ -44,11 +45,11 @@ class NaiveFullOrder(AnsweringModel):
 
     @property
     def sizes(self) -> tuple[int, int]:
-        """Those of answers of the full model."""
+        """Sizes of answers of the full model."""
         return self._full.sizes
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
-        """Everything assembled and factored for this point."""
+        """Assemble and factor everything for this point."""
         if gradient:
             raise NotOfferedError("the naive baseline has no gradient: ask the full model")
         varies = self._full.problem.varies
@@ -56,7 +57,7 @@ class NaiveFullOrder(AnsweringModel):
         theta = problem.amplitudes(point)
         free = np.flatnonzero(problem.free)
         stiffness = (problem.stiffness if varies else self._assembled())[free][:, free]
-        # rows and forces scaled to the size of K: without it LU loses digits where E is large or small
+        # rows and forces are scaled to the size of K: otherwise LU loses digits if E is large or small
         scale = stiffness.diagonal().mean()
         loads = problem.loads[free] @ theta
         gaps = problem.gaps @ theta
@@ -86,6 +87,6 @@ class NaiveFullOrder(AnsweringModel):
         return found_as(found, point, unknown, self._full)
 
     def _assembled(self) -> csr_matrix:
-        """K, assembled once more."""
+        """K, assembled again."""
         first, *others = self._full.discretisation.stiffness_terms()[0]
         return sum(others, start=first)
