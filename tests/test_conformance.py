@@ -1,6 +1,9 @@
 """Conformance checks: each passes on our parts and on toys, and says what is wrong with broken variants of them."""
 
+import importlib
+import tomllib
 from dataclasses import dataclass, fields, replace
+from pathlib import Path
 from typing import ClassVar
 
 import numpy as np
@@ -18,6 +21,7 @@ from toy_system import Foundation
 from toy_volume_load import Weight
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx import registry
 from hhr_dolfinx import testing as suite
 from hhr_dolfinx.errors import ConformanceError, NotOfferedError, ReductionError
 from hhr_dolfinx.models.condensed import CondensedModel
@@ -422,3 +426,28 @@ def test_a_reductor_that_promises_less_passes():
     with pytest.raises(ConformanceError, match=r"Nothing: ReductionError: .* must return a model"):
         suite.check_reductor(type("Nothing", (), {"reduced": lambda *_: None})())
     assert issubclass(ConformanceError, AssertionError) and not issubclass(ConformanceError, ReductionError)
+
+
+TEMPLATES = Path(__file__).parents[1] / "extension_templates"
+FOLDERS = sorted(path.parent.name for path in TEMPLATES.glob("*/pyproject.toml"))
+
+
+@pytest.mark.parametrize("kind", FOLDERS)
+def test_templates_work_as_they_are(kind, monkeypatch):
+    """Their tests pass, and what their manifests name is there."""
+    folder = TEMPLATES / kind
+    monkeypatch.syspath_prepend(str(folder))
+    tests = vars(importlib.import_module(f"test_my_{kind}"))
+    ran = [test() for name, test in tests.items() if name.startswith("test_")]
+    assert ran and "TODO" in (folder / f"my_{kind}.py").read_text()
+    project = tomllib.loads((folder / "pyproject.toml").read_text())
+    assert project["tool"]["setuptools"]["py-modules"] == [f"my_{kind}"]
+    plugin = registry.load(project["project"]["entry-points"][registry.GROUP][f"my_{kind}"])
+    assert isinstance(plugin, registry.Plugin) and plugin.name == f"my_{kind}"
+    places = [place for named in plugin.parts.values() for place in named.values()]
+    places += [f"{module}:{name}" for module, name in (*plugin.public.items(), *plugin.classes.items())]
+    assert places and all(registry.load(place) is tests[place.partition(":")[2]] for place in places)
+
+
+def test_there_is_a_template_for_each_of_five_seams():
+    assert FOLDERS == ["law", "load", "output", "pairing", "reductor"]
