@@ -13,10 +13,14 @@ import importlib.metadata
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx.errors import PluginWarning, SceneError
 from hhr_dolfinx.warn import warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+
 
 GROUP = "hhr_dolfinx.plugins"
 """Group of entry points of plug-ins."""
@@ -133,7 +137,7 @@ def listed(what: str) -> list[Any]:
     return [load(place) for plugin in installed().values() for place in getattr(plugin, what)]
 
 
-def write_companions(full: Any, folder: Any) -> None:
+def write_companions(full: FullModel, folder: Any) -> None:
     """Write what plug-ins keep beside a model in a folder. Collective over the ranks of the full model."""
     for write in listed("companions"):
         write(full, folder)

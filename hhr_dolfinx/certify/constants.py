@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 import math
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -21,6 +21,10 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.certify.eigenvalues import DENSE, extreme_eigenvalue
 from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+
 
 logger = logging.getLogger(__name__)
 
@@ -96,7 +100,7 @@ class FullConstants:
     energy: float
 
     @classmethod
-    def of(cls, full: Any) -> FullConstants:
+    def of(cls, full: FullModel) -> FullConstants:
         """Constants of a full model, found once and kept as long as it lives.
 
         They are reported, and nothing depends on them: one that is not found is NaN, and the model is built.

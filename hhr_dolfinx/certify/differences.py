@@ -17,6 +17,7 @@ from hhr_dolfinx.models.bounds.difference import ExactDifference, definite
 from hhr_dolfinx.models.field_response import FieldResponse
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.models.bounds.output_difference import OutputDifference
 
@@ -29,7 +30,7 @@ MOST_READ = 50
 """Training answers of which outputs are read."""
 
 
-def exact_difference(full: Any, basis: np.ndarray, forces: np.ndarray | None = None) -> ExactDifference:
+def exact_difference(full: FullModel, basis: np.ndarray, forces: np.ndarray | None = None) -> ExactDifference:
     """Differences of answers with a basis, (own rows, ell), of a full model whose bodies are held.
 
     Of forces of training, (N_lambda, S), a thousandth is what relative errors are taken over at least.
@@ -43,7 +44,7 @@ def exact_difference(full: Any, basis: np.ndarray, forces: np.ndarray | None = N
     return ExactDifference(**arrays, modes=modes, loads=loads)
 
 
-def exact_arrays(full: Any, forces: np.ndarray | None) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def exact_arrays(full: FullModel, forces: np.ndarray | None) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Cholesky factor of S, and arrays of the exact answer, see :class:`ExactDifference`; ``forces`` as there.
 
     Raises:
@@ -94,7 +95,7 @@ def factor_of(schur: np.ndarray) -> np.ndarray:
         raise BoundError("rows of B are dependent, so that forces are not unique: no error of them is known") from None
 
 
-def check_hypotheses(full: Any, *, floating: bool = False) -> None:
+def check_hypotheses(full: FullModel, *, floating: bool = False) -> None:
     """Refuse what no error is known of, or bodies that contact alone holds unless these are ``floating``.
 
     Raises:
@@ -118,7 +119,7 @@ def check_hypotheses(full: Any, *, floating: bool = False) -> None:
         raise BoundError(f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy")
 
 
-def unit_energy(full: Any, lower: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def unit_energy(full: FullModel, lower: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Columns of V, (own rows, ell), and of K^-1 loads in directions of unit energy, see :class:`ExactDifference`.
 
     The first are X L^-T, where X = K^-1 B^T and X^T K X = S = L L^T. What lies along them is L^-1 X^T K times a field,
@@ -179,7 +180,7 @@ class MadeOfForces(NamedTuple):
     bound: ExactDifference
 
 
-def field_response(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
+def field_response(full: FullModel, forces: np.ndarray, most: int) -> MadeOfForces:
     """The displacement as loads and contact forces make it, with no more columns than a reduced model has modes.
 
     All columns of K^-1 B^T if that is enough for them; else the leading directions, in energy, of what the forces of
@@ -202,7 +203,7 @@ def field_response(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
     return MadeOfForces(FieldResponse(*load_response(full), onto), np.asfortranarray(columns), difference)
 
 
-def load_response(full: Any) -> tuple[np.ndarray, csc_matrix]:
+def load_response(full: FullModel) -> tuple[np.ndarray, csc_matrix]:
     """K^-1 loads, (own, 1 + T), as a product of few columns, (own, k), and a sparse matrix, (k, 1 + T).
 
     The columns belong to the terms that load something, or to the dofs that are loaded if there are fewer of these, as
@@ -220,7 +221,7 @@ def load_response(full: Any) -> tuple[np.ndarray, csc_matrix]:
 
 
 def columns_of_forces(
-    full: Any, lower: np.ndarray, forces: np.ndarray, most: int
+    full: FullModel, lower: np.ndarray, forces: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """What spans the displacements of forces: all of K^-1 B^T, or combinations of it where these are too many.
 
@@ -256,7 +257,7 @@ def leading(columns: np.ndarray, lower: np.ndarray, count: int) -> np.ndarray:
     return np.hstack([own, svd(rest)[0][:, : count - own.shape[1]]])
 
 
-def output_difference(full: Any, training: Any = None) -> OutputDifference:
+def output_difference(full: FullModel, training: Any = None) -> OutputDifference:
     """Outputs of the exact answers of a full model that has outputs, whose stiffness is constant.
 
     ``training`` are snapshots, whose outputs say what is large.
@@ -272,7 +273,7 @@ def output_difference(full: Any, training: Any = None) -> OutputDifference:
     return OutputDifference(free, np.asfortranarray(full.pressed(rows)), _least_outputs(full, training))
 
 
-def _least_outputs(full: Any, training: Any) -> np.ndarray:
+def _least_outputs(full: FullModel, training: Any) -> np.ndarray:
     """A thousandth of the largest absolute value of each output in some training answers; zero without any, (n,)."""
     if training is None:
         return np.zeros(len(full.functionals.items))

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags, triu
@@ -37,6 +37,10 @@ from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import Known, Signs, TrainedPaths
 from hhr_dolfinx.warn import collected, repeat, warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+
 
 EMPTY = 1.5
 """Distance from the training, over that between training points, at which a place counts as empty."""
@@ -309,7 +313,7 @@ def check_door(trained: TrainedPaths, limits: TrustLimits) -> None:
         )
 
 
-def warn_of_training(full: Any, snapshots: Solutions, held_out: Solutions | None) -> None:
+def warn_of_training(full: FullModel, snapshots: Solutions, held_out: Solutions | None) -> None:
     """Say beforehand what no check of the model can make good: where it is trained, and what it is compared with."""
     flows = full.equilibrium is not None
     if not (flows or full.problem.friction):  # each step of an elastic history is a point like any other
@@ -412,7 +416,7 @@ TRAINED = "trained history"
 
 
 def checked_histories(
-    full: Any,
+    full: FullModel,
     model: Model,
     snapshots: Solutions,
     held_out: Solutions | None,
@@ -441,7 +445,7 @@ def checked_histories(
 
 
 def compared_histories(
-    full: Any,
+    full: FullModel,
     model: Model,
     snapshots: Solutions,
     held_out: Solutions | None,

@@ -26,6 +26,7 @@ from hhr_dolfinx.linear.rows import MatrixOfRows, Rows
 from hhr_dolfinx.parameters import ParameterSpace
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.parameters import PointLike
     from mpi4py.MPI import Comm
 
     from hhr_dolfinx.contact.friction import Friction
@@ -273,7 +274,7 @@ class ContactProblem:
         """Numbers of those of a contact pair, by its place in the scene."""
         return np.flatnonzero((self.contact_pairs == place) & self.pressing)
 
-    def at(self, mu: Any) -> ContactProblem:
+    def at(self, mu: PointLike) -> ContactProblem:
         """The problem whose stiffness is that of one parameter and constant; itself where nothing varies."""
         if not self.varies:
             return self
@@ -368,7 +369,7 @@ class ContactProblem:
         """Dofs per node; the dofs of node n are ``block_size * n + component``."""
         return self.free.size // self.points.shape[0]
 
-    def theta(self, mu: Any) -> Theta:
+    def theta(self, mu: PointLike) -> Theta:
         """θ at a parameter given as a number, a sequence or a mapping; see :meth:`ParameterSpace.point`."""
         return self.amplitudes(self.parameters.point(mu))
 

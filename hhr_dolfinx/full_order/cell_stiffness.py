@@ -14,6 +14,7 @@ from scipy.sparse import csr_matrix, vstack
 from hhr_dolfinx.formulas import Modulus
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.full_order.discretisation import Discretisation
 
 
@@ -32,7 +33,7 @@ class CellStiffness:
     moduli: tuple[Modulus, ...]
 
     @classmethod
-    def of(cls, full: Any, cells: np.ndarray) -> CellStiffness:
+    def of(cls, full: FullOrderModel, cells: np.ndarray) -> CellStiffness:
         """Of a full model and some of its cells, in the order of ``ContactProblem.cell_nodes``. Collective."""
         part = _of_cells(full.discretisation, cells)
         return cls(part, *_terms(part))

@@ -34,6 +34,7 @@ from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
 
@@ -96,7 +97,7 @@ class FullEquilibrium:
     trained = None
     together: Points = ALL_HERE
 
-    def __init__(self, full: Any, gauss: GaussModel):
+    def __init__(self, full: FullModel, gauss: GaussModel):
         problem = full.problem
         self.fields = self._full = full
         self.problem = problem

@@ -32,6 +32,7 @@ from hhr_dolfinx.models.strains import StrainGuard
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.parameters import PointLike
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.flow import FullEquilibrium
@@ -39,6 +40,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.linear.shared import SharedCholesky
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
+    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.functionals.functional import Functionals
 
 _log = logging.getLogger(__name__)
@@ -102,7 +104,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
             else:
                 discretisation = Discretisation(scene, comm)
                 self._factor(discretisation, *discretisation.stiffness_terms())
-            self.functionals: Any = self._prepared_outputs()  # those of a shape where it depends on parameters
+            self.functionals = self._prepared_outputs()
         self.strains = StrainGuard(self.problem, axisymmetric=scene.hypothesis == "axisymmetric")
 
     def _build_flowing(self) -> None:
@@ -117,7 +119,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
             return None
         from hhr_dolfinx.full_order.outputs import functionals_of
 
-        return functionals_of(self)
+        return functionals_of(self.discretisation, self.problem, self.equilibrium)
 
     def _factor(
         self, discretisation: Discretisation, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()
@@ -399,7 +401,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """Itself, of its own answers; see :class:`~hhr_dolfinx.models.answer.ModelFields`."""
         return self
 
-    def areas(self, mu: Any) -> np.ndarray:
+    def areas(self, mu: PointLike) -> np.ndarray:
         """Tributary areas of the contact conditions at a parameter, on which shapes may depend, (N_lambda,)."""
         shaped = self.problem.reshaped
         return (self.problem if shaped is None else shaped(self.parameters.point(mu))).contact_areas
@@ -408,7 +410,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""
         return {"scene": f"scene '{self.scene.name}'", **super().facts()}
 
-    def stress_of(self, displacement: np.ndarray, mu: Any = None) -> np.ndarray:
+    def stress_of(self, displacement: np.ndarray, mu: PointLike = None) -> np.ndarray:
         """Elastic stress of a displacement (N,) in the middle of each cell, Kelvin's notation, (cells, components).
 
         What depends on parameters is that of ``mu``; None takes the middle of the box.
@@ -443,3 +445,10 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """Derivatives of all forces and of the displacement."""
         assert answer.gradient is not None
         return answer.gradient.multipliers, answer.gradient.unknown + self.problem.lifts @ changes
+
+
+if TYPE_CHECKING:
+
+    def _is_full_model(model: FullOrderModel) -> FullModel:
+        """Hold the class to the interface of the rooms above."""
+        return model

@@ -155,18 +155,18 @@ class FullShapeFunctionals:
     See :class:`~hhr_dolfinx.models.functionals.functional.ShapeFunctionals`.
 
     Args:
-        full: the model; its problem is that of the middle of the box.
+        discretisation: mesh and forms.
+        problem: that of the middle of the box.
 
     Raises:
         SceneError: for an output of what the model does not have.
     """
 
-    def __init__(self, full: Any):
-        problem = full.problem
+    def __init__(self, discretisation: DiscreteSpace, problem: ContactProblem):
         self.axes = np.array(problem.reshaped.axes, dtype=np.int64)
         self.parameters = problem.parameters
         self.amplitudes = problem.amplitudes
-        self._discretisation = full.discretisation
+        self._discretisation = discretisation
         self._base = problem
         self._prepared = lru_cache(maxsize=SHAPES)(self._made)
         self.items = self.at(problem.middle).items
@@ -184,15 +184,17 @@ class FullShapeFunctionals:
             return prepared_outputs(self._discretisation, reshaped(point), None, self._base)
 
 
-def functionals_of(full: Any) -> Functionals | FullShapeFunctionals:
+def functionals_of(
+    discretisation: DiscreteSpace, problem: ContactProblem, equilibrium: FullEquilibrium | None
+) -> Functionals | FullShapeFunctionals:
     """All outputs of a scene; on several ranks the same on each, and all of them ask together.
 
     Raises:
         SceneError: for an output of what the model does not have.
     """
-    if full.problem.reshaped is not None:
-        return FullShapeFunctionals(full)
-    return prepared_outputs(full.discretisation, full.problem, full.equilibrium, full.problem)
+    if problem.reshaped is not None:
+        return FullShapeFunctionals(discretisation, problem)
+    return prepared_outputs(discretisation, problem, equilibrium, problem)
 
 
 def prepared_outputs(

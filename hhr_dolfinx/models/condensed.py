@@ -24,6 +24,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import USUAL, TrainedRange
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.parameters import PointsLike
     from hhr_dolfinx.contact.friction import Friction
 
 MOST_ROWS = 16_000
@@ -89,7 +90,7 @@ class CondensedModel(KeptModel):
         """See :class:`AnsweringModel`."""
         return self.eliminated.along_path()
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
+    def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
         """Answer many parameters, (n, P), as :meth:`solve` does, to round-off; faster per point the more there are.
 
         Args:

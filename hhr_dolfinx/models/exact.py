@@ -20,6 +20,7 @@ from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Meshed
     from hhr_dolfinx.models.functionals.functional import Functionals
 
 
@@ -83,7 +84,7 @@ class ExactFields(_Exact):
     floats: bool = False
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     functionals: Functionals | None = None
-    full: Any = field(default=None, metadata=OF_THE_MESH)
+    full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
     @property
     def conditions(self) -> int:
@@ -134,7 +135,7 @@ class SolvedFields(_Exact):
     pushed: Callable[[np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     functionals: Functionals | None = None
-    full: Any = field(default=None, metadata=OF_THE_MESH)
+    full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
     @property
     def conditions(self) -> int:

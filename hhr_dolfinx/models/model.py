@@ -30,6 +30,8 @@ from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange, check_outside
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.parameters import PointsLike
+    from hhr_dolfinx.parameters import PointLike
     from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.functionals.functional import Outputs
@@ -164,7 +166,7 @@ class AnsweringModel(Shown):
 
     def solve(
         self,
-        mu: Any,
+        mu: PointLike,
         *,
         start: Any = NEAREST,
         raise_on_failure: bool = True,
@@ -240,7 +242,7 @@ class AnsweringModel(Shown):
 
         return Slider(self, settings.gradient)
 
-    def coupling(self, mu: Any) -> float:
+    def coupling(self, mu: PointLike) -> float:
         """Strength of the coupling of pressures and slip by friction: below one, each increment has one answer.
 
         From one on there may be several, and the search finds one of them; see :mod:`hhr_dolfinx.contact.uniqueness`.
@@ -257,7 +259,7 @@ class AnsweringModel(Shown):
         coefficient, _ = self.friction.bounds(point)
         return np.nan if contact.floating is not None else coupling(contact.schur, self.friction, coefficient)
 
-    def uniqueness(self, mu: Any) -> str:
+    def uniqueness(self, mu: PointLike) -> str:
         """Uniqueness of increments with friction at a parameter, by :meth:`coupling`.
 
         Returns:
@@ -296,7 +298,7 @@ class AnsweringModel(Shown):
         """Checked start of the search."""
         return checked_start(start, self.own_conditions)
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
+    def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
         """Answer many parameters, (n, P), one by one; models of inelastic bodies make one step from rest for each."""
         outside = self._checked_outside(outside)
         return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
@@ -311,7 +313,7 @@ class AnsweringModel(Shown):
 
         return march(self.equilibrium, checked_path(self.parameters, path), settings)
 
-    def outputs(self, mu: Any, *, gradient: bool = False, **how: Any) -> Outputs:
+    def outputs(self, mu: PointLike, *, gradient: bool = False, **how: Any) -> Outputs:
         """Outputs of the scene at one parameter; ``how`` are further arguments of :meth:`solve`.
 
         Raises:

@@ -24,6 +24,7 @@ from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
 from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Meshed
     from hhr_dolfinx.models.bounds.output_difference import OutputDifference
     from hhr_dolfinx.models.field_response import FieldResponse
     from hhr_dolfinx.models.frictional_fields import FrictionalFields
@@ -183,7 +184,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     unbounded: str = ""
     response: FieldResponse | None = None
     frictional: FrictionalFields | None = None
-    full: Any = field(default=None, metadata=OF_THE_MESH)
+    full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Wrong conditions of the RID, and columns that are not those of what makes their coordinates."""

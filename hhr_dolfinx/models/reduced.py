@@ -27,6 +27,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.parameters import PointsLike
     from hhr_dolfinx.amplitudes import Amplitudes
     from hhr_dolfinx.models.eliminations.interpolated import Compliances
     from hhr_dolfinx.models.histories.reduced_flow import ReducedEquilibrium, ReducedFlow
@@ -155,7 +156,7 @@ class ReducedModel(KeptModel):
         assert self.eliminated is not None
         return self.eliminated._answered(point, start, outside, gradient)
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
+    def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
         """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`; inelastic models one by one."""
         if self.eliminated is None or self.friction is not None:
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)

@@ -14,6 +14,7 @@ from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.model import KeptModel
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.parameters import PointLike
     from hhr_dolfinx.models.answer import Answer
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.histories.equilibrium import MarchSettings
@@ -102,7 +103,7 @@ class SlidingModel(KeptModel):
 
         return RepairingSlider(self, exactly=settings.time_tolerance is not None)
 
-    def coupling(self, mu: Any) -> float:
+    def coupling(self, mu: PointLike) -> float:
         """NaN, for unknown: rows change along a path."""
         return np.nan
 

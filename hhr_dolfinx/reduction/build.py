@@ -41,6 +41,7 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.histories.reduced_flow import ReducedFlow
     from hhr_dolfinx.models.starts import LinearStarts
 
@@ -95,7 +96,7 @@ class _Offline:
         announce: of each stage that begins.
     """
 
-    full: Any
+    full: FullModel
     snapshots: SnapshotSet
     held_out: SnapshotSet | None
     recipe: Recipe
@@ -108,7 +109,7 @@ class _Offline:
     announce: Announce
 
 
-def usual_recipe(full: Any) -> Recipe:
+def usual_recipe(full: FullModel) -> Recipe:
     """The recipe that a scene gets by default."""
     if full.equilibrium is not None:
         return Recipe.flowing()
@@ -119,7 +120,7 @@ def usual_recipe(full: Any) -> Recipe:
 class Reductor(Protocol):
     """A way to reduce of your own: what makes a model of answers of the full one."""
 
-    def reduced(self, full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> AnsweringModel:
+    def reduced(self, full: FullModel, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> AnsweringModel:
         """A model of the same scene.
 
         Args:
@@ -130,7 +131,7 @@ class Reductor(Protocol):
 
 
 def build(
-    full: Any,
+    full: FullModel,
     snapshots: SnapshotSet,
     recipe: Any = None,
     held_out: SnapshotSet | None = None,
@@ -183,7 +184,7 @@ def build(
 
 
 def _of_recipe(
-    full: Any,
+    full: FullModel,
     snapshots: SnapshotSet,
     recipe: Recipe,
     held_out: SnapshotSet | None,
@@ -216,7 +217,7 @@ def not_by_rows(problem: ContactProblem, snapshots: SnapshotSet | None = None, r
     return ""
 
 
-def everywhere(full: Any, *sets: SnapshotSet | None) -> tuple[Any, ...]:
+def everywhere(full: FullModel, *sets: SnapshotSet | None) -> tuple[Any, ...]:
     """A full model and its answers, of which each rank has some rows, with all rows on each. Collective."""
     problem = full.problem
     if problem.comm is None:
@@ -225,7 +226,7 @@ def everywhere(full: Any, *sets: SnapshotSet | None) -> tuple[Any, ...]:
 
 
 def _built(
-    full: Any,
+    full: FullModel,
     snapshots: SnapshotSet,
     recipe: Recipe,
     held_out: SnapshotSet | None,
@@ -255,7 +256,7 @@ def _built(
 
 
 def _tangents(
-    full: Any, snapshots: SnapshotSet, recipe: Recipe, log: StageLog, announce: Announce
+    full: FullModel, snapshots: SnapshotSet, recipe: Recipe, log: StageLog, announce: Announce
 ) -> list[tuple[np.ndarray, Any]]:
     """Tangents at training states and the stiffness they make; none where nothing flows, or they were not asked for."""
     if full.equilibrium is None or recipe.tangents is None:
@@ -268,7 +269,7 @@ def _tangents(
         return training_tangents(full.equilibrium, snapshots, recipe.tangents.states)
 
 
-def sizes(full: Any, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
+def sizes(full: FullModel, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
     """Modes and contact conditions of the model that a recipe makes, before anything is projected.
 
     Raises:
@@ -283,7 +284,7 @@ def sizes(full: Any, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
     return enrich(problem, basis, sets, kappa_max).basis.shape[1], sets.A_lambda.size
 
 
-def _of_scene(full: Any, reductor: Reductor, made: Any) -> AnsweringModel:
+def _of_scene(full: FullModel, reductor: Reductor, made: Any) -> AnsweringModel:
     """What a reductor made, if it is a model of the scene of the full one.
 
     Raises:

@@ -23,6 +23,7 @@ from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.field_response import FieldResponse
     from hhr_dolfinx.models.histories.reduced_flow import ReducedFlow
 
@@ -181,7 +182,7 @@ class Bounding(NamedTuple):
 
 
 def bound_of(
-    full: Any,
+    full: FullModel,
     recipe: Recipe,
     snapshots: SnapshotSet,
     basis: np.ndarray,

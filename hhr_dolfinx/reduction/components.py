@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import count
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, spmatrix
@@ -21,6 +21,10 @@ from hhr_dolfinx.models.eliminations.interpolation import FIRST_LEVELS, GrownGri
 from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, grown
 from hhr_dolfinx.snapshots.arrays import ArrayStore
 from hhr_dolfinx.timing import Announce, unannounced
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+
 
 LARGE = 1e5
 """Number of dofs above which recomputed factors of a component take less of its time than of the memory."""
@@ -138,7 +142,7 @@ class Solver:
         store: keeps solutions for another run; None keeps them in memory alone.
     """
 
-    def __init__(self, full: Any, component: Component, store: ArrayStore | None = None):
+    def __init__(self, full: FullModel, component: Component, store: ArrayStore | None = None):
         self.problem: ContactProblem = full.problem
         self.component = component
         self._full = full
@@ -317,6 +321,6 @@ class Solver:
         return FreeCholesky(matrix, dofs, *how, low_rank=low_rank, last=last)
 
 
-def solvers_of(full: Any, store: ArrayStore | None = None) -> list[Solver]:
+def solvers_of(full: FullModel, store: ArrayStore | None = None) -> list[Solver]:
     """Solvers of all components of a full model, with the store that keeps their solutions."""
     return [Solver(full, component, store) for component in components_of(full.problem)]

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -39,6 +39,10 @@ from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.warn import warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+
 
 STARTS = 256
 FEWEST_STARTS = 32
@@ -103,13 +107,13 @@ class Condensation:
     settings: GridSettings | None = None
     bound: bool = True
 
-    def reduced(self, full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None = None) -> CondensedModel:
+    def reduced(self, full: FullModel, snapshots: SnapshotSet, held_out: SnapshotSet | None = None) -> CondensedModel:
         """See :func:`condense`."""
         return condense(full, snapshots, self.settings, held_out, bound=self.bound)
 
 
 def condense(
-    full: Any,
+    full: FullModel,
     snapshots: SnapshotSet | None,
     settings: GridSettings | None = None,
     held_out: SnapshotSet | None = None,
@@ -171,7 +175,7 @@ def condense(
 
 
 def _compared(
-    full: Any, model: CondensedModel, snapshots: SnapshotSet | None, held_out: SnapshotSet | None, log: StageLog
+    full: FullModel, model: CondensedModel, snapshots: SnapshotSet | None, held_out: SnapshotSet | None, log: StageLog
 ) -> Comparison | None:
     """Comparison with answers held out; None without any."""
     if held_out is None or snapshots is None:
@@ -197,7 +201,7 @@ def _starts(problem: ContactProblem) -> np.ndarray:
     return Sobol(min(STARTS, max(FEWEST_STARTS, 2**room))).points(problem.parameters)
 
 
-def _warn_of_budget(full: Any, grids: list[GrownGrid], settings: GridSettings) -> None:
+def _warn_of_budget(full: FullModel, grids: list[GrownGrid], settings: GridSettings) -> None:
     """Warn of a grid that spent its budget before it converged."""
     worst = max((grid.surplus for grid in grids), default=0.0)
     if worst > settings.tolerance:
@@ -233,7 +237,7 @@ def _warn_of_untouched(snapshots: SnapshotSet | None, solvers: list[Solver]) -> 
         )
 
 
-def _no_fields(full: Any, settings: GridSettings) -> InterpolatedFields:
+def _no_fields(full: FullModel, settings: GridSettings) -> InterpolatedFields:
     """Outputs of forces alone, without displacement."""
     problem = full.problem
     functionals = full.functionals
@@ -245,7 +249,7 @@ def _no_fields(full: Any, settings: GridSettings) -> InterpolatedFields:
     )
 
 
-def _fields(full: Any, seen: list[np.ndarray], settings: GridSettings) -> InterpolatedFields:
+def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> InterpolatedFields:
     """Galerkin's method on the span of displacements, (N, k) each, body by body; the list is emptied."""
     problem: ContactProblem = full.problem
     displacements = seen[0] if len(seen) == 1 else np.column_stack(seen)
@@ -271,7 +275,7 @@ def _fields(full: Any, seen: list[np.ndarray], settings: GridSettings) -> Interp
 
 
 def _compliances(
-    full: Any, solvers: list[Solver], settings: GridSettings, log: StageLog, announce: Announce
+    full: FullModel, solvers: list[Solver], settings: GridSettings, log: StageLog, announce: Announce
 ) -> tuple[Compliances, list[GrownGrid]]:
     """Compliances of all components, with a warning if a grid spent its budget."""
     with log.stage("compliances", announce):
@@ -280,7 +284,7 @@ def _compliances(
     return found, grids
 
 
-def _unbounded(full: Any, log: StageLog, solvers: list[Solver], announce: Announce) -> bool:
+def _unbounded(full: FullModel, log: StageLog, solvers: list[Solver], announce: Announce) -> bool:
     """True if the errors of a model have no bound, whatever its fields."""
     if full.problem.friction is not None:
         return True
@@ -294,7 +298,7 @@ def _unbounded(full: Any, log: StageLog, solvers: list[Solver], announce: Announ
 
 
 def _bounded(
-    full: Any,
+    full: FullModel,
     fields: InterpolatedFields,
     forces: np.ndarray,
     log: StageLog,
@@ -403,7 +407,7 @@ def _fields_along(
     return [fields]
 
 
-def _check_given(full: Any, snapshots: SnapshotSet | None) -> None:
+def _check_given(full: FullModel, snapshots: SnapshotSet | None) -> None:
     """Raise ReductionError for a scene unsuitable for interpolated condensation, and for snapshots of another one."""
     problem: ContactProblem = full.problem
     problem.require_parts("condensation")

@@ -37,6 +37,7 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.warn import collected, repeat
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.models.answer import Answer
 
@@ -52,7 +53,7 @@ ALIKE_MODES = 1e-4
 
 
 def correction_strain(
-    full: Any, elastic: ElasticResponse, answer: Answer, correction: np.ndarray, strain: StrainAt
+    full: FullModel, elastic: ElasticResponse, answer: Answer, correction: np.ndarray, strain: StrainAt
 ) -> np.ndarray:
     """Strain ε_c of the correction of a full answer, (p, c), with that of the change of contact forces.
 
@@ -85,7 +86,7 @@ class FlowingDomain:
     deviators: np.ndarray
 
     @classmethod
-    def of(cls, full: Any, basis: np.ndarray, answers: Sequence[Answer], sizes: np.ndarray) -> FlowingDomain:
+    def of(cls, full: FullModel, basis: np.ndarray, answers: Sequence[Answer], sizes: np.ndarray) -> FlowingDomain:
         """Domain of training answers with corrections of given energy norms."""
         equilibrium = full.equilibrium
         largest = np.zeros(equilibrium.material.gauss_points)
@@ -98,7 +99,7 @@ class FlowingDomain:
 
     def stressed(
         self,
-        full: Any,
+        full: FullModel,
         elastic: ElasticResponse,
         answers: Sequence[Answer],
         corrections: np.ndarray,
@@ -259,7 +260,7 @@ class CorrectionSettings:
             if not (is_whole(value, 1) or (value is None and unbounded)):
                 raise ReductionError(f"{name} = {value!r} must be a whole number from 1" + ", or None" * unbounded)
 
-    def reduced(self, full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None = None) -> CondensedFlowModel:
+    def reduced(self, full: FullModel, snapshots: SnapshotSet, held_out: SnapshotSet | None = None) -> CondensedFlowModel:
         """See :func:`condense_flow`."""
         return condense_flow(full, snapshots, self, held_out)
 
@@ -289,7 +290,7 @@ class CorrectionRecord:
 
 
 def condense_flow(
-    full: Any,
+    full: FullModel,
     snapshots: SnapshotSet,
     settings: CorrectionSettings | None = None,
     held_out: SnapshotSet | None = None,
@@ -342,7 +343,7 @@ def condense_flow(
 class _Shared:
     """Data that all attempts share."""
 
-    full: Any
+    full: FullModel
     snapshots: SnapshotSet
     held_out: SnapshotSet | None
     elastic: ElasticResponse
@@ -429,7 +430,7 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
 
 
 def _online(
-    full: Any,
+    full: FullModel,
     elastic: ElasticResponse,
     basis: np.ndarray,
     domain: FlowingDomain,
@@ -544,7 +545,7 @@ class _FieldModes:
     moduli: np.ndarray
 
     @classmethod
-    def of(cls, full: Any, snapshots: SnapshotSet) -> _FieldModes:
+    def of(cls, full: FullModel, snapshots: SnapshotSet) -> _FieldModes:
         """Modes of training histories."""
         problem = full.problem
         equilibrium = full.equilibrium

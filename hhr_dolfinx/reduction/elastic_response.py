@@ -13,6 +13,7 @@ from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.histories.condensed_fields import PartFactors
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.answer import Answer
 
 
@@ -34,7 +35,7 @@ class ElasticResponse:
         return answer.unknown - elastic - (self.given @ theta - problem.lifts @ theta)
 
 
-def elastic_response(full: Any) -> ElasticResponse:
+def elastic_response(full: FullModel) -> ElasticResponse:
     """Compute the elastic response in blocks, with the factors of the full model."""
     problem: ContactProblem = full.problem
     parts, factors = parts_of(problem)
@@ -45,7 +46,7 @@ def elastic_response(full: Any) -> ElasticResponse:
     return ElasticResponse(forced, imposed + problem.lifts.toarray(), full.per_force, parts, factors)
 
 
-def _eigenforces(full: Any) -> csc_matrix:
+def _eigenforces(full: FullModel) -> csc_matrix:
     """Forces on free dofs of strains without stress in the middle of the box, sparse, (N, 1 + T)."""
     equilibrium = full.equilibrium
     problem = full.problem

@@ -17,6 +17,7 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.elastic_response import elastic_response
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.snapshots.records import SnapshotSet
 
@@ -109,7 +110,7 @@ def _margin(whole: np.ndarray, projected: np.ndarray) -> float:
         ) from error
 
 
-def force_correction(full: Any) -> ForceCorrection:
+def force_correction(full: FullModel) -> ForceCorrection:
     """Correction of forces for any model of a scene of inelastic bodies, see :mod:`models.histories.force_correction`.
 
     Raises:

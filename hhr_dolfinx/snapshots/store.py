@@ -37,6 +37,7 @@ from hhr_dolfinx.version import __version__
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.materials.update import Group
 
 
@@ -235,7 +236,7 @@ class SnapshotStore:
         FileError: if the folder cannot be made.
     """
 
-    def __init__(self, folder: str | Path, full: Any):
+    def __init__(self, folder: str | Path, full: FullModel):
         self._full = full
         self._problem = full.problem
         self._fingerprint = _digest_of(full)  # collective, before anything that may fail on one rank
@@ -476,7 +477,7 @@ class KeptSteps:
         self._store._save(answer, self._queries[self._count])
 
 
-def _digest_of(full: Any) -> bytes:
+def _digest_of(full: FullModel) -> bytes:
     """Fingerprint of every bit of a problem and its laws, and of the version of the package that solves it.
 
     The bounds of the parameters are left out: a wider box finds the solutions of a narrower one. Non-affine amplitudes

@@ -29,6 +29,7 @@ from hhr_dolfinx.models.estimates import Estimate, Estimates
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Meshed
     from hhr_dolfinx.formulas import Scalar
     from hhr_dolfinx.models.eliminations.block import BlockElimination
     from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
@@ -464,7 +465,7 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
     functionals: Functionals | ReshapedFunctionals | None = None
     bound: FieldBound | None = None
     unbounded: str = ""
-    full: Any = field(default=None, metadata=OF_THE_MESH)
+    full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """The bound; None without one, or without a solution."""

@@ -28,6 +28,7 @@ from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Meshed
     from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.formulas import Modulus
 
@@ -176,7 +177,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
     flow: PlasticFields
     functionals: Functionals | None = None
     friction: Friction | None = None
-    full: Any = field(default=None, metadata=OF_THE_MESH)
+    full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
     @property
     def conditions(self) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,6 +13,10 @@ from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, NotSolvableErr
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Model, Path
 from hhr_dolfinx.models.histories.equilibrium import Equilibrium, MarchSettings
 from hhr_dolfinx.parameters import ParameterSpace
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.parameters import PointLike
+
 
 
 def check_settings(settings: Any) -> None:
@@ -126,7 +130,7 @@ def refuse_gradient(wanted: bool) -> None:
 
 
 def one_step(
-    model: Any, mu: Any, raise_on_failure: bool = True, outside: str = "warn", duration: float = 1.0
+    model: Any, mu: PointLike, raise_on_failure: bool = True, outside: str = "warn", duration: float = 1.0
 ) -> Answer:
     """Answer of a model of inelastic bodies: one step from rest, where the box is nearest to zero, with its elasticity.
 

@@ -7,13 +7,17 @@ the outputs.
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.plugins.doors.function import OutputFunction
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.parameters import PointLike
+
 
 with extra("doors", "a model of pyMOR"):
     from pymor.models.interface import Model, OutputDMuResult
@@ -42,7 +46,7 @@ class PyMORModel(Model):
         self.solution_space = NumpyVectorSpace(model.solve(space.middle, outside="ignore").displacement().size)
         self.dim_output = len(self.function.outputs)
 
-    def _compute(self, quantities: set[Any], data: dict[Any, Any], mu: Any) -> None:
+    def _compute(self, quantities: set[Any], data: dict[Any, Any], mu: PointLike) -> None:
         """What is asked for, by one answer."""
         point = np.array([mu[name][0] for name in self.function.names])
         how: dict[str, Any] = {"gradient": "output_d_mu" in quantities, "outside": self.outside}

@@ -20,6 +20,7 @@ from hhr_dolfinx.files import replacing
 from hhr_dolfinx.geometries.cells import CORNERS, EDGES, FACES, TENSOR
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.parameters import PointLike
     from hhr_dolfinx.full_order.discretisation import Discretisation
 
 PENALTY = 100.0
@@ -37,7 +38,7 @@ _ELEMENTS_OF_SECOND_ORDER = {
 }  # fmt: skip
 
 
-def write_deck(path: Path, discretisation: Discretisation, mu: Any) -> None:
+def write_deck(path: Path, discretisation: Discretisation, mu: PointLike) -> None:
     """Write the deck of a scene at a parameter.
 
     Raises:

@@ -26,6 +26,8 @@ from hhr_dolfinx.trained import USUAL
 from hhr_dolfinx.warn import collected, repeat
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.parameters import PointsLike
+    from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 
 _log = logging.getLogger(__name__)
@@ -74,7 +76,7 @@ class FallbackModel(AnsweringModel):
     def __init__(
         self,
         reduced: Any,
-        full: Any,
+        full: FullOrderModel,
         tolerance: float = 0.01,
         *,
         of: str | None = None,
@@ -198,7 +200,7 @@ class FallbackModel(AnsweringModel):
         """Those of answers of the full model."""
         return self.full.sizes
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
+    def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
         """Answer many parameters, (n, P): the reduced model all at once, the full one those that it must."""
         from hhr_dolfinx.models.many import PartedAnswers
 
@@ -261,13 +263,13 @@ def check_allowance(tolerance: Any) -> None:
         raise ParameterError(f"tolerance = {tolerance!r} must be a positive number, such as 0.01")
 
 
-def _remedy(full: Any) -> str:
+def _remedy(full: FullOrderModel) -> str:
     """Whose model is wrong, and which one is needed."""
     name = full.scene.name
     return f". It is of scene '{name}': give the FullOrderModel of the scene that was trained, or train this one"
 
 
-def _check_alike(reduced: Any, full: Any) -> None:
+def _check_alike(reduced: Any, full: FullOrderModel) -> None:
     """Check that a reduced model has a bound, and a full one is that of its scene: box, S and an answer.
 
     Raises:
@@ -293,7 +295,7 @@ def _check_alike(reduced: Any, full: Any) -> None:
         _check_same_scene(reduced, bound, full)
 
 
-def _check_same_friction(reduced: Any, full: Any) -> None:
+def _check_same_friction(reduced: Any, full: FullOrderModel) -> None:
     """Raise ReductionError unless the full model is that of which a reduced one with friction was made."""
     from hhr_dolfinx.models.frictional_fields import mark_of
 
@@ -313,7 +315,7 @@ def _check_same_friction(reduced: Any, full: Any) -> None:
         )
 
 
-def _check_same_scene(reduced: Any, bound: Any, full: Any) -> None:
+def _check_same_scene(reduced: Any, bound: Any, full: FullOrderModel) -> None:
     """Raise ReductionError unless S and an answer of the full model are those that the reduced one knows."""
     if bound.schur.shape != full.schur.shape or np.abs(bound.schur - full.schur).max() > ALIKE * full.schur.max():
         raise ReductionError(f"the full model is that of another scene or mesh: its stiffness differs{_remedy(full)}")

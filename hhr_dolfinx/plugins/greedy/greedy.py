@@ -35,6 +35,7 @@ from hhr_dolfinx.snapshots.store import digest_of_values
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
     from mpi4py.MPI import Comm
 
     from hhr_dolfinx.snapshots.store import SnapshotStore
@@ -155,7 +156,7 @@ class Greedy:
 
     def grown(
         self,
-        full: Any,
+        full: FullModel,
         solve: Callable[[Any], SnapshotSet],
         comm: Comm,
         progress: Callable[[Any], Any] = iter,
@@ -213,7 +214,7 @@ class Greedy:
             )
         return known, Choice(points, tuple(rounds), self._recipe(full))
 
-    def _samplings(self, full: Any) -> tuple[Any, Any]:
+    def _samplings(self, full: FullModel) -> tuple[Any, Any]:
         """Samplings of the first points, and of the candidates."""
         start: Any = Lattice(20)
         candidates: Any = Lattice(1000)
@@ -222,7 +223,7 @@ class Greedy:
             candidates = Sobol(2048, seed=5)
         return start if self.start is None else self.start, candidates if self.candidates is None else self.candidates
 
-    def _recipe(self, full: Any) -> Recipe:
+    def _recipe(self, full: FullModel) -> Recipe:
         """Recipe of the models on the way."""
         if self.recipe is not None:
             return self.recipe
@@ -234,12 +235,12 @@ class Greedy:
         """Queries of the full model."""
         return points if self.family is None else self.family.paths(points)
 
-    def _score(self, full: Any) -> Score:
+    def _score(self, full: FullModel) -> Score:
         """The indicator, with all that needs no reduced model computed."""
         usual = ForceError() if self.family is None else LargestEstimate()
         return (usual if self.indicator is None else self.indicator).prepared(full)
 
-    def _errors(self, full: Any, known: SnapshotSet, candidates: np.ndarray, score: Score, comm: Comm) -> np.ndarray:
+    def _errors(self, full: FullModel, known: SnapshotSet, candidates: np.ndarray, score: Score, comm: Comm) -> np.ndarray:
         """Indicators of a model of the present answers, (n, k)."""
         recipe = self._recipe(full).as_it_is()
         mine = np.array_split(candidates, comm.size)[comm.rank]

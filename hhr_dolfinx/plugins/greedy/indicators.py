@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -26,6 +26,10 @@ from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+
+
 Score = Callable[[Any, SnapshotSet, Sequence[Any]], np.ndarray]
 """Maps a reduced model, the answers it was built from, and some of its answers to indicators, (n,) or (n, k)."""
 
@@ -36,7 +40,7 @@ NO_ANSWER = np.inf
 class GreedyIndicator(Protocol):
     """Estimate of the errors of answers."""
 
-    def prepared(self, full: Any) -> Score:
+    def prepared(self, full: FullModel) -> Score:
         """Prepare the indicator: compute all that does not depend on a reduced model.
 
         Raises:
@@ -44,7 +48,7 @@ class GreedyIndicator(Protocol):
         """
 
 
-def _refuse_flow(full: Any, name: str) -> None:
+def _refuse_flow(full: FullModel, name: str) -> None:
     if full.equilibrium is not None:
         raise StudyError(
             f"bodies of scene '{full.scene.name}' flow, and {name} judges single answers of elastic ones: take "
@@ -60,7 +64,7 @@ class LargestEstimate:
     part of its stress that no mode of training explains; it follows the error of the stress, see docs/bounds.md.
     """
 
-    def prepared(self, full: Any) -> Score:
+    def prepared(self, full: FullModel) -> Score:
         """See :class:`GreedyIndicator`."""
 
         def score(model: Any, known: SnapshotSet, answers: Sequence[Answer | History | None]) -> np.ndarray:
@@ -68,11 +72,11 @@ class LargestEstimate:
 
         return score
 
-    def _of(self, item: Answer | History, full: Any) -> float:
+    def _of(self, item: Answer | History, full: FullModel) -> float:
         answers = item.answers if isinstance(item, History) else [item]
         return max(self._of_answer(answer, full) for answer in answers)
 
-    def _of_answer(self, answer: Answer, full: Any) -> float:
+    def _of_answer(self, answer: Answer, full: FullModel) -> float:
         if not answer.converged:
             return NO_ANSWER
         estimate = answer.estimate()
@@ -97,7 +101,7 @@ class ForceError:
 
     settings: Any = None
 
-    def prepared(self, full: Any) -> Score:
+    def prepared(self, full: FullModel) -> Score:
         """See :class:`GreedyIndicator`."""
         _refuse_flow(full, "ForceError()")
         if full.problem.varies and full.problem.pins is not None:
@@ -127,7 +131,7 @@ class ForceError:
 
         return score
 
-    def _condensed(self, full: Any, known: SnapshotSet) -> Any:
+    def _condensed(self, full: FullModel, known: SnapshotSet) -> Any:
         if not full.problem.varies:
             from hhr_dolfinx.reduction.exact import exact_condensation
 
@@ -156,7 +160,7 @@ class Eta:
     zero; here only the conditions of the RID are solved for.
     """
 
-    def prepared(self, full: Any) -> Score:
+    def prepared(self, full: FullModel) -> Score:
         """See :class:`GreedyIndicator`."""
         _refuse_flow(full, "Eta()")
 
@@ -187,7 +191,7 @@ class Eta2:
     :class:`Eta`.
     """
 
-    def prepared(self, full: Any) -> Score:
+    def prepared(self, full: FullModel) -> Score:
         """See :class:`GreedyIndicator`."""
         _refuse_flow(full, "Eta2()")
 

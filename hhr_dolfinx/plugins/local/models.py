@@ -28,6 +28,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import USUAL, TrainedRange
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.parameters import PointsLike
     from hhr_dolfinx.models.many import PartedAnswers
 
 
@@ -292,7 +293,7 @@ class LocalModels(SeveralModels):
         # statuses of no model are refused by the model itself
         return "nearest" if foreign and statuses.size in sizes else start
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> PartedAnswers:
+    def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> PartedAnswers:
         """Answer many parameters, (n, P), one batch per model, see :meth:`CondensedModel.solve_many`."""
         from hhr_dolfinx.models.many import PartedAnswers
 

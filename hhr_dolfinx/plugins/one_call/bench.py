@@ -29,6 +29,7 @@ from hhr_dolfinx.timing import Announce, StageLog, Stopwatch
 from hhr_dolfinx.warn import ignored, warn
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.path_families import PathFamily
     from hhr_dolfinx.snapshots.arrays import ArrayStore
 
@@ -82,7 +83,7 @@ class Bench:
         batches: seconds of full answers, as many at once as there are ranks.
     """
 
-    full: Any
+    full: FullOrderModel
     crew: Crew
     wish: Wish
     budget: Budget
@@ -334,7 +335,7 @@ def _key(question: Any) -> bytes:
     return b"".join(np.float64(time).tobytes() + np.asarray(point).tobytes() for time, point in question)
 
 
-def _label(full: Any, question: Any) -> str:
+def _label(full: FullOrderModel, question: Any) -> str:
     """A point or a path in words."""
     name = str(getattr(question, "name", ""))
     return name or full.parameters.described(question)

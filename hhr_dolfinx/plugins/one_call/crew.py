@@ -17,6 +17,7 @@ from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.snapshots.records import NOWHERE, compute_snapshots, with_fields
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.full import FullOrderModel
     from mpi4py.MPI import Comm
 
     from hhr_dolfinx.snapshots.store import SnapshotStore
@@ -35,7 +36,7 @@ class Crew:
     """
 
     comm: Comm
-    full: Any
+    full: FullOrderModel
     store: SnapshotStore | None
 
     @property

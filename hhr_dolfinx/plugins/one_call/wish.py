@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +28,10 @@ from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.estimates import ASKED
 from hhr_dolfinx.models.functionals.kinds import Linear
 from hhr_dolfinx.parameters import is_number, is_whole
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.full import FullOrderModel
+
 
 LEAST_ERROR = 1e-12
 """Smallest target: answers of the full model are not more accurate. Exact condensation, which
@@ -79,7 +83,7 @@ class Wish:
     of: tuple[str, ...]
 
     @classmethod
-    def checked(cls, error: Any, of: Any, full: Any) -> Wish:
+    def checked(cls, error: Any, of: Any, full: FullOrderModel) -> Wish:
         """Target for the answers of a full model.
 
         Raises:
@@ -153,7 +157,7 @@ class Errors:
         full: the full model.
     """
 
-    def __init__(self, wish: Wish, full: Any):
+    def __init__(self, wish: Wish, full: FullOrderModel):
         self.wish = wish
         self._problem = full.problem
         self._pressed = _pressed(full.problem)

@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -42,6 +42,10 @@ from hhr_dolfinx.plugins.theorems.constants import (
 from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity
 from hhr_dolfinx.plugins.theorems.imposed_interface import ImposedInterface
 from hhr_dolfinx.plugins.theorems.rid_norms import Directions, Domain, EnergyNorms, EuclideanNorms, Norms, root
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+
 
 THEOREMS = ("3", "4", "4 kernel", "5", "6", "8")
 ROUND_OFF = 1e-10
@@ -90,7 +94,7 @@ class ThesisBounds:
     @classmethod
     def of(
         cls,
-        full: Any,
+        full: FullModel,
         model: Any,
         norm: str = "energy",
         constants: Ellipticity | None = None,

@@ -25,7 +25,7 @@ SHIFT = 0.1
 """Limit of drawn displacements, over the extent of the mesh: smaller ones are magnified by a power of ten up to it."""
 
 
-def figure_of(value: Scene | Answer, path: str | Path | None, full: Any = None) -> Figure:
+def figure_of(value: Scene | Answer, path: str | Path | None, full: FullOrderModel | None = None) -> Figure:
     """Figure of a scene, or of an answer on the mesh of a full model; saved if a path is given.
 
     Raises:
