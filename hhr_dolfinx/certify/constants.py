@@ -115,7 +115,7 @@ class FullConstants:
         return _KNOWN[full]
 
 
-_KNOWN: WeakKeyDictionary[Any, FullConstants] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[FullModel, FullConstants] = WeakKeyDictionary()
 
 
 def smallest_singular_value(rows: csr_matrix) -> float:

@@ -17,9 +17,9 @@ from hhr_dolfinx.models.bounds.difference import ExactDifference, definite
 from hhr_dolfinx.models.field_response import FieldResponse
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.models.bounds.output_difference import OutputDifference
+    from hhr_dolfinx.models.full import FullModel
 
 
 ROUND_OFF = 1e-13

@@ -16,6 +16,7 @@ from hhr_dolfinx.warn import ignored, warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.models.model import AnsweringModel
 
 
 CORNERS = 16
@@ -40,7 +41,7 @@ def check_small_strains(full: FullModel, *sets: Solutions | None) -> None:
         _check(full, given)
 
 
-def look_at_corners(full: FullModel, model: Any) -> None:
+def look_at_corners(full: FullModel, model: AnsweringModel) -> None:
     """Warn of strains and rotations of a model in corners of its box that are not small.
 
     A model that was made for contact forces alone has no displacement, and is left alone.
@@ -53,7 +54,7 @@ def look_at_corners(full: FullModel, model: Any) -> None:
         return
 
 
-def check_corners(full: FullModel, model: Any) -> None:
+def check_corners(full: FullModel, model: AnsweringModel) -> None:
     """Look at strains and rotations of a model's answers in corners of the box, where loads are largest.
 
     Raises, warns: see :func:`check_small_strains`.

@@ -26,11 +26,11 @@ from hhr_dolfinx.linear.rows import MatrixOfRows, Rows
 from hhr_dolfinx.parameters import ParameterSpace
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.parameters import PointLike
     from mpi4py.MPI import Comm
 
     from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.formulas import Modulus, Scalar
+    from hhr_dolfinx.parameters import PointLike
 
 
 def dependence(

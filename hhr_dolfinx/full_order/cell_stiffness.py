@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
@@ -14,8 +14,8 @@ from scipy.sparse import csr_matrix, vstack
 from hhr_dolfinx.formulas import Modulus
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.full_order.discretisation import Discretisation
+    from hhr_dolfinx.full_order.full import FullOrderModel
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 from threading import RLock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
@@ -34,8 +34,8 @@ from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.formulas import Modulus
+    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
 
 

@@ -32,16 +32,17 @@ from hhr_dolfinx.models.strains import StrainGuard
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.parameters import PointLike
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.full_order.outputs import FullShapeFunctionals
     from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.linear.shared import SharedCholesky
+    from hhr_dolfinx.models.answer import CheckedStart
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.functionals.functional import Functionals
+    from hhr_dolfinx.parameters import PointLike
 
 _log = logging.getLogger(__name__)
 
@@ -329,7 +330,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         rows = stiffness, problem.held, problem.rows, self.scene.name, ordering, self.comm
         return FreeCholesky(*rows, low_rank=low_rank, last=last)
 
-    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """A full model knows no nearest statuses: ``nearest`` starts where the free slack is negative."""
         at = self.system.at(point)
         start = None if isinstance(start, str) else start

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
@@ -20,7 +20,7 @@ from hhr_dolfinx.forms.return_mapping import strain_vector
 from hhr_dolfinx.models.functionals.cells import MovingCells
 from hhr_dolfinx.models.functionals.functional import Functional, Functionals
 from hhr_dolfinx.models.functionals.kinds import Energy, FlowMises, Mises, MovingMises
-from hhr_dolfinx.outputs import ElasticEnergy, Output, VonMises
+from hhr_dolfinx.outputs import ContactOutput, ElasticEnergy, Output, PlacedOutput, VonMises
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.shapes import coordinate_names
 
@@ -63,7 +63,7 @@ class Probe:
         """Components of a displacement."""
         return self.problem.block_size
 
-    def conditions(self, output: Any) -> np.ndarray:
+    def conditions(self, output: ContactOutput) -> np.ndarray:
         """Numbers of the conditions of pressures of the contact that an output names."""
         contacts = len(self.scene.contacts)
         if output.contact >= contacts:
@@ -77,7 +77,7 @@ class Probe:
             )
         return found
 
-    def loaded(self, output: Any) -> tuple[np.ndarray, np.ndarray]:
+    def loaded(self, output: ContactOutput) -> tuple[np.ndarray, np.ndarray]:
         """Conditions of a contact that have an area, and their areas."""
         conditions = self.conditions(output)
         conditions = conditions[self.problem.contact_areas[conditions] > 0]
@@ -85,7 +85,7 @@ class Probe:
             raise SceneError(f"output '{output.name}': no condition of contact {output.contact} has an area")
         return conditions, self.problem.contact_areas[conditions]
 
-    def sliding(self, output: Any) -> tuple[np.ndarray, Friction]:
+    def sliding(self, output: ContactOutput) -> tuple[np.ndarray, Friction]:
         """Contacts with friction, by their number there, of the pair that an output names, and the friction.
 
         Raises:
@@ -100,7 +100,7 @@ class Probe:
             )
         return own, friction
 
-    def at_place(self, output: Any, points: np.ndarray) -> np.ndarray:
+    def at_place(self, output: PlacedOutput, points: np.ndarray) -> np.ndarray:
         """Numbers of the points, (n, dim), of ``base`` nearest to the place of an output; several where they coincide.
 
         Raises:
@@ -132,7 +132,7 @@ class Probe:
         """Terms of θ that have entries, (1 + T,); all where a shape depends on parameters: others may elsewhere."""
         return np.arange(entries.size) if self.base.reshaped is not None else np.flatnonzero(entries)
 
-    def nodal_forces(self, output: Any) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
+    def nodal_forces(self, output: ContactOutput) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
         """Conditions of a contact, positions of its first surface's nodes, and the forces on them.
 
         These are -B^T λ on the body of the surface named first, the slave, friction included: (c,), (n, dim), sparse

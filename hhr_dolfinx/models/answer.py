@@ -17,15 +17,21 @@ from hhr_dolfinx.models.shown import Shown, counted, line, point_of, table
 from hhr_dolfinx.trained import USUAL, Signs
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.parameters import PointLike
     from hhr_dolfinx.contact.friction import SlipState
     from hhr_dolfinx.materials.update import State
     from hhr_dolfinx.models.estimates import Estimate, Estimates
     from hhr_dolfinx.models.functionals.functional import Outputs
     from hhr_dolfinx.models.gradient import Gradient
+    from hhr_dolfinx.parameters import PointLike
 
 Path = list[tuple[float, np.ndarray]]
 """Times in seconds and parameters, (P,), the first ones at rest."""
+
+
+Start = str | np.ndarray | Sequence[bool] | None
+"""Start of a search: ``nearest``, one bool for each condition of the model, or None for the signs of the free slack."""
+CheckedStart = str | np.ndarray | None
+"""The same with statuses as an array of bool, one for each condition."""
 
 
 class Meshed(Protocol):
@@ -448,7 +454,7 @@ class Model(Protocol):
         self,
         mu: PointLike,
         *,
-        start: Any = "nearest",
+        start: Start = "nearest",
         raise_on_failure: bool = True,
         outside: str = USUAL,
         gradient: bool = False,

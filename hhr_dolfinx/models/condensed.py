@@ -24,8 +24,9 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import USUAL, TrainedRange
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.parameters import PointsLike
     from hhr_dolfinx.contact.friction import Friction
+    from hhr_dolfinx.models.answer import CheckedStart
+    from hhr_dolfinx.parameters import PointsLike
 
 MOST_ROWS = 16_000
 NUMBERS = 8_000_000
@@ -77,7 +78,7 @@ class CondensedModel(KeptModel):
         self._m = known.active.shape[1]
         self._regions = eliminated.table_of(known) if friction is None else None
 
-    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """From the critical region of the nearest statuses if it holds there; else by the active set."""
         if isinstance(start, str):
             known = None if self._regions is None else self._regions.answer(point, self.fields)

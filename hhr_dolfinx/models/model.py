@@ -30,13 +30,12 @@ from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange, check_outside
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.parameters import PointsLike
-    from hhr_dolfinx.parameters import PointLike
     from hhr_dolfinx.contact.friction import Friction
+    from hhr_dolfinx.models.answer import CheckedStart, Start
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.functionals.functional import Outputs
     from hhr_dolfinx.models.histories.sliding import Slider
-    from hhr_dolfinx.parameters import ParameterSpace
+    from hhr_dolfinx.parameters import ParameterSpace, PointLike, PointsLike
 
 
 ROWS = 1000
@@ -45,7 +44,7 @@ NEAREST = "nearest"
 """Default start of the search."""
 
 
-def checked_start(start: Any, conditions: int) -> Any:
+def checked_start(start: Start, conditions: int) -> CheckedStart:
     """Check the start of a search: ``nearest``, None, or statuses.
 
     Raises:
@@ -168,7 +167,7 @@ class AnsweringModel(Shown):
         self,
         mu: PointLike,
         *,
-        start: Any = NEAREST,
+        start: Start = NEAREST,
         raise_on_failure: bool = True,
         outside: str = USUAL,
         gradient: bool = False,
@@ -181,8 +180,7 @@ class AnsweringModel(Shown):
         """
         point = self.parameters.point(mu)
         outside = self._checked_outside(outside)
-        if start is not NEAREST:
-            start = self._checked_start(start)
+        checked = NEAREST if start is NEAREST else self._checked_start(start)
         if step and (self.equilibrium is None or step.keys() != {"duration"}):
             raise NotOfferedError(f"solve knows no {', '.join(step)} here: only bodies that flow take a duration")
         if self.equilibrium is not None:
@@ -194,7 +192,7 @@ class AnsweringModel(Shown):
             return proportional(self, point, raise_on_failure, outside, gradient)
         self.check_range(point, outside)
         try:
-            answer = self._answered(point, start, outside, gradient)
+            answer = self._answered(point, checked, outside, gradient)
         except OutsideTrainingError:  # refuse it whatever fails; one of several models may raise it
             raise
         except (NotSolvableError, ParameterError):
@@ -271,7 +269,7 @@ class AnsweringModel(Shown):
             return "unknown"
         return "one answer" if coupling < 1 else "several answers possible"
 
-    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """Answer to a checked point, (P,), converged or not, from a checked start."""
         raise NotImplementedError
 
@@ -294,7 +292,7 @@ class AnsweringModel(Shown):
         check_outside(outside)
         return outside
 
-    def _checked_start(self, start: Any) -> Any:
+    def _checked_start(self, start: Start) -> CheckedStart:
         """Checked start of the search."""
         return checked_start(start, self.own_conditions)
 

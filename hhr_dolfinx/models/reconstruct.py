@@ -25,6 +25,7 @@ from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Meshed
+    from hhr_dolfinx.models.bounds.bound import Thetas
     from hhr_dolfinx.models.bounds.output_difference import OutputDifference
     from hhr_dolfinx.models.field_response import FieldResponse
     from hhr_dolfinx.models.frictional_fields import FrictionalFields
@@ -208,7 +209,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         """Number of conditions on the whole contact surface, N_lambda."""
         return len(self.gaps)
 
-    def _slack(self, theta: Any, unknown: np.ndarray) -> np.ndarray:
+    def _slack(self, theta: Thetas, unknown: np.ndarray) -> np.ndarray:
         """Slack of fields, (n, N_lambda), of modes, (n, ell), and θ of each."""
         return driven(self.gaps, theta) - unknown @ self.contact_basis.T
 

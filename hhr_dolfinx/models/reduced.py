@@ -27,10 +27,11 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.parameters import PointsLike
     from hhr_dolfinx.amplitudes import Amplitudes
+    from hhr_dolfinx.models.answer import CheckedStart
     from hhr_dolfinx.models.eliminations.interpolated import Compliances
     from hhr_dolfinx.models.histories.reduced_flow import ReducedEquilibrium, ReducedFlow
+    from hhr_dolfinx.parameters import PointsLike
 
 ADVICE: Mapping[Status, str] = MappingProxyType(
     {
@@ -151,7 +152,7 @@ class ReducedModel(KeptModel):
         """Rebuild from a file, with LAPACK's factors, so that answers are the same on all machines."""
         return cls(**parts, factorise=LapackLU)
 
-    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """By the model without gamma."""
         assert self.eliminated is not None
         return self.eliminated._answered(point, start, outside, gradient)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -14,11 +14,11 @@ from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.model import KeptModel
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.parameters import PointLike
     from hhr_dolfinx.models.answer import Answer
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.histories.equilibrium import MarchSettings
     from hhr_dolfinx.models.histories.repairing import RepairingSlider, SlidingPair
+    from hhr_dolfinx.parameters import PointLike
 
 ADVICE = {
     Status.SINGULAR: "rows are dependent where the surfaces have come to, or friction is too large",

@@ -26,6 +26,8 @@ from hhr_dolfinx.trained import TrainedRange, check_outside
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
+    from hhr_dolfinx.parameters import PointsLike
+
 
 Progress = Callable[[Iterable], Iterable]
 """Wrapper of an iteration, for a progress bar."""
@@ -269,7 +271,7 @@ class Query:
         return float(np.linalg.norm(answer.displacement().reshape(-1, self.model.dimension), axis=1).max())
 
 
-def _table(points: Any, space: ParameterSpace) -> np.ndarray:
+def _table(points: PointsLike, space: ParameterSpace) -> np.ndarray:
     """Points as a table of numbers."""
     try:
         table = np.array(points, dtype=float)

@@ -37,9 +37,9 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.warn import collected, repeat
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.models.full import FullModel
 
 
 ROWS = 1500
@@ -260,7 +260,9 @@ class CorrectionSettings:
             if not (is_whole(value, 1) or (value is None and unbounded)):
                 raise ReductionError(f"{name} = {value!r} must be a whole number from 1" + ", or None" * unbounded)
 
-    def reduced(self, full: FullModel, snapshots: SnapshotSet, held_out: SnapshotSet | None = None) -> CondensedFlowModel:
+    def reduced(
+        self, full: FullModel, snapshots: SnapshotSet, held_out: SnapshotSet | None = None
+    ) -> CondensedFlowModel:
         """See :func:`condense_flow`."""
         return condense_flow(full, snapshots, self, held_out)
 

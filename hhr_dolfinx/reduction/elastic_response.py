@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -13,8 +13,8 @@ from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.models.histories.condensed_fields import PartFactors
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.models.full import FullModel
 
 
 @dataclass(frozen=True)

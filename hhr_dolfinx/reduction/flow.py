@@ -17,8 +17,8 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.elastic_response import elastic_response
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.full_order.flow import FullEquilibrium
+    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.snapshots.records import SnapshotSet
 
 

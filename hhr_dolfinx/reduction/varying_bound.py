@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -62,7 +62,7 @@ class Between(NamedTuple):
     areas: Interpolant | None
 
 
-_KNOWN: WeakKeyDictionary[Any, Between | BoundError] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[FullModel, Between | BoundError] = WeakKeyDictionary()
 
 
 def between(full: FullModel, solvers: Sequence[Solver] | None = None, announce: Announce = unannounced) -> Between:

@@ -28,10 +28,10 @@ from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
     from mpi4py.MPI import Comm
 
-    from hhr_dolfinx.parameters import ParameterSpace
+    from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.parameters import ParameterSpace, PointsLike
     from hhr_dolfinx.snapshots.store import SnapshotStore
 
 
@@ -278,7 +278,7 @@ class SnapshotSet(Shown):
 
 def compute_snapshots(
     full: FullModel,
-    queries: Any,
+    queries: PointsLike | Sequence[Path],
     progress: Progress = iter,
     store: SnapshotStore | None = None,
     settings: MarchSettings = DEFAULT_MARCH,
@@ -304,7 +304,12 @@ def compute_snapshots(
 
 
 def _solved(
-    full: FullModel, queries: Any, progress: Progress, store: SnapshotStore | None, settings: MarchSettings, lost: Lost | None
+    full: FullModel,
+    queries: PointsLike | Sequence[Path],
+    progress: Progress,
+    store: SnapshotStore | None,
+    settings: MarchSettings,
+    lost: Lost | None,
 ) -> SnapshotSet | None:
     """Answers to the queries; None if none has an answer."""
     if not _are_paths(queries):
@@ -333,7 +338,7 @@ def _recording(lost: Lost | None, label: str) -> AbstractContextManager[None]:
     return nullcontext() if lost is None else lost.recorded(label)
 
 
-def _are_paths(queries: Any) -> bool:
+def _are_paths(queries: PointsLike | Sequence[Path]) -> bool:
     """True for paths, lists of times and parameters, which do not form a table."""
     try:
         return np.ndim(np.array(queries, dtype=float)) > 2
@@ -345,7 +350,7 @@ def _answers(
     full: FullModel, points: np.ndarray, progress: Progress, store: SnapshotStore | None, lost: Lost | None
 ) -> Iterator[Answer]:
     """Answers at some points."""
-    start: Any = "nearest"
+    start: str | np.ndarray = "nearest"
     for point in progress(points):
         answer = _stored(full, store, point)
         if answer is None:
@@ -406,7 +411,7 @@ def _kept_history(full: FullModel, path: Path, store: SnapshotStore, settings: M
 
 def spread_snapshots(
     full: FullModel,
-    queries: Any,
+    queries: PointsLike | Sequence[Path],
     comm: Comm,
     progress: Progress = iter,
     store: SnapshotStore | None = None,

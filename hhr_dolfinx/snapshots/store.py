@@ -37,8 +37,8 @@ from hhr_dolfinx.version import __version__
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.materials.update import Group
+    from hhr_dolfinx.models.full import FullModel
 
 
 DEEPEST = 50

@@ -12,6 +12,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
+from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.models.estimates import Estimates
@@ -67,7 +68,11 @@ def lengths(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum((one[..., None, :] @ other[..., None])[..., 0, 0], 0.0))
 
 
-def driven(matrix: np.ndarray, theta: Any) -> np.ndarray:
+Thetas = Theta | np.ndarray | csr_matrix
+"""θ of n answers, (n, 1 + T), sparse or not; or one Theta for one answer."""
+
+
+def driven(matrix: np.ndarray, theta: Thetas) -> np.ndarray:
     """Columns of a matrix, (k, 1 + T), for θ of each answer, (n, 1 + T) or one Theta: (n, k)."""
     return (matrix @ theta)[None] if isinstance(theta, Theta) else np.asarray(theta @ matrix.T)
 
@@ -120,5 +125,5 @@ class Bound(Protocol):
     def prepared(self, inside: np.ndarray) -> Any:
         """What completes forces of the conditions ``inside``."""
 
-    def at(self, points: np.ndarray, theta: Any) -> BoundThere:
+    def at(self, points: np.ndarray, theta: Thetas) -> BoundThere:
         """At the parameters of some answers, (n, P), of θ, (n, 1 + T), sparse or not; or one Theta for one."""

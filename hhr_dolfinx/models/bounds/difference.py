@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
@@ -31,6 +31,7 @@ from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.plain import Rebuilt
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.bounds.bound import Thetas
     from hhr_dolfinx.models.gradient import Gradient
 
 SQUARES = 1e-14
@@ -154,7 +155,7 @@ class ExactDifference(Rebuilt):
         """See :class:`~hhr_dolfinx.models.bounds.bound.Bound`; all conditions that hold bodies are inside."""
         return self.response.outside(inside)
 
-    def at(self, points: np.ndarray, theta: Any) -> DifferenceThere:
+    def at(self, points: np.ndarray, theta: Thetas) -> DifferenceThere:
         """See :class:`~hhr_dolfinx.models.bounds.bound.Bound`."""
         return DifferenceThere(self, theta, driven(self.free_slack, theta))
 
@@ -166,7 +167,7 @@ class ExactDifference(Rebuilt):
         """The same, Euclidean norms and largest pressures: (3, n)."""
         return np.array((self.size(forces), lengths(forces, forces), self.scale.peak(np.abs(forces))))
 
-    def left_out(self, unknown: np.ndarray, exact: np.ndarray, theta: Any) -> np.ndarray:
+    def left_out(self, unknown: np.ndarray, exact: np.ndarray, theta: Thetas) -> np.ndarray:
         """Energy norms of the fields handed out less the exact ones, of γ, (n, ell), and exact forces, (n, m): (n,)."""
         pressed = exact @ self.lower
         if self.modes is not None and self.loads is not None:
@@ -190,7 +191,7 @@ class DifferenceThere(NamedTuple):
     """
 
     owner: ExactDifference
-    theta: Any
+    theta: Thetas
     free: np.ndarray
 
     def slack(self, forces: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError
@@ -38,6 +38,7 @@ from hhr_dolfinx.parameters import is_number
 from hhr_dolfinx.plain import Rebuilt
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.bounds.bound import Thetas
     from hhr_dolfinx.models.eliminations.interpolation import Interpolant
     from hhr_dolfinx.models.eliminations.shaped import InterpolatedProblem
     from hhr_dolfinx.models.gradient import Gradient
@@ -124,7 +125,7 @@ class VaryingBound(Rebuilt):
         """See :class:`Bound`: S is not known yet, but which conditions are inside and outside."""
         return inside, np.setdiff1d(np.arange(self.areas.size), inside, assume_unique=True)
 
-    def at(self, points: np.ndarray, theta: Any) -> VaryingThere:
+    def at(self, points: np.ndarray, theta: Thetas) -> VaryingThere:
         """See :class:`Bound`."""
         found = self.compliances.many(points)
         try:

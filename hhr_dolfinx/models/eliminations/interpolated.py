@@ -29,8 +29,8 @@ from hhr_dolfinx.models.estimates import Estimate, Estimates
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import Meshed
     from hhr_dolfinx.formulas import Scalar
+    from hhr_dolfinx.models.answer import Meshed
     from hhr_dolfinx.models.eliminations.block import BlockElimination
     from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
     from hhr_dolfinx.models.functionals.functional import Functionals

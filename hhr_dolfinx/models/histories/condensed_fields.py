@@ -28,9 +28,9 @@ from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import Meshed
     from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.formulas import Modulus
+    from hhr_dolfinx.models.answer import Meshed
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals.functional import Functionals

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.parameters import PointLike
 
 
-
 def check_settings(settings: Any) -> None:
     """Refuse invalid settings of a history.
 
@@ -100,7 +99,7 @@ def solve_along(
     """
     check_settings(settings)
     history = History(*path[0])
-    start: Any = "nearest"
+    start: str | np.ndarray = "nearest"
     try:
         for number, (time, point) in enumerate(path[1:]):
             if number < len(known):

@@ -7,7 +7,7 @@ value and a name. Functions are asked for by a number whose bits mean value, 1, 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,10 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.plugins.doors.function import OutputFunction
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import AnsweringModel
+
 
 VALUE = 1
 GRADIENT = 2
@@ -41,7 +45,7 @@ class Asked(NamedTuple):
     along: list[int]
 
 
-def answer_dakota(model: Any, parameters: str | Path, results: str | Path) -> None:
+def answer_dakota(model: AnsweringModel, parameters: str | Path, results: str | Path) -> None:
     """Answer what Dakota asks for in one file in another one, which is whole or not there.
 
     Variables of Dakota have the names of parameters, and its functions those of outputs, in which ``_`` may stand for a

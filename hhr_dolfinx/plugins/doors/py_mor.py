@@ -16,6 +16,8 @@ from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.plugins.doors.function import OutputFunction
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.models.model import AnsweringModel
     from hhr_dolfinx.parameters import PointLike
 
 
@@ -36,7 +38,7 @@ class PyMORModel(Model):
         BoundError: where an error is asked for that nothing is known of.
     """
 
-    def __init__(self, model: Any, name: str = "contact", outside: str = "refuse"):
+    def __init__(self, model: AnsweringModel, name: str = "contact", outside: str = "refuse"):
         super().__init__(name=name)
         self.model = model
         self.outside = outside  # pyMOR wants all arguments as attributes
@@ -66,7 +68,7 @@ class PyMORModel(Model):
         quantities -= {"solution", "output", "output_d_mu", "solution_error_estimate", "output_error_estimate"}
         super()._compute(quantities, data, mu)
 
-    def _estimate(self, answer: Any, data: dict[Any, Any]) -> None:
+    def _estimate(self, answer: Answer, data: dict[Any, Any]) -> None:
         """What is known of errors; infinite of an output that nothing is known of."""
         known = answer.estimate()
         if known is None:

@@ -6,12 +6,16 @@ One array in, the parameters, and one out, the outputs of the scene; its Jacobia
 from __future__ import annotations
 
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.plugins.doors.function import OutputFunction
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import AnsweringModel
+
 
 with extra("doors", "a Tesseract"):
     from pydantic import Field, create_model, field_validator
@@ -25,7 +29,7 @@ Arrays = dict[str, Any]
 class Endpoints:
     """What a Tesseract of a model answers; see :func:`tesseract_api`."""
 
-    def __init__(self, model: Any):
+    def __init__(self, model: AnsweringModel):
         self.function = OutputFunction(model)
         counts = len(self.function.names), len(self.function.outputs)
         told = ", ".join(self.function.names), ", ".join(self.function.outputs)
@@ -74,7 +78,7 @@ class Endpoints:
         return self.function.jacobian(np.asarray(getattr(inputs, IN)))
 
 
-def tesseract_api(model: Any) -> ModuleType:
+def tesseract_api(model: AnsweringModel) -> ModuleType:
     """The API of a model, a module; ``Tesseract.from_tesseract_api`` takes it as it is.
 
     What ``tesseract build`` asks for is a file ``tesseract_api.py`` of three lines::

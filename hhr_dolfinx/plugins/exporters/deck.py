@@ -20,8 +20,8 @@ from hhr_dolfinx.files import replacing
 from hhr_dolfinx.geometries.cells import CORNERS, EDGES, FACES, TENSOR
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.parameters import PointLike
     from hhr_dolfinx.full_order.discretisation import Discretisation
+    from hhr_dolfinx.parameters import PointLike
 
 PENALTY = 100.0
 """Stiffness of the contact over the largest Young's modulus and the length of a facet."""

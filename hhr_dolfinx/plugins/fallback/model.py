@@ -26,9 +26,10 @@ from hhr_dolfinx.trained import USUAL
 from hhr_dolfinx.warn import collected, repeat
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.parameters import PointsLike
     from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.models.answer import CheckedStart, Start
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
+    from hhr_dolfinx.parameters import PointsLike
 
 _log = logging.getLogger(__name__)
 
@@ -139,7 +140,7 @@ class FallbackModel(AnsweringModel):
         """Whether the full model gave an answer."""
         return answer.fields is self.full
 
-    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """By the reduced model if its error is small, else by the full one."""
         answer = self._reduced_answer(point, start, outside, gradient)
         self.asked += 1
@@ -191,7 +192,7 @@ class FallbackModel(AnsweringModel):
         """See :class:`AnsweringModel`: those of the full model."""
         return self.full.contacts()
 
-    def _checked_start(self, start: Any) -> Any:
+    def _checked_start(self, start: Start) -> CheckedStart:
         """As the reduced model has it."""
         return self.reduced._checked_start(self._own_start(start))
 
@@ -223,7 +224,7 @@ class FallbackModel(AnsweringModel):
         parts += [(np.flatnonzero(~good), ListedAnswers(exact))] if exact else []
         return PartedAnswers.of(parts, np.where(good, 0, 1))
 
-    def _reduced_answer(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer | None:
+    def _reduced_answer(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer | None:
         """What the reduced model says; None where it has no answer, whatever the reason."""
         try:
             return self.reduced.solve(point, start=start, raise_on_failure=False, outside=outside, gradient=gradient)
@@ -245,7 +246,7 @@ class FallbackModel(AnsweringModel):
             _log.info("the full model is asked: %s", error)
             return False
 
-    def _own_start(self, start: Any) -> Any:
+    def _own_start(self, start: Start) -> Start:
         """Statuses for the reduced model: those of an answer of the full one, as along a path, may be too many."""
         sizes = np.shape(start) if isinstance(start, np.ndarray) else None
         too_many = sizes == (self.full.conditions,) != (self.reduced.own_conditions,)

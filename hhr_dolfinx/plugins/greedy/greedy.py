@@ -35,9 +35,10 @@ from hhr_dolfinx.snapshots.store import digest_of_values
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
     from mpi4py.MPI import Comm
 
+    from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.models.model import AnsweringModel
     from hhr_dolfinx.snapshots.store import SnapshotStore
 
 
@@ -240,7 +241,9 @@ class Greedy:
         usual = ForceError() if self.family is None else LargestEstimate()
         return (usual if self.indicator is None else self.indicator).prepared(full)
 
-    def _errors(self, full: FullModel, known: SnapshotSet, candidates: np.ndarray, score: Score, comm: Comm) -> np.ndarray:
+    def _errors(
+        self, full: FullModel, known: SnapshotSet, candidates: np.ndarray, score: Score, comm: Comm
+    ) -> np.ndarray:
         """Indicators of a model of the present answers, (n, k)."""
         recipe = self._recipe(full).as_it_is()
         mine = np.array_split(candidates, comm.size)[comm.rank]
@@ -257,14 +260,14 @@ class Greedy:
                 found[~np.isfinite(found).all(axis=1)] = UNKNOWN / np.sqrt(found.shape[1])
         return np.concatenate([part for part in comm.allgather(found) if len(part)])
 
-    def _answers(self, model: Any, points: np.ndarray) -> list[Any]:
+    def _answers(self, model: AnsweringModel, points: np.ndarray) -> list[Any]:
         """Answers or histories of a reduced model; None for a history that it cannot complete."""
         if self.family is None:
             return list(model.solve_many(points, outside="ignore", raise_on_failure=False)) if len(points) else []
         return [_marched(model, path) for path in self.family.paths(points)] if len(points) else []
 
 
-def _marched(model: Any, path: Any) -> Any:
+def _marched(model: AnsweringModel, path: Any) -> Any:
     from hhr_dolfinx.models.histories.equilibrium import MarchSettings, told_once
 
     try:

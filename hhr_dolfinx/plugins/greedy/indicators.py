@@ -28,6 +28,7 @@ from hhr_dolfinx.snapshots.records import SnapshotSet
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.models.model import AnsweringModel
 
 
 Score = Callable[[Any, SnapshotSet, Sequence[Any]], np.ndarray]
@@ -67,7 +68,7 @@ class LargestEstimate:
     def prepared(self, full: FullModel) -> Score:
         """See :class:`GreedyIndicator`."""
 
-        def score(model: Any, known: SnapshotSet, answers: Sequence[Answer | History | None]) -> np.ndarray:
+        def score(model: AnsweringModel, known: SnapshotSet, answers: Sequence[Answer | History | None]) -> np.ndarray:
             return np.array([NO_ANSWER if item is None else self._of(item, full) for item in answers])
 
         return score
@@ -113,7 +114,7 @@ class ForceError:
         condensed: list[Any] = []
         exact: dict[bytes, np.ndarray] = {}
 
-        def score(model: Any, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
+        def score(model: AnsweringModel, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
             if not condensed:
                 condensed.append(self._condensed(full, known))
             floor = force_floor(full.problem, known)
@@ -164,7 +165,7 @@ class Eta:
         """See :class:`GreedyIndicator`."""
         _refuse_flow(full, "Eta()")
 
-        def score(model: Any, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
+        def score(model: AnsweringModel, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
             floor = force_floor(full.problem, known)
             domain = _Domain(full.problem, model.offline.sets)
             interface = _interpolated(full.problem, known, answers, domain.interface)
@@ -195,7 +196,7 @@ class Eta2:
         """See :class:`GreedyIndicator`."""
         _refuse_flow(full, "Eta2()")
 
-        def score(model: Any, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
+        def score(model: AnsweringModel, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
             domain = _Domain(full.problem, model.offline.sets)
             interface = _interpolated(full.problem, known, answers, domain.interface)
             stiffness = CellStiffness.of(full, model.offline.sets.cells)

@@ -28,8 +28,9 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import USUAL, TrainedRange
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.parameters import PointsLike
+    from hhr_dolfinx.models.answer import CheckedStart
     from hhr_dolfinx.models.many import PartedAnswers
+    from hhr_dolfinx.parameters import PointsLike
 
 
 ALIKE = 1e-5
@@ -229,7 +230,7 @@ class LocalModels(SeveralModels):
         _check_alike(self.models, choice)
         self.parameters: ParameterSpace = self.models[0].parameters
 
-    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """By the model of the part; statuses of another model are replaced by the nearest training statuses."""
         number, other = self.choice.candidates(point.tolist())
         if other != LEAF:
@@ -251,7 +252,7 @@ class LocalModels(SeveralModels):
         """Sizes of answers of the first model."""
         return self.models[0].sizes
 
-    def _checked_start(self, start: Any) -> Any:
+    def _checked_start(self, start: Any) -> CheckedStart:
         """Statuses of any of the models, checked."""
         sizes = [model.own_conditions for model in self.models]
         given = np.shape(start)[0] if np.ndim(start) == 1 else 0
@@ -285,7 +286,7 @@ class LocalModels(SeveralModels):
             less = (second < first) | ((second == first) & less)
         return np.where(less, two, one)
 
-    def _own_start(self, number: int, start: Any) -> Any:
+    def _own_start(self, number: int, start: np.ndarray) -> str | np.ndarray:
         """Statuses to start from; those of another model, as along a path, become the nearest training statuses."""
         statuses = np.asarray(start)
         sizes = [len(model.problem.gaps) for model in self.models]

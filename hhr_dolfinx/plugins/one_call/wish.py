@@ -31,6 +31,7 @@ from hhr_dolfinx.parameters import is_number, is_whole
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.models.model import AnsweringModel
 
 
 LEAST_ERROR = 1e-12
@@ -119,7 +120,7 @@ class Wish:
         """Outputs that it includes."""
         return tuple(word for word in self.of if word not in ASKED)
 
-    def ask(self, model: Any) -> Callable[[np.ndarray], Any]:
+    def ask(self, model: AnsweringModel) -> Callable[[np.ndarray], Any]:
         """Query of a point, (P,), that evaluates the quantities of the target, to be timed."""
 
         def query(point: np.ndarray) -> None:

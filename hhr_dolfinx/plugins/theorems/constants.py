@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
@@ -22,6 +22,7 @@ from hhr_dolfinx.plugins.theorems.rid_norms import Directions, Norms
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.models.reduced import ReducedModel
 
 
 SLACK = 1e-8
@@ -126,7 +127,7 @@ def beyond(used: dict[str, Ellipticity], sharp: dict[str, Ellipticity]) -> dict[
     return found
 
 
-def check_models(full: FullModel, model: Any) -> None:
+def check_models(full: FullModel, model: ReducedModel) -> None:
     """Refuse models that the theorems are not on.
 
     Raises:

@@ -23,7 +23,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
 
 
-
 @dataclass(frozen=True)
 class Ellipticity:
     """Constants of a: |a(v, w)| <= M_a |v| |w|, (2.7), and a(v, v) >= alpha |v|^2, (2.9), in some norm.
@@ -67,7 +66,7 @@ class Ellipticity:
         return Ellipticity(factor * self.continuity, factor * self.coercivity)
 
 
-_KNOWN: WeakKeyDictionary[Any, Ellipticity] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[FullModel, Ellipticity] = WeakKeyDictionary()
 
 
 def of_stiffness(stiffness: csr_matrix, solve: Callable[[np.ndarray], np.ndarray]) -> Ellipticity:

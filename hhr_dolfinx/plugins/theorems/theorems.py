@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -45,6 +45,7 @@ from hhr_dolfinx.plugins.theorems.rid_norms import Directions, Domain, EnergyNor
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.models.reduced import ReducedModel
 
 
 THEOREMS = ("3", "4", "4 kernel", "5", "6", "8")
@@ -95,7 +96,7 @@ class ThesisBounds:
     def of(
         cls,
         full: FullModel,
-        model: Any,
+        model: ReducedModel,
         norm: str = "energy",
         constants: Ellipticity | None = None,
         *,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -16,6 +16,10 @@ from hhr_dolfinx.models.shown import point_of
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.study.scene.check import check_scene
 from hhr_dolfinx.study.scene.picture import AROUND, figure_of_scene
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
 
 with extra("pictures", "a figure"):
     from matplotlib.collections import PolyCollection
@@ -76,7 +80,7 @@ def _pressures(answer: Answer, full: FullOrderModel, pair: int) -> tuple[np.ndar
     return full.problem.contact_points[own][known], pressures[known]
 
 
-def _draw_pressures(axes: Any, answer: Answer, full: FullOrderModel) -> None:
+def _draw_pressures(axes: Axes, answer: Answer, full: FullOrderModel) -> None:
     """Curves of the pressure over the coordinate along which each contact extends most."""
     labels = set()
     for pair in range(len(full.scene.contacts)):
@@ -91,9 +95,9 @@ def _draw_pressures(axes: Any, answer: Answer, full: FullOrderModel) -> None:
     axes.legend()
 
 
-def _draw_bodies(figure: Figure, axes: Any, answer: Answer, full: FullOrderModel) -> None:
+def _draw_bodies(figure: Figure, axes: Axes, answer: Answer, full: FullOrderModel) -> None:
     """Cells at their displaced positions, magnified if displacements are small, coloured by their magnitude."""
-    discretisation: Any = full.discretisation
+    discretisation = full.discretisation
     displacement = answer.displacement().reshape(-1, 2)
     points = discretisation._points()
     factor = _magnified(
@@ -115,7 +119,7 @@ def _magnified(largest: float, extent: float) -> float:
     return max(1.0, 10.0 ** np.floor(np.log10(SHIFT * extent / largest))) if largest > 0 else 1.0
 
 
-def _draw_surface(figure: Figure, axes: Any, answer: Answer, full: FullOrderModel) -> None:
+def _draw_surface(figure: Figure, axes: Axes, answer: Answer, full: FullOrderModel) -> None:
     """Points of all contact surfaces, coloured by their pressure."""
     found = [_pressures(answer, full, pair) for pair in range(len(full.scene.contacts))]
     places, pressures = (np.concatenate(part) for part in zip(*found, strict=True))
