@@ -181,6 +181,7 @@ def residuals_of(full: FullModel, answer: Answer) -> Residuals:
     forces = answer.forces()
     if answer.gauss is None:
         return contact_residuals(problem.at(answer.parameter), answer.displacement(), forces, theta)
+    assert equilibrium is not None
     left, sizes = equilibrium.residual(answer.unknown, GaussState(answer.stress(), answer.gauss.state), theta)
     residual = (left - equilibrium.contact_load(forces)) * problem.free
     imbalance = float(np.linalg.norm(residual) / (np.linalg.norm(sizes) or 1.0))

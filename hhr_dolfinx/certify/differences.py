@@ -56,8 +56,8 @@ def exact_arrays(full: FullModel, forces: np.ndarray | None) -> tuple[np.ndarray
         raise BoundError("the stiffness depends on parameters, and the exact answer takes an S of its own")
     schur = (full.schur + full.schur.T) / 2
     terms = full.per_load.shape[1]
-    held = problem.rigid is None
-    taken = np.zeros((len(schur), 0)) if held else np.ascontiguousarray(full.system.kernel.taken)
+    kernel = full.system.kernel
+    taken = np.zeros((len(schur), 0)) if kernel is None else np.ascontiguousarray(kernel.taken)
     least = least_sizes(problem, schur, forces)
     if forces is not None:  # energies are those of the part of forces that balances itself
         along = np.linalg.qr(taken)[0]
@@ -74,7 +74,7 @@ def exact_arrays(full: FullModel, forces: np.ndarray | None) -> tuple[np.ndarray
         "free_slack": np.asfortranarray(problem.gaps - problem.moved(full.per_load)),
         "schur": schur,
         "taken": taken,
-        "driving": np.zeros((0, terms)) if held else np.asfortranarray(full.system.kernel.loads),
+        "driving": np.zeros((0, terms)) if kernel is None else np.asfortranarray(kernel.loads),
         "given": np.asfortranarray(np.sqrt(np.maximum(values, 0.0))[:, None] * ways.T),
         "cross": np.asfortranarray(cross),
         "lifting": energies(problem, lifts),

@@ -325,7 +325,7 @@ def warn_of_training(full: FullModel, snapshots: Solutions, held_out: Solutions 
             "loads, or train where bodies touch",
             TrainingWarning,
         )
-    if flows and full.equilibrium.material.flows and not snapshots.flowed:
+    if full.equilibrium is not None and full.equilibrium.material.flows and not snapshots.flowed:
         _warn(
             "no body flows in any training history though some could: tangents under flow were not checked, and a "
             "history that flows is outside what was trained. Train at higher loads, or leave the laws out",
@@ -438,6 +438,7 @@ def checked_histories(
         return None, None
     paths = [history.path for history in snapshots.histories]
     known = Known(signs, [_onset(model, path) for path in paths], largest_motion(full, snapshots))
+    assert full.equilibrium is not None
     trained = TrainedPaths.of(paths, full.parameters, known, full.equilibrium.material.rated)
     if limits is not None:
         check_door(trained, limits)

@@ -120,7 +120,7 @@ class FullEquilibrium:
         self._transposed = problem.contact.T.tocsr()
         self._lifted = bool(problem.lifts.nnz)
         self.eigenstrains = csc_matrix((self.points.size * self.operator.components, problem.amplitudes.firsts[-1]))
-        if any(hasattr(load, "eigenstrain_of") for load in full.scene.loads):
+        if any(hasattr(load, "eigenstrain_of") for load in gauss.discretisation.scene.loads):
             from hhr_dolfinx.full_order.gauss_points import at_gauss_points
 
             self.eigenstrains = at_gauss_points(gauss.discretisation, problem, self.operator)

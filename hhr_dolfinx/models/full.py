@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status
     from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.contact.problem import ContactProblem, ScaledBodies
-    from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness
+    from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness, Stiffness
     from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.linear.shared import SharedCholesky
     from hhr_dolfinx.linear.sparse import FreeCholesky
@@ -86,6 +86,9 @@ class Equations(Protocol):
     @property
     def kernel(self) -> Kernel | None:
         """Rigid motions that contact alone holds; None without any."""
+
+    def stiffness(self, point: np.ndarray) -> Stiffness:
+        """K at a point, (P,)."""
 
 
 class NamedScene(Protocol):

@@ -419,6 +419,7 @@ def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets) -> ReducedFlo
     from hhr_dolfinx.reduction.flow import project_flow
 
     with shared.log.stage("projection", shared.announce):
+        assert shared.full.equilibrium is not None
         return project_flow(shared.full.equilibrium, basis, sets)
 
 

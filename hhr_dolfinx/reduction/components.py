@@ -265,7 +265,7 @@ class Solver:
         problem = self.with_stiffness(point)
         drawn = csc_matrix(problem.own_stiffness @ problem.lifts[:, self.component.part.lifted])
         if self.serves_all:
-            drawn *= self._full.system.bodies.at(point)[self.component.number]
+            drawn *= self._scale(point)
         return self.solved_columns(problem, point, drawn)
 
     def release(self) -> None:
@@ -291,6 +291,12 @@ class Solver:
         """True if its factors are those of all components: one solution serves them all."""
         return self._full.system.bodies is not None
 
+    def _scale(self, point: np.ndarray) -> float:
+        """K of the component at a point over K in the middle of the box."""
+        bodies = self._full.system.bodies
+        assert bodies is not None
+        return float(bodies.at(point)[self.component.number])
+
     def solved_everywhere(self, point: np.ndarray, columns: spmatrix) -> np.ndarray:
         """K^-1 of all components at a point times columns, (N, k), if the factors serve all of them."""
         return self._full.system.stiffness(point).columns(columns)
@@ -301,7 +307,7 @@ class Solver:
             with self._factors.of(problem.own_stiffness) as factors:
                 return factors.solve_columns(columns)
         dofs = self.component.dofs
-        scale = self._full.system.bodies.at(point)[self.component.number]
+        scale = self._scale(point)
         return self._full.stiffness.columns(csc_matrix(diags(dofs / scale) @ columns))
 
     def _factored(self, matrix: csr_matrix) -> FreeCholesky | SharedCholesky:

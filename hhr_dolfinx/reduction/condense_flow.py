@@ -37,9 +37,8 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.warn import collected, repeat
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.models.answer import Answer
-    from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.models.full import FullModel, MeshEquilibrium
 
 
 ROWS = 1500
@@ -62,6 +61,7 @@ def correction_strain(
     problem = full.problem
     if problem.friction is not None:
         return strain.of(correction)
+    assert full.equilibrium is not None
     equilibrium = full.equilibrium.at(answer.parameter)
     theta = problem.amplitudes(answer.parameter)
     scale = elastic.factors.compliances(answer.parameter)[elastic.parts]
@@ -89,6 +89,7 @@ class FlowingDomain:
     def of(cls, full: FullModel, basis: np.ndarray, answers: Sequence[Answer], sizes: np.ndarray) -> FlowingDomain:
         """Domain of training answers with corrections of given energy norms."""
         equilibrium = full.equilibrium
+        assert equilibrium is not None
         largest = np.zeros(equilibrium.material.gauss_points)
         for answer, size in zip(answers, sizes, strict=True):
             largest = np.maximum(largest, np.abs(answer.state().state.plastic).max(axis=1) / size)
@@ -106,6 +107,7 @@ class FlowingDomain:
         sizes: np.ndarray,
     ) -> np.ndarray:
         """ε_p - dev ε_c at training states, over the energy norms of their corrections, (S, p c)."""
+        assert full.equilibrium is not None
         there = StrainAt(full.equilibrium.operator, self.points)
         found = np.empty((len(answers), self.deviators[:, :, 0].size))
         for k, (answer, correction) in enumerate(zip(answers, corrections.T, strict=True)):
@@ -411,6 +413,7 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
             "may turn their sign: allow more points (most_points), or a smaller stability"
         )
     with log.stage("online_arrays", shared.announce):
+        assert full.equilibrium is not None
         flow = _online(full, elastic, basis, domain, cubature, answers)
         problem = full.problem
         fields = CondensedFlowFields(
@@ -441,6 +444,7 @@ def _online(
 ) -> CondensedFlow:
     """Arrays of a step, on the points of the cubature."""
     equilibrium = full.equilibrium
+    assert equilibrium is not None
     problem = full.problem
     points, weights = _watched(domain, cubature, answers)
     groups, order = _by_body(equilibrium.material.groups, points)
@@ -551,6 +555,7 @@ class _FieldModes:
         """Modes of training histories."""
         problem = full.problem
         equilibrium = full.equilibrium
+        assert equilibrium is not None
         states = [item.state for item in snapshots.states]
         flowed = np.flatnonzero(np.any([state.cumulated > 0 for state in states], axis=0))
         plastic = state_modes([state.plastic[flowed].ravel() for state in states], LEFT_OUT["plastic"])
@@ -564,7 +569,7 @@ class _FieldModes:
         cumulated = state_modes([state.cumulated[flowed] for state in states], LEFT_OUT["cumulated"])
         return cls(flowed, plastic, cumulated, displacements, np.stack([elastic[:, 0, 1], elastic[:, -1, -1]], axis=1))
 
-    def on(self, points: np.ndarray, equilibrium: FullEquilibrium) -> PlasticFields:
+    def on(self, points: np.ndarray, equilibrium: MeshEquilibrium) -> PlasticFields:
         """Completion of fields from some points."""
         rows = np.searchsorted(self.flowed, points)
         components = equilibrium.operator.components

@@ -49,6 +49,7 @@ def elastic_response(full: FullModel) -> ElasticResponse:
 def _eigenforces(full: FullModel) -> csc_matrix:
     """Forces on free dofs of strains without stress in the middle of the box, sparse, (N, 1 + T)."""
     equilibrium = full.equilibrium
+    assert equilibrium is not None
     problem = full.problem
     elastic = equilibrium.material.moduli_at(problem.middle).elastic
     forces = np.zeros(problem.loads.shape)

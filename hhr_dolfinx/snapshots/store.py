@@ -382,6 +382,7 @@ class SnapshotStore:
         iterations = 0
         steps: dict[str, Any] = {}
         if "stress" in arrays:
+            assert self._full.equilibrium is not None
             state = self._full.equilibrium.material.at_rest()
             state = state._replace(plastic=arrays["plastic"], cumulated=arrays["cumulated"])
             gauss = GaussState(arrays["stress"], state)
@@ -408,6 +409,7 @@ class SnapshotStore:
         if answer.gauss is None:
             problem = self._problem.at(answer.parameter)
             return max(astuple(contact_residuals(problem, answer.displacement(), answer.forces(), theta)))
+        assert self._full.equilibrium is not None
         signs = self._full.equilibrium.signs(answer)
         _, pull = slack_residuals(self._problem, answer.unknown, answer.multipliers, theta)
         return max(pull, signs.imbalance / (max(signs.size, forces) or 1.0))

@@ -327,8 +327,9 @@ def _check_same_scene(reduced: Any, bound: Any, full: FullOrderModel) -> None:
         gaps = problem.gaps @ problem.theta(point)
         found = bound.at(point[None], reduced.fields.amplitudes(point)).slack(answer.forces()[None])[0]
         slack = gaps - problem.contact @ answer.unknown
-        if problem.rigid is not None:  # motions of whole bodies are no part of S
-            taken = full.system.kernel.taken
+        kernel = full.system.kernel
+        if kernel is not None:  # motions of whole bodies are no part of S
+            taken = kernel.taken
             slack = slack + taken @ np.linalg.lstsq(taken, found - slack, rcond=None)[0]
         # measured by how far bodies move: where all conditions touch, slack and gaps may be round-off
         if np.abs(found - slack).max() > ALIKE * max(np.abs(gaps).max(), np.abs(answer.unknown).max()):

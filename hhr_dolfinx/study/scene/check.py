@@ -22,6 +22,7 @@ from hhr_dolfinx.study.scene.mesh import depth_inside, look_at_common_nodes, loo
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Law
     from hhr_dolfinx.formulas import Formula
+    from hhr_dolfinx.full_order.flow import GaussModel
     from hhr_dolfinx.loads import Load
     from hhr_dolfinx.parameters import PointLike
 
