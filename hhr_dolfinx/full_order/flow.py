@@ -17,7 +17,7 @@ from hhr_dolfinx import ranks
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.contact.stiffness import FactorStore, LazyStiffness, Stiffness
+from hhr_dolfinx.contact.stiffness import FactorStore, LazyStiffness, ScaledStiffness, Stiffness
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.gauss_points import material_at, stiffness_parts, strain_operator
@@ -206,6 +206,7 @@ class FullEquilibrium:
         if full.system.bodies is None:
             return self._lazy(matrix, full.store, moduli)
         scaled = full.system.stiffness(point)
+        assert isinstance(scaled, ScaledStiffness)
         given = self.problem, self._pairs, scaled, scaled.equalities
         return _SparseLinearisation(*given, lambda forces: self._pushed(forces) / scaled.own, moduli)
 

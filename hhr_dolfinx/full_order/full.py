@@ -411,7 +411,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""
         return {"scene": f"scene '{self.scene.name}'", **super().facts()}
 
-    def stress_of(self, displacement: np.ndarray, mu: PointLike = None) -> np.ndarray:
+    def stress_of(self, displacement: np.ndarray, mu: PointLike | None = None) -> np.ndarray:
         """Elastic stress of a displacement (N,) in the middle of each cell, Kelvin's notation, (cells, components).
 
         What depends on parameters is that of ``mu``; None takes the middle of the box.

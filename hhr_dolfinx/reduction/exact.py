@@ -2,22 +2,24 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
 from hhr_dolfinx.models.eliminations.elimination import Responses
 from hhr_dolfinx.models.exact import ExactFields, SolvedFields
 from hhr_dolfinx.models.starts import KnownStatuses
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
 
-def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
+
+def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
     """Eliminate everything but the contact forces exactly; for constant stiffness only.
 
     The answer is that of the full model, to round-off. Where the full model has no room for the columns of K^-1 B^T, or
@@ -73,7 +75,7 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
     return CondensedModel(problem.parameters, eliminated, known, fields, problem.contact_pairs, friction=friction)
 
 
-def _solved_fields(full: FullOrderModel, free: np.ndarray) -> SolvedFields:
+def _solved_fields(full: FullModel, free: np.ndarray) -> SolvedFields:
     """Fields of a full model that keeps no columns, from K^-1 loads, (N, 1 + T)."""
     problem = full.problem
     outputs: Any = full.functionals

@@ -305,7 +305,7 @@ def compute_snapshots(
 
 def _solved(
     full: FullModel,
-    queries: PointsLike | Sequence[Path],
+    queries: Any,
     progress: Progress,
     store: SnapshotStore | None,
     settings: MarchSettings,
@@ -338,7 +338,7 @@ def _recording(lost: Lost | None, label: str) -> AbstractContextManager[None]:
     return nullcontext() if lost is None else lost.recorded(label)
 
 
-def _are_paths(queries: PointsLike | Sequence[Path]) -> bool:
+def _are_paths(queries: Any) -> bool:
     """True for paths, lists of times and parameters, which do not form a table."""
     try:
         return np.ndim(np.array(queries, dtype=float)) > 2
@@ -411,7 +411,7 @@ def _kept_history(full: FullModel, path: Path, store: SnapshotStore, settings: M
 
 def spread_snapshots(
     full: FullModel,
-    queries: PointsLike | Sequence[Path],
+    queries: Any,
     comm: Comm,
     progress: Progress = iter,
     store: SnapshotStore | None = None,

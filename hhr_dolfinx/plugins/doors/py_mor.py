@@ -7,6 +7,7 @@ the outputs.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -18,7 +19,6 @@ from hhr_dolfinx.plugins.doors.function import OutputFunction
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
     from hhr_dolfinx.models.model import AnsweringModel
-    from hhr_dolfinx.parameters import PointLike
 
 
 with extra("doors", "a model of pyMOR"):
@@ -48,7 +48,7 @@ class PyMORModel(Model):
         self.solution_space = NumpyVectorSpace(model.solve(space.middle, outside="ignore").displacement().size)
         self.dim_output = len(self.function.outputs)
 
-    def _compute(self, quantities: set[Any], data: dict[Any, Any], mu: PointLike) -> None:
+    def _compute(self, quantities: set[Any], data: dict[Any, Any], mu: Mapping[str, np.ndarray]) -> None:
         """What is asked for, by one answer."""
         point = np.array([mu[name][0] for name in self.function.names])
         how: dict[str, Any] = {"gradient": "output_d_mu" in quantities, "outside": self.outside}

@@ -37,7 +37,7 @@ from hhr_dolfinx.warn import warn
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
-    from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.models.model import AnsweringModel
     from hhr_dolfinx.snapshots.store import SnapshotStore
 
@@ -157,7 +157,7 @@ class Greedy:
 
     def grown(
         self,
-        full: FullModel,
+        full: FullOrderModel,
         solve: Callable[[Any], SnapshotSet],
         comm: Comm,
         progress: Callable[[Any], Any] = iter,
@@ -215,7 +215,7 @@ class Greedy:
             )
         return known, Choice(points, tuple(rounds), self._recipe(full))
 
-    def _samplings(self, full: FullModel) -> tuple[Any, Any]:
+    def _samplings(self, full: FullOrderModel) -> tuple[Any, Any]:
         """Samplings of the first points, and of the candidates."""
         start: Any = Lattice(20)
         candidates: Any = Lattice(1000)
@@ -224,7 +224,7 @@ class Greedy:
             candidates = Sobol(2048, seed=5)
         return start if self.start is None else self.start, candidates if self.candidates is None else self.candidates
 
-    def _recipe(self, full: FullModel) -> Recipe:
+    def _recipe(self, full: FullOrderModel) -> Recipe:
         """Recipe of the models on the way."""
         if self.recipe is not None:
             return self.recipe
@@ -236,13 +236,13 @@ class Greedy:
         """Queries of the full model."""
         return points if self.family is None else self.family.paths(points)
 
-    def _score(self, full: FullModel) -> Score:
+    def _score(self, full: FullOrderModel) -> Score:
         """The indicator, with all that needs no reduced model computed."""
         usual = ForceError() if self.family is None else LargestEstimate()
         return (usual if self.indicator is None else self.indicator).prepared(full)
 
     def _errors(
-        self, full: FullModel, known: SnapshotSet, candidates: np.ndarray, score: Score, comm: Comm
+        self, full: FullOrderModel, known: SnapshotSet, candidates: np.ndarray, score: Score, comm: Comm
     ) -> np.ndarray:
         """Indicators of a model of the present answers, (n, k)."""
         recipe = self._recipe(full).as_it_is()

@@ -62,7 +62,7 @@ from hhr_dolfinx.timing import WARM_UP, Announce, ShareLines, Stopwatch, median_
 from hhr_dolfinx.warn import ignored, warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.model import AnsweringModel
+    from hhr_dolfinx.models.model import KeptModel
 
 
 _log = logging.getLogger(__name__)
@@ -301,7 +301,7 @@ def _found(bench: Bench, kept: Path | None) -> tuple[Any, Reduction]:
     return found if comm.size == 1 else comm.bcast(found)
 
 
-def _with_fallback(model: AnsweringModel, full: FullOrderModel, wish: Wish) -> Any:
+def _with_fallback(model: KeptModel, full: FullOrderModel, wish: Wish) -> Any:
     """Add the full model as a fallback; returns the small one alone, with a warning, if nothing bounds the error."""
     place = registry.named("public").get("FallbackModel")
     try:
@@ -313,7 +313,7 @@ def _with_fallback(model: AnsweringModel, full: FullOrderModel, wish: Wish) -> A
         return model
 
 
-def keep(folder: Path, model: AnsweringModel, reduction: Reduction, full: FullOrderModel) -> None:
+def keep(folder: Path, model: KeptModel, reduction: Reduction, full: FullOrderModel) -> None:
     """Write a model, its record, and what plug-ins keep beside it: model.npz, reduction.json, scenery.npz."""
     save_model(make_folder(folder) / "model.npz", model)
     registry.write_companions(full, folder)
@@ -471,7 +471,7 @@ class _Found:
             raise
         self._keep(row, model)
 
-    def _keep(self, row: Tried, model: AnsweringModel) -> None:
+    def _keep(self, row: Tried, model: KeptModel) -> None:
         """Add a row, with its model if there is one."""
         self.tried.append(row)
         self.models.append(model)
@@ -519,7 +519,7 @@ def share_beyond(count: int) -> float:
     return 1.0 - (1.0 - CONFIDENCE) ** (1.0 / count)
 
 
-def _judged(bench: Bench, model: AnsweringModel) -> tuple[np.ndarray, str, float]:
+def _judged(bench: Bench, model: KeptModel) -> tuple[np.ndarray, str, float]:
     """Largest known errors of a model, by the norms of the target, their source, and the share that may exceed it."""
     if bench.family is not None:
         exact = bench.fresh(FRESH_PATHS)
@@ -542,7 +542,7 @@ def _judged(bench: Bench, model: AnsweringModel) -> tuple[np.ndarray, str, float
     return _seen(bench, model, points[_worst_first(said)[: FRESH // 2]] if said else None)
 
 
-def _seen(bench: Bench, model: AnsweringModel, suspects: np.ndarray | None) -> tuple[np.ndarray, str, float]:
+def _seen(bench: Bench, model: KeptModel, suspects: np.ndarray | None) -> tuple[np.ndarray, str, float]:
     """Errors at fresh answers, including those at suspected points, and at answers of earlier checks."""
     before = list(bench.held_out)
     random = FRESH if suspects is None else FRESH - len(suspects)
@@ -562,7 +562,7 @@ def _seen(bench: Bench, model: AnsweringModel, suspects: np.ndarray | None) -> t
     return errors, known, share_beyond(min(random, len(exact)))
 
 
-def _silent(bench: Bench, model: AnsweringModel, points: np.ndarray) -> np.ndarray | None:
+def _silent(bench: Bench, model: KeptModel, points: np.ndarray) -> np.ndarray | None:
     """Some of the points at which an exact model has no answer, or no finite error of an output of the target."""
     wanted = set(bench.wish.outputs)
     found = []
@@ -577,7 +577,7 @@ def _silent(bench: Bench, model: AnsweringModel, points: np.ndarray) -> np.ndarr
     return np.array(found) if found else None
 
 
-def _unresolved(model: AnsweringModel) -> float:
+def _unresolved(model: KeptModel) -> float:
     """Expected error of an interpolation that spent its budget before it converged; zero for any other model,
     and for one that answers by the interpolation of its bound."""
     record = model.offline
@@ -587,7 +587,7 @@ def _unresolved(model: AnsweringModel) -> float:
     return UNRESOLVED * worst if worst > record.settings.tolerance else 0.0
 
 
-def _said(model: AnsweringModel, points: np.ndarray, wish: Wish) -> dict[str, np.ndarray]:
+def _said(model: KeptModel, points: np.ndarray, wish: Wish) -> dict[str, np.ndarray]:
     """Errors that a model estimates at some points, by the names of a target; empty without a bound.
 
     Indicators do not count: they follow errors without a scale. A point without an answer has an infinite error.
@@ -614,13 +614,13 @@ def _worst_first(said: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.argsort(-np.max(beside, axis=0), kind="stable")
 
 
-def _compared(bench: Bench, model: AnsweringModel, exact: Sequence[Exact], room: float = 1.0) -> np.ndarray:
+def _compared(bench: Bench, model: KeptModel, exact: Sequence[Exact], room: float = 1.0) -> np.ndarray:
     """Largest errors against exact answers, times a factor for unseen points; the answers are held out from now on."""
     bench.held_out += exact
     return room * bench.errors_of(model, exact).max(axis=0)
 
 
-def _query_time(bench: Bench, model: AnsweringModel) -> float:
+def _query_time(bench: Bench, model: KeptModel) -> float:
     """Median seconds of a query of the target, for a point or a history."""
     if bench.family is not None:
         paths = [item.full.path for item in bench.held_out[-FRESH_PATHS:] if isinstance(item.full, History)]
@@ -629,12 +629,12 @@ def _query_time(bench: Bench, model: AnsweringModel) -> float:
     return median_time(bench.wish.ask(model), points, TIMING)  # accurate enough: models differ by a factor of three
 
 
-def _marched(model: AnsweringModel, path: AnswerPath) -> None:
+def _marched(model: KeptModel, path: AnswerPath) -> None:
     with suppress(HHRError):
         model.march(path, MarchSettings(outside="ignore"))
 
 
-def _size(model: AnsweringModel) -> int:
+def _size(model: KeptModel) -> int:
     """Bytes of a model in a file; 0 if no file can keep it."""
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "model.npz"

@@ -44,7 +44,7 @@ from hhr_dolfinx.plugins.theorems.imposed_interface import ImposedInterface
 from hhr_dolfinx.plugins.theorems.rid_norms import Directions, Domain, EnergyNorms, EuclideanNorms, Norms, root
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.models.reduced import ReducedModel
 
 
@@ -95,7 +95,7 @@ class ThesisBounds:
     @classmethod
     def of(
         cls,
-        full: FullModel,
+        full: FullOrderModel,
         model: ReducedModel,
         norm: str = "energy",
         constants: Ellipticity | None = None,
