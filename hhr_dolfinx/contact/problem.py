@@ -23,14 +23,13 @@ from scipy.sparse.csgraph import connected_components
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.linear.rows import MatrixOfRows, Rows
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace, PointLike
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
     from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.formulas import Modulus, Scalar
-    from hhr_dolfinx.parameters import PointLike
 
 
 def dependence(

@@ -15,15 +15,15 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status
-from hhr_dolfinx.contact.problem import masked
+from hhr_dolfinx.contact.problem import ContactProblem, masked
 from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.system import system_of
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
-from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path
-from hhr_dolfinx.models.eliminations.elimination import answer_of
+from hhr_dolfinx.models.answer import Answer, CheckedStart, History, ModelFields, Path
+from hhr_dolfinx.models.eliminations.elimination import CondensedContact, answer_of
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings, checked_path, solve_along
@@ -32,14 +32,11 @@ from hhr_dolfinx.models.strains import StrainGuard
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.full_order.outputs import FullShapeFunctionals
     from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.linear.shared import SharedCholesky
-    from hhr_dolfinx.models.answer import CheckedStart
-    from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.functionals.functional import Functionals
     from hhr_dolfinx.parameters import PointLike

@@ -16,17 +16,15 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs, Status
 from hhr_dolfinx.declared import Integers
-from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers, outcome
+from hhr_dolfinx.models.answer import Answer, CheckedStart, Fields, SeveralAnswers, outcome
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, answer_of, differentiated
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace, PointsLike
 from hhr_dolfinx.trained import USUAL, TrainedRange
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Friction
-    from hhr_dolfinx.models.answer import CheckedStart
-    from hhr_dolfinx.parameters import PointsLike
 
 MOST_ROWS = 16_000
 NUMBERS = 8_000_000

@@ -14,13 +14,12 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import NotOfferedError
-from hhr_dolfinx.models.answer import Answer, ElasticFields
+from hhr_dolfinx.models.answer import Answer, ElasticFields, Meshed
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import Meshed
     from hhr_dolfinx.models.functionals.functional import Functionals
 
 

@@ -21,7 +21,17 @@ from hhr_dolfinx.errors import (
     ParameterError,
     UndeterminedWarning,
 )
-from hhr_dolfinx.models.answer import Answer, History, Path, SeveralAnswers, one_by_one, outcome, unanswered
+from hhr_dolfinx.models.answer import (
+    Answer,
+    CheckedStart,
+    History,
+    Path,
+    SeveralAnswers,
+    Start,
+    one_by_one,
+    outcome,
+    unanswered,
+)
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import checked_path, one_step, refuse_gradient, solve_along
 from hhr_dolfinx.models.shown import MOST, Shown, counted
@@ -31,7 +41,6 @@ from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Friction
-    from hhr_dolfinx.models.answer import CheckedStart, Start
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.functionals.functional import Outputs
     from hhr_dolfinx.models.histories.sliding import Slider

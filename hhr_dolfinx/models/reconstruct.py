@@ -16,16 +16,14 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
 from hhr_dolfinx.linear.layout import lay_out
-from hhr_dolfinx.models.answer import Answer, ModelFields
-from hhr_dolfinx.models.bounds.bound import Bound, BoundThere, driven
+from hhr_dolfinx.models.answer import Answer, Meshed, ModelFields
+from hhr_dolfinx.models.bounds.bound import Bound, BoundThere, Thetas, driven
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.estimates import FORCES, NO_OUTPUTS, STRESS, Estimate, Estimates
 from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
 from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import Meshed
-    from hhr_dolfinx.models.bounds.bound import Thetas
     from hhr_dolfinx.models.bounds.output_difference import OutputDifference
     from hhr_dolfinx.models.field_response import FieldResponse
     from hhr_dolfinx.models.frictional_fields import FrictionalFields

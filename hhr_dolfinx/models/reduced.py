@@ -15,7 +15,7 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ReductionError, SingularError
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, dense_factors
-from hhr_dolfinx.models.answer import Answer, SeveralAnswers
+from hhr_dolfinx.models.answer import Answer, CheckedStart, SeveralAnswers
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, Responses
@@ -23,15 +23,13 @@ from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace, PointsLike
 from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
-    from hhr_dolfinx.models.answer import CheckedStart
     from hhr_dolfinx.models.eliminations.interpolated import Compliances
     from hhr_dolfinx.models.histories.reduced_flow import ReducedEquilibrium, ReducedFlow
-    from hhr_dolfinx.parameters import PointsLike
 
 ADVICE: Mapping[Status, str] = MappingProxyType(
     {

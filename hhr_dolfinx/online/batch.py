@@ -20,13 +20,11 @@ from hhr_dolfinx.models.estimates import Estimate, columns, shown_of
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.shown import counted, line, table
 from hhr_dolfinx.one_thread import one_thread
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace, PointsLike
 from hhr_dolfinx.trained import TrainedRange, check_outside
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
-
-    from hhr_dolfinx.parameters import PointsLike
 
 
 Progress = Callable[[Iterable], Iterable]

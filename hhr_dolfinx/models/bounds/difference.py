@@ -25,13 +25,12 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.floating import FloatingEqualities, floating_set
 from hhr_dolfinx.declared import Floats
-from hhr_dolfinx.models.bounds.bound import CANCELLED, ROUND_OFF, ForceScale, driven, estimates_of, lengths
+from hhr_dolfinx.models.bounds.bound import CANCELLED, ROUND_OFF, ForceScale, Thetas, driven, estimates_of, lengths
 from hhr_dolfinx.models.bounds.contact_response import ContactResponse, Outside
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.plain import Rebuilt
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.bounds.bound import Thetas
     from hhr_dolfinx.models.gradient import Gradient
 
 SQUARES = 1e-14

@@ -28,7 +28,7 @@ from scipy.linalg import LinAlgError
 
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import BoundError, ConvergenceError
-from hhr_dolfinx.models.bounds.bound import ROUND_OFF, ForceScale, estimates_of, lengths
+from hhr_dolfinx.models.bounds.bound import ROUND_OFF, ForceScale, Thetas, estimates_of, lengths
 from hhr_dolfinx.models.bounds.least_response import LeastResponse, ManyResponses
 from hhr_dolfinx.models.eliminations.block import Block, blocks_of
 from hhr_dolfinx.models.eliminations.interpolated import Compliances, ManyContacts
@@ -38,7 +38,6 @@ from hhr_dolfinx.parameters import is_number
 from hhr_dolfinx.plain import Rebuilt
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.bounds.bound import Thetas
     from hhr_dolfinx.models.eliminations.interpolation import Interpolant
     from hhr_dolfinx.models.eliminations.shaped import InterpolatedProblem
     from hhr_dolfinx.models.gradient import Gradient

@@ -20,7 +20,7 @@ from hhr_dolfinx.contact.active_set import SchurEqualities
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError
 from hhr_dolfinx.linear.dense import LapackLU
-from hhr_dolfinx.models.answer import Answer, ElasticFields, SeveralAnswers, unanswered
+from hhr_dolfinx.models.answer import Answer, ElasticFields, Meshed, SeveralAnswers, unanswered
 from hhr_dolfinx.models.bounds.bound import Bound
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination
@@ -30,7 +30,6 @@ from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
-    from hhr_dolfinx.models.answer import Meshed
     from hhr_dolfinx.models.eliminations.block import BlockElimination
     from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
     from hhr_dolfinx.models.functionals.functional import Functionals

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -12,10 +12,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, NotSolvableError, ParameterError, SceneError
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Model, Path
 from hhr_dolfinx.models.histories.equilibrium import Equilibrium, MarchSettings
-from hhr_dolfinx.parameters import ParameterSpace
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.parameters import PointLike
+from hhr_dolfinx.parameters import ParameterSpace, PointLike
 
 
 def check_settings(settings: Any) -> None:

@@ -31,7 +31,7 @@ from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Pod, Recipe
 from hhr_dolfinx.sampling import Lattice, Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet
-from hhr_dolfinx.snapshots.store import digest_of_values
+from hhr_dolfinx.snapshots.store import SnapshotStore, digest_of_values
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
@@ -39,7 +39,6 @@ if TYPE_CHECKING:
 
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.models.model import AnsweringModel
-    from hhr_dolfinx.snapshots.store import SnapshotStore
 
 
 _log = logging.getLogger(__name__)

@@ -20,17 +20,15 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.answer import Answer, CheckedStart
 from hhr_dolfinx.models.model import KeptModel, checked_start
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ADVICE, ReducedModel
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace, PointsLike
 from hhr_dolfinx.trained import USUAL, TrainedRange
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.answer import CheckedStart
     from hhr_dolfinx.models.many import PartedAnswers
-    from hhr_dolfinx.parameters import PointsLike
 
 
 ALIKE = 1e-5

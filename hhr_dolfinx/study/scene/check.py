@@ -13,7 +13,7 @@ from hhr_dolfinx.contact.problem import ContactProblem, ContactRows
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.expected import expected_in_space
 from hhr_dolfinx.full_order.motions import described, free_bodies
-from hhr_dolfinx.loads import checked_terms, parted, placed
+from hhr_dolfinx.loads import Load, checked_terms, parted, placed
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.study.scene.findings import MISTAKE, NOTE, OK, SceneCheck
@@ -21,9 +21,7 @@ from hhr_dolfinx.study.scene.mesh import depth_inside, look_at_common_nodes, loo
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Law
-    from hhr_dolfinx.formulas import Formula
     from hhr_dolfinx.full_order.flow import GaussModel
-    from hhr_dolfinx.loads import Load
     from hhr_dolfinx.parameters import PointLike
 
 TOUCHING = 1e-6
@@ -294,7 +292,7 @@ def _forces(found: SceneCheck, load: Load, point: np.ndarray) -> np.ndarray:
     return placed(terms, 1, (discretisation.size, amplitudes.firsts[-1])) @ amplitudes(point)
 
 
-def _vanishes(amplitude: Amplitude | Formula) -> bool:
+def _vanishes(amplitude: Any) -> bool:
     """True if an amplitude is zero for all parameters."""
     return isinstance(amplitude, Amplitude) and not amplitude.constant and not any(amplitude.slopes.values())
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from typing import TYPE_CHECKING
 
 import numpy as np
 from dolfinx import geometry
@@ -18,12 +17,8 @@ from hhr_dolfinx.body import Body
 from hhr_dolfinx.full_order.checks import CORNERS
 from hhr_dolfinx.geometries.mesh_file import MeshFile
 from hhr_dolfinx.pairings.surface import Surface
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace, PointLike
 from hhr_dolfinx.study.scene.findings import NOTE, OK, SceneCheck
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.parameters import PointLike
-
 
 BAD_CELL = 0.1
 """Scaled Jacobian of a cell below which it is reported."""
