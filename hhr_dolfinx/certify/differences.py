@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -15,11 +15,12 @@ from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.bounds.difference import ExactDifference, definite
 from hhr_dolfinx.models.field_response import FieldResponse
+from hhr_dolfinx.models.full import FullModel, plain_outputs
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.certify.accuracy import Solutions
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.models.bounds.output_difference import OutputDifference
-    from hhr_dolfinx.models.full import FullModel
 
 
 ROUND_OFF = 1e-13
@@ -257,7 +258,7 @@ def leading(columns: np.ndarray, lower: np.ndarray, count: int) -> np.ndarray:
     return np.hstack([own, svd(rest)[0][:, : count - own.shape[1]]])
 
 
-def output_difference(full: FullModel, training: Any = None) -> OutputDifference:
+def output_difference(full: FullModel, training: Solutions | None = None) -> OutputDifference:
     """Outputs of the exact answers of a full model that has outputs, whose stiffness is constant.
 
     ``training`` are snapshots, whose outputs say what is large.
@@ -266,15 +267,18 @@ def output_difference(full: FullModel, training: Any = None) -> OutputDifference
 
     problem = full.problem
     size = problem.free.size
-    read = [item.matrix(size) for item in full.functionals.items if is_read(item, len(problem.gaps))]
+    outputs = plain_outputs(full)
+    assert outputs is not None
+    read = [item.matrix(size) for item in outputs.items if is_read(item, len(problem.gaps))]
     rows = csr_matrix(vstack([csr_matrix((0, size)), *read]))
     loaded = problem.spread.sum(rows.tocsc()[:, problem.rows] @ full.per_load)
     free = np.asfortranarray(loaded + (rows @ problem.lifts).toarray())
     return OutputDifference(free, np.asfortranarray(full.pressed(rows)), _least_outputs(full, training))
 
 
-def _least_outputs(full: FullModel, training: Any) -> np.ndarray:
+def _least_outputs(full: FullModel, training: Solutions | None) -> np.ndarray:
     """A thousandth of the largest absolute value of each output in some training answers; zero without any, (n,)."""
+    assert full.functionals is not None
     if training is None:
         return np.zeros(len(full.functionals.items))
     answers = []

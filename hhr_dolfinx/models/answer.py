@@ -48,6 +48,10 @@ class Fields(Protocol):
     def full(self) -> Meshed | None:
         """The full model, which has the mesh; None if it is not available."""
 
+    @property
+    def unbounded(self) -> str:
+        """Reason why errors are not estimated; empty if they are."""
+
     def displacement(self, answer: Answer) -> np.ndarray:
         """Displacement, lift included, (N,)."""
 
@@ -89,8 +93,12 @@ class ModelFields:
     frictional: Any = None
     functionals: Any = None
     unbounded: str = ""
-    full: Meshed | None = None
     exact: ClassVar[bool] = False
+
+    @property
+    def full(self) -> Meshed | None:
+        """See above."""
+        return None
 
     @property
     def estimated(self) -> str:

@@ -9,7 +9,7 @@ Sizes: N dofs, n of them on this rank; N_lambda contact conditions; 1 + T terms 
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING, Protocol, cast
 
 import numpy as np
 
@@ -44,6 +44,10 @@ class MeshLinearisation(Linearisation, Protocol):
 
 class MeshEquilibrium(Equilibrium, Protocol):
     """Equilibrium of the whole mesh, from which reductors take Gauss points and tangents."""
+
+    @property
+    def problem(self) -> ContactProblem:
+        """The contact problem."""
 
     @property
     def operator(self) -> StrainOperator:
@@ -228,3 +232,9 @@ class FullModel(Fields, Model, Protocol):
         self, stiffness: csr_matrix, plane: str, last: np.ndarray | None = None, *, anew: bool = False
     ) -> FreeCholesky | SharedCholesky:
         """Factors of own rows of a stiffness, (n, N), with an ordering for plane problems."""
+
+
+def plain_outputs(full: FullModel) -> Functionals | None:
+    """Outputs of a scene without shape parameters, which are plain data; None if it has none."""
+    assert full.problem.reshaped is None
+    return cast("Functionals | None", full.functionals)

@@ -12,10 +12,9 @@ from hhr_dolfinx.online.tables import columns_of
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.model import AnsweringModel
-    from hhr_dolfinx.parameters import PointsLike
 
 
-def to_pandas(model: AnsweringModel, points: PointsLike, *, outside: str = "refuse", forces: bool = False) -> Any:
+def to_pandas(model: AnsweringModel, points: Any, *, outside: str = "refuse", forces: bool = False) -> Any:
     """Answer a table of points in a data frame with a row for each point.
 
     Args:
@@ -43,7 +42,7 @@ def to_pandas(model: AnsweringModel, points: PointsLike, *, outside: str = "refu
     return pandas.DataFrame(dict(zip(names, answers.points.T, strict=True)) | {"status": answers.status} | columns)
 
 
-def to_xarray(model: AnsweringModel, points: PointsLike, *, outside: str = "refuse") -> Any:
+def to_xarray(model: AnsweringModel, points: Any, *, outside: str = "refuse") -> Any:
     """Answer a table of points in a data set with the dimensions ``point`` and ``condition``.
 
     Args:
@@ -70,7 +69,7 @@ def to_xarray(model: AnsweringModel, points: PointsLike, *, outside: str = "refu
     return xarray.Dataset(values, coords=coordinates)
 
 
-def _table(points: PointsLike, names: tuple[str, ...]) -> np.ndarray:
+def _table(points: Any, names: tuple[str, ...]) -> np.ndarray:
     """Points as an array; columns with names are selected by name."""
     if not hasattr(points, "keys"):
         return np.asarray(points, dtype=float)

@@ -27,6 +27,7 @@ from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ReductionError
 from hhr_dolfinx.models.bounds.difference import ExactDifference
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.estimates import known_error, warn_unbounded
+from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
@@ -41,7 +42,6 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.histories.reduced_flow import ReducedFlow
     from hhr_dolfinx.models.starts import LinearStarts
 
@@ -398,7 +398,7 @@ def _fields(shared: _Offline, basis: np.ndarray, sets: IndexSets, flow: ReducedF
         cone = (recipe.cone or bound is None) and problem.friction is None
         fields = shared.completion.reconstruction(problem, bounding.columns, sets, flow, cone=cone)
         fields = replace(fields, bound=bound, unbounded=bounding.unbounded, stress_of=full.stress_of, full=full)
-        fields = replace(fields, functionals=full.functionals, response=response)
+        fields = replace(fields, functionals=plain_outputs(full), response=response)
         if recipe.indicator is not None:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
         if problem.friction is not None:

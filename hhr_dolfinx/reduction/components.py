@@ -322,7 +322,9 @@ class Solver:
         name = full.scene.name
         if full.comm.size > 1:
             given = matrix, dofs, name, full.comm
-            return SharedCholesky.of(*given, low_rank=low_rank, last=last, rows=full.store.first.rows)
+            first = full.store.first
+            assert isinstance(first, SharedCholesky)
+            return SharedCholesky.of(*given, low_rank=low_rank, last=last, rows=first.rows)
         how = slice(0, problem.free.size), name, full.block_ordering, full.comm
         return FreeCholesky(matrix, dofs, *how, low_rank=low_rank, last=last)
 

@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -25,6 +25,7 @@ from hhr_dolfinx.models.eliminations.interpolated import Compliances, Interpolat
 from hhr_dolfinx.models.eliminations.interpolation import GrownGrid
 from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
 from hhr_dolfinx.models.estimates import NOT_ASKED, known_error, warn_unbounded
+from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.components import Solver, interpolated_compliances, solvers_of
 from hhr_dolfinx.reduction.interpolate import DEFAULT_GRID, GridSettings
@@ -41,7 +42,8 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.models.functionals.functional import Functionals, ShapeFunctionals
+    from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
 
 
 STARTS = 256
@@ -237,13 +239,19 @@ def _warn_of_untouched(snapshots: SnapshotSet | None, solvers: list[Solver]) -> 
         )
 
 
+def _outputs(full: FullModel, basis: np.ndarray, settings: GridSettings) -> Functionals | ReshapedFunctionals | None:
+    """Outputs for displacements in a basis, (N, ell)."""
+    if full.problem.reshaped is None:
+        return plain_outputs(full)
+    prepared = cast("ShapeFunctionals | None", full.functionals)
+    return None if prepared is None else reshaped_functionals(prepared, full.problem, basis, settings)
+
+
 def _no_fields(full: FullModel, settings: GridSettings) -> InterpolatedFields:
     """Outputs of forces alone, without displacement."""
     problem = full.problem
-    functionals = full.functionals
     basis = np.zeros((problem.free.size, 0))
-    if problem.reshaped is not None and functionals is not None:
-        functionals = reshaped_functionals(functionals, problem, basis, settings)
+    functionals = _outputs(full, basis, settings)
     return InterpolatedFields(
         problem.amplitudes, basis, problem.lifts, None, problem.block_size, None, functionals=functionals, full=full
     )
@@ -267,10 +275,7 @@ def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> 
     else:
         interpolated = interpolated_problem(problem, basis, sets, settings)
         galerkin = ReshapedElimination(interpolated, problem.amplitudes, problem.parameters)
-    functionals = full.functionals
-    if problem.reshaped is not None and functionals is not None:
-        functionals = reshaped_functionals(functionals, problem, basis, settings)
-    rest = galerkin, problem.block_size, full.stress_of, functionals
+    rest = galerkin, problem.block_size, full.stress_of, _outputs(full, basis, settings)
     return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest, full=full)
 
 

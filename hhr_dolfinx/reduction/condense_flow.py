@@ -24,6 +24,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError, ReductionError, UnstableModelError
 from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.materials.update import Group
+from hhr_dolfinx.models.full import FullModel, MeshEquilibrium, plain_outputs
 from hhr_dolfinx.models.histories.condensed_fields import CondensedFlowFields, PlasticFields
 from hhr_dolfinx.models.histories.condensed_flow import CondensedFlow, CondensedFlowModel
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
@@ -38,7 +39,6 @@ from hhr_dolfinx.warn import collected, repeat
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
-    from hhr_dolfinx.models.full import FullModel, MeshEquilibrium
 
 
 ROWS = 1500
@@ -418,7 +418,7 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
         problem = full.problem
         fields = CondensedFlowFields(
             problem.amplitudes, elastic.factors, elastic.parts, basis, elastic.per_force, elastic.forced,
-            elastic.given, problem.block_size, shared.fields.on(flow.points, full.equilibrium), full.functionals,
+            elastic.given, problem.block_size, shared.fields.on(flow.points, full.equilibrium), plain_outputs(full),
             problem.friction, full,
         )  # fmt: skip
         model = CondensedFlowModel(flow, full.parameters, fields)

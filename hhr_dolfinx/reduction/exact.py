@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -13,10 +13,8 @@ from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
 from hhr_dolfinx.models.eliminations.elimination import Responses
 from hhr_dolfinx.models.exact import ExactFields, SolvedFields
+from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.starts import KnownStatuses
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
 
 
 def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
@@ -60,7 +58,7 @@ def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = T
         free_slack=problem.gaps - problem.contact @ free,
         schur=full.schur,
     )
-    outputs: Any = full.functionals  # of one mesh: a scene with shapes was refused above
+    outputs = plain_outputs(full)
     floats = problem.rigid is not None
     size = problem.block_size
     if not (kept or floats):
@@ -78,7 +76,7 @@ def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = T
 def _solved_fields(full: FullModel, free: np.ndarray) -> SolvedFields:
     """Fields of a full model that keeps no columns, from K^-1 loads, (N, 1 + T)."""
     problem = full.problem
-    outputs: Any = full.functionals
+    outputs = plain_outputs(full)
     rows = csr_matrix((0, problem.free.size)) if outputs is None else csr_matrix(outputs.rows)
     read = rows if full.has_room(rows.shape[0]) else rows[:0]
     return SolvedFields(

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -68,7 +68,7 @@ def lengths(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum((one[..., None, :] @ other[..., None])[..., 0, 0], 0.0))
 
 
-Thetas = Theta | np.ndarray | csr_matrix
+Thetas: TypeAlias = "Theta | np.ndarray | csr_matrix"
 """θ of n answers, (n, 1 + T), sparse or not; or one Theta for one answer."""
 
 

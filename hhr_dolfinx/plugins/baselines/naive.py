@@ -77,7 +77,7 @@ class NaiveFullOrder(AnsweringModel):
 
         if start is None or isinstance(start, str):
             _, free_slack = saddle_point(np.zeros(gaps.size, dtype=bool), None)
-            start = free_slack < 0
+            start = np.asarray(free_slack < 0)
         found = active_set(saddle_point, gaps, start, pairs=Pairs.of(problem.contact_pairs))
         unknown = np.zeros(problem.free.size)
         unknown[free] = last["free"]

@@ -63,4 +63,5 @@ class OutputFunction:
     def jacobian(self, point: Any) -> np.ndarray:
         """Derivatives of the outputs along the parameters at a point, (P,): (K, P)."""
         found = self.model.outputs(np.asarray(point, dtype=float), gradient=True, outside=self.outside).gradient
+        assert found is not None
         return np.array([found[name] for name in self.outputs])

@@ -60,6 +60,7 @@ class PyMORModel(Model):
         if "output" in quantities:
             data["output"] = np.array([[found[name]] for name in names])
         if "output_d_mu" in quantities:
+            assert found.gradient is not None
             slopes = np.array([found.gradient[name] for name in names])
             columns = enumerate(self.function.names)
             data["output_d_mu"] = OutputDMuResult({(name, 0): slopes[:, [k]] for k, name in columns})

@@ -471,7 +471,7 @@ class _Found:
             raise
         self._keep(row, model)
 
-    def _keep(self, row: Tried, model: KeptModel) -> None:
+    def _keep(self, row: Tried, model: KeptModel | None) -> None:
         """Add a row, with its model if there is one."""
         self.tried.append(row)
         self.models.append(model)

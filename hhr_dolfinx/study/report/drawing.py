@@ -35,7 +35,11 @@ def figure_of(value: Scene | Answer, path: str | Path | None, full: FullOrderMod
     Raises:
         SceneError: for a scene whose mesh cannot be generated.
     """
-    figure = _of_scene(value) if isinstance(value, Scene) else _of_answer(value, full)
+    if isinstance(value, Scene):
+        figure = _of_scene(value)
+    else:
+        assert full is not None
+        figure = _of_answer(value, full)
     if path is not None:
         figure.savefig(path, dpi=150)
     return figure
