@@ -20,7 +20,7 @@ from hhr_dolfinx.forms.return_mapping import strain_vector
 from hhr_dolfinx.models.functionals.cells import MovingCells
 from hhr_dolfinx.models.functionals.functional import Functional, Functionals
 from hhr_dolfinx.models.functionals.kinds import Energy, FlowMises, Mises, MovingMises
-from hhr_dolfinx.outputs import ContactOutput, ElasticEnergy, Output, PlacedOutput, VonMises
+from hhr_dolfinx.outputs import ContactOutput, ElasticEnergy, ModelProbe, Output, PlacedOutput, VonMises
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.shapes import coordinate_names
 
@@ -143,6 +143,13 @@ class Probe:
         surface = self.assembler.surface(self.scene.contacts[output.contact].tags[0])
         dofs = (surface.nodes[:, None] * self.dimension + np.arange(self.dimension)).ravel()
         return conditions, surface.points, csr_matrix(-self.contact_rows[conditions][:, dofs])
+
+
+if TYPE_CHECKING:
+
+    def _is_model_probe(probe: Probe) -> ModelProbe:
+        """Hold the class to the interface that outputs are written for."""
+        return probe
 
 
 SHAPES = 8
