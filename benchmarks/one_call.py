@@ -29,9 +29,9 @@ from mpi4py import MPI
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block, stacked_blocks, two_blocks
 from hhr_dolfinx.geometries.two_blocks import side
-from hhr_dolfinx.plugins.one_call.bench import Bench
-from hhr_dolfinx.plugins.one_call.crew import Crew
-from hhr_dolfinx.plugins.one_call.wish import Budget, Wish
+from hhr_dolfinx.plugins.one_call.context import SearchContext
+from hhr_dolfinx.plugins.one_call.target import Budget, Target
+from hhr_dolfinx.plugins.one_call.workers import Workers
 from hhr_dolfinx.study import cli
 from hhr_dolfinx.study.report import report
 from hhr_dolfinx.study.training.train import silent
@@ -169,9 +169,11 @@ def measured(case: Case, fresh: int) -> dict[str, Any]:
     row |= {"method": f"{chosen.method}, {chosen.setting}", "full_answers": reduction.full_answers, "seconds": seconds}
     row |= {"query_seconds": chosen.query, "known": chosen.known, "said": reduction.met}
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
-    bench = Bench(full, Crew(MPI.COMM_SELF, full, None), Wish(ERROR, case.of), Budget(), family, SEED, silent)
-    exact = bench.fresh(HISTORIES if family is not None else fresh)
-    worst = bench.errors_of(model, exact).max(axis=0)
+    context = SearchContext(
+        full, Workers(MPI.COMM_SELF, full, None), Target(ERROR, case.of), Budget(), family, SEED, silent
+    )
+    exact = context.fresh(HISTORIES if family is not None else fresh)
+    worst = context.errors_of(model, exact).max(axis=0)
     met = bool((worst <= ERROR).all())
     row |= {"got": dict(zip(case.of, worst.tolist(), strict=True)), "fresh": len(exact)}
     return row | {"outcome": "met" if met else "not met" if reduction.met else "not met, and said so"}

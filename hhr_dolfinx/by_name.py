@@ -23,49 +23,55 @@ from typing import Any
 from hhr_dolfinx import registry
 from hhr_dolfinx.errors import HHRError, SceneError
 
+_MODULES: Mapping[str, Mapping[str, str]] = {
+    "geometries": {
+        "geometries.mesh_file": "MeshFile",
+        "geometries.block": "block",
+        "geometries.coated_block": "coated_block",
+        "geometries.hertz_half_discs": "half_discs",
+        "geometries.pellet_cladding": "pellet_cladding",
+        "geometries.press_fit": "press_fit",
+        "geometries.sphere_on_block": "sphere_on_block",
+        "geometries.stacked_blocks": "stacked_blocks",
+    },
+    "pairings": {
+        "pairings.obstacle": "Obstacle",
+        "pairings.node_to_node": "NodeToNode",
+        "pairings.node_to_surface": "NodeToSurface DoublePass",
+        "pairings.mortar": "Mortar",
+    },
+    "laws": {
+        "materials.laws": "Plasticity Norton",
+    },
+    "forms": {
+        "forms.elasticity": "stiffness mass traction pressure",
+        "forms.volume": "body_force centrifugal eigenstrain",
+    },
+    "loads": {
+        "loads": "Pressure PartialPressure Traction",
+        "volume_loads": "BodyForce Centrifugal Eigenstrain ThermalExpansion",
+    },
+    "outputs": {
+        "outputs": (
+            "ContactForce ContactMoment ContactWidth DisplacementAt DissipatedWork ElasticEnergy FrictionForce "
+            "GapAt LargestPressure LargestSlip LargestWear LinearForm LostContact SlipArea StickArea Torque "
+            "VonMises"
+        ),
+    },
+    "samplings": {
+        "sampling": "Sobol LatinHypercube Lattice",
+    },
+    "scenes": {},
+}
+"""Names of the parts of the core, separated by blanks, by kind and by module below ``hhr_dolfinx``."""
+
 OWN: Mapping[str, Mapping[str, str]] = MappingProxyType(
     {
-        "geometries": {
-            name: f"hhr_dolfinx.geometries.{module}:{name}"
-            for name, module in {
-                "MeshFile": "mesh_file", "block": "block", "coated_block": "coated_block",
-                "half_discs": "hertz_half_discs", "pellet_cladding": "pellet_cladding", "press_fit": "press_fit",
-                "sphere_on_block": "sphere_on_block", "stacked_blocks": "stacked_blocks",
-            }.items()
-        },
-        "pairings": {
-            name: f"hhr_dolfinx.pairings.{module}:{name}"
-            for name, module in {
-                "Obstacle": "obstacle", "NodeToNode": "node_to_node", "NodeToSurface": "node_to_surface",
-                "DoublePass": "node_to_surface", "Mortar": "mortar",
-            }.items()
-        },
-        "laws": {name: f"hhr_dolfinx.materials.laws:{name}" for name in ("Plasticity", "Norton")},
-        "forms": {
-            name: f"hhr_dolfinx.forms.{module}:{name}"
-            for name, module in {
-                "stiffness": "elasticity", "mass": "elasticity", "traction": "elasticity", "pressure": "elasticity",
-                "body_force": "volume", "centrifugal": "volume", "eigenstrain": "volume",
-            }.items()
-        },
-        "loads": {
-            name: f"hhr_dolfinx.{module}:{name}"
-            for name, module in {
-                "Pressure": "loads", "PartialPressure": "loads", "Traction": "loads", "BodyForce": "volume_loads",
-                "Centrifugal": "volume_loads", "Eigenstrain": "volume_loads", "ThermalExpansion": "volume_loads",
-            }.items()
-        },
-        "outputs": {
-            name: f"hhr_dolfinx.outputs:{name}"
-            for name in ("ContactForce", "ContactMoment", "ContactWidth", "DisplacementAt", "DissipatedWork",
-                         "ElasticEnergy", "FrictionForce", "GapAt", "LargestPressure", "LargestSlip", "LargestWear",
-                         "LinearForm", "LostContact", "SlipArea", "StickArea", "Torque", "VonMises")
-        },
-        "samplings": {name: f"hhr_dolfinx.sampling:{name}" for name in ("Sobol", "LatinHypercube", "Lattice")},
-        "scenes": {},
+        kind: {name: f"hhr_dolfinx.{place}" for name, place in registry.places_in(modules)}
+        for kind, modules in _MODULES.items()
     }
-)  # fmt: skip
-"""Places of the parts of the core, by kind and name; those of plug-ins stand in their manifests."""
+)
+"""Places of the parts of the core, by kind and name; manifests have those of plug-ins."""
 
 _LOADED: dict[Path, tuple[int, ModuleType]] = {}
 """Files that were executed, with the time of their last change."""
@@ -163,7 +169,7 @@ def _module(name: str) -> ModuleType:
 
 
 def _file(path: Path) -> ModuleType:
-    """The module of a file, which may import other files of its folder."""
+    """Module of a file, which may import other files of its folder."""
     if not path.is_file():
         beside = sorted(item.name for item in path.absolute().parent.glob("*.py") if item.is_file())[:8]
         hint = f", which has {', '.join(beside)}" if beside else ""

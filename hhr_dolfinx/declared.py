@@ -205,8 +205,10 @@ class Sizes:
 
     def _value(self, label: str) -> int | None:
         """A size, or a product of several; None while one of them is unknown."""
-        known = [int(name) if name.isdigit() else self.shared.get(name, self.own.get(name)) for name in
-                 map(str.strip, label.split("*"))]  # fmt: skip
+        known = [
+            int(name) if name.isdigit() else self.shared.get(name, self.own.get(name))
+            for name in map(str.strip, label.split("*"))
+        ]
         return None if None in known else math.prod(known)  # type: ignore[arg-type]
 
     def check_known(self, last: bool = False) -> None:

@@ -118,12 +118,15 @@ def program(name: str, commands: tuple[str, ...], use: str) -> Callable[[], Foun
 
 
 CHECKS: tuple[Callable[[], Found], ...] = (
-    dolfinx, petsc, mumps, gmsh,
+    dolfinx,
+    petsc,
+    mumps,
+    gmsh,
     program("compiler", ("cc", "gcc"), "DOLFINx compiles forms with it: install gcc and libc6-dev"),
     program("mpirun", ("mpirun", "mpiexec"), "only runs on several ranks need it"),
     program("node", ("node", "nodejs"), "only tests of pages need it"),
     program("chromium", ("chromium", "chromium-browser", "google-chrome"), "only tests of pages need it"),
-)  # fmt: skip
+)
 
 
 def examined() -> list[Found]:

@@ -312,8 +312,8 @@ def _depth(tree: ast.expr) -> int:
     level = 0
     nodes = [tree]
     while nodes and level <= DEEPEST:
-        level, nodes = level + 1, [child for node in nodes for child in ast.iter_child_nodes(node)
-                                   if isinstance(child, ast.expr)]  # fmt: skip
+        level += 1
+        nodes = [child for node in nodes for child in ast.iter_child_nodes(node) if isinstance(child, ast.expr)]
     return level
 
 

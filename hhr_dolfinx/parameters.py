@@ -178,8 +178,9 @@ class ParameterSpace:
         return f"{faults}: the names do not match {self.names}: give each of these a value, and no other"
 
     def _complaint(self, point):
-        strange = [f"{name} = {value:g}" for name, value in zip(self.names, point, strict=True)
-                   if not np.isfinite(value)]  # fmt: skip
+        strange = [
+            f"{name} = {value:g}" for name, value in zip(self.names, point, strict=True) if not np.isfinite(value)
+        ]
         if strange:
             return f"{', '.join(strange)} is not finite: give a number inside {self._bounds()}"
         lines = [
@@ -191,8 +192,9 @@ class ParameterSpace:
 
     def _bounds(self) -> str:
         """The box in words."""
-        return ", ".join(f"{name} in [{low:g}, {high:g}]"
-                         for name, low, high in zip(self.names, self.lower, self.upper, strict=True))  # fmt: skip
+        return ", ".join(
+            f"{name} in [{low:g}, {high:g}]" for name, low, high in zip(self.names, self.lower, self.upper, strict=True)
+        )
 
     def described(self, point: np.ndarray) -> str:
         """A point in words, for messages."""

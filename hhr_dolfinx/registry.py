@@ -1,7 +1,7 @@
-"""Plug-ins: packages that add a capability to the core. Each declares in one value what it adds, and where it lies.
+"""Plug-ins: packages that add a capability to the core. Each declares its additions and their places in one manifest.
 
 A plug-in is an entry point of the group ``hhr_dolfinx.plugins`` that names a :class:`Plugin`. Those of this package, in
-``hhr_dolfinx/plugins/``, register in the same way as those of anybody else. Places are written ``module:name`` and are
+``hhr_dolfinx/plugins/``, register as those of other packages do. Places are written ``module:name`` and are
 loaded when they are used, so that a scene loads only the plug-ins that it names.
 """
 
@@ -12,15 +12,15 @@ import importlib
 import importlib.metadata
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from hhr_dolfinx.errors import PluginWarning, SceneError
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
-
+    from mpi4py.MPI import Comm
 
 GROUP = "hhr_dolfinx.plugins"
 """Group of entry points of plug-ins."""
@@ -32,8 +32,8 @@ class Plugin:
     """Manifest of a plug-in.
 
     Attributes:
-        name: by which other plug-ins need it.
-        needs: plug-ins that it cannot do without.
+        name: name of the plug-in, unique.
+        needs: names of the plug-ins that it requires.
         public: names that it adds to ``hhr_dolfinx``: of each module its names, separated by blanks.
         parts: what scenes may name: of each kind (``laws``, ``outputs``, ... of :mod:`hhr_dolfinx.by_name`) places by
             name.
@@ -43,9 +43,9 @@ class Plugin:
             name of the method of a :class:`~hhr_dolfinx.study.training.train.Training`, and of ``hhr train --model``.
         methods: further methods of a training, which build no model that a file can keep.
         trainings: ways to choose training points of ``hhr train`` and ``hhr study``: places of objects with
-            ``options``, decorators of click, and ``training(given)``, by the option that asks for them.
-        companions: places of functions ``(full, folder) -> None`` that write what lies beside a model; collective
-            over the ranks of the full model.
+            ``options``, decorators of click, and ``training(given)``, by the option that selects them.
+        companions: places of functions ``(full, folder) -> None`` that write further files next to a model;
+            collective over the ranks of the full model.
     """
 
     name: str
@@ -62,11 +62,11 @@ class Plugin:
 
 @functools.cache
 def installed() -> Mapping[str, Plugin]:
-    """Plug-ins by name, each with all that it needs.
+    """Plug-ins by name; all that they need are installed.
 
     Warns:
-        PluginWarning: if a plug-in is left out since it cannot be loaded, is no manifest, has the name of another one,
-            or needs one that is missing.
+        PluginWarning: for each plug-in that is left out: it cannot be loaded, is not a manifest, has the name of
+            another one, or needs a missing one.
     """
     found: dict[str, Plugin] = {}
     for point in importlib.metadata.entry_points(group=GROUP):
@@ -74,7 +74,7 @@ def installed() -> Mapping[str, Plugin]:
             plugin = point.load()
             if not isinstance(plugin, Plugin):
                 raise TypeError(f"{point.value} is a {type(plugin).__name__} and no hhr_dolfinx.registry.Plugin")
-        except (Exception, SystemExit) as error:  # code of anybody
+        except (Exception, SystemExit) as error:  # third-party code may raise anything
             _leave_out(point.name, f"{point.value} cannot be loaded: {type(error).__name__}: {error}")
             continue
         if plugin.name in found and found[plugin.name] is not plugin:
@@ -109,13 +109,14 @@ def named(what: str) -> dict[str, str]:
     """
     places: dict[str, str] = {}
     for plugin in installed().values():
-        for name, place in _places(getattr(plugin, what)):
+        for name, place in places_in(getattr(plugin, what)):
             if places.setdefault(name, place) != place:
                 raise SceneError(f"two plug-ins register {name!r} among their {what}: {places[name]} and {place}")
     return places
 
 
-def _places(mapping: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+def places_in(mapping: Mapping[str, str]) -> Iterator[tuple[str, str]]:
+    """Names with their places in a mapping of names to places, or of modules to names separated by blanks."""
     for key, value in mapping.items():
         if ":" in value:
             yield key, value
@@ -137,7 +138,15 @@ def listed(what: str) -> list[Any]:
     return [load(place) for plugin in installed().values() for place in getattr(plugin, what)]
 
 
-def write_companions(full: FullModel, folder: Any) -> None:
-    """Write what plug-ins keep beside a model in a folder. Collective over the ranks of the full model."""
+class ModelOnRanks(Protocol):
+    """A full model, whose ranks write together. The core does not say what else a companion reads of it."""
+
+    @property
+    def comm(self) -> Comm:
+        """Its ranks."""
+
+
+def write_companions(full: ModelOnRanks, folder: Path) -> None:
+    """Write the files of plug-ins next to a model in a folder. Collective over the ranks of the full model."""
     for write in listed("companions"):
         write(full, folder)

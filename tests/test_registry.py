@@ -84,7 +84,7 @@ def test_what_a_plug_in_registers_is_there(name):
     plugin = registry.installed()[name]
     assert plugin.name == name and set(plugin.needs) <= set(FOLDERS)
     for what in ("public", "classes", "commands"):
-        for key, place in registry._places(getattr(plugin, what)):
+        for key, place in registry.places_in(getattr(plugin, what)):
             found = registry.load(place)
             assert what == "commands" or found.__name__ == key
             assert what != "commands" or found.name == key

@@ -16,9 +16,9 @@ import numpy as np
 from petsc4py import PETSc
 
 _FUNCTIONS = (
-    "MatFactorSetSchurIS", "MatFactorInvertSchurComplement", "MatFactorGetSchurComplement",
-    "MatFactorRestoreSchurComplement", "MatDenseGetArrayRead", "MatDenseRestoreArrayRead",
-)  # fmt: skip
+    "MatFactorSetSchurIS MatFactorInvertSchurComplement MatFactorGetSchurComplement MatFactorRestoreSchurComplement "
+    "MatDenseGetArrayRead MatDenseRestoreArrayRead"
+).split()
 
 
 @cache

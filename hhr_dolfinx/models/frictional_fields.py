@@ -51,9 +51,11 @@ def mark_of(problem: ContactProblem) -> np.ndarray:
         there = problem.at(point)
         theta = there.amplitudes(point)
         found += [
-            field @ (there.stiffness @ field), field @ (there.loads @ theta), weights @ (there.contact @ field),
+            field @ (there.stiffness @ field),
+            field @ (there.loads @ theta),
+            weights @ (there.contact @ field),
             weights @ (there.gaps @ theta),
-        ]  # fmt: skip
+        ]
     return np.array(found)
 
 

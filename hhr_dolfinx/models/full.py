@@ -72,7 +72,7 @@ class Kernel(Protocol):
     """Rigid motions R that contact alone holds, r of them."""
 
     @property
-    def taken(self) -> np.ndarray:
+    def contact_of_motions(self) -> np.ndarray:
         """B R, (N_lambda, r)."""
 
     @property

@@ -36,9 +36,7 @@ def to_pandas(model: AnsweringModel, points: Any, *, outside: str = "refuse", fo
 
     names = model.parameters.names
     answers: Any = answer_points(model, _table(points, names), outside=outside)
-    columns = {
-        name: values for name, values in columns_of(answers).items() if forces or not name.startswith("force_")
-    }  # fmt: skip
+    columns = {name: values for name, values in columns_of(answers).items() if forces or not name.startswith("force_")}
     return pandas.DataFrame(dict(zip(names, answers.points.T, strict=True)) | {"status": answers.status} | columns)
 
 

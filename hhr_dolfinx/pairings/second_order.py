@@ -37,10 +37,8 @@ middle. Edge i of a triangle is opposite to corner i; edges of a quadrilateral a
 PLACES = {
     3: np.array([[0.0], [1.0], [0.5]]),
     6: np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0], [0.5, 0.5], [0.0, 0.5], [0.5, 0.0]]),
-    9: np.array(
-        [[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0], [0, 0.5], [1, 0.5], [0.5, 1], [0.5, 0.5]], dtype=float
-    ),
-}  # fmt: skip
+    9: np.array([[0, 0], [1, 0], [0, 1], [1, 1], [0.5, 0], [0, 0.5], [1, 0.5], [0.5, 1], [0.5, 0.5]], dtype=float),
+}
 """Reference coordinates of the nodes."""
 POINTS = 5
 """Gauss points along an axis: products of psi, phi, the Jacobian and a radius are polynomials of degree 7 at most if

@@ -199,8 +199,12 @@ class FormulaGrid:
     @cached_property
     def _points_along(self) -> np.ndarray:
         """Points along all parameters of the formulas that are axes, (n, P)."""
-        names = {name for modulus in self.moduli for scalar in (modulus.factor_scalar, modulus.rest_scalar)
-                 for name in scalar.formula.variables}  # fmt: skip
+        names = {
+            name
+            for modulus in self.moduli
+            for scalar in (modulus.factor_scalar, modulus.rest_scalar)
+            for name in scalar.formula.variables
+        }
         return self.space.lines([axis for axis in self.axes.tolist() if self.space.names[axis] in names])
 
     @cached_property

@@ -74,9 +74,10 @@ class Lost:
         if count - len(self.failures) < least:
             raise ConvergenceError(f"{message}. Fewer than {least} are left: lower the loads, or narrow the box")
         warn(
-            f"{message}. Models know nothing of what is near them: lower the loads, or narrow the box", TrainingWarning,
+            f"{message}. Models know nothing of what is near them: lower the loads, or narrow the box",
+            TrainingWarning,
             stacklevel=3,
-        )  # fmt: skip
+        )
 
 
 HELD_OUT_SEED = 2000

@@ -96,8 +96,10 @@ def timed_searches(
     Raises:
         ConvergenceError: if none converges.
     """
-    ways = {search: march if search == march.search else replace(march, search=search, iterations=200)
-            for search in (march.search, *SEARCHES)}  # fmt: skip
+    ways = {
+        search: march if search == march.search else replace(march, search=search, iterations=200)
+        for search in (march.search, *SEARCHES)
+    }
     # compilation and reading at the first step belong to none of them
     timed_run(full, path[:2], march)
     runs = {search: timed_run(full, path, settings) for search, settings in ways.items()}

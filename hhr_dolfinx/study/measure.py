@@ -135,8 +135,9 @@ def answer_errors(
     return errors
 
 
-NAMES = ("primal_l2", "primal_energy", "primal_euclid", "energy_minimum",
-         "dual_rid", "dual_rid_floored", "dual_full", "dual_full_floored")  # fmt: skip
+NAMES = tuple(
+    "primal_l2 primal_energy primal_euclid energy_minimum dual_rid dual_rid_floored dual_full dual_full_floored".split()
+)
 
 
 @dataclass(frozen=True)

@@ -159,9 +159,11 @@ class Compliance:
 def _check_places(part: Compliance, number: int, conditions: int, terms: int, parameters: int, unknowns: int) -> None:
     """Raise ValueError for a part with indices out of range, or with arrays of other sizes."""
     named = {
-        "conditions": (part.conditions, conditions), "forced": (part.forced, terms), "lifted": (part.lifted, terms),
+        "conditions": (part.conditions, conditions),
+        "forced": (part.forced, terms),
+        "lifted": (part.lifted, terms),
         "axes": (part.interpolant.axes, parameters),
-    }  # fmt: skip
+    }
     if part.primal is not None:
         named["unknowns"] = part.primal.unknowns, unknowns
     for name, (places, count) in named.items():

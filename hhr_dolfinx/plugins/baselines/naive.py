@@ -1,6 +1,8 @@
-"""The full problem as a first program would solve it: the measure of every claim of speed."""
+"""Naive full-order solver, as a first program would be written: a reference for times."""
 
 from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix
@@ -9,21 +11,25 @@ from scipy.sparse.linalg import splu
 from hhr_dolfinx.contact.active_set import Pairs, active_set
 from hhr_dolfinx.errors import NotOfferedError, SceneError, SingularError
 from hhr_dolfinx.full_order.full import FULL_ORDER_ADVICE, FullOrderModel
-from hhr_dolfinx.models.answer import Answer, CheckedStart, found_as
+from hhr_dolfinx.models.answer import Answer, found_as
 from hhr_dolfinx.models.model import AnsweringModel
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import CheckedStart
 
 
 class NaiveFullOrder(AnsweringModel):
-    """Nothing is kept between queries.
+    """Full-order model that stores nothing between queries.
 
-    Each query assembles K anew, and each active-set iteration factors the saddle-point matrix
-    ((K, B^T), (B, 0)) of its active contacts anew. Serial.
+    Each query assembles K, and each active-set iteration factors the saddle-point matrix ((K, B^T), (B, 0)) of its
+    active contacts. Serial.
 
     Args:
         full_order: model whose scene is solved.
 
     Raises:
-        SceneError: on several ranks, or where bodies flow.
+        SceneError: on several ranks, or for inelastic bodies.
+        NotOfferedError: for friction.
     """
 
     def __init__(self, full_order: FullOrderModel):
@@ -42,11 +48,11 @@ class NaiveFullOrder(AnsweringModel):
 
     @property
     def sizes(self) -> tuple[int, int]:
-        """Those of answers of the full model."""
+        """Sizes of answers of the full model."""
         return self._full.sizes
 
     def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
-        """Everything assembled and factored for this point."""
+        """Assemble and factor everything for this point."""
         if gradient:
             raise NotOfferedError("the naive baseline has no gradient: ask the full model")
         varies = self._full.problem.varies
@@ -54,7 +60,7 @@ class NaiveFullOrder(AnsweringModel):
         theta = problem.amplitudes(point)
         free = np.flatnonzero(problem.free)
         stiffness = (problem.stiffness if varies else self._assembled())[free][:, free]
-        # rows and forces scaled to the size of K: without it LU loses digits where E is large or small
+        # rows and forces are scaled to the size of K: otherwise LU loses digits if E is large or small
         scale = stiffness.diagonal().mean()
         loads = problem.loads[free] @ theta
         gaps = problem.gaps @ theta
@@ -84,6 +90,6 @@ class NaiveFullOrder(AnsweringModel):
         return found_as(found, point, unknown, self._full)
 
     def _assembled(self) -> csr_matrix:
-        """K, assembled once more."""
+        """K, assembled again."""
         first, *others = self._full.discretisation.stiffness_terms()[0]
         return sum(others, start=first)

@@ -1,7 +1,7 @@
-"""A model as a driver of Dakota: parameters and results in the files that it hands to programs of a command line.
+"""A model as a driver of Dakota, which passes parameters and results to command-line programs in files.
 
-Both are of its standard format (Dakota reference manual, sections on parameters files and results files): lines of a
-value and a name. Functions are asked for by a number whose bits mean value, 1, gradient, 2, and Hessian, 4.
+Both have its standard format (Dakota reference manual, sections on parameters files and results files): lines of a
+value and a name. For each function a number states the request, by its bits: 1 value, 2 gradient, 4 Hessian.
 """
 
 from __future__ import annotations
@@ -25,19 +25,21 @@ from hhr_dolfinx.plugins.doors.function import OutputFunction
 if TYPE_CHECKING:
     from hhr_dolfinx.models.model import AnsweringModel
 
+    pass
+
 
 VALUE = 1
 GRADIENT = 2
 HESSIAN = 4
 
 
-class Asked(NamedTuple):
-    """What Dakota asks for.
+class Request(NamedTuple):
+    """Request of Dakota.
 
     Attributes:
         variables: values by name.
-        functions: what is asked of each function, by its name.
-        along: variables of the derivatives, numbers from 1 on.
+        functions: bits of the requested quantities of each function, by its name.
+        along: variables of the derivatives, numbered from 1.
     """
 
     variables: dict[str, float]
@@ -46,70 +48,73 @@ class Asked(NamedTuple):
 
 
 def answer_dakota(model: AnsweringModel, parameters: str | Path, results: str | Path) -> None:
-    """Answer what Dakota asks for in one file in another one, which is whole or not there.
+    """Read a request of Dakota from a file, and write the results to another file, in one piece.
 
-    Variables of Dakota have the names of parameters, and its functions those of outputs, in which ``_`` may stand for a
-    space: its descriptors have none. If a point is outside of the box or of what was trained, or has no answer, it says
-    ``fail``, which Dakota captures as its study asks for, and the reason after it.
+    Variables of Dakota have the names of parameters, and its functions those of outputs. ``_`` may replace a space,
+    which descriptors cannot contain. For a point outside the box or the training range, or without an answer, the file
+    has ``fail`` and the reason. Dakota captures this failure as its study specifies.
 
     Raises:
-        FileContentError: for a file that is none of Dakota's.
-        ParameterError: if names differ, or a point is outside of the box or of what was trained.
+        FileContentError: for a file that is not in Dakota's format.
+        ParameterError: if names differ, or a point is outside the box or the training range.
         NotOfferedError: for Hessians.
-        ConvergenceError: where there is no answer.
+        ConvergenceError: if there is no answer.
     """
     function = OutputFunction(model)
-    asked = _named(read_parameters(parameters), function)
+    request = _named(read_parameters(parameters), function)
     for kind, given, known in (
-        ("variables", asked.variables, function.names), ("functions", asked.functions, function.outputs)
-    ):  # fmt: skip
+        ("variables", request.variables, function.names),
+        ("functions", request.functions, function.outputs),
+    ):
         if strange := [name for name in given if name not in known]:
             raise ParameterError(
                 f"Dakota's {kind} {strange} are none of {list(known)}: give its descriptors these names"
             )
-    if any(wanted & HESSIAN for wanted in asked.functions.values()):
+    if any(wanted & HESSIAN for wanted in request.functions.values()):
         raise NotOfferedError("Hessians are not built in: no_hessians, or quasi_hessians, in Dakota's responses")
-    if missing := [name for name in function.names if name not in asked.variables]:
+    if missing := [name for name in function.names if name not in request.variables]:
         raise ParameterError(f"Dakota gives no {missing}: make them variables too, or state variables of one value")
-    point = np.array([asked.variables[name] for name in function.names])
+    point = np.array([request.variables[name] for name in function.names])
     try:
-        lines = _lines(function, asked, point)
+        lines = _lines(function, request, point)
     except (ConvergenceError, NotSolvableError, ParameterError) as error:
         with replacing(results, text=True) as file:
-            # Dakota reads nothing after the word; people who look at the file do
+            # Dakota reads nothing after this word; the reason is for people
             file.write(f"fail\n# {' '.join(str(error).split())}\n")
         raise
     with replacing(results, text=True) as file:
         file.write("\n".join(lines) + "\n")
 
 
-def _lines(function: OutputFunction, asked: Asked, point: np.ndarray) -> list[str]:
+def _lines(function: OutputFunction, request: Request, point: np.ndarray) -> list[str]:
     """Lines of a results file at a point, (P,)."""
     values = dict(zip(function.outputs, function(point)[0].tolist(), strict=True))
     slopes: dict[str, np.ndarray] = {}
-    if any(wanted & GRADIENT for wanted in asked.functions.values()):
-        names = list(asked.variables)
-        places = [function.names.index(names[number - 1]) for number in asked.along]
+    if any(wanted & GRADIENT for wanted in request.functions.values()):
+        names = list(request.variables)
+        places = [function.names.index(names[number - 1]) for number in request.along]
         slopes = dict(zip(function.outputs, function.jacobian(point)[:, places], strict=True))
-    lines = [f"{values[name]:.17g} {name}" for name, wanted in asked.functions.items() if wanted & VALUE]
-    for name, wanted in asked.functions.items():
+    lines = [f"{values[name]:.17g} {name}" for name, wanted in request.functions.items() if wanted & VALUE]
+    for name, wanted in request.functions.items():
         if wanted & GRADIENT:
             lines.append(f"[ {' '.join(f'{slope:.17g}' for slope in slopes[name])} ]")
     return lines
 
 
-def _named(asked: Asked, function: OutputFunction) -> Asked:
-    """The same by the names of the model."""
+def _named(request: Request, function: OutputFunction) -> Request:
+    """The request with the names of the model."""
     own = {"_".join(name.split()): name for name in (*function.names, *function.outputs)}
-    variables = {own.get(name, name): value for name, value in asked.variables.items()}
-    return Asked(variables, {own.get(name, name): wanted for name, wanted in asked.functions.items()}, asked.along)
+    variables = {own.get(name, name): value for name, value in request.variables.items()}
+    return Request(
+        variables, {own.get(name, name): wanted for name, wanted in request.functions.items()}, request.along
+    )
 
 
-def read_parameters(path: str | Path) -> Asked:
-    """What a parameters file asks for.
+def read_parameters(path: str | Path) -> Request:
+    """Request of a parameters file.
 
     Raises:
-        FileContentError: for one that is none, or one of the format of APREPRO.
+        FileContentError: for any other file, including one in the format of APREPRO.
     """
     try:
         lines = iter(Path(path).read_text().splitlines())
@@ -124,16 +129,16 @@ def read_parameters(path: str | Path) -> Asked:
         if not all(1 <= number <= len(variables) for number in along):
             raise ValueError("a derivative along a variable that is not there")
     except (ValueError, IndexError, StopIteration) as error:
-        told = str(error) if isinstance(error, ValueError) else "it ends early"
+        reason = str(error) if isinstance(error, ValueError) else "it ends early"
         raise FileContentError(
-            f"{path} is no parameters file of Dakota's standard format: {told}. Take its fork or "
+            f"{path} is no parameters file of Dakota's standard format: {reason}. Take its fork or "
             "system interface, without aprepro"
         ) from None
-    return Asked(variables, functions, along)
+    return Request(variables, functions, along)
 
 
 def _block(lines: Any, name: str) -> list[tuple[str, str]]:
-    """Lines of values and names behind their number."""
+    """Pairs of a value and a name, from a block that begins with their number."""
     count, found = next(lines).split(maxsplit=1)
     if found.strip() != name:
         raise ValueError(f"{found.strip()!r} where {name!r} is wanted")

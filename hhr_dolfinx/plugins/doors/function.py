@@ -1,4 +1,4 @@
-"""A model as a function of vectors, from parameters to the outputs of its scene: what all doors are made of."""
+"""A model as a function of vectors, from parameters to the outputs of its scene: the base of all interfaces."""
 
 from __future__ import annotations
 
@@ -16,9 +16,9 @@ class OutputFunction:
     """The outputs of a scene as a function of its parameters.
 
     Args:
-        model: of any kind, elastic; with friction or bodies that flow a point is one step from rest.
-        outside: what happens outside of what was trained, see :meth:`hhr_dolfinx.models.answer.Model.solve`. Another
-            program sees no warnings of Python, so that such a point is refused unless asked for otherwise.
+        model: of any kind. With friction or inelastic bodies, a point is one step from rest.
+        outside: treatment of points outside the training range, see :meth:`hhr_dolfinx.models.answer.Model.solve`.
+            Other programs see no warnings of Python, so such a point is refused by default.
 
     Attributes:
         names: of the parameters, in their order.
@@ -44,16 +44,16 @@ class OutputFunction:
         """Outputs at points, (n, P): (n, K).
 
         Raises:
-            HHRError: if a point is outside of the box or of what was trained, or has no answer.
+            HHRError: if a point is outside the box or the training range, or has no answer.
         """
         points = np.atleast_2d(points)
         if len(points) == 1:
-            self.check(points[0])  # so that an error names no row of a table
+            self.check(points[0])  # its error names no row of a table
         found = self.model.solve_many(points, outside=self.outside).outputs()
         return np.column_stack([found[name] for name in self.outputs])
 
     def check(self, point: Any) -> None:
-        """Refuse a point, (P,), outside of the box or of what was trained, without an answer.
+        """Refuse a point, (P,), outside the box or the training range; solves for nothing.
 
         Raises:
             ParameterError: with the value and its limits.

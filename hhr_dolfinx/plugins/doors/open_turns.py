@@ -1,4 +1,4 @@
-"""A model as a function of OpenTURNS, with samples at once and its exact gradient (openturns >= 1.20)."""
+"""A model as a function of OpenTURNS, vectorised over samples, with its exact gradient (openturns >= 1.20)."""
 
 from __future__ import annotations
 
@@ -29,7 +29,7 @@ def openturns_function(model: AnsweringModel, outside: str = "refuse") -> Any:
         len(function.outputs),
         func=lambda point: function(np.array(point))[0].tolist(),
         func_sample=lambda points: function(np.array(points)).tolist(),
-        # a row for each parameter
+        # OpenTURNS expects a row for each parameter
         gradient=lambda point: function.jacobian(np.array(point)).T.tolist(),
     )
     made.setInputDescription(function.names)

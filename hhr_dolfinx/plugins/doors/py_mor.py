@@ -1,8 +1,8 @@
-"""A model as one of pyMOR's, for its algorithms of optimisation, calibration and sampling (pymor >= 2026.1).
+"""A model as a pyMOR model, for its algorithms of optimisation, calibration and sampling (pymor >= 2026.1).
 
 ``solution`` is the displacement on the whole mesh, ``output`` the outputs of the scene, ``output_d_mu`` their exact
-derivatives, ``solution_error_estimate`` the bound of the displacement in energy, and ``output_error_estimate`` those of
-the outputs.
+derivatives, ``solution_error_estimate`` the bound of the displacement in the energy norm, and
+``output_error_estimate`` the bounds of the outputs.
 """
 
 from __future__ import annotations
@@ -27,21 +27,21 @@ with extra("doors", "a model of pyMOR"):
 
 
 class PyMORModel(Model):
-    """A model behind pyMOR's interface; each parameter of the scene is one of pyMOR's, of dimension one.
+    """A model with the interface of pyMOR, in which each parameter of the scene has dimension one.
 
     Args:
         model: see :class:`~hhr_dolfinx.plugins.doors.function.OutputFunction`.
         name: of the model.
-        outside: see there.
+        outside: treatment of points outside the training range, see there.
 
     Raises:
-        BoundError: where an error is asked for that nothing is known of.
+        BoundError: if an error estimate is requested and the model has none.
     """
 
     def __init__(self, model: AnsweringModel, name: str = "contact", outside: str = "refuse"):
         super().__init__(name=name)
         self.model = model
-        self.outside = outside  # pyMOR wants all arguments as attributes
+        self.outside = outside  # pyMOR requires all arguments as attributes
         self.function = OutputFunction(model, outside)
         space = model.parameters
         self.parameters_own = dict.fromkeys(self.function.names, 1)
@@ -49,7 +49,7 @@ class PyMORModel(Model):
         self.dim_output = len(self.function.outputs)
 
     def _compute(self, quantities: set[Any], data: dict[Any, Any], mu: Mapping[str, np.ndarray]) -> None:
-        """What is asked for, by one answer."""
+        """Compute the requested quantities from one answer."""
         point = np.array([mu[name][0] for name in self.function.names])
         how: dict[str, Any] = {"gradient": "output_d_mu" in quantities, "outside": self.outside}
         answer = self.function.model.solve(point, **how)
@@ -70,7 +70,7 @@ class PyMORModel(Model):
         super()._compute(quantities, data, mu)
 
     def _estimate(self, answer: Answer, data: dict[Any, Any]) -> None:
-        """What is known of errors; infinite of an output that nothing is known of."""
+        """Compute error estimates; infinite for an output without one."""
         known = answer.estimate()
         if known is None:
             raise BoundError(f"nothing is known of the errors of these answers: {answer.fields.unbounded}")

@@ -1,6 +1,6 @@
-"""A model as a Tesseract (tesseract-core >= 1.0, its runtime), for programs of components that have derivatives.
+"""A model as a Tesseract (tesseract-core >= 1.0, its runtime), for programs made of differentiable components.
 
-One array in, the parameters, and one out, the outputs of the scene; its Jacobian is exact.
+The input is one array, the parameters; the output is one array, the outputs of the scene. The Jacobian is exact.
 """
 
 from __future__ import annotations
@@ -27,20 +27,20 @@ Arrays = dict[str, Any]
 
 
 class Endpoints:
-    """What a Tesseract of a model answers; see :func:`tesseract_api`."""
+    """Endpoints of the Tesseract of a model; see :func:`tesseract_api`."""
 
     def __init__(self, model: AnsweringModel):
         self.function = OutputFunction(model)
         counts = len(self.function.names), len(self.function.outputs)
-        told = ", ".join(self.function.names), ", ".join(self.function.outputs)
+        descriptions = ", ".join(self.function.names), ", ".join(self.function.outputs)
         schema: Any = create_model
         checks: list[Any] = [{"checked": field_validator(IN)(self._checked)}, {}]
         self.inputs, self.outputs = (
             schema(
-                title, __validators__=check, **{name: (Differentiable[Array[(n,), Float64]], Field(description=said))}
+                title, __validators__=check, **{name: (Differentiable[Array[(n,), Float64]], Field(description=text))}
             )
-            for title, name, n, said, check in zip(
-                ("InputSchema", "OutputSchema"), (IN, OUT), counts, told, checks, strict=True
+            for title, name, n, text, check in zip(
+                ("InputSchema", "OutputSchema"), (IN, OUT), counts, descriptions, checks, strict=True
             )
         )
 
@@ -65,12 +65,12 @@ class Endpoints:
         return {IN: np.asarray(cotangent_vector[OUT]) @ self._slopes(inputs)}
 
     def abstract_eval(self, abstract_inputs: Any) -> dict[str, Any]:
-        """Shape of what comes out."""
+        """Shape of the outputs."""
         return {OUT: ShapeDType(shape=(len(self.function.outputs),), dtype="float64")}
 
     def _checked(self, point: Any) -> Any:
-        """A point within what was trained; the errors of a schema are the only ones whose text a client gets."""
-        if not isinstance(point, ShapeDType):  # of which alone ``abstract_eval`` knows
+        """Check that a point is in the training range; a client gets the text of errors of a schema only."""
+        if not isinstance(point, ShapeDType):  # ``abstract_eval`` passes a shape without values
             self.function.check(np.asarray(point))
         return point
 
@@ -79,9 +79,9 @@ class Endpoints:
 
 
 def tesseract_api(model: AnsweringModel) -> ModuleType:
-    """The API of a model, a module; ``Tesseract.from_tesseract_api`` takes it as it is.
+    """API of a model as a module, for ``Tesseract.from_tesseract_api``.
 
-    What ``tesseract build`` asks for is a file ``tesseract_api.py`` of three lines::
+    ``tesseract build`` requires a file ``tesseract_api.py`` of three lines::
 
         import hhr_dolfinx as hhr
         from hhr_dolfinx.plugins.doors.tesseract import tesseract_api

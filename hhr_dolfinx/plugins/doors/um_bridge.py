@@ -1,7 +1,7 @@
 """A server of UM-Bridge, protocol 1.0, by which programs of uncertainty quantification evaluate a model over HTTP.
 
-One input, the parameters, and one output, the outputs of the scene; gradients and products with the Jacobian are exact.
-It needs the standard library alone, listens where it is told to, and answers whatever goes wrong by the protocol's
+There is one input, the parameters, and one output, the outputs of the scene. Gradients and products with the Jacobian
+are exact. The server needs the standard library alone. It reports every failure as the protocol requires,
 ``{"error": {"type": ..., "message": ...}}``.
 """
 
@@ -26,22 +26,22 @@ if TYPE_CHECKING:
 
 
 VERSION = 1.0
-"""Of the protocol."""
+"""Version of the protocol."""
 MOST_BYTES = 1_000_000
-"""Of a request: a point of a thousand parameters has some 20,000."""
+"""Largest size of a request: a point of a thousand parameters has some 20,000 bytes."""
 MOST_SKIPPED = 50 * MOST_BYTES
-"""Of a request that is too long: read away, piece by piece, before it is refused."""
+"""Bytes of a request above the limit that are read and discarded before it is refused."""
 SECONDS = 60.0
-"""After which a client that sends nothing is left alone."""
+"""Seconds after which the connection of a client that sends nothing is closed."""
 NAME = "forward"
-"""Under which clients find the model: the protocol's usual word for a map from parameters to outputs."""
+"""Default name of the model for clients: the protocol's usual word for a map from parameters to outputs."""
 
 _log = logging.getLogger(__name__)
 Fields = dict[str, Any]
 
 
 class RequestError(Exception):
-    """A request without an answer, with its status in HTTP and its type in the protocol."""
+    """Failure of a request, with its HTTP status and its type in the protocol."""
 
     def __init__(self, status: HTTPStatus, kind: str, message: str):
         super().__init__(message)
@@ -50,7 +50,7 @@ class RequestError(Exception):
 
 
 class Protocol:
-    """The answers to requests of UM-Bridge, without HTTP: fields of JSON in, fields of JSON out.
+    """UM-Bridge protocol without HTTP: maps JSON fields of requests to JSON fields of answers.
 
     Args:
         model: see :class:`~hhr_dolfinx.plugins.doors.function.OutputFunction`.
@@ -60,7 +60,7 @@ class Protocol:
     def __init__(self, model: AnsweringModel, name: str = NAME):
         self.name = name
         self.function = OutputFunction(model)
-        # the answer of inelastic bodies depends on a path, and has no derivatives
+        # answers of inelastic bodies depend on a path, and have no derivatives
         slopes = not model.flows
         self.supported = {"Evaluate": True, "Gradient": slopes, "ApplyJacobian": slopes, "ApplyHessian": False}
         self.posted: Mapping[str, Callable[[Fields], Fields]] = {
@@ -76,7 +76,7 @@ class Protocol:
         """Answer a GET request.
 
         Raises:
-            RequestError: for another path than ``/Info``.
+            RequestError: for any path but ``/Info``.
         """
         if path != "/Info":
             raise self._unknown(path)
@@ -87,18 +87,18 @@ class Protocol:
 
         Raises:
             RequestError: for an unknown path or model, or fields that are missing or invalid, and for a point outside
-                of the box, outside of what was trained, or without an answer.
+                of the box or the training range, or without an answer.
         """
         if path.removeprefix("/") in self.supported and not self.supported[path.removeprefix("/")]:
             raise RequestError(HTTPStatus.BAD_REQUEST, "UnsupportedFeature", f"this model has no {path.strip('/')}")
         if path not in self.posted:
             raise self._unknown(path)
-        asked = _fields(body)
-        if asked.get("name") != self.name:
-            known = f"model {asked.get('name')!r} is not here: the model of this server is {self.name!r}"
+        request = _fields(body)
+        if request.get("name") != self.name:
+            known = f"model {request.get('name')!r} is not here: the model of this server is {self.name!r}"
             raise RequestError(HTTPStatus.BAD_REQUEST, "ModelNotFound", known)
         try:
-            return self.posted[path](asked)
+            return self.posted[path](request)
         except ParameterError as error:
             raise _invalid(str(error)) from error
         except NotOfferedError as error:
@@ -110,61 +110,61 @@ class Protocol:
         known = ", ".join(["/Info", *self.posted])
         return RequestError(HTTPStatus.NOT_FOUND, "UnsupportedFeature", f"there is no {path[:80]!r}: there are {known}")
 
-    def _info(self, asked: Fields) -> Fields:
+    def _info(self, request: Fields) -> Fields:
         return {"support": self.supported}
 
-    def _input_sizes(self, asked: Fields) -> Fields:
+    def _input_sizes(self, request: Fields) -> Fields:
         return {"inputSizes": [len(self.function.names)]}
 
-    def _output_sizes(self, asked: Fields) -> Fields:
+    def _output_sizes(self, request: Fields) -> Fields:
         return {"outputSizes": [len(self.function.outputs)]}
 
-    def _evaluate(self, asked: Fields) -> Fields:
-        return {"output": [self.function(self._point(asked))[0].tolist()]}
+    def _evaluate(self, request: Fields) -> Fields:
+        return {"output": [self.function(self._point(request))[0].tolist()]}
 
-    def _gradient(self, asked: Fields) -> Fields:
+    def _gradient(self, request: Fields) -> Fields:
         """Weights of the outputs times the Jacobian."""
-        weights = _vector(asked, "sens", len(self.function.outputs))
-        return {"output": (weights @ self._slopes(asked)).tolist()}
+        weights = _vector(request, "sens", len(self.function.outputs))
+        return {"output": (weights @ self._slopes(request)).tolist()}
 
-    def _jacobian(self, asked: Fields) -> Fields:
+    def _jacobian(self, request: Fields) -> Fields:
         """The Jacobian times a direction."""
-        direction = _vector(asked, "vec", len(self.function.names))
-        return {"output": (self._slopes(asked) @ direction).tolist()}
+        direction = _vector(request, "vec", len(self.function.names))
+        return {"output": (self._slopes(request) @ direction).tolist()}
 
-    def _slopes(self, asked: Fields) -> np.ndarray:
-        """The Jacobian, (K, P), at the point of a request for derivatives of the only output along the only input."""
+    def _slopes(self, request: Fields) -> np.ndarray:
+        """Jacobian, (K, P), at the point of a request; its input and output numbers must be 0."""
         for name in ("inWrt", "outWrt"):
-            if asked.get(name) != 0 or isinstance(asked[name], bool):
-                raise _invalid(f"{name} = {_shown(asked.get(name))} must be 0: there is one input and one output")
-        return self.function.jacobian(self._point(asked))
+            if request.get(name) != 0 or isinstance(request[name], bool):
+                raise _invalid(f"{name} = {_shown(request.get(name))} must be 0: there is one input and one output")
+        return self.function.jacobian(self._point(request))
 
-    def _point(self, asked: Fields) -> np.ndarray:
-        """The point of a request, (P,)."""
-        given = asked.get("input")
+    def _point(self, request: Fields) -> np.ndarray:
+        """Point of a request, (P,)."""
+        given = request.get("input")
         if not isinstance(given, list) or len(given) != 1:
             raise _invalid(f"input = {_shown(given)} must be a list of one list, the parameters {self.function.names}")
         return _vector({"input[0]": given[0]}, "input[0]", len(self.function.names))
 
 
 def _fields(body: bytes) -> Fields:
-    """The fields of a request.
+    """Fields of a request.
 
     Raises:
         RequestError: if it is not an object of JSON.
     """
     try:
-        asked = json.loads(body)
+        request = json.loads(body)
     except (ValueError, RecursionError) as error:
         raise _invalid(f"the request is not JSON ({type(error).__name__}: {str(error)[:200]})") from error
-    if not isinstance(asked, dict):
-        raise _invalid(f"the request must be an object of JSON, and is {_shown(asked)}")
-    return asked
+    if not isinstance(request, dict):
+        raise _invalid(f"the request must be an object of JSON, and is {_shown(request)}")
+    return request
 
 
-def _vector(asked: Fields, name: str, size: int) -> np.ndarray:
+def _vector(request: Fields, name: str, size: int) -> np.ndarray:
     """Numbers of a field, (size,)."""
-    given = asked.get(name)
+    given = request.get(name)
     if not isinstance(given, list) or len(given) != size:
         count = f" and has {len(given)}" if isinstance(given, list) else f" and is {_shown(given)}"
         raise _invalid(f"{name} must be a list of length {size}{count}")
@@ -181,13 +181,13 @@ def _invalid(message: str) -> RequestError:
 
 
 def _shown(value: Any) -> str:
-    """A value in a message, cut where it is long."""
+    """Value for a message, at most 80 characters."""
     text = repr(value)
     return text if len(text) <= 80 else f"{text[:80]}..."
 
 
 class _Handler(BaseHTTPRequestHandler):
-    """Requests of one client, answered in a thread of its own."""
+    """Handler of the requests of one client, in a separate thread."""
 
     protocol_version = "HTTP/1.1"
     server_version = f"hhr_dolfinx/{__version__}"
@@ -202,7 +202,7 @@ class _Handler(BaseHTTPRequestHandler):
         self._answer(lambda: self.server.protocol.post(self.path, self._body()))
 
     def _body(self) -> bytes:
-        """The body of a request, whose size is known and limited before it is read."""
+        """Body of a request; its size is checked before it is read."""
         text = self.headers.get("Content-Length", "")
         if "Transfer-Encoding" in self.headers or not (text.isascii() and text.isdigit()):
             raise self._unread(HTTPStatus.LENGTH_REQUIRED, "a request must have its Content-Length, and no chunks")
@@ -213,13 +213,13 @@ class _Handler(BaseHTTPRequestHandler):
         return self.rfile.read(int(text))
 
     def _skip(self, count: int) -> None:
-        """Let a client finish what it sends, within reason: one whose connection breaks never sees why."""
+        """Read and discard what a client sends, up to a limit: a client must finish sending to read the reason."""
         left = min(count, MOST_SKIPPED)
         while left > 0 and (piece := self.rfile.read(min(left, MOST_BYTES))):
             left -= len(piece)
 
     def _unread(self, status: HTTPStatus, message: str) -> RequestError:
-        """An error after which the connection ends, as what follows on it is not the next request."""
+        """Error that closes the connection: the bytes that follow are not the next request."""
         self.close_connection = True
         return RequestError(status, "InvalidInput", message)
 
@@ -234,7 +234,7 @@ class _Handler(BaseHTTPRequestHandler):
             self.close_connection = True
             return
         except Exception as error:
-            # a fault of the model must not cost the client its sentence, nor the server its life
+            # if the model fails, the client must get a message, and the server must go on
             _log.exception("an answer to %s failed", self.path)
             status = HTTPStatus.INTERNAL_SERVER_ERROR
             body = _described("InvalidOutput", f"{type(error).__name__}: {error}")
@@ -251,12 +251,12 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(data)
 
     def send_error(self, code: int, message: str | None = None, explain: str | None = None) -> None:
-        """Errors of HTTP itself, as the protocol has errors."""
+        """Send an error of HTTP itself, in the format of the protocol."""
         self.close_connection = True
         self._send(code, _described("InvalidInput", message or HTTPStatus(code).phrase))
 
     def log_message(self, format: str, *args: Any) -> None:
-        """To the logger of the package, and not to the screen."""
+        """Write to the logger of the package, not to the screen."""
         _log.debug(format, *args)
 
 
@@ -265,24 +265,26 @@ def _described(kind: str, message: str) -> str:
 
 
 class Server(ThreadingHTTPServer):
-    """A server of one model; ``serve_forever`` serves it until it is interrupted.
+    """Server of one model; ``serve_forever`` serves it until it is interrupted.
 
     Args:
         model: see :class:`~hhr_dolfinx.plugins.doors.function.OutputFunction`.
-        host: address to listen on: that of this machine alone, unless another one is given.
-        port: to listen on; 0 takes a free one.
+        host: address to listen on; the default accepts clients of this machine only.
+        port: to listen on; 0 for any free one.
         name: of the model, for clients.
 
     Attributes:
-        url: by which clients reach it.
+        url: address for clients.
 
     Raises:
         NotOfferedError: for a model of a scene without outputs.
-        FileError: if the address is not one of this machine, or the port is taken.
+        FileError: if the address does not belong to this machine, or the port is in use.
     """
 
     daemon_threads = True
-    request_queue_size = 128  # chains that run side by side ask at once; Python's five are turned away
+    request_queue_size = (
+        128  # parallel chains connect at the same time; more than Python's default of five would be refused
+    )
 
     def __init__(self, model: AnsweringModel, host: str = "127.0.0.1", port: int = 4242, name: str = NAME):
         self.protocol = Protocol(model, name)
@@ -296,5 +298,5 @@ class Server(ThreadingHTTPServer):
         self.url = f"http://{shown}:{self.server_address[1]}"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """A client that went away is nothing for the screen."""
+        """Log a broken connection, not on the screen."""
         _log.debug("the connection of %s broke", client_address, exc_info=True)

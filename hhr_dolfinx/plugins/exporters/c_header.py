@@ -1,6 +1,6 @@
-"""A condensed model as one C header: its numbers and a small script that solves the contact problem (C99, libm alone).
+"""A condensed model as one C header: its arrays, and code that solves the contact problem (C99, libm only).
 
-The arrays are those of a page, see :mod:`hhr_dolfinx.plugins.pages.arrays`; ``kernel.h`` says how they are used.
+The arrays are those of a page, see :mod:`hhr_dolfinx.plugins.pages.arrays`; ``kernel.h`` has the code.
 """
 
 from __future__ import annotations
@@ -20,29 +20,28 @@ from hhr_dolfinx.plugins.pages.packing import Packed
 from hhr_dolfinx.warn import warn
 
 MOST_NUMBERS = 4_000_000
-"""Of a header: 80 MB of text, such as S of 2,800 conditions."""
+"""Most numbers of a header: 80 MB of text, such as S of 2,800 conditions."""
 _SIGNS = ("+", "-", "*", "/")
 _CALLS = {"^": "pow", "min": "model_min", "max": "model_max", "abs": "fabs"}
-"""Where C has another name for it."""
+"""Operations with another name in C."""
 
 
 def write_c_header(path: str | Path, model: Any) -> Path:
-    """Write a condensed model as a C header, whose names begin with that of the file.
+    """Write a condensed model as a C header; its names begin with that of the file.
 
     Args:
-        path: of the header, ``.h``; its stem has to be an identifier of C.
-        model: that of ``hhr.condense``, ``hhr.reduce`` or a file, elastic, with friction too, or one that flows by
-            Plasticity.
+        path: of the header, ``.h``; its stem must be an identifier of C.
+        model: of ``hhr.condense``, ``hhr.reduce`` or a file: elastic, frictional, or inelastic with the law Plasticity.
 
     Returns:
         The path.
 
     Raises:
-        NotOfferedError: for another kind of model, or one that is too large to be compiled.
+        NotOfferedError: for any other model, or one that is too large to be compiled.
         FileError: if the file cannot be written.
 
     Warns:
-        ModelFileWarning: if some outputs are not read in C.
+        ModelFileWarning: if some outputs cannot be computed in C.
     """
     text, _ = c_header(model, Path(path).stem)
     with replacing(path, text=True) as file:
@@ -51,13 +50,13 @@ def write_c_header(path: str | Path, model: Any) -> Path:
 
 
 def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
-    """The header, with ``name`` in the place of ``model``, and the tree that it was made of."""
+    """Text of the header, with ``name`` instead of ``model``, and the tree it was made from."""
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII):
         raise NotOfferedError(f"{name!r} is no identifier of C, from which names of the header are made: name it else")
     check_model(model, "a header")
     arrays = Packed()
     tree = contact_tree(model, arrays)
-    if tree["flow"]:  # which a page may keep with fewer digits
+    if tree["flow"]:  # a page may store it with fewer digits
         arrays.put(tree["flow"]["per_force"], model.flow.per_force)
     count = sum(array.size for array in arrays.arrays.values())
     if count > MOST_NUMBERS:
@@ -78,12 +77,12 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
         text = text.replace(f"/*{part.upper()}*/", kernel_file(f"{part}.h") if needed else "")
     text = text.replace("/*DATA*/", data.text())
     own = {"model_": f"{name}_", "MODEL_": f"{name.upper()}_"}
-    # what is quoted are words of the scene
+    # quoted texts are names of the scene
     return re.sub(r'"[^"\n]*"|\b(?:model_|MODEL_)', lambda found: own.get(found[0], found[0]), text), tree
 
 
 def box_of(tree: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
-    """Ends of the box, (P,) each: that of the parameters, or what the model was trained on within it."""
+    """Ends of the box, (P,) each: of the parameters, or of the training range within it."""
     lower = np.array(tree["lower"])
     upper = np.array(tree["upper"])
     if tree["trained"] is None:
@@ -92,12 +91,12 @@ def box_of(tree: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
 
 
 def kernel_file(name: str) -> str:
-    """A file of C that goes along with this one."""
+    """Text of a C file of this folder."""
     return (resources.files(__package__) / name).read_text(encoding="utf-8")
 
 
 def formula(steps: list[Any]) -> str:
-    """Expression of C, of the parameters ``p``, from operations of ``plugins.pages.packing.steps_of``."""
+    """C expression of the parameters ``p``, from operations of ``plugins.pages.packing.steps_of``."""
     stack: list[str] = []
     for step in steps:
         if isinstance(step, float):
@@ -128,7 +127,7 @@ class _Data:
         self.formulas = 0
 
     def text(self) -> str:
-        """All of it, in an order in which C may read it."""
+        """All declarations, in an order that C accepts."""
         tree = self.tree
         amplitudes = [self._amplitude(item) for item in tree["amplitudes"]["others"]]
         limits = [self._limit(item) for item in tree["limits"]]
@@ -162,7 +161,7 @@ class _Data:
         return self.arrays[(tree["flow"] or tree)["gaps" if tree["schur"] is None else "free_slack"]]
 
     def _path(self, fixed: list[int]) -> list[str]:
-        """What stays on a path, and the whole box, in which it begins."""
+        """Parameters that are fixed along a path, and the box of its start."""
         ends = {name: np.array(self.tree[name]) for name in ("lower", "upper")}
         own = [self._array(f"box_{name}", values) for name, values in ends.items()]
         return [self._array("fixed", np.array(fixed, dtype=int)), *own]
@@ -200,22 +199,23 @@ class _Data:
         ]
 
     def _floating(self, item: dict[str, Any]) -> list[str]:
-        """What rigid motions take, what drives them, their units, and what springs let them go."""
-        taken, driving = (self.arrays[item[key]] for key in ("taken", "driving"))
-        places = np.arange(len(taken))
+        """Contact rows of rigid motions, loads along them, their units, and stiffnesses of springs."""
+        of_motions, loads = (self.arrays[item[key]] for key in ("taken", "driving"))
+        places = np.arange(len(of_motions))
         size = float(np.abs(self.arrays[self.tree["schur"]][places * (places + 3) // 2]).mean() or 1.0)
-        scales = {"units": np.abs(taken).max(axis=0), "pushes": (taken**2).mean(axis=0)}
+        scales = {"units": np.abs(of_motions).max(axis=0), "pushes": (of_motions**2).mean(axis=0)}
         values = {name: size / np.where(scale > 0, scale, 1.0) for name, scale in scales.items()}
-        return [self._array(name, array) for name, array in ({"taken": taken, "driving": driving} | values).items()]
+        arrays = {"taken": of_motions, "driving": loads} | values
+        return [self._array(name, array) for name, array in arrays.items()]
 
     def _starts(self, item: dict[str, Any]) -> np.ndarray:
-        """Where the tangential rows of each contact begin, and the last one's end."""
+        """Index of the first tangential row of each contact, and the end of the last."""
         contacts = np.arange(self.arrays[item["normal"]].size + 1)
         return np.searchsorted(self.arrays[item["owner"]], contacts)
 
     def _sizes(self, places: np.ndarray) -> Iterable[str]:
         tree = self.tree
-        rubs = tree["friction"]
+        friction = tree["friction"]
         grids = [*tree["parts"], *([tree["reshaped"]] if tree.get("reshaped") else [])]
         constant = tree["schur"] is not None
         sizes = {
@@ -231,27 +231,31 @@ class _Data:
             "CONSTANT": int(constant),
             "LONGEST": max([1, *(len(self.arrays[grid["weights"]]) for grid in grids)]),
             "NODES": max([1, *(len(grid["nodes"]) for grid in grids)]),
-            "RUBS": int(rubs is not None),
+            "RUBS": int(friction is not None),
             "FLOWS": int(tree["flow"] is not None),
             "MOTIONS": self.arrays[tree["floating"]["taken"]].shape[1] if tree["floating"] else 0,
         }
-        if rubs is not None:
+        if friction is not None:
             rows = {"CONTACTS": "normal", "TANGENTS": "tangential", "TWICE": "twice"}
-            sizes |= {name: self.arrays[rubs[key]].size for name, key in rows.items()}
+            sizes |= {name: self.arrays[friction[key]].size for name, key in rows.items()}
         if tree["flow"]:
             sizes |= self._flow_sizes(tree["flow"])
-        if paths := rubs or tree["flow"]:
+        if paths := friction or tree["flow"]:
             sizes["FIXED_COUNT"] = len(paths["fixed"])
         return [f"#define MODEL_{name} {size}" for name, size in sizes.items()]
 
     def _flow_sizes(self, item: dict[str, Any]) -> dict[str, int]:
-        """Of modes, and of points at which laws are evaluated."""
+        """Numbers of modes, and of points at which laws are evaluated."""
         modes, size = self.arrays[item["per_mode"]].shape
         points = self.arrays[item["parts"]].size
         return {
-            "MODES": modes, "POINTS": points, "COMPONENTS": size // points, "BODIES": len(item["groups"]),
-            "SHARES": len(self.arrays[item["schur"]]), "MODULI": len(item["moduli"]),
-        }  # fmt: skip
+            "MODES": modes,
+            "POINTS": points,
+            "COMPONENTS": size // points,
+            "BODIES": len(item["groups"]),
+            "SHARES": len(self.arrays[item["schur"]]),
+            "MODULI": len(item["moduli"]),
+        }
 
     def _names(self) -> Iterable[str]:
         """Names, units and the box."""
@@ -275,12 +279,12 @@ class _Data:
         return f"static const {'int' if whole else 'double'} model_{name}[] = {{\n" + ",\n".join(lines) + "};"
 
     def _put(self, name: str, values: Any = None) -> str:
-        """An array of its own; returns its name in C."""
+        """Declare a separate array; returns its name in C."""
         self.parts.append(self._array(name, self.arrays[name] if values is None else np.array(values)))
         return f"model_{name}"
 
     def _function(self, steps: list[Any] | None) -> str:
-        """A function of the parameters; returns its name in C."""
+        """Declare a function of the parameters; returns its name in C."""
         if steps is None:
             return "0"
         name = f"model_formula{self.formulas}"
@@ -337,7 +341,7 @@ class _Data:
 
 
 def _quoted(text: str) -> str:
-    """Text as C has it, in ASCII: others as escapes of their bytes, each in quotes of its own."""
+    """C string literal in ASCII; other characters are escapes of their bytes, each ending a literal."""
     found = "".join(
         chr(byte) if 32 <= byte < 127 and chr(byte) not in '"\\?' else f'\\x{byte:02x}""'
         for byte in text.encode(errors="replace")

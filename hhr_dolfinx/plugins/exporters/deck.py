@@ -1,8 +1,8 @@
-"""The problem of one parameter as a deck for CalculiX or Abaqus, so that a scene can be checked in another code.
+"""The problem of one parameter as a deck for CalculiX or Abaqus, to check a scene in another code.
 
-Loads are nodal forces and imposed displacements are numbers: what is checked is mesh, materials, supports and contact.
-Contact is by penalty, surface to surface: CalculiX does not converge node to surface where nodes face edges, as on
-matching meshes. Its stiffness is in the deck to be changed.
+Loads are nodal forces and imposed displacements are numbers, so the check covers mesh, materials, supports and contact.
+Contact is a surface-to-surface penalty: with nodes that face edges, as on matching meshes, CalculiX does not converge
+node to surface. The penalty stiffness can be changed in the deck.
 """
 
 from __future__ import annotations
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from hhr_dolfinx.parameters import PointLike
 
 PENALTY = 100.0
-"""Stiffness of the contact over the largest Young's modulus and the length of a facet."""
+"""Normal penalty stiffness times the length of a facet, over the largest Young's modulus."""
 STICK = 0.1
-"""Stiffness by which a contact sticks, over that of its pressure."""
+"""Tangential penalty stiffness over the normal one."""
 _ELEMENTS = {
     "plane_strain": {"triangle": "CPE3", "quadrilateral": "CPE4"},
     "plane_stress": {"triangle": "CPS3", "quadrilateral": "CPS4"},
@@ -34,15 +34,19 @@ _ELEMENTS = {
     "solid": {"tetrahedron": "C3D4", "hexahedron": "C3D8"},
 }
 _ELEMENTS_OF_SECOND_ORDER = {
-    "plane_strain": "CPE6", "plane_stress": "CPS6", "axisymmetric": "CAX6", "solid": "C3D10",
-}  # fmt: skip
+    "plane_strain": "CPE6",
+    "plane_stress": "CPS6",
+    "axisymmetric": "CAX6",
+    "solid": "C3D10",
+}
 
 
 def write_deck(path: Path, discretisation: Discretisation, mu: PointLike) -> None:
     """Write the deck of a scene at a parameter.
 
     Raises:
-        SceneError: for what a deck cannot say: flow, shapes, gradings, rigid obstacles, gaps that are added.
+        SceneError: for scenes that a deck cannot describe: with inelastic bodies, shapes, gradings, rigid obstacles or
+            added gaps.
     """
     scene = discretisation.scene
     point = scene.parameters.point(mu)
@@ -76,7 +80,7 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
 
 
 def _mesh(discretisation: Discretisation) -> Iterator[str]:
-    """Nodes, elements by body, and nodes of what is held, moved or loaded."""
+    """Nodes, elements by body, and nodes with supports, imposed displacements or loads."""
     points = discretisation._points()
     cells = _cells(discretisation)
     hypothesis = discretisation.scene.hypothesis
@@ -102,7 +106,7 @@ def _mesh(discretisation: Discretisation) -> Iterator[str]:
 
 
 def _cells(discretisation: Discretisation) -> np.ndarray:
-    """Nodes of the cells as Abaqus lists them, which in the plane turn to the left."""
+    """Nodes of the cells in the order of Abaqus; counterclockwise in the plane."""
     cells = discretisation._cell_nodes()
     kind = discretisation.mesh.topology.cell_name()
     if discretisation.order > 1:
@@ -112,7 +116,7 @@ def _cells(discretisation: Discretisation) -> np.ndarray:
 
 
 def _between(kind: str, cells: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Nodes on the edges of cells of second order, (cells, edges), by the order of their corners, (cells, corners)."""
+    """Nodes on the edges of second-order cells, (cells, edges), from the order of their corners, (cells, corners)."""
     known: dict[tuple[int, ...], int] = {}
     for place, edge in enumerate(topology(kind)[0]):
         ends = np.sort(cells[:, edge], axis=1)
@@ -122,7 +126,7 @@ def _between(kind: str, cells: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def _oriented(discretisation: Discretisation, cells: np.ndarray) -> np.ndarray:
-    """Corners of cells, those in the plane turning to the left, those in space outward."""
+    """Corners of cells, reordered to be counterclockwise in the plane, and positively oriented in space."""
     points = discretisation._points()[cells]
     if points.shape[2] == 2:
         first = points[:, 1] - points[:, 0]
@@ -138,7 +142,7 @@ def _oriented(discretisation: Discretisation, cells: np.ndarray) -> np.ndarray:
 
 
 def _word(tag: Any) -> str:
-    """A tag as a name that decks may have: one word that begins with a letter."""
+    """Tag as a valid name of a deck: one word that begins with a letter."""
     word = "".join(letter if letter.isalnum() else "_" for letter in str(tag))
     return word if word[:1].isalpha() else f"tag_{word}"
 
@@ -154,13 +158,13 @@ def _materials(discretisation: Discretisation, point: np.ndarray) -> Iterator[st
 
 
 def _text(value: float) -> str:
-    """A number as exactly as the twenty places allow that CalculiX reads."""
+    """Number with as many digits as fit into the twenty characters that CalculiX reads."""
     whole = repr(float(value))
     return whole if len(whole) <= 20 else f"{value:.13e}"
 
 
 def _number(value: float | str, discretisation: Discretisation, point: np.ndarray) -> float:
-    """A constant at a parameter."""
+    """Value of a constant at a parameter."""
     if not isinstance(value, str):
         return float(value)
     from hhr_dolfinx.formulas import Scalar
@@ -169,12 +173,15 @@ def _number(value: float | str, discretisation: Discretisation, point: np.ndarra
 
 
 def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str]:
-    """Surfaces by faces of elements, and pairs of them."""
+    """Surfaces as faces of elements, and contact pairs."""
     cells = _cells(discretisation)
     kind = discretisation.mesh.topology.cell_name()
     corners = np.array(FACES[kind])
-    faces = {tuple(sorted(face)): (cell + 1, k + 1)
-             for cell, nodes in enumerate(cells) for k, face in enumerate(nodes[corners].tolist())}  # fmt: skip
+    faces = {
+        tuple(sorted(face)): (cell + 1, k + 1)
+        for cell, nodes in enumerate(cells)
+        for k, face in enumerate(nodes[corners].tolist())
+    }
     scene = discretisation.scene
     sizes = []
     for tag in dict.fromkeys(tag for item in scene.contacts for tag in item.tags):
@@ -200,13 +207,13 @@ def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str
 
 
 def _step(discretisation: Discretisation, problem: ContactProblem, point: np.ndarray) -> Iterator[str]:
-    """Imposed displacements, nodal forces, and what is printed."""
+    """Imposed displacements, nodal forces, and printed results."""
     theta = problem.amplitudes(point)
     dim = problem.block_size
     yield from ("*STEP, INC=200", "*STATIC", "0.1, 1.0, 1e-6, 0.2", "*BOUNDARY")
-    moved = np.asarray(problem.lifts @ theta)
+    imposed = np.asarray(problem.lifts @ theta)
     for dof in np.flatnonzero(~problem.free):
-        yield f"{dof // dim + 1}, {dof % dim + 1}, {dof % dim + 1}, {_text(moved[dof])}"
+        yield f"{dof // dim + 1}, {dof % dim + 1}, {dof % dim + 1}, {_text(imposed[dof])}"
     forces = np.asarray(problem.external @ theta)
     if np.any(forces):
         yield "*CLOAD"

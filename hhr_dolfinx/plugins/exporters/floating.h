@@ -1,6 +1,6 @@
 
-/* Bodies that contact alone holds: rigid motions q beside the forces, slack = free slack + S x - G q, G^T x = driving;
-   floating.js says the same. */
+/* Bodies with rigid motions q as unknowns in addition to forces, slack = free slack + S x - G q, G^T x = driving;
+   as in floating.js. */
 #define MODEL_SINGULAR 1e-8
 #define MODEL_UNBALANCED 1e-13
 #define MODEL_BALANCED 1e-12
@@ -15,7 +15,7 @@ static inline double model_taken_by(int i, const double *motions) {
     return taken;
 }
 
-/* What forces leave of the balance along each motion, and how large what is balanced is; whether that is round-off. */
+/* Residual of the balance along each motion under forces, and the size of its terms; 1 if it is round-off. */
 static inline int model_balance(const model_work *w, double *left, double *sizes, double nothing) {
     double most = 0;
     for (int j = 0; j < MODEL_MOTIONS; j++) {
@@ -32,7 +32,7 @@ static inline int model_balance(const model_work *w, double *left, double *sizes
     return 1;
 }
 
-/* Forces, slack and motions where statuses are given; 0 where what touches does not hold all bodies. */
+/* Forces, slack and motions for given statuses; 0 if the active contacts do not hold all bodies. */
 static inline int model_free_equalities(model_work *w) {
     const int m = MODEL_CONDITIONS, r = MODEL_MOTIONS;
     double *a = w->factored, *x = w->left, *whole = w->whole, *right = w->right, most = 0;

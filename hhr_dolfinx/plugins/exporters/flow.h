@@ -1,6 +1,6 @@
 
-/* Histories of bodies that flow: plastic corrections and all contact forces of an increment, by Newton's method with a line
-   search; flow.js says the same. Strains lie component by component. */
+/* Histories of inelastic bodies: plastic corrections and all contact forces of an increment, by Newton's method with a line
+   search, as in flow.js. Strains are stored component by component. */
 #define MODEL_SIZE (MODEL_COMPONENTS * MODEL_POINTS)
 #define MODEL_NEWTON 60
 #define MODEL_CORRECTED 1e-11
@@ -9,20 +9,20 @@
 #define MODEL_LEAST (1.0 / 256)
 #define MODEL_DECREASE 1e-4
 #define MODEL_HALVED 6
-#define MODEL_LAST (MODEL_HALVED + 1) /* room for the end of an increment */
+#define MODEL_LAST (MODEL_HALVED + 1) /* index of the end of an increment */
 #define MODEL_STEPS 40
-#define MODEL_ALONE 0.01 /* strains that are none of small strains: above 1 in more than this part of the points, */
+#define MODEL_ALONE 0.01 /* strains are not small: above 1 in more than this part of the points, */
 #define MODEL_RUNAWAY 100
 
-/* Where a history is. */
+/* State of a history. */
 typedef struct {
     double point[MODEL_PARAMETERS], correction[MODEL_MODES], forces[MODEL_CONDITIONS], plastic[MODEL_SIZE], cumulated[MODEL_POINTS];
-    double largest; /* size of corrections, by which theirs is measured */
+    double largest; /* denominator of errors of corrections */
     unsigned char active[MODEL_CONDITIONS], elastic[MODEL_CONDITIONS];
-    int loaded; /* whether statuses are known */
+    int loaded; /* 1 if statuses are known */
 } model_state;
 
-/* What a correction makes of an increment. */
+/* Results of an increment at a correction. */
 typedef struct {
     double correction[MODEL_MODES], residual[MODEL_MODES], forces[MODEL_CONDITIONS], strain[MODEL_SIZE], deviator[MODEL_SIZE];
     double plastic[MODEL_SIZE], cumulated[MODEL_POINTS], amount[MODEL_POINTS], slope[MODEL_POINTS], trial[MODEL_POINTS], merit;
@@ -65,7 +65,7 @@ static inline void model_set_tested(model_path *p) {
     p->weight = model_norm(p->tested, MODEL_MODES * MODEL_SIZE);
 }
 
-/* A history that has not begun; NULL where there is no room. */
+/* A history that has not begun; NULL without memory. */
 static inline model_path *model_path_new(void) {
     const size_t m = MODEL_CONDITIONS, ell = MODEL_MODES, size = MODEL_SIZE, n = MODEL_POINTS;
     model_path *p = calloc(1, sizeof *p);
@@ -118,7 +118,7 @@ static inline int model_set_elasticity(model_path *p, const double *point) {
     return 1;
 }
 
-/* Shear modulus and constants of the law of each point; 0 where they are none of a body. */
+/* Shear modulus and constants of the law of each point; 0 if they are invalid for a body. */
 static inline int model_set_laws(model_path *p, const double *point) {
     int place = 0;
     for (int g = 0; g < MODEL_BODIES; g++) {
@@ -152,7 +152,7 @@ static inline void model_set_loads(model_path *p) {
     }
 }
 
-/* The contact problem of a slack, begun with some statuses or, where there are none, with those of the slack. */
+/* The contact problem of a slack, from initial statuses or, without any, from those of the slack. */
 static inline int model_touched(model_path *p, const double *slack, const unsigned char *start) {
     model_work *w = p->room;
     for (int i = 0; i < MODEL_CONDITIONS; i++) {
@@ -162,7 +162,7 @@ static inline int model_touched(model_path *p, const double *slack, const unsign
     return model_settled(w);
 }
 
-/* Deviatoric stress, and what flows by the law (radial return). */
+/* Deviatoric stress and plastic increment by the law (radial return). */
 static inline void model_set_flow(const model_path *p, const model_state *before, model_trial *out) {
     const int n = MODEL_POINTS;
     memcpy(out->plastic, before->plastic, sizeof out->plastic);
@@ -186,7 +186,7 @@ static inline void model_set_flow(const model_path *p, const model_state *before
     }
 }
 
-/* Contact forces, strain, flow and residual at the correction of a trial; 0 where there are none. */
+/* Contact forces, strain, plastic increment and residual at the correction of a trial; 0 without a solution. */
 static inline int model_tried(model_path *p, const model_state *before, const unsigned char *start, model_trial *out) {
     const int m = MODEL_CONDITIONS, ell = MODEL_MODES, n = MODEL_POINTS;
     double slack[MODEL_CONDITIONS];
@@ -215,7 +215,7 @@ static inline int model_tried(model_path *p, const model_state *before, const un
     return isfinite(out->merit);
 }
 
-/* Takes from Newton's matrix what flows, where anything does, with the forces of n conditions moved by each mode. */
+/* Subtracts the plastic part from Newton's matrix, if there is any, with the response of n forces to each mode. */
 static inline void model_take_flow(model_path *p, const model_trial *here, int n) {
     const int ell = MODEL_MODES, m = MODEL_CONDITIONS;
     int count = 0;
@@ -249,7 +249,7 @@ static inline void model_take_flow(model_path *p, const model_trial *here, int n
     }
 }
 
-/* Newton's matrix at a trial, factored: -J = Q + P_A W less what flows under E_p - E_X,A^T W, W = S_AA^-1 (B V)_A. */
+/* Newton's matrix at a trial, factored: -J = Q + P_A W less the plastic part of E_p - E_X,A^T W, W = S_AA^-1 (B V)_A. */
 static inline int model_linearised(model_path *p, const model_trial *here) {
     const int m = MODEL_CONDITIONS, ell = MODEL_MODES;
     int n = 0;
@@ -273,7 +273,7 @@ static inline int model_linearised(model_path *p, const model_trial *here) {
     return 1;
 }
 
-/* A part of Newton's step from one trial to the next; 0 where that brings less than a merit. */
+/* A fraction of Newton's step from one trial to the next; 0 if it does not reach a merit. */
 static inline int model_stepped(model_path *p, const model_state *before, double share, double most) {
     double step[MODEL_MODES];
     memcpy(step, p->here->residual, sizeof step);
@@ -285,7 +285,7 @@ static inline int model_stepped(model_path *p, const model_state *before, double
     return 1;
 }
 
-/* A step by the matrix at hand, if that brings much, or by that of this place, or as much of it as brings anything. */
+/* A step with the cached matrix if it helps enough, else with the current one, shortened until the residual decreases. */
 static inline int model_nearer(model_path *p, const model_state *before) {
     const double merit = p->here->merit;
     if (p->tangent && model_stepped(p, before, 1, MODEL_QUICK * merit)) return 1;
@@ -301,7 +301,7 @@ static inline int model_larger(const void *one, const void *other) {
     return (a < b) - (a > b);
 }
 
-/* Whether strains are such as a theory of small strains knows. */
+/* 1 if strains are small enough for the theory of small strains. */
 static inline int model_small(model_path *p) {
     const int n = MODEL_POINTS, alone = (int)fmax(floor(MODEL_ALONE * n), 1);
     for (int k = 0; k < n; k++) p->sizes[k] = 0;
@@ -310,7 +310,7 @@ static inline int model_small(model_path *p) {
     return p->sizes[alone - 1] <= 1 && p->sizes[0] <= MODEL_RUNAWAY;
 }
 
-/* Where an increment from a state to a point leads; 0 where it does not settle. */
+/* State after an increment to a point; 0 if it does not converge. */
 static inline int model_increment(model_path *p, const model_state *before, const double *point, model_state *after) {
     if (!model_possible(point)) return 0;
     model_set_theta(p->room, point);
@@ -339,7 +339,7 @@ static inline int model_increment(model_path *p, const model_state *before, cons
     return 1;
 }
 
-/* An increment, cut into halves where it has to be. */
+/* An increment, in halves if necessary. */
 static inline int model_reached(model_path *p, const model_state *before, const double *point, model_state *after, int depth) {
     double middle[MODEL_PARAMETERS];
     model_state *half = &p->pool[depth];
@@ -359,7 +359,7 @@ static inline int model_told(model_path *p, double *forces, double *outputs) {
     return MODEL_DONE;
 }
 
-/* Begin at rest where the box is nearest to zero, at the moduli and constants of laws that a point has. */
+/* Begin at rest, at the point of the box nearest to zero, with the moduli and law constants of a point. */
 static inline int model_rest(model_path *p, const double *point) {
     memset(p->state, 0, sizeof *p->state);
     model_start(point, p->state->point);
@@ -369,7 +369,7 @@ static inline int model_rest(model_path *p, const double *point) {
     return MODEL_DONE;
 }
 
-/* Begin at rest, and load in proportion up to a point, in increments of a fortieth of the box. Forces, (MODEL_CONDITIONS),
+/* Begin at rest, with proportional loading up to a point, in increments of a fortieth of the box. Forces, (MODEL_CONDITIONS),
    and outputs, (MODEL_OUTPUTS), may be NULL. */
 static inline int model_begin(model_path *p, const double *point, double *forces, double *outputs) {
     double from[MODEL_PARAMETERS], next[MODEL_PARAMETERS], far = 0;

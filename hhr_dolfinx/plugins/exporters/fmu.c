@@ -1,6 +1,6 @@
 /* A model of model.h as a unit for co-simulation, FMI 3.0: parameters are inputs, outputs are outputs, and a step is
-   one answer; with friction, and where bodies flow, an increment from where the path is, which begins at rest, loaded in
-   proportion.
+   one answer. With friction or inelastic bodies a step is an increment of a path, which begins at rest with proportional
+   loading.
    Value references: 0 the time, 1 ... the inputs, then the outputs. */
 #include <stddef.h>
 #include <stdint.h>
@@ -27,7 +27,7 @@ typedef struct {
     void *environment;
     logger log;
     double time, point[MODEL_PARAMETERS], outputs[MODEL_OUTPUTS + 1];
-    int known, begun; /* outputs are those of the inputs; inputs are no longer those of the beginning */
+    int known, begun; /* outputs belong to the current inputs; inputs differ from those of the beginning */
 } unit;
 
 #if defined _WIN32
@@ -49,7 +49,7 @@ static int solved(unit *u) {
 static int solved(unit *u) { return model_solve(u->work, u->point, NULL, u->outputs); }
 #endif
 
-/* Names the input that is not within what the model was made for. */
+/* Reports the input that is outside the range of the model. */
 static int outside(unit *u) {
     char said[256] = "an input is outside of what the model was made for";
     for (int k = 0; k < MODEL_PARAMETERS; k++)
@@ -71,14 +71,14 @@ static int answered(unit *u) {
     return OK;
 }
 
-/* From here on inputs change on the way: until then a path begins anew with each. */
+/* End of the initialisation: until then the path restarts with each input. */
 static int set_out(unit *u) {
     const int status = answered(u);
     if (!status) u->begun = 1;
     return status;
 }
 
-/* What outputs are of: the inputs, or, on a path, the last step. */
+/* Point of the outputs: the inputs, or, on a path, the last step. */
 static int told(unit *u) { return PATHS && u->begun ? OK : answered(u); }
 
 static void at_start(unit *u) {
@@ -189,7 +189,7 @@ SHARED int fmi3DoStep(void *instance, double time, double size, _Bool no_earlier
     return OK;
 }
 
-/* What a unit of static answers has not. */
+/* Functions that a unit of static answers does not support. */
 #define NOTHING(name) SHARED int name(void *instance) { return (void)instance, ERROR; }
 #if PATHS
 NOTHING(fmi3GetDirectionalDerivative)

@@ -1,5 +1,7 @@
-"""A condensed model as a unit for co-simulation, FMI 3.0 (Modelica Association, 2022): an archive with a description,
-the C sources, and what a compiler makes of them here. Parameters are inputs; a step is an answer, or an increment."""
+"""A condensed model as a unit for co-simulation, FMI 3.0 (Modelica Association, 2022).
+
+The archive has a description, the C sources, and a library compiled from them on this machine. Parameters are inputs; a
+step is one answer, or one increment."""
 
 from __future__ import annotations
 
@@ -29,15 +31,15 @@ def write_fmu(path: str | Path, model: Any, compiler: str = "cc") -> Path:
 
     Args:
         path: of the archive, ``.fmu``.
-        model: that of ``hhr.condense``, ``hhr.reduce`` or a file; with friction, and where bodies flow, a step is
-            an increment, and moduli and laws are fixed. Its scene has outputs.
-        compiler: a C compiler that takes the words of gcc.
+        model: of ``hhr.condense``, ``hhr.reduce`` or a file, of a scene with outputs. With friction or inelastic
+            bodies, a step is an increment, and moduli and laws are fixed.
+        compiler: a C compiler that accepts the options of gcc.
 
     Returns:
         The path.
 
     Raises:
-        NotOfferedError: for another kind of model, one without outputs, and on a system that is none of ours.
+        NotOfferedError: for any other model, one without outputs, or on an unsupported system.
         MissingPackageError: without a compiler.
         FileError: if the file cannot be written.
     """
@@ -56,7 +58,7 @@ def write_fmu(path: str | Path, model: Any, compiler: str = "cc") -> Path:
 
 
 def _check_names(tree: dict[str, Any]) -> None:
-    """Raise NotOfferedError where there is no output, or names are none of FMI."""
+    """Raise NotOfferedError if there is no output, or if names are not valid in FMI."""
     if not tree["outputs"]:
         why = f": {', '.join(tree['missing'])} are read in Python alone" if tree["missing"] else ""
         raise NotOfferedError(
@@ -71,7 +73,7 @@ def _check_names(tree: dict[str, Any]) -> None:
 
 
 def description(tree: dict[str, Any], name: str, token: str) -> bytes:
-    """The file modelDescription.xml."""
+    """Content of modelDescription.xml."""
     lower, upper = (ends.tolist() for ends in box_of(tree))
     root = ElementTree.Element(
         "fmiModelDescription",
@@ -106,7 +108,7 @@ def description(tree: dict[str, Any], name: str, token: str) -> bytes:
     structure = ElementTree.SubElement(root, "ModelStructure")
     for kind in ("Output", "InitialUnknown"):
         for k in range(len(tree["outputs"])):
-            # on a path outputs are those of the last step, whatever the inputs
+            # on a path outputs belong to the last step, and do not depend on the inputs
             ways = range(1, 1 if path and kind == "Output" else first)
             inputs = " ".join(str(place) for place in ways)
             ElementTree.SubElement(structure, kind, valueReference=str(first + k), dependencies=inputs)
@@ -122,7 +124,7 @@ def _variable(parent: ElementTree.Element, name: str, place: int, causality: str
 
 
 def _build_description() -> bytes:
-    """The file buildDescription.xml: how the sources are compiled elsewhere."""
+    """Content of buildDescription.xml, to compile the sources elsewhere."""
     root = ElementTree.Element("fmiBuildDescription", fmiVersion="3.0")
     configuration = ElementTree.SubElement(root, "BuildConfiguration", modelIdentifier=IDENTIFIER)
     files = ElementTree.SubElement(configuration, "SourceFileSet", language="C99")
@@ -131,7 +133,7 @@ def _build_description() -> bytes:
 
 
 def _system() -> tuple[str, str]:
-    """Folder of the binaries of this machine, and the ending of their names."""
+    """Folder of the binaries of this machine, and the suffix of their names."""
     if platform.system() not in _SYSTEMS:
         raise NotOfferedError(f"units are compiled on {', '.join(_SYSTEMS)}, and this is {platform.system()}")
     name, ending = _SYSTEMS[platform.system()]
@@ -139,7 +141,7 @@ def _system() -> tuple[str, str]:
 
 
 def _compiled(sources: dict[str, str], compiler: str) -> bytes:
-    """The shared library of some sources."""
+    """Shared library compiled from some sources."""
     with tempfile.TemporaryDirectory() as folder:
         for name, text in sources.items():
             (Path(folder) / name).write_text(text, encoding="utf-8")

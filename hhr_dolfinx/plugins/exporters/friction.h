@@ -1,6 +1,6 @@
 
-/* Increments with friction, one tangent for each contact or in space two: statuses and directions by a semi-smooth Newton
-   method, and what it does not settle brought nearer by sweeps over single contacts; friction.js says the same. */
+/* Increments with friction, with one tangent per contact, or two in space: statuses and directions by a semi-smooth Newton
+   method; if it does not converge, sweeps over single contacts improve the forces. As in friction.js. */
 #define MODEL_NEWTON 40
 #define MODEL_GIVES 1e-4
 #define MODEL_HALVED 6
@@ -9,17 +9,17 @@
 #define MODEL_SETTLED 1e-3
 #define MODEL_WORK_LEAST 1e-3
 #define MODEL_APART 1e-9
-#define MODEL_LAST (3 * (MODEL_CUTS + 1)) /* room for the end of an increment */
+#define MODEL_LAST (3 * (MODEL_CUTS + 1)) /* index of the end of an increment */
 
-/* What is remembered of contacts: where they stick, how far they have slipped, the work and the wear of that. */
+/* State of contacts: sticking position, length of slip, its work and its wear. */
 typedef struct {
     double point[MODEL_PARAMETERS], forces[MODEL_CONDITIONS], position[MODEL_TANGENTS], slipped[MODEL_CONTACTS];
     double work[MODEL_CONTACTS], wear[MODEL_CONTACTS], pressure[MODEL_CONTACTS], bound[MODEL_CONTACTS], gap[MODEL_CONTACTS];
     double energy;
-    unsigned char statuses[MODEL_CONTACTS]; /* 0 open, 1 sticks, 2 slips */
+    unsigned char statuses[MODEL_CONTACTS]; /* 0 open, 1 stick, 2 slip */
 } model_state;
 
-/* An unknown: what it is of rows, what tests it, and what it bears itself. */
+/* An unknown: its rows, its test, and its diagonal term. */
 typedef struct {
     int rows[3], tests[2], count, tested;
     double shares[3], weights[2], own;
@@ -29,10 +29,10 @@ typedef struct {
     model_work *room;
     model_state *state, *pool;
     model_column *columns;
-    double *schur, *slack, *stiffness, *y, *start, *forces, *left, *known, *x, *ways; /* ways: of what slips, along its rows */
-    double coefficient[MODEL_CONTACTS], limit[MODEL_CONTACTS], shrunk[MODEL_CONTACTS], probe, largest, energy; /* the last two by which errors are measured */
+    double *schur, *slack, *stiffness, *y, *start, *forces, *left, *known, *x, *ways; /* ways: slip directions along rows */
+    double coefficient[MODEL_CONTACTS], limit[MODEL_CONTACTS], shrunk[MODEL_CONTACTS], probe, largest, energy; /* the last two are denominators of errors */
     int *place;
-    unsigned char *at, *pressing, *seen; /* at: whether rows act, are at their limit, slip: 0, 1 or, backwards, 2 */
+    unsigned char *at, *pressing, *seen; /* at: rows act, are at their limit, slip: 0, 1 or, backwards, 2 */
     int begun;
 } model_path;
 
@@ -43,7 +43,7 @@ static inline void model_path_free(model_path *p) {
     free(p->pressing), free(p->seen), free(p);
 }
 
-/* A path that has not begun; NULL where there is no room. */
+/* A path that has not begun; NULL without memory. */
 static inline model_path *model_path_new(void) {
     const size_t m = MODEL_CONDITIONS;
     model_path *p = calloc(1, sizeof *p);
@@ -86,7 +86,7 @@ static inline void model_leave(const model_path *p, const double *forces, double
 
 static inline double model_share(double bound, double size) { return size > bound ? bound / size : 1; }
 
-/* What forces and slacks say of statuses; returns how far they are from a solution. */
+/* Statuses from forces and slacks; returns the residual. */
 static inline double model_projected(model_path *p, double probe) {
     const int m = MODEL_CONDITIONS;
     unsigned char *acting = p->at, *limited = p->at + m, *slips = p->at + 2 * m;
@@ -130,8 +130,8 @@ static inline model_column *model_unknown(model_path *p, int *n, int row) {
     return column;
 }
 
-/* Unknowns on some statuses; what slips at its limit is known. What slips follows its pressure, and in space its force
-   across, along e, is an unknown too: (1 - s) x + s p c e slack = 0 with s what it is shrunk by. */
+/* Unknowns for given statuses; a force that slips at its limit is known. Other slipping forces are proportional to the
+   pressure; in space the force across, along e, is an unknown too: (1 - s) x + s p c e slack = 0 with s = shrunk. */
 static inline int model_unknowns(model_path *p) {
     const int m = MODEL_CONDITIONS;
     const unsigned char *acting = p->at, *limited = p->at + m, *slips = p->at + 2 * m;
@@ -165,7 +165,7 @@ static inline int model_unknowns(model_path *p) {
     return n;
 }
 
-/* Forces on some statuses; 0 where these leave them undetermined. */
+/* Forces for given statuses; 0 if they are undetermined. */
 static inline int model_on_statuses(model_path *p) {
     const int m = MODEL_CONDITIONS, n = model_unknowns(p);
     double *a = p->room->factored, *pushed = p->y;
@@ -191,7 +191,7 @@ static inline int model_on_statuses(model_path *p) {
     return 1;
 }
 
-/* Newton's method from forces to start with; forces and slacks are left where it settles, and 0 is returned elsewhere. */
+/* Newton's method from initial forces; stores forces and slacks if it converges, else returns 0. */
 static inline int model_iterated(model_path *p, const double *start, double probe) {
     const int m = MODEL_CONDITIONS;
     const unsigned char *acting = p->at, *slips = p->at + 2 * m;
@@ -204,7 +204,7 @@ static inline int model_iterated(model_path *p, const double *start, double prob
         if (worst <= MODEL_TOLERANCE * model_most(p->forces) + MODEL_ROUND_OFF * noise) {
             for (int i = 0; i < m; i++) {
                 if (!acting[i]) p->forces[i] = 0;
-                p->x[i] = p->left[i] - p->slack[i]; /* what the forces have pushed */
+                p->x[i] = p->left[i] - p->slack[i]; /* response to the forces */
                 if (acting[i] && !slips[i]) p->left[i] = 0;
             }
             return 1;
@@ -250,7 +250,7 @@ static inline int model_settles(model_path *p) {
     return 0;
 }
 
-/* What is remembered after an increment: bounds and pressures along a slip are the means of both ends. */
+/* State after an increment: bounds and pressures along a slip are the means of both ends. */
 static inline void model_remember(const model_path *p, const model_state *before, const double *point, model_state *after) {
     const int m = MODEL_CONDITIONS;
     const unsigned char *acting = p->at, *slips = p->at + 2 * m;
@@ -278,16 +278,16 @@ static inline void model_remember(const model_path *p, const model_state *before
     }
 }
 
-/* Where an increment from a state to a point leads; 0 where it does not settle. */
+/* State after an increment to a point; 0 if it does not converge. */
 static inline int model_increment(model_path *p, const model_state *before, const double *point, model_state *after) {
     const int m = MODEL_CONDITIONS;
     if (!model_set_contact(p->room, point)) return 0;
-    p->room->started = 1; /* S is there */
+    p->room->started = 1; /* S is computed */
     memcpy(p->slack, p->room->slack, m * sizeof(double));
     memcpy(p->schur, p->room->schur, m * m * sizeof(double));
     memcpy(p->start, before->forces, m * sizeof(double));
     for (int k = 0; k < MODEL_TANGENTS; k++) p->slack[model_tangential[k]] -= before->position[k];
-    for (int k = 0; k < MODEL_TWICE; k++) { /* what acts on no unknown gives by a part of its pressure's compliance */
+    for (int k = 0; k < MODEL_TWICE; k++) { /* rows that act on no unknown are regularised by a part of the compliance of their pressure */
         int own = 0;
         while (model_tangential[own] != model_twice[k]) own++;
         const int row = model_twice[k], pressure = model_normal[model_owner[own]];
@@ -295,7 +295,7 @@ static inline int model_increment(model_path *p, const model_state *before, cons
         p->schur[row * m + row] += MODEL_GIVES * (compliance > 0 ? compliance : p->schur[pressure * m + pressure]);
     }
     for (int i = 0; i < m; i++) p->stiffness[i] = 1 / fabs(p->schur[i * m + i]);
-    for (int k = 0; k < MODEL_CONTACTS; k++) /* both directions of a contact alike: the projection is that on a disc */
+    for (int k = 0; k < MODEL_CONTACTS; k++) /* the same for both directions of a contact: the projection is on a disc */
         if (model_along[k + 1] - model_along[k] == 2) {
             const int one = model_tangential[model_along[k]], two = model_tangential[model_along[k] + 1];
             p->stiffness[one] = p->stiffness[two] = fmin(p->stiffness[one], p->stiffness[two]);
@@ -308,14 +308,14 @@ static inline int model_increment(model_path *p, const model_state *before, cons
     }
     if (!model_settles(p)) return 0;
     model_remember(p, before, point, after);
-    for (int k = 0; k < MODEL_TWICE; k++) { /* the energy is that of S as it is, not softened */
+    for (int k = 0; k < MODEL_TWICE; k++) { /* the energy is that of S without regularisation */
         const double force = p->forces[model_twice[k]];
         after->energy -= 0.5 * MODEL_GIVES * p->room->schur[model_twice[k] * m + model_twice[k]] * force * force;
     }
     return 1;
 }
 
-/* An increment, cut into halves where it has to be. */
+/* An increment, in halves if necessary. */
 static inline int model_reached(model_path *p, const model_state *before, const double *point, model_state *after, int depth) {
     double middle[MODEL_PARAMETERS];
     model_state *half = &p->pool[3 * depth];
@@ -325,7 +325,7 @@ static inline int model_reached(model_path *p, const model_state *before, const 
     return model_reached(p, before, middle, half, depth + 1) && model_reached(p, half, point, after, depth + 1);
 }
 
-/* Friction of contacts that closed in an increment, which sticks them to where they had been before; squared. */
+/* Squared sticking force of contacts that closed in this increment; its reference is the start of the increment. */
 static inline double model_stuck(const model_state *before, const model_state *after) {
     double apart = 0, square = 0;
     for (int k = 0; k < MODEL_CONTACTS; k++) apart = fmax(apart, MODEL_APART * fabs(before->gap[k]));
@@ -337,7 +337,7 @@ static inline double model_stuck(const model_state *before, const model_state *a
     return square;
 }
 
-/* What an increment in two halves is off: forces by the largest of the path, dissipated work by that of the path. */
+/* Error estimate by halving an increment: forces over the largest, dissipated work over the total of the path. */
 static inline double model_off(const model_path *p, const model_state *before, const model_state *half,
                                const model_state *second, const model_state *whole) {
     double change = 0, work = 0, other = 0;
@@ -349,7 +349,7 @@ static inline double model_off(const model_path *p, const model_state *before, c
     return fmax(forces / (p->largest > 0 ? p->largest : 1), fabs(work - other) / (scale > 0 ? scale : 1));
 }
 
-/* An increment that counts in the sizes by which errors are measured, whether the path keeps it or not. */
+/* An increment that counts in the denominators of errors, also if the path discards it. */
 static inline int model_tried(model_path *p, const model_state *before, const double *point, model_state *after) {
     double size = 0;
     if (!model_increment(p, before, point, after)) return 0;
@@ -359,7 +359,7 @@ static inline int model_tried(model_path *p, const model_state *before, const do
     return 1;
 }
 
-/* An increment of a load in proportion, halved until that changes little, as models/histories/sliding.py does. */
+/* An increment of proportional loading, halved until that changes little, as in models/histories/sliding.py. */
 static inline int model_careful(model_path *p, const model_state *before, const double *point, model_state *after, int depth) {
     double middle[MODEL_PARAMETERS];
     model_state *half = &p->pool[3 * depth], *whole = half + 1, *second = half + 2;
@@ -386,7 +386,7 @@ static inline int model_told(model_path *p, double *forces, double *outputs) {
     return MODEL_DONE;
 }
 
-/* Begin at rest where the box is nearest to zero, at the parameters of moduli and laws that a point has. */
+/* Begin at rest, at the point of the box nearest to zero, with the moduli and laws of a point. */
 static inline int model_rest(model_path *p, const double *point) {
     double from[MODEL_PARAMETERS];
     model_start(point, from);
@@ -401,7 +401,7 @@ static inline int model_rest(model_path *p, const double *point) {
     return MODEL_DONE;
 }
 
-/* Begin at rest, and load in proportion up to a point. Forces, (MODEL_CONDITIONS), and outputs, (MODEL_OUTPUTS), may be
+/* Begin at rest, with proportional loading up to a point. Forces, (MODEL_CONDITIONS), and outputs, (MODEL_OUTPUTS), may be
    NULL. */
 static inline int model_begin(model_path *p, const double *point, double *forces, double *outputs) {
     double from[MODEL_PARAMETERS], next[MODEL_PARAMETERS];

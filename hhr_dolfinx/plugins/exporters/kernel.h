@@ -1,6 +1,6 @@
 /* MODEL_TITLE: a contact problem, condensed. C99, no libraries but libm; written by hhr_dolfinx.
 
-   The contact forces of a point of parameters are those of the finite element model it was made of, and solve
+   The contact forces at a point of the parameters are those of the finite element model, and solve
 
        S(p) x + s(p) >= 0,  x >= 0,  x . (S(p) x + s(p)) = 0.
 
@@ -9,8 +9,8 @@
        if (model_solve(work, point, forces, outputs) == MODEL_DONE) ...
        model_free(work);
 
-   With friction, and where bodies flow, answers depend on the path: model_path_new, model_begin at a point, loaded in
-   proportion, model_go from there on, an increment each time, and model_path_free are in the place of these.
+   With friction or inelastic bodies answers depend on the path. Use instead: model_path_new; model_begin, with
+   proportional loading to a point; model_go, one increment each time; and model_path_free.
 
    One work, or path, for each thread. Include it in one file, or in several: all is static. */
 #ifndef model_HEADER
@@ -51,14 +51,14 @@ typedef struct {
     const int *conditions;
     double offset, factor, least;
     int count, largest;
-    const double *modes, *given, *pushed, *forced; /* of a displacement where bodies flow */
+    const double *modes, *given, *pushed, *forced; /* of a displacement of inelastic bodies */
 } model_output;
 
-/* The smaller and the larger one of two numbers; none where either is none. */
+/* The smaller and the larger one of two numbers; NaN if either is NaN. */
 static inline double model_min(double a, double b) { return a != a || b != b ? NAN : a < b ? a : b; }
 static inline double model_max(double a, double b) { return a != a || b != b ? NAN : a > b ? a : b; }
 
-/* A table of pairs (x, y), straight between them: values are what is looked up, and then the pairs. */
+/* A table of pairs (x, y) with linear interpolation: values are x, and then the pairs. */
 static inline double model_table(int count, const double *values) {
     for (int k = 1; k + 3 < count; k += 2)
         if (values[0] >= values[k] && values[0] <= values[k + 2])
@@ -67,13 +67,13 @@ static inline double model_table(int count, const double *values) {
 }
 
 typedef struct {
-    double (*coefficient)(const double *), (*limit)(const double *); /* of friction; none where there is no bound */
+    double (*coefficient)(const double *), (*limit)(const double *); /* of friction; NULL without a bound */
 } model_law;
 typedef struct {
     double (*value)(const double *);
 } model_modulus;
 typedef struct {
-    double (*young)(const double *), (*yields)(const double *), (*hardens)(const double *); /* none where it does not flow */
+    double (*young)(const double *), (*yields)(const double *), (*hardens)(const double *); /* NULL for an elastic body */
     double poisson;
     int points;
 } model_body;
@@ -83,7 +83,7 @@ typedef struct {
 /* CHANGED: a modulus or a law, within a path */
 enum { MODEL_DONE = 0, MODEL_OUTSIDE = 1, MODEL_NO_ANSWER = 2, MODEL_CHANGED = 3 };
 
-/* Sizes a contact is told apart from round-off by: pairs[i] is the contact of condition i. */
+/* Scales of round-off by contact: pairs[i] is the contact of condition i. */
 #define MODEL_TOLERANCE 1e-11
 #define MODEL_ROUND_OFF 1e-15
 #define MODEL_MOST 1000
@@ -100,7 +100,7 @@ typedef struct {
     int *index, *pivots;
     unsigned char *active, *seen;
     int started;
-    const double *correction, *gives; /* of bodies that flow */
+    const double *correction, *gives; /* of inelastic bodies */
 } model_work;
 
 static inline void model_free(model_work *w) {
@@ -113,7 +113,7 @@ static inline void model_free(model_work *w) {
     free(w);
 }
 
-/* Room to work in; NULL where there is none. */
+/* Work arrays; NULL without memory. */
 static inline model_work *model_new(void) {
     const size_t m = MODEL_CONDITIONS, t = MODEL_TERMS, n = m + MODEL_MOTIONS;
     model_work *w = calloc(1, sizeof *w);
@@ -190,7 +190,7 @@ static inline void model_set_along(const model_interpolant *part, const double *
     }
 }
 
-/* What one connected component adds to S and to the free slack. */
+/* Add one connected component to S and to the free slack. */
 static inline void model_add(model_work *w, const model_part *part, const double *point) {
     const int m = MODEL_CONDITIONS, c = part->count, half = c * (c + 1) / 2, rank = part->interpolant.rank;
     const double compliance = part->factor ? 1 / part->factor(point) : 1;
@@ -214,7 +214,7 @@ static inline void model_add(model_work *w, const model_part *part, const double
     }
 }
 
-/* Whether the elastic constants are possible at a point: what interpolates between points never evaluates them. */
+/* 1 if the elastic constants are admissible at a point: interpolation does not evaluate them. */
 static inline int model_possible(const double *point) {
     for (int k = 0; k < MODEL_LIMITS; k++) {
         const double value = model_limits[k].value(point);
@@ -223,7 +223,7 @@ static inline int model_possible(const double *point) {
     return 1;
 }
 
-/* S and the free slack at a point; 0 where these are not finite. */
+/* S and the free slack at a point; 0 if they are not finite. */
 static inline int model_set_contact(model_work *w, const double *point) {
     const int m = MODEL_CONDITIONS, terms = MODEL_TERMS;
     const double *gaps = model_gaps;
@@ -258,7 +258,7 @@ static inline int model_set_contact(model_work *w, const double *point) {
     return 1;
 }
 
-/* LU with the largest pivots, in place; 0 where it is singular. */
+/* LU with the largest pivots, in place; 0 if singular. */
 static inline int model_lu(double *a, int n, int *pivots) {
     for (int k = 0; k < n; k++) {
         int best = k;
@@ -294,7 +294,7 @@ static inline void model_lu_solved(const double *a, int n, const int *pivots, do
     }
 }
 
-/* Both, once; 0 where it is singular. */
+/* LU and one solution; 0 if singular. */
 static inline int model_factored(double *a, int n, int *pivots, double *x) {
     if (!model_lu(a, n, pivots)) return 0;
     model_lu_solved(a, n, pivots, x);
@@ -302,7 +302,7 @@ static inline int model_factored(double *a, int n, int *pivots, double *x) {
 }
 
 #if MODEL_FLOWS
-/* What an output reads of the displacement: of corrections, of what is imposed, and of forces and loads by part. */
+/* Part of an output that reads displacements: of corrections, of imposed ones, and by part of forces and loads. */
 static inline double model_displaced(const model_work *w, const model_output *item) {
     double value = 0;
     for (int j = 0; j < MODEL_MODES; j++) value += item->modes[j] * w->correction[j];
@@ -341,14 +341,14 @@ static inline void model_read(const model_work *w, double *outputs) {
 }
 
 #if MODEL_RUBS || MODEL_FLOWS
-/* Whether what stays on a path is inside of the box at a point. */
+/* 1 if the fixed parameters of a path are inside the box at a point. */
 static inline int model_stays(const double *point) {
     for (int k = 0; k < MODEL_FIXED_COUNT; k++)
         if (!(point[model_fixed[k]] >= model_lower[model_fixed[k]] && point[model_fixed[k]] <= model_upper[model_fixed[k]])) return 0;
     return 1;
 }
 
-/* Where a path begins: where the box is nearest to zero, with what stays on it as at a point. */
+/* Start of a path: the point of the box nearest to zero, with the fixed parameters of a point. */
 static inline void model_start(const double *point, double *from) {
     for (int k = 0; k < MODEL_PARAMETERS; k++) from[k] = fmin(fmax(0, model_box_lower[k]), model_box_upper[k]);
     for (int k = 0; k < MODEL_FIXED_COUNT; k++) from[model_fixed[k]] = point[model_fixed[k]];
@@ -367,7 +367,7 @@ static inline void model_between(const double *from, const double *to, double sh
 
 #if !MODEL_RUBS
 /*FLOATING*/
-/* Forces and slack where statuses are given; 0 where they make a singular set. */
+/* Forces and slack for given statuses; 0 if their set is singular. */
 static inline int model_equalities(model_work *w) {
 #if MODEL_MOTIONS
     if (!w->held) return model_free_equalities(w);
@@ -393,7 +393,7 @@ static inline int model_equalities(model_work *w) {
     return 1;
 }
 
-/* Turns round the statuses of conditions that pull or penetrate by more than round-off of their contact, all of them
+/* Switches the statuses of conditions that pull or penetrate by more than round-off of their contact, all of them
    or the first one; returns how many there were. */
 static inline int model_corrected(model_work *w, int one) {
     const int m = MODEL_CONDITIONS;
@@ -423,7 +423,7 @@ static inline int model_finite(const model_work *w) {
     return 1;
 }
 
-/* Active set: all wrong statuses at once, and, where sets come back, the first wrong one alone (Murty 1974). */
+/* Active set: all wrong statuses at once, or, if sets repeat, the first wrong one alone (Murty 1974). */
 static inline int model_settled(model_work *w) {
     const int m = MODEL_CONDITIONS;
     int one = 0, kept = 0;
@@ -447,7 +447,7 @@ static inline int model_settled(model_work *w) {
 #else
 /*SPRINGS*/
 /* Contact forces, (MODEL_CONDITIONS), and outputs, (MODEL_OUTPUTS), at a point, (MODEL_PARAMETERS); either may be NULL.
-   It begins with the statuses of the answer before. */
+   Initial statuses are those of the previous answer. */
 static inline int model_solve(model_work *w, const double *point, double *forces, double *outputs) {
     for (int k = 0; k < MODEL_PARAMETERS; k++)
         if (!(point[k] >= model_lower[k] && point[k] <= model_upper[k])) return MODEL_OUTSIDE;
@@ -469,7 +469,7 @@ static inline int model_solve(model_work *w, const double *point, double *forces
 }
 
 /* Derivatives of the outputs along the parameters, (MODEL_OUTPUTS, MODEL_PARAMETERS), by central differences on the
-   statuses of the last answer, which was at this point; where a status is about to change they hold on one side. */
+   statuses of the last answer, which was at this point; if a status is about to change they are one-sided. */
 static inline int model_derivatives(model_work *w, const double *point, double *slopes) {
     double there[MODEL_PARAMETERS], ends[2][MODEL_OUTPUTS + 1];
     if (!w->started) return MODEL_NO_ANSWER;
@@ -503,8 +503,8 @@ static inline int model_derivatives(model_work *w, const double *point, double *
 #endif
 
 #if MODEL_RUBS || MODEL_FLOWS
-/* Go on from where the path is: an increment to a point, whose moduli and laws are those of the beginning. Where it does
-   not settle the path stays where it was. */
+/* An increment from the current state to a point, with the moduli and laws of the beginning. Without convergence the state
+   does not change. */
 static inline int model_go(model_path *p, const double *point, double *forces, double *outputs) {
     model_state *reached = &p->pool[MODEL_LAST];
     if (!p->begun) return MODEL_NO_ANSWER;

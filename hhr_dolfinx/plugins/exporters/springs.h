@@ -1,5 +1,5 @@
 
-/* Bodies on weak springs whose ends are somewhere: S and slack without motions. */
+/* S and slack without motions, for bodies on weak springs with given ends. */
 static inline void model_spring(model_work *w, double weak, const double *ends) {
     const int m = MODEL_CONDITIONS, r = MODEL_MOTIONS;
     double offset[MODEL_MOTIONS];
@@ -13,7 +13,7 @@ static inline void model_spring(model_work *w, double weak, const double *ends) 
     for (int i = 0; i < m; i++) w->moved[i] = w->slack[i] - model_taken_by(i, offset);
 }
 
-/* Asks on these springs, and says where the motions are then. */
+/* Solves with these springs, and computes the motions. */
 static inline int model_on_springs(model_work *w, int (*ask)(model_work *), double weak, const double *ends, double *left,
                                    double *sizes) {
     double *schur = w->schur, *slack = w->slack;
@@ -27,17 +27,17 @@ static inline int model_on_springs(model_work *w, int (*ask)(model_work *), doub
     return 1;
 }
 
-/* Forces and motions on the statuses of an answer, for derivatives: what contact does not hold moves as little as it may. */
+/* Forces and motions for the statuses of an answer, for derivatives: undetermined motions are minimal. */
 static inline int model_near(model_work *w, const double *motions) {
     double left[MODEL_MOTIONS], sizes[MODEL_MOTIONS];
     if (model_equalities(w)) return 1;
     if (!model_on_springs(w, model_equalities, MODEL_WEAK, motions, left, sizes)) return 0;
     for (int j = 0; j < MODEL_MOTIONS; j++)
-        if (fabs(left[j]) > MODEL_BORNE * sizes[j]) return 0; /* a load drives what nothing holds */
+        if (fabs(left[j]) > MODEL_BORNE * sizes[j]) return 0; /* a load acts along a motion without resistance */
     return 1;
 }
 
-/* The plain active set, and where it meets sets that do not hold the bodies weak springs, whose ends follow. */
+/* Active set; if its sets do not hold the bodies, weak springs whose ends follow the motions. */
 static inline int model_held(model_work *w) {
     static const double weakness[] = {1e3, 1e5, 1e7, 1e9};
     const int m = MODEL_CONDITIONS, r = MODEL_MOTIONS;
@@ -46,7 +46,7 @@ static inline int model_held(model_work *w) {
     if (model_settled(w)) return 1;
     memcpy(w->active, w->start, m);
     memset(ends, 0, sizeof ends);
-    /* forces that close nothing but round-off of the gaps: without loads there are no others to compare with */
+    /* forces that close only round-off of the gaps: without loads there are no others to compare with */
     for (int i = 0; i < m; i++) nothing = fmax(nothing, MODEL_NOTHING * fabs(w->slack[i])), soft += fabs(w->schur[i * m + i]) / m;
     nothing /= soft > 0 ? soft : 1;
     for (size_t s = 0; s < sizeof weakness / sizeof *weakness; s++)

@@ -1,4 +1,4 @@
-"""Reduced models that pass a query on to the full model where their error may be too large."""
+"""Reduced models with a fallback: the full model answers queries whose error may be too large."""
 
 from hhr_dolfinx.registry import Plugin
 

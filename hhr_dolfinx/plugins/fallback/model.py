@@ -1,4 +1,4 @@
-"""A reduced model that asks the full one where its own bound is not good enough."""
+"""A reduced model with the full model as a fallback, for queries whose error bound is too large."""
 
 from __future__ import annotations
 
@@ -18,25 +18,25 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.models.answer import (
     Answer,
-    CheckedStart,
     History,
     ListedAnswers,
     ModelFields,
     Path,
     SeveralAnswers,
-    Start,
 )
 from hhr_dolfinx.models.estimates import FORCES, check_asked, known_error, relative_error, relative_errors
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings
 from hhr_dolfinx.models.model import AnsweringModel
-from hhr_dolfinx.parameters import ParameterSpace, PointsLike, is_number
+from hhr_dolfinx.parameters import ParameterSpace, is_number
 from hhr_dolfinx.trained import USUAL
 from hhr_dolfinx.warn import collected, repeat
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.models.answer import CheckedStart, Start
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
+    from hhr_dolfinx.parameters import PointsLike
 
 _log = logging.getLogger(__name__)
 
@@ -45,40 +45,40 @@ ALIKE = 1e-5
 
 
 class _NotGoodEnough(Exception):
-    """An increment of a reduced model of which too little is known."""
+    """Raised at an increment of a reduced model whose error may exceed the tolerance."""
 
 
 class FallbackModel(AnsweringModel):
-    """Answers by a reduced model, and by the full one where the reduced one may be off by more than is allowed.
+    """Model whose answers come from a reduced model, or from the full one if the reduced error may exceed a tolerance.
 
-    No answer that is handed out is off by more than ``tolerance``, relative to the exact one, by the error ``of``:
-    ``forces``, nodal contact forces in the Euclidean norm; ``pressure``, the largest error of a nodal pressure over the
-    peak pressure; ``displacement``, its energy; or an output, by its name. None takes displacement and forces, both in
-    energy, where forces are in the S norm: nodal forces and pressures are then off by ten times as much and more. See
-    :mod:`hhr_dolfinx.models.estimates`; where answers have no bound but an ``estimate``, by that.
-    Not for several threads at once, which count its queries.
+    The relative error of each answer is at most ``tolerance``, in the quantity ``of``: ``forces``, nodal contact forces
+    in the Euclidean norm; ``pressure``, the largest error of a nodal pressure over the peak pressure; ``displacement``,
+    in the energy norm; or an output, by its name. None means displacement in the energy norm and forces in the S norm:
+    errors of nodal forces and pressures may then be ten or more times larger. See :mod:`hhr_dolfinx.models.estimates`.
+    For answers without a bound the error is that of their ``estimate``.
+    Not thread-safe, since it counts its queries.
 
     Args:
         reduced: a model whose answers have a bound, or with friction an indicator of forces.
         full: the full model of the same scene.
         tolerance: largest relative error.
-        of: which error that is.
+        of: quantity of the error.
 
     Attributes:
         reduced: the reduced model.
         full: the full model.
         asked: number of queries.
-        fallen: how many of them the full model answered.
+        fallen: number of queries that the full model answered.
 
     Raises:
         BoundError: for a reduced model whose answers have no bound.
-        ParameterError: for a tolerance that is no positive number, or an error that is not known, or of an output
-            without a bound.
-        ReductionError: for what is no full model, or that of another scene.
+        ParameterError: for a tolerance that is not a positive number, an unknown quantity, or an output without a
+            bound.
+        ReductionError: if ``full`` is not a full model, or of another scene.
     """
 
     usual_outside = "ignore"
-    """A bound says more than the trained range: the full model is asked where the bound is too large."""
+    """The training range is ignored: the bound decides when the full model answers."""
     instead = "its full model needs the mesh. Keep the reduced one, save_model(path, safe.reduced)"
 
     def __init__(
@@ -104,7 +104,7 @@ class FallbackModel(AnsweringModel):
 
     @property
     def fields(self) -> Any:
-        """Those of the reduced model; answers are completed by the fields of the model that gave them."""
+        """Fields of the reduced model; each answer has the fields of the model that computed it."""
         return self.reduced.fields
 
     @property
@@ -120,17 +120,17 @@ class FallbackModel(AnsweringModel):
     @property
     def known_error(self) -> str:
         """See :attr:`AnsweringModel.known_error`."""
-        asked = "displacement or forces, in energy," if self.of is None else self.of
+        quantity = "displacement or forces, in energy," if self.of is None else self.of
         known = known_error(self.reduced.fields)
-        return f"{known}. Where {asked} may be off by more than {self.tolerance:g} the full model answers"
+        return f"{known}. Where {quantity} may be off by more than {self.tolerance:g} the full model answers"
 
     @property
     def estimating(self) -> Any:
-        """The reduced model: answers of the full one are exact."""
+        """The reduced model; answers of the full one are exact."""
         return self.reduced
 
     def columns(self, many: Iterable[Answer]) -> dict[str, np.ndarray]:
-        """See :meth:`AnsweringModel.columns`: 1 where the full model answered, and those of the reduced model."""
+        """See :meth:`AnsweringModel.columns`: 1 for answers of the full model, and the columns of the reduced model."""
         answers = list(many)
         fell = np.array([self.fell_back(answer) for answer in answers], dtype=bool)
         found = {"fell_back": fell.astype(float)}
@@ -144,11 +144,11 @@ class FallbackModel(AnsweringModel):
         return f" ({sums['fell_back']:.0f} by the full model)"
 
     def fell_back(self, answer: Answer) -> bool:
-        """Whether the full model gave an answer."""
+        """True if the full model computed an answer."""
         return answer.fields is self.full
 
     def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
-        """By the reduced model if its error is small, else by the full one."""
+        """Answer of the reduced model if its error is small, else of the full one."""
         answer = self._reduced_answer(point, start, outside, gradient)
         self.asked += 1
         if answer is not None and self._is_good(answer):
@@ -157,7 +157,7 @@ class FallbackModel(AnsweringModel):
         return self.full._answered(point, None, outside, gradient)
 
     def slide(self, path: Path, settings: MarchSettings, **how: Any) -> History:
-        """See :class:`AnsweringModel`; all of a history by one model."""
+        """See :class:`AnsweringModel`; one model answers the whole history."""
         check_settings(settings)
         self.asked += 1
         history = self._reduced_history(path, settings, how)
@@ -167,9 +167,9 @@ class FallbackModel(AnsweringModel):
         return history
 
     def _reduced_history(self, path: Path, settings: MarchSettings, how: dict[str, Any]) -> History | None:
-        """What the reduced model says; None where it has no answer, or one increment of it may be off by too much.
+        """History of the reduced model; None if it has none, or if the error of an increment may be too large.
 
-        What is warned of then is not said: nobody gets that answer.
+        Warnings of a discarded history are discarded too.
         """
         try:
             with collected() as caught:
@@ -183,33 +183,33 @@ class FallbackModel(AnsweringModel):
         return history
 
     def _require_good(self, answer: Answer) -> None:
-        """End a history at an increment of which too little is known."""
+        """Stop a history at an increment whose error may exceed the tolerance."""
         if not self._is_good(answer):
             raise _NotGoodEnough(f"the error may be above {self.tolerance:g}")
 
     def answering(self, history: History) -> AnsweringModel:
-        """The model that answered a history."""
+        """Model that computed a history."""
         return self.full if self.fell_back(history.answers[-1]) else self.reduced
 
     def unanswered(self, point: np.ndarray, status: Status = Status.UNDEFINED) -> Answer:
-        """An answer of NaN by the full model, which was asked last."""
+        """Answer of NaN, of the full model, which was queried last."""
         return self.full.unanswered(point, status)
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
-        """See :class:`AnsweringModel`: those of the full model."""
+        """See :class:`AnsweringModel`; those of the full model."""
         return self.full.contacts()
 
     def _checked_start(self, start: Start) -> CheckedStart:
-        """As the reduced model has it."""
+        """Start as the reduced model checks it."""
         return self.reduced._checked_start(self._own_start(start))
 
     @property
     def sizes(self) -> tuple[int, int]:
-        """Those of answers of the full model."""
+        """Sizes of answers of the full model."""
         return self.full.sizes
 
     def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
-        """Answer many parameters, (n, P): the reduced model all at once, the full one those that it must."""
+        """Answer many parameters, (n, P), at once by the reduced model, those with a large error by the full one."""
         from hhr_dolfinx.models.many import PartedAnswers
 
         if self.friction is not None:
@@ -219,7 +219,7 @@ class FallbackModel(AnsweringModel):
         try:
             many = self.reduced.solve_many(checked, raise_on_failure=False, outside=outside)
             errors = relative_errors(many, self.of)
-        except HHRError:  # one of them alone may be refused, or have no estimate
+        except HHRError:  # a single point may be refused, or have no estimate
             errors = None
         if errors is None:
             how: dict[str, Any] = {"raise_on_failure": raise_on_failure, "outside": outside}
@@ -232,35 +232,35 @@ class FallbackModel(AnsweringModel):
         return PartedAnswers.of(parts, np.where(good, 0, 1))
 
     def _reduced_answer(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer | None:
-        """What the reduced model says; None where it has no answer, whatever the reason."""
+        """Answer of the reduced model; None if it has none, for any reason."""
         try:
             return self.reduced.solve(point, start=start, raise_on_failure=False, outside=outside, gradient=gradient)
         except OutsideTrainingError:
             return None
-        except ParameterError:  # a start, or a word for ``outside``, that is invalid
+        except ParameterError:  # an invalid start or ``outside``
             raise
         except HHRError as error:
             _log.info("the full model is asked: %s", error)
             return None
 
     def _is_good(self, answer: Answer) -> bool:
-        """Whether an answer is known to be right to the tolerance."""
+        """True if the error of an answer is known to be within the tolerance."""
         try:
             estimate = answer.estimate()
-            # which is not true of a NaN
+            # False for NaN
             return estimate is not None and relative_error(answer, estimate, self.of) <= self.tolerance
         except HHRError as error:
             _log.info("the full model is asked: %s", error)
             return False
 
     def _own_start(self, start: Start) -> Start:
-        """Statuses for the reduced model: those of an answer of the full one, as along a path, may be too many."""
+        """Initial statuses for the reduced model; nearest ones if those of an answer of the full model are too many."""
         sizes = np.shape(start) if isinstance(start, np.ndarray) else None
         too_many = sizes == (self.full.conditions,) != (self.reduced.own_conditions,)
         return "nearest" if too_many else start
 
     def _exact(self, point: np.ndarray, raise_on_failure: bool) -> Answer:
-        """The answer of the full model."""
+        """Answer of the full model."""
         self.fallen += 1
         return self.full.solve(point, raise_on_failure=raise_on_failure)
 
@@ -272,17 +272,17 @@ def check_allowance(tolerance: Any) -> None:
 
 
 def _remedy(full: FullOrderModel) -> str:
-    """Whose model is wrong, and which one is needed."""
+    """Sentence with the scene of the full model and the model that is needed."""
     name = full.scene.name
     return f". It is of scene '{name}': give the FullOrderModel of the scene that was trained, or train this one"
 
 
 def _check_alike(reduced: Any, full: FullOrderModel) -> None:
-    """Check that a reduced model has a bound, and a full one is that of its scene: box, S and an answer.
+    """Check that a reduced model has a bound, and that the full one is of the same scene: box, S and an answer.
 
     Raises:
         BoundError: for a reduced model whose answers have no bound.
-        ReductionError: for what is no full model, or that of another scene.
+        ReductionError: if ``full`` is not a full model, or of another scene.
     """
     fields = reduced.fields if isinstance(reduced, AnsweringModel) else ModelFields()
     bound = fields.bound
@@ -304,7 +304,7 @@ def _check_alike(reduced: Any, full: FullOrderModel) -> None:
 
 
 def _check_same_friction(reduced: Any, full: FullOrderModel) -> None:
-    """Raise ReductionError unless the full model is that of which a reduced one with friction was made."""
+    """Raise ReductionError unless a reduced model with friction was built from this full model."""
     from hhr_dolfinx.models.frictional_fields import mark_of
 
     if full.friction is None or full.equilibrium is not None:
@@ -324,7 +324,7 @@ def _check_same_friction(reduced: Any, full: FullOrderModel) -> None:
 
 
 def _check_same_scene(reduced: Any, bound: Any, full: FullOrderModel) -> None:
-    """Raise ReductionError unless S and an answer of the full model are those that the reduced one knows."""
+    """Raise ReductionError unless S and an answer of the full model agree with the reduced one."""
     if bound.schur.shape != full.schur.shape or np.abs(bound.schur - full.schur).max() > ALIKE * full.schur.max():
         raise ReductionError(f"the full model is that of another scene or mesh: its stiffness differs{_remedy(full)}")
     point = reduced.parameters.random(1, seed=1)[0]
@@ -335,10 +335,10 @@ def _check_same_scene(reduced: Any, bound: Any, full: FullOrderModel) -> None:
         found = bound.at(point[None], reduced.fields.amplitudes(point)).slack(answer.forces()[None])[0]
         slack = gaps - problem.contact @ answer.unknown
         kernel = full.system.kernel
-        if kernel is not None:  # motions of whole bodies are no part of S
-            taken = kernel.taken
-            slack = slack + taken @ np.linalg.lstsq(taken, found - slack, rcond=None)[0]
-        # measured by how far bodies move: where all conditions touch, slack and gaps may be round-off
+        if kernel is not None:  # S does not include rigid motions
+            contact_of_motions = kernel.contact_of_motions
+            slack = slack + contact_of_motions @ np.linalg.lstsq(contact_of_motions, found - slack, rcond=None)[0]
+        # relative to displacements: if all conditions are active, slack and gaps may be round-off
         if np.abs(found - slack).max() > ALIKE * max(np.abs(gaps).max(), np.abs(answer.unknown).max()):
             raise ReductionError(
                 f"the full model is that of another scene: its gaps, its loads or its materials differ{_remedy(full)}"

@@ -20,7 +20,7 @@ def safe_model(
     recipe: Recipe | None = None,
     checked: bool = True,
 ) -> FallbackModel | CondensedModel:
-    """Build a model none of whose answers is off by more than a tolerance.
+    """Build a model whose answers all have errors within a tolerance.
 
     For elastic bodies of constant stiffness without friction it is the condensed model, which is exact. Else it is a
     reduced model that calls the full one if its error may exceed the tolerance.

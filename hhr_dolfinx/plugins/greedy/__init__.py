@@ -1,4 +1,4 @@
-"""Training where models of what is known are worst, and the indicators that tell where that is."""
+"""Greedy training: training points where indicators expect the largest errors, and these indicators."""
 
 from hhr_dolfinx.registry import Plugin
 

@@ -1,4 +1,4 @@
-"""Greedy training, thesis Alg. 1.3: answers are added where a reduced model of those before is worst.
+"""Greedy training, thesis Alg. 1.3: each round adds answers at the largest error indicators of the reduced model.
 
 An error indicator selects the worst candidate (:mod:`hhr_dolfinx.plugins.greedy.indicators`); it needs no full answer.
 Points are chosen in the box of the scene or, for inelastic bodies, of a family of paths.
@@ -166,7 +166,7 @@ class Greedy:
 
         Args:
             full: the full model, one on each rank.
-            solve: answers of the full model to points, (n, P), or paths; on all ranks together.
+            solve: answers of the full model to points, (n, P), or paths; collective.
             comm: ranks, each of which has all answers; they share the candidates.
             progress: wraps the iteration over the models.
             store: its folder keeps the choice too, which later runs continue.
@@ -361,7 +361,7 @@ class KeptChoice:
         self._path = folder / f"greedy_{self._digest[:16]}.npz"
 
     def load(self, space: ParameterSpace) -> tuple[np.ndarray, list[Round]] | None:
-        """Points and rounds, see :class:`Choice`, or None if there are none that fit."""
+        """Points and rounds, see :class:`Choice`, or None without a file of this training."""
         try:
             header, arrays = read_arrays(self._path, FORMAT, VERSION)
             check_layout(arrays, _LAYOUT, {"P": len(space.names)})

@@ -245,8 +245,9 @@ def _drawn_in(choice: Choice, number: int, space: ParameterSpace, seed: int) -> 
     """Random points of the boxes of a model, (n, P); empty if it has no box."""
     width = np.array(space.upper) - space.lower
     boxes = [(low, high) for label, low, high in choice.boxes(space.lower, space.upper) if label == number]
-    volumes = np.array([np.prod(np.where(width > 0, (high - low) / np.where(width > 0, width, 1.0), 1.0))
-                        for low, high in boxes])  # fmt: skip
+    volumes = np.array(
+        [np.prod(np.where(width > 0, (high - low) / np.where(width > 0, width, 1.0), 1.0)) for low, high in boxes]
+    )
     rng = np.random.default_rng(seed)
     if not volumes.sum() > 0:
         return np.zeros((0, len(space.names)))

@@ -1,4 +1,4 @@
-"""Parts of the box whose answers lie near one small space, thesis section 4.2: k-medoids of cells, or of snapshots.
+"""Parts of the box with answers near one small space, thesis section 4.2: k-medoids of cells, or of snapshots.
 
 On a regular grid its cells are clustered, by the spaces of the snapshots at their corners. A snapshot at a border then
 belongs to both sides. Without a grid, snapshots themselves are clustered.

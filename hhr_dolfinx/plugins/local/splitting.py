@@ -179,8 +179,9 @@ class _Run:
         """Targets that a model misses."""
         settings = self.settings
         found = []
-        for size, most, what in zip(sizes_of(model), (settings.modes, settings.conditions), ("modes", "conditions"),
-                                    strict=True):  # fmt: skip
+        for size, most, what in zip(
+            sizes_of(model), (settings.modes, settings.conditions), ("modes", "conditions"), strict=True
+        ):
             if most is not None and size > most:
                 found.append(f"{size} {what} in the place of {most} at most: allow more models (most), or more of them")
         if np.isnan(errors).all():

@@ -6,7 +6,7 @@ PLUGIN = Plugin(
     name="one_call",
     public={
         "hhr_dolfinx.plugins.one_call.search": "Reduction reduce",
-        "hhr_dolfinx.plugins.one_call.wish": "Budget",
+        "hhr_dolfinx.plugins.one_call.target": "Budget",
     },
     commands={"reduce": "hhr_dolfinx.plugins.one_call.commands:reduce"},
 )

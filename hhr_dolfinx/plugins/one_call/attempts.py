@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.models.estimates import ASKED
-from hhr_dolfinx.plugins.one_call.bench import BudgetSpentError
+from hhr_dolfinx.plugins.one_call.context import BudgetSpentError
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.one_call.bench import Bench
+    from hhr_dolfinx.plugins.one_call.context import SearchContext
     from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
 MANY = 1000
@@ -50,107 +50,107 @@ class Attempt:
     make: Callable[[], Any]
 
 
-def attempts(bench: Bench) -> Iterator[Attempt]:
+def attempts(context: SearchContext) -> Iterator[Attempt]:
     """Ways to build a model of a scene: elastic, frictional or inelastic."""
-    if bench.full.equilibrium is not None:
-        yield from _flowing(bench)
+    if context.full.equilibrium is not None:
+        yield from _inelastic(context)
         return
-    yield from _condensed(bench)
-    if bench.full.problem.reshaped is not None:  # scenes with shapes are condensed
+    yield from _condensed(context)
+    if context.full.problem.reshaped is not None:  # scenes with shapes are condensed
         return
-    if bench.full.friction is None:
-        yield from _reduced(bench)
-    elif bench.family is not None:
-        yield from _by_histories(bench)
+    if context.full.friction is None:
+        yield from _reduced(context)
+    elif context.family is not None:
+        yield from _by_histories(context)
 
 
-def _condensed(bench: Bench) -> Iterator[Attempt]:
+def _condensed(context: SearchContext) -> Iterator[Attempt]:
     """Condensation: exact for constant stiffness, else interpolated more and more finely."""
-    full = bench.full
+    full = context.full
     if not full.problem.varies:
-        yield Attempt("condensed", "exact", partial(_exact, bench))
+        yield Attempt("condensed", "exact", partial(_exact, context))
         return
     from hhr_dolfinx.reduction.components import solvers_of
     from hhr_dolfinx.reduction.condense import condense as interpolated
     from hhr_dolfinx.reduction.interpolate import GridSettings
 
-    solvers = solvers_of(full, bench.store)
+    solvers = solvers_of(full, context.store)
 
-    tolerance = GRID_PART * bench.wish.error
+    tolerance = GRID_PART * context.target.error
     for budget in GRID_BUDGETS:
         settings = GridSettings(tolerance, budget)
 
         def make(settings: GridSettings = settings) -> Any:
             # without fields nothing bounds an error; without a bound they serve displacements alone
-            spare = not _reads_displacement(bench)
-            how: dict[str, Any] = {"along": True, "finer": True, "spare": spare, "announce": bench.announce}
+            spare = not _reads_displacement(context)
+            how: dict[str, Any] = {"along": True, "finer": True, "spare": spare, "announce": context.announce}
             try:
-                return interpolated(full, bench.checked, settings, solvers=solvers, **how)
+                return interpolated(full, context.checked, settings, solvers=solvers, **how)
             except BudgetSpentError as error:
                 if not spare or error.stage not in OF_FIELDS:
                     raise
             # all expensive results exist by now, so the budget need not stop the rest
-            return interpolated(full, None, settings, fields=False, solvers=solvers, announce=bench.progress)
+            return interpolated(full, None, settings, fields=False, solvers=solvers, announce=context.progress)
 
-        found = len(bench.held_out)
+        found = len(context.held_out)
         spanned = f", fields of {found} checks too" if found else ""
         yield Attempt("condensed", f"interpolated to {tolerance:.0e}{spanned}", make)
-        if bench.forces_off:
+        if context.forces_off:
             tolerance /= 100
 
 
-def _reads_displacement(bench: Bench) -> bool:
+def _reads_displacement(context: SearchContext) -> bool:
     """True if the target, or an output of the scene, needs displacements."""
-    functionals = bench.full.functionals
-    return bench.wish.needs_fields or (functionals is not None and any(item.count for item in functionals.items))
+    functionals = context.full.functionals
+    return context.target.needs_fields or (functionals is not None and any(item.count for item in functionals.items))
 
 
-def _reduced(bench: Bench) -> Iterator[Attempt]:
+def _reduced(context: SearchContext) -> Iterator[Attempt]:
     """Hyper-reduced models of more and more answers; of the last ones models of the kinds that plug-ins add."""
     for count in _doubled(FEWEST, MOST):
-        yield Attempt("hhr", f"{count} training points", partial(_built, bench, count))
+        yield Attempt("hhr", f"{count} training points", partial(_built, context, count))
     for kind in registry.named("kinds"):
-        yield Attempt(kind, f"{MOST} training points", partial(_of_kind, bench, kind))
+        yield Attempt(kind, f"{MOST} training points", partial(_of_kind, context, kind))
 
 
-def _by_histories(bench: Bench) -> Iterator[Attempt]:
+def _by_histories(context: SearchContext) -> Iterator[Attempt]:
     """Hyper-reduced models of more and more histories."""
     for count in _doubled(FEWEST_PATHS, MOST_PATHS):
-        yield Attempt("hhr", f"{count} training paths", partial(_built, bench, count))
+        yield Attempt("hhr", f"{count} training paths", partial(_built, context, count))
 
 
-def _flowing(bench: Bench) -> Iterator[Attempt]:
+def _inelastic(context: SearchContext) -> Iterator[Attempt]:
     """Condensed inelastic models of more and more histories, then hyper-reduced models of these."""
     from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
     usual = CorrectionSettings()
-    wished = bench.wish.error / 2  # a margin for errors that the check does not see
-    settings = replace(usual, primal=min(usual.primal, wished), dual=min(usual.dual, wished), attempts=6)
-    if set(bench.wish.of) <= set(ASKED):  # else an output may need the stress, which must be refined further
+    tolerance = context.target.error / 2  # a margin for errors that the check does not see
+    settings = replace(usual, primal=min(usual.primal, tolerance), dual=min(usual.dual, tolerance), attempts=6)
+    if set(context.target.of) <= set(ASKED):  # else an output may need the stress, which must be refined further
         settings = replace(settings, stress=math.inf, plastic=math.inf)
     for count in _doubled(FEWEST_PATHS, MOST_PATHS):
-        yield Attempt("condensed", f"{count} training paths", partial(_condensed_flow, bench, count, settings))
-    yield from _by_histories(bench)
+        yield Attempt("condensed", f"{count} training paths", partial(_condensed_flow, context, count, settings))
+    yield from _by_histories(context)
 
 
-def _exact(bench: Bench) -> Any:
+def _exact(context: SearchContext) -> Any:
     from hhr_dolfinx.study.condensing import condensed
 
-    bench.announce("exact condensation", 0.0)
-    return condensed(bench.full, fields=bench.wish.needs_fields)
+    context.announce("exact condensation", 0.0)
+    return condensed(context.full, fields=context.target.needs_fields)
 
 
-def _built(bench: Bench, count: int) -> Any:
-    return bench.training(count).build(announce=bench.announce)
+def _built(context: SearchContext, count: int) -> Any:
+    return context.training(count).build(announce=context.announce)
 
 
-def _of_kind(bench: Bench, kind: str) -> Any:
+def _of_kind(context: SearchContext, kind: str) -> Any:
     """A model of a kind that a plug-in adds."""
-    return getattr(bench.training(MOST), kind)()
+    return getattr(context.training(MOST), kind)()
 
 
-def _condensed_flow(bench: Bench, count: int, settings: CorrectionSettings) -> Any:
-    return bench.training(count).condense(settings, bench.announce)
+def _condensed_flow(context: SearchContext, count: int, settings: CorrectionSettings) -> Any:
+    return context.training(count).condense(settings, context.announce)
 
 
 def _doubled(first: int, last: int) -> Iterator[int]:

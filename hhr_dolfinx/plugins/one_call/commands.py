@@ -38,7 +38,7 @@ def reduce(scene: str, out: Path | None, error: float, of: tuple[str, ...], seed
     from hhr_dolfinx.errors import StudyError
     from hhr_dolfinx.plugins.one_call.search import KEPT
     from hhr_dolfinx.plugins.one_call.search import reduce as reduced
-    from hhr_dolfinx.plugins.one_call.wish import Budget
+    from hhr_dolfinx.plugins.one_call.target import Budget
     from hhr_dolfinx.study.report.console import shares_on
 
     console, _ = spoken()
@@ -47,9 +47,9 @@ def reduce(scene: str, out: Path | None, error: float, of: tuple[str, ...], seed
     folder = out or Path("out") / made.name
     size = limits["megabytes"]
     budget = Budget(limits["seconds"], limits["answers"], None if size is None else 1e6 * size)
-    wish: Any = {"error": error, "of": of or "pressure", "budget": budget, "paths": beside(scene, "PATHS")}
+    request: Any = {"error": error, "of": of or "pressure", "budget": budget, "paths": beside(scene, "PATHS")}
     try:
-        model = reduced(made, **wish, folder=folder, seed=seed, progress=progress)
+        model = reduced(made, **request, folder=folder, seed=seed, progress=progress)
     except StudyError as error:
         if tried := vars(error).get("reduction"):  # its reasons are those of the error
             console.print(tried.table, highlight=False, markup=False)

@@ -48,9 +48,9 @@ from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.path_families import PathFamily
 from hhr_dolfinx.plugins.one_call.attempts import MANY, Attempt, attempts
-from hhr_dolfinx.plugins.one_call.bench import FRESH, SURE, Bench, BudgetSpentError
-from hhr_dolfinx.plugins.one_call.crew import Crew
-from hhr_dolfinx.plugins.one_call.wish import DISPLACEMENT, Budget, Exact, Wish
+from hhr_dolfinx.plugins.one_call.context import FRESH, SURE, BudgetSpentError, SearchContext
+from hhr_dolfinx.plugins.one_call.target import DISPLACEMENT, Budget, Exact, Target
+from hhr_dolfinx.plugins.one_call.workers import Workers
 from hhr_dolfinx.reduction.condense import CondensedRecord
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.arrays import ArrayStore
@@ -142,7 +142,7 @@ class Reduction:
     """
 
     scene: str
-    wish: Wish
+    wish: Target
     tried: tuple[Tried, ...]
     chosen: int | None
     full_answers: int
@@ -179,15 +179,15 @@ class Reduction:
     @property
     def verdict(self) -> str:
         """Sentence on whether the target is met."""
-        wish = f"{self.wish.error:.3g} of {' and '.join(self.wish.of)}"
+        target = f"{self.wish.error:.3g} of {' and '.join(self.wish.of)}"
         spent = f"it took {self.full_answers} full answers and {self.seconds:.3g} s"
         if self.chosen is None:
             return f"there is no model: {self.reason}; {spent}"
         if not self.met:
-            return f"{wish} is not met: {self.reason}. The best model there is was handed out; {spent}"
+            return f"{target} is not met: {self.reason}. The best model there is was handed out; {spent}"
         item = self.tried[self.chosen]
         sure = f"at {100 * CONFIDENCE:g} % confidence at most {100 * item.beyond:.2g} % of the box is beyond it"
-        return "; ".join([f"{wish} is met, {item.known}", *([] if math.isnan(item.beyond) else [sure]), spent])
+        return "; ".join([f"{target} is met, {item.known}", *([] if math.isnan(item.beyond) else [sure]), spent])
 
     def _row(self, number: int, item: Tried) -> tuple[str, ...]:
         errors = [f"{item.errors[name]:.2g}" if name in item.errors else "-" for name in self.wish.of]
@@ -240,7 +240,7 @@ def reduce(
         scene: any scene, or its full model, one on each rank.
         error: largest relative error, 0.01 for one per cent.
         of: quantity of the error: ``pressure``, ``forces``, ``displacement``, an output by its name, or several; see
-            :mod:`hhr_dolfinx.plugins.one_call.wish`.
+            :mod:`hhr_dolfinx.plugins.one_call.target`.
         budget: limits of the search; at a limit it returns the best model so far, with a warning.
         paths: paths of the queries for inelastic bodies. With friction and without paths, points are reached from rest.
         fallback: keep the full model as a fallback of the small one, for one norm, and for a model with a bound: it
@@ -268,53 +268,55 @@ def reduce(
     with ranks.each_for_itself(comm, "preparing a search"):
         full = _full_model(scene)
         _check_paths(full, paths)
-        wish = Wish.checked(error, of, full)
-        if fallback and len(wish.of) > 1:
-            raise NotOfferedError(f"a model falls back by one error, and not by {', '.join(wish.of)}: give one as of=")
+        target = Target.checked(error, of, full)
+        if fallback and len(target.of) > 1:
+            raise NotOfferedError(
+                f"a model falls back by one error, and not by {', '.join(target.of)}: give one as of="
+            )
         kept = None if folder is None else _free_folder(folder, full.scene.name)
         store = None if kept is None else SnapshotStore(kept / "snapshots", full)
     shown = ShareLines(partial(print, file=sys.stderr, flush=True)) if progress is None else progress
-    bench = Bench(full, Crew(comm, full, store), wish, budget, paths, seed, shown, _arrays_beside(store))
-    model, reduction = _found(bench, kept)
+    context = SearchContext(full, Workers(comm, full, store), target, budget, paths, seed, shown, _arrays_beside(store))
+    model, reduction = _found(context, kept)
     if not reduction.met and not comm.rank:
         warn(reduction.verdict, StabilityWarning, stacklevel=2)
-    chosen = _with_fallback(model, full, wish) if fallback and not model.fields.exact else model
+    chosen = _with_fallback(model, full, target) if fallback and not model.fields.exact else model
     chosen.reduction = reduction
     return chosen
 
 
-def _found(bench: Bench, kept: Path | None) -> tuple[Any, Reduction]:
+def _found(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
     """Result of the first rank, kept in a folder, on all ranks; the others solve for it meanwhile."""
-    comm = bench.crew.comm
+    comm = context.workers.comm
     found: Any = None
     with ranks.each_for_itself(comm, "a search"):
         if comm.rank:
-            bench.crew.serve()
+            context.workers.serve()
         else:
             try:
-                found = model, reduction = _searched(bench, kept)
+                found = model, reduction = _searched(context, kept)
                 if kept is not None:
-                    keep(kept, model, reduction, bench.full)
-                look_at_corners(bench.full, model)
+                    keep(kept, model, reduction, context.full)
+                look_at_corners(context.full, model)
             finally:
-                bench.crew.let_go()
+                context.workers.let_go()
     return found if comm.size == 1 else comm.bcast(found)
 
 
-def _with_fallback(model: KeptModel, full: FullOrderModel, wish: Wish) -> Any:
+def _with_fallback(model: KeptModel, full: FullOrderModel, target: Target) -> Any:
     """Add the full model as a fallback; returns the small one alone, with a warning, if nothing bounds the error."""
     place = registry.named("public").get("FallbackModel")
     try:
         if place is None:
             raise NotOfferedError("no plug-in adds FallbackModel")
-        return registry.load(place)(model, full, wish.error, of=wish.of[0])
+        return registry.load(place)(model, full, target.error, of=target.of[0])
     except (BoundError, NotOfferedError, ParameterError) as error:
         warn(f"the full model is not kept behind the small one: {error}", NoBoundWarning, stacklevel=3)
         return model
 
 
 def keep(folder: Path, model: KeptModel, reduction: Reduction, full: FullOrderModel) -> None:
-    """Write a model, its record, and what plug-ins keep beside it: model.npz, reduction.json, scenery.npz."""
+    """Write a model, its record, and the files of plug-ins: model.npz, reduction.json, scenery.npz."""
     save_model(make_folder(folder) / "model.npz", model)
     registry.write_companions(full, folder)
     keep_table(folder, reduction)
@@ -375,9 +377,9 @@ def _check_paths(full: FullOrderModel, paths: Any) -> None:
         raise StudyError(f"answers of scene '{name}' do not depend on paths: leave them out")
 
 
-def _searched(bench: Bench, kept: Path | None) -> tuple[Any, Reduction]:
+def _searched(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
     """The model to return, and its record; the table is written whatever ends the search."""
-    found = _Found(bench)
+    found = _Found(context)
     try:
         found.search()
     except BaseException:
@@ -401,8 +403,8 @@ class _Found:
         failure: the last error of a model that could not be built.
     """
 
-    def __init__(self, bench: Bench):
-        self._bench = bench
+    def __init__(self, context: SearchContext):
+        self._context = context
         self._reason = "nothing more is known to be tried"
         self._ended: set[str] = set()
         self._over = False
@@ -413,28 +415,28 @@ class _Found:
     @property
     def reduction(self) -> Reduction:
         """Record of the search so far."""
-        bench = self._bench
+        context = self._context
         there = any(model is not None for model in self.models)
-        chosen = _chosen(self.tried, self.models, bench.wish) if there else None
+        chosen = _chosen(self.tried, self.models, context.target) if there else None
         tried = tuple(self.tried)
         return Reduction(
-            bench.full.scene.name, bench.wish, tried, chosen, bench.solved, bench.clock.seconds, self._reason
+            context.full.scene.name, context.target, tried, chosen, context.solved, context.clock.seconds, self._reason
         )
 
     def search(self) -> None:
         """Try one way after another, until the target is met or no way is left that may help."""
-        bench = self._bench
-        for number, attempt in enumerate(attempts(bench)):
-            if any(item.met for item in self.tried) and not _worth_trying(bench, attempt, self.tried):
+        context = self._context
+        for number, attempt in enumerate(attempts(context)):
+            if any(item.met for item in self.tried) and not _worth_trying(context, attempt, self.tried):
                 break
             if self._over:
                 break
             if attempt.method in self._ended:
                 continue
             try:
-                bench.check_budget()
+                context.check_budget()
                 if not number:
-                    bench.measure()
+                    context.measure()
             except BudgetSpentError as error:
                 self._reason = str(error)
                 break
@@ -444,30 +446,32 @@ class _Found:
 
     def _try(self, attempt: Attempt) -> None:
         """Try one way, and decide whether similar ones are worth trying."""
-        bench = self._bench
+        context = self._context
         clock = Stopwatch()
         model = None
         try:
-            model, row = _try(bench, attempt)
+            model, row = _try(context, attempt)
         except BudgetSpentError as error:
             self._reason = "what is left to be tried is not affordable"
             self._ended.add(attempt.method)  # later attempts of this method take longer
             row = Tried(
-                attempt.method, attempt.setting, bench.solved, clock.seconds, outcome=f"not affordable: {error}"
+                attempt.method, attempt.setting, context.solved, clock.seconds, outcome=f"not affordable: {error}"
             )
         except ShapeError as error:
             self.failure = error
             self._reason = "the scene itself allows no model of all of its box"
             self._over = True
-            row = Tried(attempt.method, attempt.setting, bench.solved, clock.seconds, outcome=f"refused: {error}")
+            row = Tried(attempt.method, attempt.setting, context.solved, clock.seconds, outcome=f"refused: {error}")
         except HHRError as error:
             self.failure = error
-            row = Tried(attempt.method, attempt.setting, bench.solved, clock.seconds, outcome=f"refused: {error}")
+            row = Tried(attempt.method, attempt.setting, context.solved, clock.seconds, outcome=f"refused: {error}")
             before = {item.outcome for item in self.tried if item.method == attempt.method}
             if isinstance(error, NotOfferedError | ParameterError | SceneError) or row.outcome in before:
                 self._ended.add(attempt.method)  # later attempts would fail for the same reason
         except BaseException:
-            self._keep(Tried(attempt.method, attempt.setting, bench.solved, clock.seconds, outcome="interrupted"), None)
+            self._keep(
+                Tried(attempt.method, attempt.setting, context.solved, clock.seconds, outcome="interrupted"), None
+            )
             raise
         self._keep(row, model)
 
@@ -477,37 +481,37 @@ class _Found:
         self.models.append(model)
 
 
-def _worth_trying(bench: Bench, attempt: Attempt, tried: Sequence[Tried]) -> bool:
+def _worth_trying(context: SearchContext, attempt: Attempt, tried: Sequence[Tried]) -> bool:
     """True if another model may be faster than one that meets the target: once, with many contact conditions."""
-    large = bench.full.conditions >= MANY
+    large = context.full.conditions >= MANY
     return large and not any(item.method == attempt.method for item in tried)
 
 
-def _try(bench: Bench, attempt: Attempt) -> tuple[Any, Tried]:
+def _try(context: SearchContext, attempt: Attempt) -> tuple[Any, Tried]:
     """Build and check a model."""
     clock = Stopwatch()
     # the search checks errors in its norms
     with ignored(StabilityWarning, UncheckedWarning, NoBoundWarning):
-        bench.checking = False
+        context.checking = False
         model = attempt.make()
-    bench.checking = True
+    context.checking = True
     seconds = clock.seconds
-    limit = bench.budget.bytes
+    limit = context.budget.bytes
     size = 0 if limit is None else _size(model)
-    made = Tried(attempt.method, attempt.setting, bench.solved, seconds, bytes=size)
+    made = Tried(attempt.method, attempt.setting, context.solved, seconds, bytes=size)
     if limit is not None and size > limit:
         return None, replace(made, outcome=f"refused: {size / 1e6:.3g} MB in a file, and {limit / 1e6:.3g} are allowed")
-    bench.short = ""
+    context.short = ""
     try:
-        errors, known, beyond = _judged(bench, model)
+        errors, known, beyond = _judged(context, model)
     except BudgetSpentError as error:
-        return model, replace(made, outcome=f"not checked: {error}", known="nothing", full_answers=bench.solved)
-    bench.forces_off = bench.errors.forces_off(errors)
-    worst = dict(zip(bench.wish.of, errors.tolist(), strict=True))
-    met = bool((errors <= bench.wish.error).all())
-    query = _query_time(bench, model)
-    outcome = "not exact enough" if not met else f"not checked enough: {bench.short}" if bench.short else MET
-    made = replace(made, full_answers=bench.solved, query=query, errors=worst, known=known, outcome=outcome)
+        return model, replace(made, outcome=f"not checked: {error}", known="nothing", full_answers=context.solved)
+    context.forces_off = context.errors.forces_off(errors)
+    worst = dict(zip(context.target.of, errors.tolist(), strict=True))
+    met = bool((errors <= context.target.error).all())
+    query = _query_time(context, model)
+    outcome = "not exact enough" if not met else f"not checked enough: {context.short}" if context.short else MET
+    made = replace(made, full_answers=context.solved, query=query, errors=worst, known=known, outcome=outcome)
     return model, replace(made, beyond=beyond) if made.met else made
 
 
@@ -519,40 +523,40 @@ def share_beyond(count: int) -> float:
     return 1.0 - (1.0 - CONFIDENCE) ** (1.0 / count)
 
 
-def _judged(bench: Bench, model: KeptModel) -> tuple[np.ndarray, str, float]:
+def _judged(context: SearchContext, model: KeptModel) -> tuple[np.ndarray, str, float]:
     """Largest known errors of a model, by the norms of the target, their source, and the share that may exceed it."""
-    if bench.family is not None:
-        exact = bench.fresh(FRESH_PATHS)
+    if context.family is not None:
+        exact = context.fresh(FRESH_PATHS)
         known = f"{len(exact)} fresh histories, times {ROOM:g}"
-        return _compared(bench, model, exact, ROOM), known, share_beyond(len(exact))
-    points = bench.full.parameters.random(LOOKED_AT, bench.seed + bench.checks)
+        return _compared(context, model, exact, ROOM), known, share_beyond(len(exact))
+    points = context.full.parameters.random(LOOKED_AT, context.seed + context.checks)
     if model.fields.exact:
-        exact = bench.fresh(SURE, _silent(bench, model, points))
-        errors = _compared(bench, model, exact)
+        exact = context.fresh(SURE, _silent(context, model, points))
+        errors = _compared(context, model, exact)
         return errors, f"{len(exact)} fresh answers; nothing but contact is left, exactly", math.nan
-    said = _said(model, points, bench.wish)
-    worst = np.array([said[name].max() if name in said else math.inf for name in bench.wish.of])
-    if (worst <= bench.wish.error).all():
-        exact = bench.fresh(SURE)
-        seen = _compared(bench, model, exact)
+    said = _said(model, points, context.target)
+    worst = np.array([said[name].max() if name in said else math.inf for name in context.target.of])
+    if (worst <= context.target.error).all():
+        exact = context.fresh(SURE)
+        seen = _compared(context, model, exact)
         known = (
             f"{model.fields.estimated} at {LOOKED_AT} points (each answer tells its own), {len(exact)} fresh answers"
         )
         return np.maximum(worst, seen), known, math.nan
-    return _seen(bench, model, points[_worst_first(said)[: FRESH // 2]] if said else None)
+    return _seen(context, model, points[_worst_first(said)[: FRESH // 2]] if said else None)
 
 
-def _seen(bench: Bench, model: KeptModel, suspects: np.ndarray | None) -> tuple[np.ndarray, str, float]:
+def _seen(context: SearchContext, model: KeptModel, suspects: np.ndarray | None) -> tuple[np.ndarray, str, float]:
     """Errors at fresh answers, including those at suspected points, and at answers of earlier checks."""
-    before = list(bench.held_out)
+    before = list(context.held_out)
     random = FRESH if suspects is None else FRESH - len(suspects)
-    exact = bench.fresh(random, suspects)
+    exact = context.fresh(random, suspects)
     suspected = "" if suspects is None else ", half where it may be worst"
     known = f"{len(exact)} fresh answers{suspected}, times {ROOM:g}"
-    errors = _compared(bench, model, exact, ROOM)
+    errors = _compared(context, model, exact, ROOM)
     if before:  # with many attempts one passes by chance; models are not built from forces of earlier checks
-        others = [k for k, name in enumerate(bench.wish.of) if name != DISPLACEMENT]
-        errors[others] = np.maximum(errors, bench.errors_of(model, before).max(axis=0))[others]
+        others = [k for k, name in enumerate(context.target.of) if name != DISPLACEMENT]
+        errors[others] = np.maximum(errors, context.errors_of(model, before).max(axis=0))[others]
         known += f", {len(before)} of before"
     off = _unresolved(model)
     if off:
@@ -562,12 +566,12 @@ def _seen(bench: Bench, model: KeptModel, suspects: np.ndarray | None) -> tuple[
     return errors, known, share_beyond(min(random, len(exact)))
 
 
-def _silent(bench: Bench, model: KeptModel, points: np.ndarray) -> np.ndarray | None:
+def _silent(context: SearchContext, model: KeptModel, points: np.ndarray) -> np.ndarray | None:
     """Some of the points at which an exact model has no answer, or no finite error of an output of the target."""
-    wanted = set(bench.wish.outputs)
+    wanted = set(context.target.outputs)
     found = []
     for number, point in enumerate(points if wanted else points[:0]):
-        bench.announce("estimates", number / len(points))
+        context.announce("estimates", number / len(points))
         answer = model.solve(point, outside="ignore", raise_on_failure=False)
         estimate = answer.estimate()
         if estimate is None or not all(estimate.outputs.get(name, math.inf) < math.inf for name in wanted):
@@ -587,7 +591,7 @@ def _unresolved(model: KeptModel) -> float:
     return UNRESOLVED * worst if worst > record.settings.tolerance else 0.0
 
 
-def _said(model: KeptModel, points: np.ndarray, wish: Wish) -> dict[str, np.ndarray]:
+def _said(model: KeptModel, points: np.ndarray, target: Target) -> dict[str, np.ndarray]:
     """Errors that a model estimates at some points, by the names of a target; empty without a bound.
 
     Indicators do not count: they follow errors without a scale. A point without an answer has an infinite error.
@@ -597,7 +601,7 @@ def _said(model: KeptModel, points: np.ndarray, wish: Wish) -> dict[str, np.ndar
     many = model.solve_many(points, raise_on_failure=False, outside="ignore")
     known = many.estimates()
     found = {}
-    for name in wish.of:
+    for name in target.of:
         try:
             check_asked(model.fields, name)
         except ParameterError:  # an output without a bound
@@ -614,19 +618,19 @@ def _worst_first(said: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.argsort(-np.max(beside, axis=0), kind="stable")
 
 
-def _compared(bench: Bench, model: KeptModel, exact: Sequence[Exact], room: float = 1.0) -> np.ndarray:
+def _compared(context: SearchContext, model: KeptModel, exact: Sequence[Exact], room: float = 1.0) -> np.ndarray:
     """Largest errors against exact answers, times a factor for unseen points; the answers are held out from now on."""
-    bench.held_out += exact
-    return room * bench.errors_of(model, exact).max(axis=0)
+    context.held_out += exact
+    return room * context.errors_of(model, exact).max(axis=0)
 
 
-def _query_time(bench: Bench, model: KeptModel) -> float:
+def _query_time(context: SearchContext, model: KeptModel) -> float:
     """Median seconds of a query of the target, for a point or a history."""
-    if bench.family is not None:
-        paths = [item.full.path for item in bench.held_out[-FRESH_PATHS:] if isinstance(item.full, History)]
+    if context.family is not None:
+        paths = [item.full.path for item in context.held_out[-FRESH_PATHS:] if isinstance(item.full, History)]
         return float(np.median([timed(partial(_marched, model, path))[1] for path in paths]))
-    points = bench.full.parameters.random(TIMED + WARM_UP, bench.seed)
-    return median_time(bench.wish.ask(model), points, TIMING)  # accurate enough: models differ by a factor of three
+    points = context.full.parameters.random(TIMED + WARM_UP, context.seed)
+    return median_time(context.target.ask(model), points, TIMING)  # accurate enough: models differ by a factor of three
 
 
 def _marched(model: KeptModel, path: AnswerPath) -> None:
@@ -646,12 +650,12 @@ def _size(model: KeptModel) -> int:
         return target.stat().st_size
 
 
-def _chosen(tried: Sequence[Tried], models: Sequence[Any], wish: Wish) -> int:
+def _chosen(tried: Sequence[Tried], models: Sequence[Any], target: Target) -> int:
     """Number of the most accurate of the models that meet the target within a factor of the fastest; else of all."""
 
     def worst(number: int) -> float:
         errors = tried[number].errors
-        return max((errors.get(name, math.inf) for name in wish.of), default=math.inf)
+        return max((errors.get(name, math.inf) for name in target.of), default=math.inf)
 
     there = [number for number, model in enumerate(models) if model is not None]
     met = [number for number in there if tried[number].met]

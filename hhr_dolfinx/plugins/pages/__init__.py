@@ -1,4 +1,4 @@
-"""A model as one HTML page that answers in a browser, without Python and without a network."""
+"""A model as one HTML page that solves in a browser, without Python and without a network."""
 
 from hhr_dolfinx.registry import Plugin
 

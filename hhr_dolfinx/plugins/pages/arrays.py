@@ -1,11 +1,11 @@
-"""What a page holds of a model: numbers by name, and a tree of plain values that says what they are.
+"""Data of a model on a page: arrays by name, and a tree of plain values that describes them.
 
-A page answers by
+A page solves
 
     S(μ) = sum_c s_c(μ) sum_k h_k(μ) S_ck,  g(μ) = D(μ) θ(μ) - free motions,  λ >= 0,  g + S λ >= 0,  λ·(g + S λ) = 0
 
-of which a constant stiffness is the case of one term, see :mod:`hhr_dolfinx.models.eliminations.interpolated`. Where
-bodies flow it holds the arrays of a step instead, see :mod:`hhr_dolfinx.plugins.pages.flowing`.
+with one term for constant stiffness, see :mod:`hhr_dolfinx.models.eliminations.interpolated`. For inelastic bodies it
+has the arrays of an increment instead, see :mod:`hhr_dolfinx.plugins.pages.flowing`.
 """
 
 from __future__ import annotations
@@ -34,11 +34,11 @@ from hhr_dolfinx.plugins.pages.pictures import pictures_of
 from hhr_dolfinx.plugins.pages.scenery import Scenery
 
 FLAT = 0.3
-"""Part of its width that a contact may rise by to be drawn from above."""
+"""Height of a contact over its width up to which it is drawn from above."""
 
 
 def check_model(model: Any, what: str = "a page") -> None:
-    """Raise NotOfferedError for a model that ``what`` is not built for; says what to take."""
+    """Raise NotOfferedError for a model that ``what`` does not support, with the supported one."""
     if flows(model):
         from hhr_dolfinx.plugins.pages.flowing import check_flow
 
@@ -60,7 +60,7 @@ def check_model(model: Any, what: str = "a page") -> None:
 
 
 def flows(model: Any) -> bool:
-    """Whether bodies of a model flow."""
+    """True for a model with inelastic bodies."""
     return isinstance(model, KeptModel) and model.equilibrium is not None
 
 
@@ -70,12 +70,12 @@ def _kind(model: Any) -> str:
 
 
 def packed(model: Any, scenery: Scenery, room: int) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-    """A model that :func:`check_model` has passed as a tree and its arrays, with what a page draws of it.
+    """Tree and arrays of a model that passed :func:`check_model`, with its pictures.
 
-    What need not be there has no more ``room``, in bytes, than all else leaves.
+    Optional parts use at most ``room`` bytes, those of the other arrays included.
 
     Raises:
-        NotOfferedError: for an amplitude of a user's own.
+        NotOfferedError: for a user-defined amplitude.
     """
     arrays = Packed()
     tree = contact_tree(model, arrays) | {"bound": bound_tree(model, arrays)}
@@ -84,14 +84,14 @@ def packed(model: Any, scenery: Scenery, room: int) -> tuple[dict[str, Any], dic
 
 
 def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
-    """What answers for contact forces and outputs, without Python: a tree of plain values, its arrays by name.
+    """Data to solve for contact forces and outputs without Python: a tree of plain values, with names of arrays.
 
     Raises:
-        NotOfferedError: for an amplitude of a user's own.
+        NotOfferedError: for a user-defined amplitude.
     """
     space = model.parameters
-    flowing = flows(model)
-    amplitudes = model.fields.amplitudes if flowing else model.eliminated.amplitudes
+    inelastic = flows(model)
+    amplitudes = model.fields.amplitudes if inelastic else model.eliminated.amplitudes
     tree: dict[str, Any] = {
         "names": list(space.names),
         "lower": list(map(float, space.lower)),
@@ -99,38 +99,38 @@ def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
         "amplitudes": _amplitudes(amplitudes, arrays),
         "limits": [_limit(limit) for limit in amplitudes.limits],
         "m": model.conditions,
-        "groups": None if flowing else _groups(model, arrays),
+        "groups": None if inelastic else _groups(model, arrays),
         "friction": None if model.friction is None else _friction(model.friction, arrays),
         "flow": None,
         "floating": None,
     }
-    tree |= _flowing(model, arrays) if flowing else _eliminated(model.eliminated, arrays)
+    tree |= _inelastic(model, arrays) if inelastic else _eliminated(model.eliminated, arrays)
     tree["outputs"], tree["missing"] = _outputs(model, arrays)
-    trained = model.trained.parameters if flowing and model.trained is not None else model.trained
+    trained = model.trained.parameters if inelastic and model.trained is not None else model.trained
     tree["trained"] = None if trained is None else [trained.lower.tolist(), trained.upper.tolist()]
     return tree
 
 
 def _limit(limit: Limits) -> dict[str, Any]:
-    """An elastic constant and its ends; None for none, as JSON has no infinity."""
+    """Elastic constant and its limits; None for an infinite one, which JSON cannot represent."""
     low, high = limit.ends
     return {"steps": steps_of(limit.scalar), "low": low, "high": high if math.isfinite(high) else None}
 
 
-def _flowing(model: Any, arrays: Packed) -> dict[str, Any]:
-    """What stands in the place of S where bodies flow."""
+def _inelastic(model: Any, arrays: Packed) -> dict[str, Any]:
+    """Entries for inelastic bodies, which replace those of S."""
     from hhr_dolfinx.plugins.pages.flowing import flow_tree
 
     return {"schur": None, "parts": [], "flow": flow_tree(model, arrays)}
 
 
 def _groups(model: Any, arrays: Packed) -> str | None:
-    """Contact of each condition, by which round-off is told from forces."""
+    """Contact of each condition; round-off of forces is relative to the forces of the same contact."""
     return None if model.pairs is None else arrays.put("groups", model.pairs, "<i4")
 
 
 def _friction(friction: Friction, arrays: Packed) -> dict[str, Any]:
-    """Rows of friction, and their laws."""
+    """Tangential rows and friction laws."""
     tree: dict[str, Any] = {
         name: arrays.put(f"friction_{name}", getattr(friction, name), "<i4")
         for name in ("normal", "tangential", "owner", "law", "twice")
@@ -143,7 +143,7 @@ def _friction(friction: Friction, arrays: Packed) -> dict[str, Any]:
 
 
 def _amplitudes(amplitudes: Amplitudes, arrays: Packed) -> dict[str, Any]:
-    """θ: affine ones, and those that are not."""
+    """Amplitudes θ, affine and non-affine."""
     others = []
     for number, item in enumerate(amplitudes.nonaffine):
         if isinstance(item, Coverage):
@@ -162,7 +162,7 @@ def _amplitudes(amplitudes: Amplitudes, arrays: Packed) -> dict[str, Any]:
 
 
 def _eliminated(eliminated: Any, arrays: Packed) -> dict[str, Any]:
-    """S and the free slack, and where contact alone holds bodies their motions."""
+    """S and the free slack; also the rigid motions of bodies without supports."""
     if isinstance(eliminated, ConstantElimination | FloatingElimination):
         responses = eliminated.responses
         return {
@@ -174,13 +174,16 @@ def _eliminated(eliminated: Any, arrays: Packed) -> dict[str, Any]:
     parts = [_part(part, number, arrays) for number, part in enumerate(eliminated.parts)]
     reshaped = None if eliminated.reshaped is None else _interpolant(eliminated.reshaped, "gaps", arrays)
     return {
-        "schur": None, "free_slack": None, "parts": parts,
-        "gaps": arrays.put("gaps", eliminated.gaps), "reshaped": reshaped,
-    }  # fmt: skip
+        "schur": None,
+        "free_slack": None,
+        "parts": parts,
+        "gaps": arrays.put("gaps", eliminated.gaps),
+        "reshaped": reshaped,
+    }
 
 
 def _floating(eliminated: FloatingElimination, arrays: Packed) -> dict[str, Any]:
-    """What rigid motions take from the slack, and what drives them."""
+    """Contact rows of rigid motions, B R, and loads along the motions."""
     return {
         "taken": arrays.put("floating_taken", eliminated.taken),
         "driving": arrays.put("floating_driving", eliminated.driving),
@@ -188,7 +191,7 @@ def _floating(eliminated: FloatingElimination, arrays: Packed) -> dict[str, Any]
 
 
 def _part(part: Compliance, number: int, arrays: Packed) -> dict[str, Any]:
-    """A connected component."""
+    """Compliance of a connected component."""
     m = part.conditions.size
     modes = part.interpolant.modes.T.reshape(-1, m, m)
     halves = np.array([half(mode) for mode in modes])
@@ -203,25 +206,27 @@ def _part(part: Compliance, number: int, arrays: Packed) -> dict[str, Any]:
 
 
 def _interpolant(found: Interpolant, name: str, arrays: Packed, modes: np.ndarray | None = None) -> dict[str, Any]:
-    """A polynomial on a sparse grid; its modes one behind another."""
+    """Polynomial on a sparse grid, with concatenated modes."""
     top = int(found.levels.max(initial=0))
     return {
-        "axes": found.axes.tolist(), "lower": found.lower.tolist(), "upper": found.upper.tolist(),
+        "axes": found.axes.tolist(),
+        "lower": found.lower.tolist(),
+        "upper": found.upper.tolist(),
         "nodes": list(leja_points()[: top + 1]),
         "levels": arrays.put(f"{name}levels", found.levels, "<i4"),
         "weights": arrays.put(f"{name}weights", found.weights),
         "modes": arrays.put(f"{name}modes", found.modes.T if modes is None else modes),
-    }  # fmt: skip
+    }
 
 
 def _outputs(model: Any, arrays: Packed) -> tuple[list[dict[str, Any]], list[str]]:
-    """Outputs that a page reads, and the names of those that it does not."""
+    """Outputs that a page can compute, and the names of the others."""
     fields = model.fields
     items = () if fields.functionals is None else fields.functionals.items
     found = []
     missing = []
     for number, item in enumerate(items):
-        if not _is_read(fields, item, flowing=flows(model)):
+        if not _is_read(fields, item, inelastic=flows(model)):
             missing.append(item.name)
             continue
         own = _linear(model, item, number, arrays) if isinstance(item, Linear) else _of_forces(item, number, arrays)
@@ -229,32 +234,32 @@ def _outputs(model: Any, arrays: Packed) -> tuple[list[dict[str, Any]], list[str
     return found, missing
 
 
-def _is_read(fields: Any, item: Any, *, flowing: bool) -> bool:
-    """Whether a page reads an output: of forces on a shape that stays, or of a displacement that its arrays make."""
+def _is_read(fields: Any, item: Any, *, inelastic: bool) -> bool:
+    """True if a page can compute an output: from forces at constant shape, or from displacements with known maps."""
     if np.size(fields.functionals.axes) or not isinstance(item, Linear | Largest | Loaded):
         return False
-    return not item.count or isinstance(fields, ExactFields) or flowing
+    return not item.count or isinstance(fields, ExactFields) or inelastic
 
 
 def _linear(model: Any, item: Linear, number: int, arrays: Packed) -> dict[str, Any]:
-    """An output as weights of forces and amplitudes: those of displacements are among them."""
+    """Output as weights of forces and amplitudes, which include those of displacements."""
     fields = model.fields
-    flowing = flows(model)
-    amplitudes = fields.amplitudes if flowing else model.eliminated.amplitudes
+    inelastic = flows(model)
+    amplitudes = fields.amplitudes if inelastic else model.eliminated.amplitudes
     of_forces = np.zeros(model.conditions)
     np.add.at(of_forces, item.conditions, item.weights)
     of_terms = np.zeros(amplitudes.firsts[-1])
     np.add.at(of_terms, item.terms, item.coefficients)
     own: dict[str, Any] = {}
-    if item.count and flowing:
+    if item.count and inelastic:
         from hhr_dolfinx.plugins.pages.flowing import linear_of_flow
 
         own = {"moved": linear_of_flow(fields, item, number, arrays)}
     elif item.count:
         rows = item.matrix(fields.functionals.size)
         if isinstance(model.eliminated, FloatingElimination):
-            moved = item.along @ (rows @ model.eliminated.modes)
-            own = {"motions": arrays.put(f"output{number}_motions", moved)}
+            of_motions = item.along @ (rows @ model.eliminated.modes)
+            own = {"motions": arrays.put(f"output{number}_motions", of_motions)}
         of_forces -= item.along @ (rows @ fields.per_force)
         of_terms += item.along @ (rows @ fields.per_term + dense(rows @ fields.lifts))
     own |= {"forces": arrays.put(f"output{number}_forces", of_forces)}
@@ -262,7 +267,7 @@ def _linear(model: Any, item: Linear, number: int, arrays: Packed) -> dict[str, 
 
 
 def _of_forces(item: Largest | Loaded, number: int, arrays: Packed) -> dict[str, Any]:
-    """The largest pressure, or an area under load."""
+    """Largest pressure, or an area under load."""
     own = {"conditions": arrays.put(f"output{number}_conditions", item.conditions, "<i4")}
     own |= {"areas": arrays.put(f"output{number}_areas", item.areas)}
     if isinstance(item, Largest):
@@ -271,7 +276,7 @@ def _of_forces(item: Largest | Loaded, number: int, arrays: Packed) -> dict[str,
 
 
 def drawn(scenery: Scenery) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
-    """A scenery as a tree and its arrays."""
+    """Tree and arrays of a scenery."""
     arrays = Packed()
     kind = "<u2" if len(scenery.points) < 2**16 else "<u4"
     tree = {
@@ -291,7 +296,7 @@ def drawn(scenery: Scenery) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
 
 
 def _flat(scenery: Scenery) -> np.ndarray:
-    """Places of contact along two axes where it hardly leaves their plane, else along its widest directions, (m, 2)."""
+    """Contact points projected on two axes if nearly flat, else on the two widest directions, (m, 2)."""
     found = np.zeros((len(scenery.areas), 2))
     for pair in np.unique(scenery.pairs):
         own = scenery.pairs == pair

@@ -1,16 +1,16 @@
 "use strict";
-/* How far off the forces of an answer are at most where S is interpolated: as models.bounds.varying_bound in Python, whose
-   notation this keeps. Forces solve the contact problem on S, so that no other error is left. */
+/* Bound of the error of contact forces for interpolated S, as in models.bounds.varying_bound in Python, with the same
+   notation. Forces solve the contact problem with S, so there is no other error. */
 
 hhr.Bound = class {
   constructor(model) {
     this.model = model;
     const { areas, least, inexact, work } = model.tree.bound;
-    this.areas = areas ? model.arrays[areas] : null; // where shapes are parameters, forces of nodes are bounded and no pressures
+    this.areas = areas ? model.arrays[areas] : null; // with variable shapes, nodal forces have a bound and pressures have none
     Object.assign(this, { least, inexact, work: work.map((name) => model.arrays[name]) });
   }
 
-  /* Largest error of a force of a node and of a pressure, and both as parts of the exact ones; null where S has no factor. */
+  /* Largest errors of a nodal force and a pressure, absolute and relative to the exact ones; null if S has no factor. */
   at(answer) {
     if (!answer.converged) return null;
     const { inexact } = this, { contact } = answer, amplified = this.amplified(contact.schur);
@@ -34,7 +34,7 @@ hhr.Bound = class {
     return forces.map((_, i) => forces.reduce((sum, x, j) => sum + schur[i * m + j] * x, 0));
   }
 
-  /* |r|: the slack where there is a force and gaps are not closed, or where it is negative. */
+  /* |r|: the slack, if there is a force and the gap is not closed, or if it is negative. */
   left({ schur, slack }, forces, cut) {
     const moved = this.pushed(schur, forces);
     return Math.sqrt(forces.reduce((sum, x, i) => {
@@ -43,14 +43,14 @@ hhr.Bound = class {
     }, 0));
   }
 
-  /* Energy norm of the field in equilibrium with forces: of f^T K^-1 f, f = loads θ - B^T λ. */
+  /* Energy norm of the field in equilibrium with forces: (f^T K^-1 f)^1/2, f = loads θ - B^T λ. */
   balanced(point, { schur, slack, theta, opened }, forces) {
     const { model } = this;
     let driven = 0;
     model.tree.parts.forEach((part, number) => {
       const along = model.along(part, point), work = this.work[number], root = Math.sqrt(model.compliance(part, point));
       const T = model.arrays[part.terms].length, size = (T * (T + 1)) / 2;
-      // of a lift L forces feel -K L, and K is as much larger as K^-1 is smaller
+      // the load of a lift L is -K L, and K scales with the inverse factor of K^-1
       const weights = Array.from(model.arrays[part.terms], (term, t) => theta[term] * (t < part.forced ? root : -1 / root));
       along.forEach((share, k) => {
         for (let i = 0, place = k * size; i < T; i++) for (let j = 0; j <= i; j++, place++) {
@@ -62,7 +62,7 @@ hhr.Bound = class {
     return Math.sqrt(Math.max(driven - 2 * pulled + hhr.dot(forces, this.pushed(schur, forces)), 0));
   }
 
-  /* The most that forces of S norm 1 have in the Euclidean norm, and as a pressure: of the factor of S, inverted. */
+  /* Largest Euclidean norm and pressure of forces with S norm 1, from the inverse of the factor of S. */
   amplified(schur) {
     const m = this.model.m, lower = Float64Array.from(schur);
     for (let j = 0; j < m; j++) {

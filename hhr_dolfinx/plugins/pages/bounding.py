@@ -1,8 +1,8 @@
-"""What a page needs to tell how far off its answer may be at the point shown, where S is interpolated.
+"""Data of the error bound on a page, at the point shown, for interpolated S.
 
-Forces of a page solve the contact problem on the S that its bound knows, so that nothing but the interpolation is off:
-the part ``inexact`` of energies, see :mod:`hhr_dolfinx.models.bounds.varying_bound`. Energies of fields take the modes
-of P^T K^-1 P; what forces of a small energy may be at most follows from S at the point.
+Forces of a page solve the contact problem with the S of its bound, so the interpolation is the only error: the part
+``inexact`` of energies, see :mod:`hhr_dolfinx.models.bounds.varying_bound`. Energies of fields need the modes of
+P^T K^-1 P. The largest forces of a given energy follow from S at the point.
 """
 
 from __future__ import annotations
@@ -17,17 +17,17 @@ from hhr_dolfinx.models.eliminations.interpolated import Compliances
 from hhr_dolfinx.plugins.pages.packing import BASE64, Packed, half
 
 MOST_BYTES = 500_000
-"""Of a page for energies; without them it tells the largest error at random points alone."""
+"""Most bytes for energies; without them a page shows the largest error at random points only."""
 
 
 def alike(one: Compliances, other: Compliances) -> bool:
-    """Whether two of one scene interpolate the same; what a file keeps is the same object for both."""
+    """True if two compliances of one scene have the same interpolation; in a file both are one object."""
     pairs = [(a.interpolant, b.interpolant) for a, b in zip(one.parts, other.parts, strict=True)]
     return all(np.array_equal(a.weights, b.weights) and np.array_equal(a.modes, b.modes) for a, b in pairs)
 
 
 def bound_tree(model: Any, arrays: Packed) -> dict[str, Any] | None:
-    """The bound of an elastic model as plain values; None where it has none, or one that is too large."""
+    """Bound of an elastic model as plain values; None without a bound, or if its data are too large."""
     bound = getattr(model.fields, "bound", None)
     if not isinstance(bound, VaryingBound) or not alike(bound.compliances, model.eliminated):
         return None

@@ -36,15 +36,15 @@ def page(model: Path, scene: str | None, out: Path | None, known: tuple[str, ...
     target = out or model.with_suffix(".html")
     checked_target(target, PAGES)
     with naming_condensed(model):
-        check_for_page(loaded)  # before a scene is asked for
+        check_for_page(loaded)  # before a scene is needed
         click.echo(write_model_page(target, loaded, _scenery_of(model, scene)))
 
 
 def _scenery_of(model: Path, scene: str | None) -> Any:
-    """What lies beside a model, or is made of its scene.
+    """Scenery from the file next to a model, or from its scene.
 
     Raises:
-        FileError: where there is neither.
+        FileError: if there is neither.
     """
     from hhr_dolfinx.errors import FileError
     from hhr_dolfinx.plugins.pages.scenery import NAME, Scenery

@@ -1,5 +1,5 @@
 "use strict";
-/* Numbers in words, elements, pens, ticks and colours: what all parts of a page draw with. */
+/* Common drawing functions of a page: formatted numbers, elements, pens, ticks and colours. */
 
 const drawing = (() => {
   const style = (name) => getComputedStyle(document.documentElement).getPropertyValue(name).trim();
@@ -23,7 +23,7 @@ const drawing = (() => {
     return { pen, width, height };
   }
 
-  /* Round numbers in a range, which is none where it is round-off. */
+  /* Round numbers in a range; none if the range is round-off. */
   function ticks(low, high, count) {
     const [from, to] = widened(low, high), size = (to - from) / count, power = 10 ** Math.floor(Math.log10(size));
     const step = [1, 2, 5, 10].find((s) => s * power >= size) * power, first = Math.ceil(from / step);
@@ -31,13 +31,13 @@ const drawing = (() => {
     return Array.from({ length: Math.max(0, number) }, (_, k) => (first + k) * step);
   }
 
-  /* A range that is more than round-off. */
+  /* A range wider than round-off. */
   function widened(low, high) {
     const least = 1e-9 * Math.max(Math.abs(low), Math.abs(high)) || 1e-300;
     return high - low > least ? [low, high] : [low - 1e3 * least, high + 1e3 * least];
   }
 
-  const colour = (t) => { // dark blue to yellow, even for the colour-blind
+  const colour = (t) => { // dark blue to yellow, legible for the colour-blind
     const stops = [[0, 32, 77], [62, 76, 107], [124, 123, 120], [188, 174, 108], [255, 234, 70]];
     const s = Math.min(Math.max(t, 0), 1) * 4, k = Math.min(Math.floor(s), 3), f = s - k;
     return stops[k].map((v, c) => v + (stops[k + 1][c] - v) * f);

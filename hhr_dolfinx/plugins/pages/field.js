@@ -2,7 +2,7 @@
 /* The displacement of a mesh: triangles by WebGL, coloured by a component, turned by mouse, finger or arrow keys. */
 
 class Field {
-  /* Of places, (n, dim), triangles and lines between them. */
+  /* For points, (n, dim), and triangles and lines between them. */
   constructor(canvas, { points, triangles, lines, dim }) {
     Object.assign(this, { canvas, points, triangles, lines, dim, count: points.length / dim, low: [], high: [] });
     this.seen = { turn: dim === 3 ? 0.6 : 0, tilt: dim === 3 ? -1.0 : 0, zoom: 1 };
@@ -11,7 +11,7 @@ class Field {
       this.low.push(along.reduce((a, b) => Math.min(a, b), Infinity));
       this.high.push(along.reduce((a, b) => Math.max(a, b), -Infinity));
     }
-    this.most = 0.2; // part of the size of the mesh that its largest displacement is drawn by at most
+    this.most = 0.2; // largest drawn displacement over the size of the mesh
     this.size = Math.hypot(...this.low.map((l, c) => this.high[c] - l)) || 1;
     this.gl = this.started();
   }
@@ -58,8 +58,8 @@ class Field {
     return found;
   }
 
-  /* Draws displacements, (n, dim), by their length, a component, or values of the nodes or of the cells of the triangles; returns what was
-     drawn: least, most, and how many times as large as they are. */
+  /* Draws displacements, (n, dim), coloured by their magnitude, a component, or values of nodes or cells; returns the least
+     and largest value, and the magnification. */
   show(moved, component, exaggerated, { values = null, cells = null } = {}) {
     const { canvas, count, dim, points, triangles, lines, gl } = this, ratio = window.devicePixelRatio || 1, context = gl.context;
     canvas.width = canvas.clientWidth * ratio; canvas.height = canvas.clientHeight * ratio;
@@ -75,10 +75,10 @@ class Field {
     context.viewport(0, 0, canvas.width, canvas.height);
     context.clearColor(0, 0, 0, 0);
     context.clear(context.COLOR_BUFFER_BIT | context.DEPTH_BUFFER_BIT);
-    if (dim === 3) context.enable(context.DEPTH_TEST); // in the plane one body lies over the other
+    if (dim === 3) context.enable(context.DEPTH_TEST); // in the plane bodies are drawn one over the other
     context.uniformMatrix4fv(context.getUniformLocation(gl.program, "turn"), false, this.turned(canvas.clientWidth, canvas.clientHeight));
     this.fill("tint", tints);
-    if (cells) { // corners that meet have the colours of their own cells
+    if (cells) { // each corner has the colour of its cell
       const each = new Float32Array(corners * 3);
       triangles.forEach((node, i) => each.set(spots.subarray(node * 3, node * 3 + 3), i * 3));
       this.fill("place", each);
@@ -124,7 +124,7 @@ class Field {
     context.drawElements(kind, index.length, wide ? context.UNSIGNED_INT : context.UNSIGNED_SHORT, 0);
   }
 
-  /* Turns it by mouse, fingers and keys, and has it drawn anew. */
+  /* Turns the mesh by mouse, fingers and keys, and redraws it. */
   turning(again) {
     const { canvas, dim, seen: view } = this, fingers = new Map();
     canvas.addEventListener("pointerdown", (event) => { canvas.setPointerCapture(event.pointerId); fingers.set(event.pointerId, [event.clientX, event.clientY]); });

@@ -1,5 +1,5 @@
 "use strict";
-/* Bodies that contact alone holds: their rigid motions q beside the contact forces, as contact.floating in Python:
+/* Bodies with rigid motions q as unknowns in addition to contact forces, as contact.floating in Python:
 
    slack = free slack + S λ - G q >= 0,  λ >= 0,  G^T λ = driving. */
 
@@ -10,7 +10,7 @@ hhr.Floating = class {
   static ROUND_OFF = 1e-13;
   static BALANCED = 1e-12;
   static NOTHING = 1e-14;
-  // of springs that derivatives are taken with, where what touches does not hold the bodies, and the part of a load that they may bear
+  // compliance of springs for derivatives, if active contacts do not hold the bodies, and largest part of a load on them
   static WEAK = 1e5;
   static BORNE = 1e-3;
 
@@ -31,7 +31,7 @@ hhr.Floating = class {
     return this.motions.map((j) => theta.reduce((sum, x, t) => sum + this.driving[j * theta.length + t] * x, 0));
   }
 
-  /* What forces leave of the balance along each motion, and how large what is balanced is. */
+  /* Residual of the balance along each motion under forces, and the size of its terms. */
   balance(forces, driving) {
     return this.motions.map((j) => {
       let left = driving[j], size = Math.abs(driving[j]);
@@ -49,7 +49,7 @@ hhr.Floating = class {
       <= hhr.Floating.SINGULAR * this.units[j] * size + hhr.Floating.ROUND_OFF * most + this.units[j] * nothing);
   }
 
-  /* Forces, slack and motions where statuses are given; null where what touches does not hold all bodies. */
+  /* Forces, slack and motions for given statuses; null if the active contacts do not hold all bodies. */
   equalities({ schur, slack, driving }, active) {
     const { model, count, taken, units } = this, m = model.m, index = [...active.keys()].filter((i) => active[i]);
     const n = index.length, size = n + count, a = new Float64Array(size * size), x = new Float64Array(size);
@@ -81,7 +81,7 @@ hhr.Floating = class {
     return motions.reduce((sum, q, j) => sum + this.taken[i * this.count + j] * q, 0);
   }
 
-  /* Bodies on weak springs whose ends are somewhere: what is left of the contact problem without motions. */
+  /* Contact problem without motions, for bodies on weak springs with given ends. */
   sprung({ schur, slack, driving }, weak, ends) {
     const { count, taken } = this, m = this.model.m, compliance = this.pushes.map((push) => push * weak), held = schur.slice();
     for (let i = 0; i < m; i++) for (let k = 0; k < m; k++) for (const j of this.motions) {
@@ -91,27 +91,27 @@ hhr.Floating = class {
     return { compliance, schur: held, slack: slack.map((s, i) => s - this.moved(i, offset)) };
   }
 
-  /* Where motions are from the ends of springs, under forces. */
+  /* Motions relative to the ends of springs, under forces. */
   drawn(ends, compliance, sides) {
     return ends.map((end, j) => end + compliance[j] * sides[j].left);
   }
 
-  /* Forces and motions on the statuses of an answer, for derivatives: what contact does not hold moves as little as it may. */
+  /* Forces and motions for the statuses of an answer, for derivatives: undetermined motions are minimal. */
   near(contact, { active, motions }) {
     if (!motions) return null;
     const held = this.sprung(contact, hhr.Floating.WEAK, motions), found = this.model.equalities(held, active);
     if (!found) return null;
     const sides = this.balance(found.forces, contact.driving);
-    if (sides.some(({ left, size }) => Math.abs(left) > hhr.Floating.BORNE * size)) return null; // a load drives what nothing holds
+    if (sides.some(({ left, size }) => Math.abs(left) > hhr.Floating.BORNE * size)) return null; // a load acts along a motion without resistance
     return { ...found, motions: this.drawn(motions, held.compliance, sides) };
   }
 
-  /* The plain active set, and where it meets sets that do not hold the bodies weak springs, whose ends follow. */
+  /* Active set; if its sets do not hold the bodies, weak springs whose ends follow the motions. */
   touched(contact, start) {
     const direct = this.model.touched(contact, start);
     if (direct) return direct;
     const { model } = this, { slack, driving } = contact;
-    // forces that close nothing but round-off of the gaps: without loads there are no others to compare with
+    // forces that close only round-off of the gaps: without loads there are no others to compare with
     const nothing = (hhr.Floating.NOTHING * slack.reduce((most, s) => Math.max(most, Math.abs(s)), 0)) / this.size;
     let active = start ?? Uint8Array.from(slack, (s) => (s < 0 ? 1 : 0)), ends = this.motions.map(() => 0);
     for (const weak of hhr.Floating.WEAKNESS) for (let step = 0; step < hhr.Floating.MOST_STEPS; step++) {
@@ -128,7 +128,7 @@ hhr.Floating = class {
     return null;
   }
 
-  /* Statuses to start from: where answers are not unique they depend on nothing but the point. */
+  /* Initial statuses: answers that are not unique then depend on the point only. */
   first() {
     if (!this.statuses) {
       const { lower, upper } = this.model.tree, middle = lower.map((low, k) => (low + upper[k]) / 2);

@@ -1,11 +1,11 @@
 "use strict";
-/* Histories of bodies that flow: plastic corrections g and all contact forces of an increment, by Newton's method with a
-   line search, the same as models.histories.condensed_step in Python. What the arrays are is said in
-   models.histories.condensed_flow; strains lie component by component. Needs model.js. */
+/* Histories of inelastic bodies: plastic corrections g and all contact forces of an increment, by Newton's method with a
+   line search, as in models.histories.condensed_step in Python. The arrays are described in
+   models.histories.condensed_flow; strains are stored component by component. Needs model.js. */
 
 ((hhr) => {
   const TOLERANCE = 1e-11, ROUND_OFF = 1e-14, NEWTON = 60, LEAST = 1 / 256, DECREASE = 1e-4, HALVED = 6, QUICK = 0.1;
-  const MOST = 1, ALONE = 0.01, RUNAWAY = 100; // strains that are none of small strains, see models.histories.small_strains
+  const MOST = 1, ALONE = 0.01, RUNAWAY = 100; // limits of small strains, see models.histories.small_strains
   const STEPS = 40; // increments from one end of a parameter's range to the other
   const norm = (values) => Math.sqrt(values.reduce((t, x) => t + x * x, 0));
 
@@ -48,7 +48,7 @@
       return (this.moduli = { key, gives, schur, scale, coupled });
     }
 
-    /* Shear modulus and constants of the law of each point; null where they are none of a body. */
+    /* Shear modulus and constants of the law of each point; null if they are invalid for a body. */
     laws(point) {
       const found = { shear: new Float64Array(this.points), yields: new Float64Array(this.points).fill(Infinity), hardens: new Float64Array(this.points) };
       let place = 0;
@@ -62,21 +62,21 @@
       return found;
     }
 
-    /* Undeformed bodies at a point, in which nothing has flowed. */
+    /* Undeformed bodies at a point, without plastic strain. */
     rest(point) {
       return { point, correction: new Float64Array(this.ell), forces: new Float64Array(this.m), plastic: new Float64Array(this.size),
         cumulated: new Float64Array(this.points), active: new Uint8Array(this.m), elastic: null, largest: 0 };
     }
 
-    /* A history from rest, where the box is nearest to zero, in proportion to a point: its increments, rest before them. */
+    /* A history of proportional loading from rest, at the point of the box nearest to zero: rest, then its increments. */
     begun(point) {
       const { lower, upper } = this.model.tree;
       const rest = this.rest(point.map((x, k) => (this.fixed.includes(k) ? x : Math.min(Math.max(0, lower[k]), upper[k]))));
       return [rest, ...this.went(rest, point)];
     }
 
-    /* Increments from a state to a point, each a small part of the box, and those of a path that stays one; fewer where
-       one does not settle. */
+    /* Increments from a state to a point, each a small part of the box, and those of a path that continues; fewer if one
+       does not converge. */
     went(before, point) {
       const { lower, upper } = this.model.tree, found = [];
       const far = Math.max(...point.map((x, k) => Math.abs(x - before.point[k]) / (upper[k] - lower[k] || 1)));
@@ -91,7 +91,7 @@
       return found;
     }
 
-    /* An increment, in halves where it has to be; null where it does not settle. */
+    /* An increment, in halves if necessary; null if it does not converge. */
     reached(before, point, depth = 0) {
       const whole = this.increment(before, point);
       if (whole || depth === HALVED) return whole;
@@ -110,7 +110,7 @@
       return found && this.small(found.strain) && { point, theta, gives: elasticity.gives, elastic: elastic.active, converged: true, ...found };
     }
 
-    /* Whether strains are such as a theory of small strains knows. */
+    /* True if strains are small enough for the theory of small strains. */
     small(strain) {
       const sizes = new Float64Array(this.points);
       strain.forEach((value, k) => { sizes[k % this.points] = Math.max(sizes[k % this.points], Math.abs(value)); });
@@ -138,7 +138,7 @@
       return found;
     }
 
-    /* The correction of an increment and all that follows from it; null where it is not found. */
+    /* The correction of an increment and all that follows from it; null without convergence. */
     newton(load, start, active) {
       let here = this.tried(load, start, active), largest = load.before.largest;
       if (!here) return null;
@@ -154,14 +154,14 @@
       return null;
     }
 
-    /* A step by the matrix at hand, if that brings much. */
+    /* A step with the cached matrix, if it decreases the residual enough. */
     quick(load, here) {
       if (!this.tangent) return null;
       const next = this.tried(load, this.stepped(here, 1), here.active);
       return next && next.merit <= QUICK * here.merit ? next : null;
     }
 
-    /* A step by the matrix of this place, or as much of it as brings anything. */
+    /* A step with the matrix of the current iterate, shortened until the residual decreases. */
     careful(load, here) {
       this.tangent = this.linearised(load, here);
       for (let share = 1; this.tangent && share >= LEAST; share /= 2) {
@@ -177,7 +177,7 @@
       return correction.map((x, j) => x + share * step[j]);
     }
 
-    /* Contact forces, strain, flow and residual at a correction; null where there are none. */
+    /* Contact forces, strain, plastic increment and residual at a correction; null without a solution. */
     tried(load, correction, start) {
       const { ell, m, size, points, components } = this, slack = Float64Array.from(load.slack), strain = Float64Array.from(load.strain);
       for (let i = 0; i < m; i++) for (let j = 0; j < ell; j++) slack[i] -= this.moved[i * ell + j] * correction[j];
@@ -215,7 +215,7 @@
       return Number.isFinite(merit) ? { correction, strain, deviator, plastic, cumulated, amount, slope, trial, residual, merit, ...contact } : null;
     }
 
-    /* Newton's matrix, factored: -J = Q + P_A W less what flows under E_p - E_X,A^T W, with W = S_AA^-1 (B V)_A. */
+    /* Newton's matrix, factored: -J = Q + P_A W less the plastic part of E_p - E_X,A^T W, with W = S_AA^-1 (B V)_A. */
     linearised(load, here) {
       const { ell, m } = this, on = [];
       here.active.forEach((is, i) => { if (is) on.push(i); });
@@ -233,7 +233,7 @@
       return hhr.factor(jacobian, ell, order) && jacobian.every(Number.isFinite) ? { jacobian, order } : null;
     }
 
-    /* Takes from the matrix what flows, where anything does. */
+    /* Subtracts the plastic part from the matrix, if there is any. */
     flowOf(load, { deviator, amount, slope, trial }, on, columns, jacobian) {
       const { ell, size, points, components } = this, { shear } = load.laws, places = [];
       amount.forEach((flow, k) => { if (flow > 0) for (let i = 0; i < components; i++) places.push(i * points + k); });
@@ -260,7 +260,7 @@
       }
     }
 
-    /* Rows of a displacement: of corrections, of forces and loads by part, and of what is imposed. */
+    /* Rows of a displacement: of corrections, of forces and loads by part, and of imposed displacements. */
     along(rows, { correction, forces, theta, gives }) {
       const [modes, given, pushed, forced] = ["modes", "given", "pushed", "forced"].map((name) => this.model.arrays[rows[name]]);
       const { ell, m, terms } = this, count = modes.length / ell, found = new Float64Array(count);
@@ -277,7 +277,7 @@
       return found;
     }
 
-    /* Coefficients of the modes of the stress: of forces and loads, and, by part, of what is imposed and has flowed. */
+    /* Coefficients of the modes of the stress: of forces and loads, and, by part, of imposed and plastic strains. */
     stressed(field, { forces, theta, gives, plastic }) {
       const [pushed, forced, given, flowed, fit] = ["pushed", "forced", "given", "plastic", "fit"].map((name) => this.model.arrays[field[name]]);
       const { m, terms, points, components } = this, count = field.scales.length, r = fit.shape[0], shares = new Float64Array(r);
@@ -298,7 +298,7 @@
       });
     }
 
-    /* Stress of the plastic strain that the other points do not foretell, over the stress where laws are evaluated. */
+    /* Stress of the leave-one-out residual of the plastic strain, over the stress at the points with laws. */
     estimate({ strain, plastic, point, gives }) {
       const { points, components } = this, { modes, scales, without } = this.flow.unforeseen, inner = this.model.arrays[without];
       const shown = this.model.arrays[modes], count = scales.length, shares = new Float64Array(count), at = (k, i) => plastic[i * points + k];
@@ -329,7 +329,7 @@
       return stress > 0 ? Math.sqrt(left / stress) : 0;
     }
 
-    /* Cumulated plastic strain of the nodes that are drawn; null where the page has none. */
+    /* Cumulated plastic strain of the drawn nodes; null if the page has none. */
     strained({ cumulated }) {
       const { field } = this.model.tree;
       if (!field) return null;

@@ -1,11 +1,11 @@
-"""Von Mises' stress of bodies that flow on a page: means of cells in few modes, of all that their stress is made of.
+"""Von Mises' stress of inelastic bodies on a page: means of cells, in few modes.
 
 With the arrays of :class:`hhr_dolfinx.models.histories.condensed_fields.PlasticFields` the deviator of a cell is
 
     dev σ = D (K^-1 F θ - K^-1 B^T λ) + (D (u_L θ + u_p s) - M (ε_0 θ + ε_p s)) / c,
 
-D and M means of the points of a cell, s the shares of the modes of the plastic strain, c what its body gives beside the
-middle of the box.
+D and M are means over the points of a cell, s coefficients of the modes of the plastic strain, and c the compliance of
+its body over that at the middle of the box.
 """
 
 from __future__ import annotations
@@ -24,14 +24,14 @@ from hhr_dolfinx.plugins.pages.scenery import Scenery
 from hhr_dolfinx.plugins.pages.stress import APART, COARSE, FALSE, STRESS, far_off, mises_of
 
 MOST_CELLS = 20_000
-"""Cells that are drawn up to which their stress is: as of elastic bodies."""
+"""Most drawn cells for which the stress is shown, as for elastic bodies."""
 
 
 def cells_of(model: CondensedFlowModel, scenery: Scenery) -> np.ndarray:
-    """The cell behind each triangle that is drawn, (t,): the one that has all of its nodes.
+    """Cell of each drawn triangle, (t,): the one that has all of its nodes.
 
     Raises:
-        NotOfferedError: where none has, of a scenery of another mesh.
+        NotOfferedError: if no cell has them, for a scenery of another mesh.
     """
     cells = model.fields.flow.strain.dofs[:, :: model.dimension] // model.dimension
     count = len(model.fields.basis) // model.dimension
@@ -51,10 +51,10 @@ def cells_of(model: CondensedFlowModel, scenery: Scenery) -> np.ndarray:
 class CellMeans:
     """Deviators of the stress of cells, as sparse matrices: (c k, N) of displacements, (c k, points) of strains.
 
-    Without the third component, that of a deviator being what the first two leave.
+    The third component is left out: a deviator has no trace.
 
     Args:
-        model: of flow.
+        model: condensed inelastic model.
         cells: their numbers, (c,).
     """
 
@@ -76,12 +76,12 @@ class CellMeans:
         self.of_strains = _sparse(strains, places.reshape(len(cells), -1), len(flow.moduli) * operator.components)
 
     def stressed(self, stress: np.ndarray) -> np.ndarray:
-        """Of a stress at all Gauss points, (Gauss points, components): (c k,)."""
+        """Deviators for a stress at all Gauss points, (Gauss points, components): (c k,)."""
         return np.einsum("cp,kj,cpj->ck", self._shares, self._part, stress[self._points], optimize=True).ravel()
 
 
 def _sparse(blocks: np.ndarray, columns: np.ndarray, size: int) -> csc_matrix:
-    """Rows of cells one behind another, of blocks (c, k, d) on columns (c, d)."""
+    """Matrix with consecutive rows of cells, from blocks (c, k, d) on columns (c, d)."""
     count = blocks.shape[0] * blocks.shape[1]
     places = np.repeat(np.arange(count), blocks.shape[2]), np.broadcast_to(columns[:, None], blocks.shape).ravel()
     return csc_matrix(coo_matrix((blocks.ravel(), places), (count, size)))
@@ -90,9 +90,9 @@ def _sparse(blocks: np.ndarray, columns: np.ndarray, size: int) -> csc_matrix:
 def flow_stress(
     model: CondensedFlowModel, scenery: Scenery, histories: Sequence[Sequence[Answer]], arrays: Packed, room: int
 ) -> dict[str, Any] | None:
-    """The stress of the cells that are drawn in modes of some histories, and how far off it is along others.
+    """Stress of drawn cells in modes of some histories, and its error along others.
 
-    None where there are too many cells, where the largest one would be far off, or where there is no room.
+    None if there are too many cells, if the error of the largest stress is too large, or if there is no room.
     """
     assert scenery.owners is not None
     cells, places = np.unique(scenery.owners, return_inverse=True)
@@ -112,13 +112,13 @@ def flow_stress(
     exact, drawn = (
         np.array([mises_of(one.reshape(len(cells), -1)) for one in own.T]) for own in (seen[:, apart], found)
     )
-    # what is left of a stress behind unloading is small beside that of its history
+    # after unloading the residual stress is small compared with the stress of its history
     scales = np.array([exact[number[apart] == own].max() for own in number[apart]])
     off = far_off(exact, drawn, scales)
     tree |= {
         "cells": tried.put("stress_cells", places.ravel(), "<i4"),
         "off": off,
-        # deviators of stress, where a page expects those of strain of one body: 2 μ' = 1
+        # deviators of stress, passed as strains of one body with 2 μ' = 1
         "bodies": tried.put("stress_bodies", np.zeros(len(cells)), "<u1"),
         "components": len(seen) // len(cells),
         "plane_stress": False,
@@ -134,7 +134,7 @@ def flow_stress(
 def _maps(
     model: CondensedFlowModel, means: CellMeans, cells: np.ndarray, ways: np.ndarray, arrays: Packed
 ) -> dict[str, Any]:
-    """What makes coefficients of modes of an answer: of forces and loads, and by part of what else there is."""
+    """Maps to coefficients of modes: from forces and loads, and by part from imposed and plastic strains."""
     fields = model.fields
     flow = fields.flow
     components = flow.strain.components

@@ -1,6 +1,6 @@
-"""What a page holds of condensed flow: the arrays of a step, the laws as formulas, and what is drawn of an answer.
+"""Data of a condensed inelastic model on a page: arrays of an increment, laws as formulas, and pictures of an answer.
 
-A page marches as :mod:`hhr_dolfinx.models.histories.condensed_flow` does, in ``flow.js``: the same residual, the same
+``flow.js`` solves histories like :mod:`hhr_dolfinx.models.histories.condensed_flow`: the same residual, the same
 contact problem for each correction, and Newton's method on both.
 """
 
@@ -30,14 +30,16 @@ from hhr_dolfinx.warn import ignored
 
 WALKS = 16
 WALK = (0.0, 0.2, 0.4, 0.6, 0.8, 1.0, 0.6, 0.3, 0.0)
-"""Histories that the modes of the picture are made of, in proportion to random points and back, and their steps."""
+"""Number of histories from which modes of pictures are computed, and their load factors: proportional loading to a
+random point and back."""
 
 EXACT = 100_000
-"""Most strains of contact forces that are kept with all digits: with half of them forces were off by 8e-9."""
+"""Most strains of contact forces that are stored with all digits: single precision changed forces by 8e-9, measured
+once."""
 
 
 def check_flow(model: Any, what: str = "a page") -> None:
-    """Raise NotOfferedError for other models than condensed ones, laws that ``what`` does not know, and friction."""
+    """Raise NotOfferedError for models that are not condensed, laws that ``what`` does not support, and friction."""
     if not isinstance(model, CondensedFlowModel):
         raise NotOfferedError(
             f"{what} marches with condensed flow, and a {type(model).__name__} is not of that kind: "
@@ -56,7 +58,7 @@ def check_flow(model: Any, what: str = "a page") -> None:
 
 
 def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:
-    """The arrays of a step."""
+    """Arrays of an increment."""
     flow = model.flow
     names = model.parameters.names
     exact = ("per_mode", "forced", "given", "moved", "modal", "coupled", "pressed", "gaps")
@@ -74,7 +76,7 @@ def flow_tree(model: CondensedFlowModel, arrays: Packed) -> dict[str, Any]:
 
 
 def _weights(flow: CondensedFlow) -> np.ndarray:
-    """Weight of each point times 2 μ: what ``tested`` is of the deviator of ``per_mode``, (n,)."""
+    """Weight of each point times 2 μ, (n,): the factor from the deviator of ``per_mode`` to ``tested``."""
     shape = len(flow.per_mode), flow.components, -1
     deviator = flow.per_mode.reshape(shape).copy()
     deviator[:, :3] -= deviator[:, :3].mean(axis=1, keepdims=True)
@@ -96,12 +98,12 @@ def _group(group: Group, names: tuple[str, ...]) -> dict[str, Any]:
 
 
 def _steps(constant: float | str, names: tuple[str, ...]) -> list[Any] | None:
-    """A constant, or a formula, as operations."""
+    """Operations of a constant or a formula."""
     return steps_of(Scalar(constant, names)) if isinstance(constant, str) else [float(constant)]
 
 
 def fixed(model: CondensedFlowModel) -> list[int]:
-    """Places of parameters that do not change in a history: of moduli, and of constants that no load depends on."""
+    """Indices of parameters that are constant in a history: of moduli, and of law constants that no load depends on."""
     names = model.parameters.names
     moduli = {name for modulus in model.flow.factors.moduli for name in formula_of(modulus.factor, "young").variables}
     constants = {name for group in model.flow.groups for name in parameters_of(group.law)}
@@ -110,7 +112,7 @@ def fixed(model: CondensedFlowModel) -> list[int]:
 
 
 def _axes(amplitudes: Amplitudes, names: tuple[str, ...]) -> Iterator[int]:
-    """Places of the parameters on which loads depend."""
+    """Indices of the parameters on which loads depend."""
     yield from np.flatnonzero(amplitudes.slopes.any(axis=0)).tolist()
     for item in amplitudes.nonaffine:
         if isinstance(item, Scalar):
@@ -120,16 +122,16 @@ def _axes(amplitudes: Amplitudes, names: tuple[str, ...]) -> Iterator[int]:
 
 
 def _unforeseen(flow: PlasticFields, arrays: Packed) -> dict[str, Any]:
-    """What :meth:`PlasticFields.unforeseen` needs for the estimate of the answer shown, to its first digits.
+    """Data of :meth:`PlasticFields.unforeseen` for the estimate of the answer shown, to a few digits.
 
-    What the fit of all points leaves of a plastic strain is what is orthogonal to the modes: directions of these serve.
+    The residual of the fit to all points is orthogonal to the modes, so their orthonormal directions suffice.
     """
     ways, _ = np.linalg.qr(flow.shown)
     return packed_levels("flow_shown", ways.T, arrays) | {"without": arrays.put("flow_without", flow.without, "<f4")}
 
 
 def linear_of_flow(fields: CondensedFlowFields, item: Linear, number: int, arrays: Packed) -> dict[str, Any]:
-    """What an output reads of the displacement: of corrections, loads, and of forces and loads of each part."""
+    """Weights of an output that reads displacements: of corrections, loads, and by part of forces and loads."""
     rows = csr_matrix(item.along @ item.matrix(len(fields.basis)))
     found = {
         "modes": rows @ fields.basis,
@@ -146,14 +148,14 @@ def _parts(fields: CondensedFlowFields) -> range:
 
 
 def _of_part(rows: csr_matrix, fields: CondensedFlowFields, part: int) -> csr_matrix:
-    """Rows, on the dofs of a part alone."""
+    """Rows restricted to the dofs of a part."""
     return csr_matrix(rows.multiply(fields.parts == part))
 
 
 def flow_field(
     model: CondensedFlowModel, histories: Sequence[Sequence[Answer]], scenery: Scenery, rows: np.ndarray, arrays: Packed
 ) -> dict[str, Any] | None:
-    """The displacement of the dofs that are drawn in modes of some histories, and how plastic strain is drawn."""
+    """Displacement of the drawn dofs in modes of some histories, and data of the drawn plastic strain."""
     fields = model.fields
     seen = np.array([answer.displacement()[rows] for along in histories for answer in along]).T
     ways = modes_of(seen)
@@ -170,7 +172,7 @@ def flow_field(
 
 
 def walked(model: CondensedFlowModel) -> Iterator[list[Answer]]:
-    """Answers of histories that nobody has asked for, loaded in proportion to random points of what was trained."""
+    """Answers of histories with proportional loading to random points of the training range, without warnings."""
     space = model.parameters
     rest = np.clip(0.0, space.lower, space.upper)
     still = fixed(model)
@@ -187,7 +189,7 @@ def walked(model: CondensedFlowModel) -> Iterator[list[Answer]]:
 
 
 def _plastic(fields: CondensedFlowFields, scenery: Scenery, arrays: Packed) -> dict[str, Any]:
-    """Cumulated plastic strain of the nodes that are drawn, the mean of the Gauss points around each, in its modes."""
+    """Cumulated plastic strain of drawn nodes, as the mean over the Gauss points around each, in its modes."""
     flow = fields.flow
     cells = flow.strain.dofs // fields.dimension
     points = np.arange(flow.gauss_points).reshape(len(cells), -1)

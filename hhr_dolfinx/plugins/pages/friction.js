@@ -1,8 +1,7 @@
 "use strict";
-/* Increments with friction, one tangent for each contact or in space two: statuses and directions by a semi-smooth Newton
-   method, the same as contact.sliding_set in Python; what it does not settle is brought nearer by sweeps over single
-   contacts. In space what slips may turn: its force across the slip is an unknown, see contact/sliding_system.py.
-   Needs model.js. */
+/* Increments with friction, with one tangent per contact, or two in space: statuses and directions by a semi-smooth Newton
+   method, as in contact.sliding_set in Python. If it does not converge, sweeps over single contacts improve the forces.
+   In space slip may turn: the force across it is an unknown, see contact/sliding_system.py. Needs model.js. */
 
 ((hhr) => {
   const TOLERANCE = 1e-11, ROUND_OFF = 1e-15, PROBES = [0.2, 1, 0.01], NEWTON = 40, GIVES = 1e-4, HALVED = 6;
@@ -22,21 +21,21 @@
       this.tangential.forEach((row, k) => { this.pressing[row] = 0; this.along[this.owner[k]].push(row); });
     }
 
-    /* Undeformed bodies at a point, of which nothing has slipped. */
+    /* Undeformed bodies at a point, without slip. */
     rest(point) {
       const state = this.blank(point), { slack } = this.model.contact(point);
       this.normal.forEach((row, k) => { state.gap[k] = slack[row]; });
       return state;
     }
 
-    /* What is remembered of contacts, of nothing yet. */
+    /* State of contacts at the start. */
     blank(point) {
       const count = this.normal.length, none = () => new Float64Array(count);
       return { point, forces: new Float64Array(this.model.m), position: new Float64Array(this.tangential.length), path: none(),
         work: none(), wear: none(), pressure: none(), bound: none(), gap: none(), energy: 0, statuses: new Uint8Array(count) };
     }
 
-    /* Coefficient and largest tangential force of each contact at a point; infinite where there is none. */
+    /* Coefficient and largest tangential force of each contact at a point; infinite without a limit. */
     bounds(point) {
       const laws = this.laws.map((pair) => pair.map((steps) => (steps ? hhr.formula(steps, point) : Infinity)));
       return { coefficient: Array.from(this.law, (law) => laws[law][0]),
@@ -48,7 +47,7 @@
       return Math.min(carried, limit[contact]);
     }
 
-    /* Where an increment from a state to a point leads; null where it does not settle. */
+    /* State after an increment to a point; null if it does not converge. */
     increment(before, point) {
       if (!this.model.possible(point)) return null;
       const contact = this.model.contact(point), slack = contact.slack, given = this.bounds(point);
@@ -57,7 +56,7 @@
       return found && this.after(before, { ...found, point, given, theta: contact.theta, energy: this.energy(contact.schur, found) });
     }
 
-    /* The same, cut into halves where it has to be. */
+    /* The same, in halves if necessary. */
     reached(before, point, depth = 0) {
       const whole = this.increment(before, point);
       if (whole || depth === HALVED) return whole;
@@ -65,13 +64,13 @@
       return half && this.reached(half, point, depth + 1);
     }
 
-    /* What an increment from a state leads to; nothing where it does not settle. */
+    /* Result of an increment from a state; nothing if it does not converge. */
     went(before, point) {
       const state = this.reached(before, point);
       return state ? [state] : [];
     }
 
-    /* Loaded in proportion from where the box is nearest to zero: states from rest on. Increments are halved until that
+    /* States of proportional loading from rest, at the point of the box nearest to zero. Increments are halved until that
        changes little, as in models.histories.sliding. */
     begun(point) {
       const { lower, upper } = this.model.tree;
@@ -101,7 +100,7 @@
       return first && this.careful(first, point, states, scale, depth + 1);
     }
 
-    /* An increment that counts in the sizes by which errors are measured, whether the path keeps it or not. */
+    /* An increment that counts in the denominators of errors, also if the path discards it. */
     tried(before, point, scale) {
       const state = this.increment(before, point);
       if (state) {
@@ -111,7 +110,7 @@
       return state;
     }
 
-    /* What an increment in two halves is off: forces by the largest of the path, dissipated work by that of the path. */
+    /* Error estimate by halving an increment: forces over the largest, dissipated work over the total of the path. */
     difference(before, half, second, whole, scale) {
       const norm = (values) => Math.hypot(...values), sum = (values) => values.reduce((t, x) => t + x, 0);
       const closing = Math.hypot(this.held(before, half), this.held(half, second)), work = sum(second.work);
@@ -119,7 +118,7 @@
       return Math.max(off / (scale.forces || 1), Math.abs(work - sum(whole.work)) / (work + WORK * scale.energy || 1));
     }
 
-    /* Friction of contacts that closed in an increment, which sticks them to where they had been before. */
+    /* Sticking force of contacts that closed in this increment; its reference is the start of the increment. */
     held(before, after) {
       const apart = APART * largest(before.gap);
       let square = 0;
@@ -130,13 +129,13 @@
       return Math.sqrt(square);
     }
 
-    /* Elastic energy of contact forces, with S as it is and not softened. */
+    /* Elastic energy of contact forces, with S without regularisation. */
     energy(schur, { forces, pushed }) {
       const soft = this.twice.reduce((t, row) => t + GIVES * schur[row * this.model.m + row] * forces[row] ** 2, 0);
       return 0.5 * (forces.reduce((t, x, i) => t + x * pushed[i], 0) - soft);
     }
 
-    /* What is remembered after an increment: bounds and pressures along a slip are the means of both ends. */
+    /* State after an increment: bounds and pressures along a slip are the means of both ends. */
     after(before, { forces, slack, at, point, given, theta, energy }) {
       const { normal, tangential } = this, state = Object.assign(this.blank(point), { forces, theta, energy, converged: true });
       const slipped = new Float64Array(normal.length), slides = new Uint8Array(normal.length);
@@ -159,7 +158,7 @@
       return state;
     }
 
-    /* Rows that other conditions say too give a little; those that act on no unknown by a part of their pressure's. */
+    /* Regularise redundant rows; rows that act on no unknown by a part of the compliance of their pressure. */
     softened(schur) {
       if (!this.twice.length) return schur;
       if (this.last?.given === schur) return this.last.found;
@@ -175,7 +174,7 @@
 
     settled(schur, slack, given, start) {
       const m = this.model.m, stiffness = Float64Array.from(slack, (_, i) => 1 / Math.abs(schur[i * m + i]));
-      // both directions of one contact alike: the projection is that on a disc
+      // the same for both directions of a contact: the projection is on a disc
       for (const rows of this.along) { const own = Math.min(...rows.map((row) => stiffness[row])); rows.forEach((row) => { stiffness[row] = own; }); }
       let found = null, forces = start;
       for (const sweeps of [0, ...SWEEPS]) {
@@ -210,8 +209,8 @@
       return found;
     }
 
-    /* What forces and slacks say of statuses, and how far they are from a solution; what slips has a direction along its
-       rows, and shrunk is the bound over the force that is projected. */
+    /* Statuses from forces and slacks, and the residual; slipping contacts have a direction along their rows, and shrunk is
+       the bound over the projected force. */
     projected(given, stiffness, forces, left, probe) {
       const m = this.model.m, acting = new Uint8Array(m), slips = new Uint8Array(m), limited = new Uint8Array(m);
       const ways = new Float64Array(m), shrunk = new Float64Array(this.normal.length);
@@ -242,8 +241,8 @@
       return size > bound ? bound / size : 1;
     }
 
-    /* Forces on some statuses; null where they are undetermined. What slips follows its pressure, or is at its limit, and in
-       space turns: (1 - s) α + s p c e·slack = 0 for its force α across, along e, with s what it is shrunk by. */
+    /* Forces for given statuses; null if they are undetermined. A slipping force is proportional to its pressure, or at its
+       limit, and turns in space: (1 - s) α + s p c e·slack = 0 for the force α across, along e, with s = shrunk. */
     solved(schur, slack, given, stiffness, { acting, slips, limited, ways, shrunk, probe }) {
       const m = this.model.m, columns = [], place = new Int32Array(m).fill(-1), known = new Float64Array(m);
       for (let i = 0; i < m; i++) if (acting[i] && !slips[i]) place[i] = columns.push({ parts: [[i, 1]], tests: [[i, 1]], own: 0 }) - 1;

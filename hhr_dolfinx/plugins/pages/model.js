@@ -1,8 +1,8 @@
 "use strict";
 /* The numbers of a page: amplitudes, S and the free slack at a point, contact by an active set, outputs, derivatives.
 
-   The same as models.condensed in Python, to round-off; what the arrays are is said in pages/arrays.py. Runs in a
-   browser and in node. */
+   The same as models.condensed in Python, to round-off; pages/arrays.py describes the arrays. Runs in a browser and in
+   node. */
 
 const hhr = (() => {
   const KINDS = { "<f8": Float64Array, "<f4": Float32Array, "<i4": Int32Array, "<i2": Int16Array, "<i1": Int8Array, "<u1": Uint8Array, "<u2": Uint16Array,
@@ -64,7 +64,7 @@ const hhr = (() => {
     return edges + line.length;
   }
 
-  /* LU with the largest pivots, in place; false where it is singular. */
+  /* LU with the largest pivots, in place; false if singular. */
   function factor(a, n, pivots) {
     for (let k = 0; k < n; k++) {
       let best = k;
@@ -154,8 +154,8 @@ const hhr = (() => {
       return found;
     }
 
-    /* S, (m, m), the free slack, and the gaps of bodies that nothing moves, (m,) each, at a point. */
-    /* Whether the elastic constants are possible at a point: what interpolates between points never evaluates them. */
+    /* S, (m, m), the free slack, and the gaps of undeformed bodies, (m,) each, at a point. */
+    /* True if the elastic constants are admissible at a point: interpolation does not evaluate them. */
     possible(point) {
       return this.tree.limits.every(({ steps, low, high }) => {
         const value = formula(steps, point);
@@ -165,7 +165,7 @@ const hhr = (() => {
 
     contact(point) {
       const theta = this.theta(point), m = this.m, T = this.terms, slack = new Float64Array(m);
-      if (!this.possible(point)) theta.fill(NaN); // no statuses are found for a slack that is none
+      if (!this.possible(point)) theta.fill(NaN); // there are no statuses for a slack that is not a number
       if (this.constantSchur) {
         const free = this.arrays[this.tree.free_slack];
         for (let i = 0; i < m; i++) for (let t = 0; t < T; t++) slack[i] += free[i * T + t] * theta[t];
@@ -187,7 +187,7 @@ const hhr = (() => {
       return part.factor ? 1 / formula(part.factor, point) : 1;
     }
 
-    /* What one connected component adds to S and to the free slack. */
+    /* Add one connected component to S and to the free slack. */
     add(part, point, theta, schur, slack) {
       const along = this.along(part, point), modes = this.arrays[part.modes], own = this.arrays[part.conditions];
       const m = this.m, c = own.length, half = (c * (c + 1)) / 2, r = along.length, columns = this.arrays[part.columns];
@@ -208,7 +208,7 @@ const hhr = (() => {
       });
     }
 
-    /* Forces and slack where statuses are given; null where they make a singular set. */
+    /* Forces and slack for given statuses; null if their set is singular. */
     equalities(contact, active) {
       if (contact.driving) return this.floating.equalities(contact, active);
       const { schur, slack } = contact;
@@ -249,14 +249,14 @@ const hhr = (() => {
       return found;
     }
 
-    /* The answer at a point; statuses are searched from those of the last one. */
+    /* The answer at a point; initial statuses are those of the last answer. */
     solve(point, start = this.floating ? this.floating.first() : this.last) {
       const contact = this.contact(point), found = (this.floating ?? this).touched(contact, start);
       this.last = found && found.active;
       return found ? { point, contact, theta: contact.theta, converged: true, ...found } : this.nothing(point);
     }
 
-    /* Active set: all wrong statuses at once, and, where sets come back, the first wrong one alone (Murty 1974). */
+    /* Active set: all wrong statuses at once, or, if sets repeat, the first wrong one alone (Murty 1974). */
     touched(contact, start) {
       if (!contact.slack.every(Number.isFinite)) return null;
       let active = start ? Uint8Array.from(start) : Uint8Array.from(contact.slack, (s) => (s < 0 ? 1 : 0)), one = false;
@@ -313,7 +313,7 @@ const hhr = (() => {
       return item.offset + item.factor * loaded;
     }
 
-    /* Derivatives of the outputs along the parameters where statuses stay, by central differences: (outputs, P). */
+    /* Derivatives of the outputs along the parameters at constant statuses, by central differences: (outputs, P). */
     slopes(answer) {
       const { lower, upper } = this.tree, found = this.tree.outputs.map(() => []);
       lower.forEach((low, axis) => {
@@ -332,20 +332,20 @@ const hhr = (() => {
       return found;
     }
 
-    /* Displacement of the nodes that are drawn, node by node; null where the page has no map to it. */
+    /* Displacement of the drawn nodes, node by node; null if the page has no map to it. */
     displacement(answer) {
       return this.tree.field && answer.converged ? this.drawn(this.tree.field, answer) : null;
     }
 
-    /* Von Mises' stress of the cells that are drawn, likewise. */
+    /* Von Mises' stress of the drawn cells; null if the page has no map to it. */
     stress(answer) {
       const own = this.tree.stress;
       if (!own || !answer.converged) return null;
-      const strains = this.drawn(own, answer), bodies = this.arrays[own.bodies], n = own.components; // times μ' of the middle
+      const strains = this.drawn(own, answer), bodies = this.arrays[own.bodies], n = own.components; // times μ' at the middle of the box
       const moduli = own.moduli.map((pair, k) => pair.map((steps) => formula(steps, answer.point) / own.middle[k]));
       return Float32Array.from(bodies, (body, cell) => {
         const [first, second, ...shears] = strains.subarray(cell * n, (cell + 1) * n), [volume, shape] = moduli[body];
-        const all = own.plane_stress ? volume * (first + second) : 0; // else they are deviators, and the third one is left
+        const all = own.plane_stress ? volume * (first + second) : 0; // else they are deviators, and the third follows
         const [a, b] = [2 * shape * first + all, 2 * shape * second + all], c = own.plane_stress ? 0 : -a - b;
         const sheared = shears.reduce((sum, value) => sum + (2 * shape * value) ** 2, 0);
         return Math.sqrt(((a - b) ** 2 + (b - c) ** 2 + (c - a) ** 2) / 2 + 1.5 * sheared);

@@ -1,7 +1,6 @@
-"""Arrays, formulas and modes as a page keeps them: plain numbers by name.
+"""Arrays, formulas and modes in the format of a page: plain numbers by name.
 
-Formulas of parameters go as lists of operations, which a page works off: nothing in it is executed that came out of a
-model.
+Formulas of parameters are lists of operations, which a page evaluates: it executes no code from a model.
 """
 
 from __future__ import annotations
@@ -16,24 +15,24 @@ from hhr_dolfinx.formulas import FUNCTIONS, Scalar
 
 FIELD = 3e-3
 ROOM = 1_330_000
-"""Part of the displacements that modes of the picture leave out: a picture shows no more. Bytes of modes at most."""
+"""Relative error of displacements by truncation of the drawn modes, below what a picture shows; most bytes of modes."""
 POOR = 0.03
-"""Part of what is drawn that is too much to leave out."""
+"""Largest acceptable truncation error of drawn modes."""
 NOTHING = 1e-9
-"""Part of the largest answer that one is round-off of."""
+"""Size of an answer over the largest one below which it is round-off."""
 BASE64 = 4 / 3
-"""Bytes of text for one of numbers."""
+"""Bytes of text for each byte of numbers."""
 LEVELS = 32767
-"""Numbers of a mode of the picture lie on so many levels to either side."""
+"""Quantisation levels of a drawn mode, on each side of zero."""
 _OPERATIONS = {ast.Add: "+", ast.Sub: "-", ast.Mult: "*", ast.Div: "/", ast.Pow: "^"}
 
 
 class Packed:
-    """Arrays of a model by name, in the kinds of numbers that are kept of them.
+    """Arrays of a model by name, with their number formats.
 
     Attributes:
         arrays: little-endian, contiguous.
-        kinds: of their numbers, such as ``<f8``.
+        kinds: number formats, such as ``<f8``.
     """
 
     def __init__(self) -> None:
@@ -41,23 +40,23 @@ class Packed:
         self.kinds: dict[str, str] = {}
 
     def put(self, name: str, array: Any, kind: str = "<f8") -> str:
-        """Take an array in; returns its name."""
+        """Add an array; returns its name."""
         self.arrays[name] = np.ascontiguousarray(array, dtype=kind)
         self.kinds[name] = kind
         return name
 
     @property
     def size(self) -> int:
-        """Bytes that they take as text."""
+        """Bytes of all arrays as text."""
         return int(BASE64 * sum(array.nbytes for array in self.arrays.values()))
 
     def take(self, others: Packed) -> None:
-        """Take arrays of others in."""
+        """Add the arrays of another collection."""
         self.arrays |= others.arrays
         self.kinds |= others.kinds
 
     def texts(self) -> dict[str, dict[str, Any]]:
-        """The same as text, base64."""
+        """Arrays as text, base64."""
         return {
             name: {
                 "kind": self.kinds[name],
@@ -69,7 +68,7 @@ class Packed:
 
 
 def steps_of(scalar: Scalar | None) -> list[Any] | None:
-    """A formula as operations on a stack: numbers, ``["p", k]`` for parameter k, names of operators and functions."""
+    """Formula as operations on a stack: numbers, ``["p", k]`` for parameter k, names of operators and functions."""
     if scalar is None:
         return None
     found: list[Any] = []
@@ -102,10 +101,10 @@ def half(matrix: np.ndarray) -> np.ndarray:
 
 
 def modes_of(seen: np.ndarray, left: float = FIELD, numbers: int = int(ROOM / (2 * BASE64))) -> np.ndarray | None:
-    """Modes of what is drawn, (n, k), of answers, (n, S): so many that no more than a part of these is left out.
+    """Modes of drawn answers, (n, S), as columns (n, k), with a relative truncation error up to ``left``.
 
-    Of each as a part of itself, as colours show it; None where nothing moves, or where as many numbers as there may be
-    leave more than :data:`POOR` of it out.
+    Answers are normalised one by one, as colour scales are. None if all are zero, or if the modes that fit into
+    ``numbers`` have a truncation error above :data:`POOR`.
     """
     lengths = np.linalg.norm(seen, axis=0)
     moves = lengths > NOTHING * lengths.max(initial=0.0)
@@ -119,7 +118,7 @@ def modes_of(seen: np.ndarray, left: float = FIELD, numbers: int = int(ROOM / (2
 
 
 def packed_levels(name: str, modes: np.ndarray, arrays: Packed, levels: int = LEVELS) -> dict[str, Any]:
-    """Rows, (k, n), as whole numbers and a scale for each: what a picture needs of them, in a part of the room."""
+    """Rows, (k, n), quantised to integers with a scale for each: accurate enough for a picture, and smaller."""
     largest = np.abs(modes).max(axis=1, initial=0.0)
     numbers = np.round(modes / np.where(largest > 0, largest, 1.0)[:, None] * levels)
     kind = "<i1" if levels < 128 else "<i2"
@@ -127,5 +126,5 @@ def packed_levels(name: str, modes: np.ndarray, arrays: Packed, levels: int = LE
 
 
 def kept_levels(tree: dict[str, Any], arrays: Packed) -> np.ndarray:
-    """Rows as a page has them, of what :func:`packed_levels` said, (k, n)."""
+    """Rows that a page reconstructs from the tree of :func:`packed_levels`, (k, n)."""
     return arrays.arrays[tree["modes"]] * np.array(tree["scales"])[:, None]

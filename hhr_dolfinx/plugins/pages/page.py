@@ -1,4 +1,4 @@
-"""One HTML file that answers as a model does: by double click, from mail, without Python and without a network."""
+"""One HTML file that solves like a model: by double click, from mail, without Python and without a network."""
 
 from __future__ import annotations
 
@@ -22,20 +22,19 @@ from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 
 MOST_BYTES = 3_000_000
-"""Of a page: what goes by mail."""
+"""Largest size of a page: the limit of many mail servers."""
 ALIKE = 0.01
 """Relative difference of S up to which a model and a scenery are of one scene: S may be interpolated."""
 DRAWN = 12_000
-"""Nodes of the mesh that are drawn at most."""
+"""Most nodes of the drawn mesh."""
 SCRIPTS = 150_000
-"""Bytes of a page beside its arrays, at most."""
-PARTS = (
-    "page.css", "model.js", "bound.js", "friction.js", "floating.js", "flow.js", "path.js", "drawing.js", "plots.js",
-    "field.js", "view.js",
-)  # fmt: skip
-"""Files that stand in ``page.html`` where they are named there."""
+"""Most bytes of a page without its arrays."""
+PARTS = tuple(
+    "page.css model.js bound.js friction.js floating.js flow.js path.js drawing.js plots.js field.js view.js".split()
+)
+"""Files that replace their names in ``page.html``."""
 LOOKED_AT = 100
-"""Random points at which a model tells its error to a page."""
+"""Random points at which the error shown on a page is estimated."""
 
 
 def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
@@ -43,15 +42,14 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
 
     Args:
         path: of the page, ``.html``.
-        model: that of ``hhr.condense``, ``hhr.train`` or a file: elastic, with friction, or of condensed
-            flow.
-        scenery: what is drawn, see :func:`hhr_dolfinx.plugins.pages.scenery_of.scenery_of`.
+        model: of ``hhr.condense``, ``hhr.train`` or a file: elastic, frictional, or condensed inelastic.
+        scenery: mesh to draw, see :func:`hhr_dolfinx.plugins.pages.scenery_of.scenery_of`.
 
     Returns:
         The path.
 
     Raises:
-        NotOfferedError: for another kind of model, one of another scene, or one that is too large for a page.
+        NotOfferedError: for any other model, one of another scene, or one that is too large for a page.
         FileError: if the file cannot be written.
     """
     check_for_page(model)
@@ -74,10 +72,10 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
 
 
 def check_for_page(model: Any) -> None:
-    """Refuse a model that a page cannot hold, before anything is made for it: a scenery, bounds, pictures.
+    """Refuse a model that does not fit on a page, before its scenery, bounds and pictures are computed.
 
     Raises:
-        NotOfferedError: for another kind of model, or one whose contact problem alone is too large.
+        NotOfferedError: for any other model, or one whose contact problem alone is too large.
     """
     check_model(model)
     arrays = Packed()
@@ -102,7 +100,7 @@ def _compliance(model: Any) -> np.ndarray:
 
 
 def _size(model: Any) -> str:
-    """What makes a page large, in words."""
+    """Sizes of a model that make a page large, in words."""
     conditions = f"{model.conditions} contact conditions"
     if not flows(model):
         return conditions
@@ -111,14 +109,14 @@ def _size(model: Any) -> str:
 
 
 def _strained(scenery: Scenery) -> int:
-    """Cells whose stress could be drawn."""
+    """Number of cells with a stress to draw."""
     if scenery.owners is not None:
         return int(np.unique(scenery.owners).size)
     return 0 if scenery.strains is None else len(scenery.strains.bodies)
 
 
 def page_text(model: Any, scenery: Scenery) -> str:
-    """The page."""
+    """Text of the page."""
     if flows(model):
         from hhr_dolfinx.plugins.pages.flow_stress import cells_of
 
@@ -136,17 +134,17 @@ def page_text(model: Any, scenery: Scenery) -> str:
     needed |= {"floating.js": tree["floating"] is not None, "bound.js": tree["bound"] is not None}
     marked = {f"/*{part}*/": _file(part) if needed.get(part, True) else "" for part in PARTS}
     marked |= {"/*DATA*/": data, "TITLE": escape(scenery.words["scene"].replace("_", " "))}
-    # in one pass: a name of the user's may look like a marker
+    # in one pass: a name of the user may look like a marker
     return re.sub("|".join(map(re.escape, marked)), lambda found: marked[found.group()], _file("page.html"))
 
 
 def error_of(model: Any) -> dict[str, Any]:
-    """What a page says of errors: their kind, and the largest known ones at random points of the box, relative."""
-    if flows(model):  # each answer has an estimate of its own
+    """Errors shown on a page: their kind, and the largest relative ones at random points of the box."""
+    if flows(model):  # each answer has a separate estimate
         return {"kind": "history", "pressure": None, "forces": None, "points": 0}
     if model.fields.exact:
         return {"kind": "exact", "pressure": 0.0, "forces": 0.0, "points": 0}
-    if model.fields.bound is None or model.friction is not None:  # nothing is known of errors of increments
+    if model.fields.bound is None or model.friction is not None:  # errors of increments are unknown
         return {"kind": "none", "pressure": None, "forces": None, "points": 0}
     many = model.solve_many(model.parameters.random(LOOKED_AT, 1), raise_on_failure=False)
     found: dict[str, Any] = {"kind": model.fields.bound.kind, "points": LOOKED_AT}

@@ -1,10 +1,10 @@
 "use strict";
-/* Paths on a page: a pad on which two parameters are drawn, and, with friction, what has been along the way. */
+/* Paths on a page: a pad to draw two parameters, and, with friction, the history so far. */
 
 const ways = (() => {
   const KEY = 0.02;
 
-  /* Lines of increments: what was asked, and numbers by name; the last ones where there are more than the most. */
+  /* Lines of increments: their points, and numbers by name; the last ones, up to a limit. */
   class Past {
     constructor(most) { this.most = most; this.clear(); }
 
@@ -16,13 +16,13 @@ const ways = (() => {
       if (this.points.length > this.most) { this.points.shift(); this.numbers.shift(); }
     }
 
-    /* As a table that `model.march` takes: a time and the parameters of each line. */
+    /* The path as a table for `model.march`: a time and the parameters of each line. */
     table(names) {
       return [["time", ...names], ...this.points.map((point, k) => [k, ...point])].map((row) => row.join("\t")).join("\n");
     }
   }
 
-  /* A pad over two parameters; `moved` is told of each point. */
+  /* A pad over two parameters; calls `moved` with each point. */
   function pad(canvas, { across, up, lower, upper, point, moved }) {
     const axes = () => [Number(across.value), Number(up.value)];
     const to = (event) => {
@@ -43,7 +43,7 @@ const ways = (() => {
     });
   }
 
-  /* What was drawn on a pad, and where it is. */
+  /* The path drawn on a pad, and the current point. */
   function trace(pen, width, height, points, now, [a, b], { lower, upper }, style) {
     const place = (p) => [a, b].map((axis, k) => {
       const share = (p[axis] - lower[axis]) / (upper[axis] - lower[axis]);

@@ -1,4 +1,4 @@
-"""What a page draws of bodies: few modes of answers over the box, and how parameters and forces make them."""
+"""Pictures of bodies on a page: few modes of answers over the box, and maps from parameters and forces to them."""
 
 from __future__ import annotations
 
@@ -36,27 +36,27 @@ from hhr_dolfinx.warn import ignored
 SEEN = 200
 FEW = 40
 CORNERS = 64
-"""Answers that these modes are made of; loaded in proportion, where a path does not settle; corners of the box that
-are among them."""
+"""Answers from which these modes are computed; their number with proportional loading, if a path does not converge; and
+most corners of the box among them."""
 FITTED = 512
 FORCE_MODES = 20
 DEGREE = 6
 OFF = 0.03
-"""Points to which the picture of a varying model is fitted, modes of forces, highest degree, and how far off it may be
-at half of the points by a fit to the other half."""
+"""Points to which the picture of a model with varying stiffness is fitted, modes of forces, highest degree, and largest
+median error at half of the points of a fit to the other half."""
 
 
 @dataclass(frozen=True, eq=False)
 class Drawn:
-    """What is drawn of a displacement: rows times it.
+    """Drawn quantity: linear in the displacement.
 
     Attributes:
         name: of its arrays.
-        rows: sparse, (k, N).
-        left: part of what is seen that modes may leave out.
-        levels: of their numbers to either side of zero.
-        room: bytes that they may take.
-        most: bytes that all arrays of a page may take; None where that is seen to elsewhere.
+        rows: its matrix, sparse, (k, N).
+        left: largest relative truncation error of the modes.
+        levels: quantisation levels of the modes on each side of zero.
+        room: most bytes of the modes.
+        most: most bytes of all arrays of a page; None if they are limited elsewhere.
     """
 
     name: str
@@ -67,18 +67,18 @@ class Drawn:
     most: int | None = None
 
     def modes(self, seen: np.ndarray) -> np.ndarray | None:
-        """Of answers, (k, S)."""
+        """Modes of answers, (k, S); None if they fit badly, see :func:`modes_of`."""
         return modes_of(seen, self.left, int(self.room / (BASE64 * (1 if self.levels < 128 else 2))))
 
 
 @dataclass(frozen=True, eq=False)
 class Picture:
-    """Modes of what is drawn.
+    """Modes of a drawn quantity.
 
     Attributes:
-        tree: what a page holds of them.
-        values: what it draws of answers that tell how far off it is, (k, S).
-        apart: places of the latter, (S,).
+        tree: data for a page.
+        values: drawn values of the held-out answers, (k, S).
+        apart: indices of the held-out answers, (S,).
     """
 
     tree: dict[str, Any]
@@ -87,11 +87,11 @@ class Picture:
 
 
 class Split:
-    """Answers that modes are made of, and those that tell how far off they are; corners of the box are both.
+    """Partition of answers into those that modes are computed from, and held-out ones; corners of the box are both.
 
     Args:
-        answers: those that there are, at corners behind the others.
-        corners: how many of these are at corners.
+        answers: answers, those at corners last.
+        corners: number of answers at corners.
     """
 
     def __init__(self, answers: Iterable[Answer], corners: int):
@@ -101,30 +101,31 @@ class Split:
         self._others = sum(answer.converged for answer in every[:first])
 
     def held(self, every: int) -> tuple[np.ndarray, np.ndarray]:
-        """Places of the former and the latter, which are one of so many."""
+        """Indices of answers for modes, and of held-out ones, which are one of ``every``."""
         count = len(self.answers)
         held = np.arange(every - 1, self._others, every)
         return np.delete(np.arange(count), held), np.append(held, np.arange(self._others, count))
 
 
 def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict[str, Any]:
-    """The displacement of the nodes that are drawn, and the stress of the cells, in few modes.
+    """Displacement of the drawn nodes, and stress of the cells, in few modes.
 
-    Neither where a model has no map of forces to displacements, and no stress where it has no room beside all else.
+    Neither for a model without a map from forces to displacements; no stress if there is no room for it.
 
     Args:
         model: with fields.
-        scenery: what is drawn.
-        arrays: of the model; those of the pictures are put there.
-        room: bytes of a page that are left for all arrays.
+        scenery: drawn mesh.
+        arrays: of the model; those of the pictures are added.
+        room: bytes of a page for all arrays.
     """
     if model.equilibrium is not None:
         from hhr_dolfinx.plugins.pages.flow_stress import flow_stress
         from hhr_dolfinx.plugins.pages.flowing import flow_field, walked
 
         histories = list(walked(model))
-        moved = flow_field(model, histories, scenery, rows_of(model, scenery), arrays)
-        return {"field": moved, "stress": moved and flow_stress(model, scenery, histories, arrays, room)}
+        displacement = flow_field(model, histories, scenery, rows_of(model, scenery), arrays)
+        of_cells = displacement and flow_stress(model, scenery, histories, arrays, room)
+        return {"field": displacement, "stress": of_cells}
     found: dict[str, Any] = {"field": None, "stress": None}
     known, maps = _answers(model)
     if not known.answers:
@@ -135,7 +136,7 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
     strains = scenery.strains
     stress = None if strains is None else Stress(strains, model.parameters.names, model.parameters.middle)
     every = chosen if stress is None else csr_matrix(vstack([chosen, stress.rows]))
-    seen = np.array([every @ answer.displacement() for answer in known.answers]).T  # each displacement once
+    seen = np.array([every @ answer.displacement() for answer in known.answers]).T  # computes each displacement once
     field = maps(Drawn("field", chosen, most=room), known, seen[: rows.size], arrays)
     if field is None:
         return found
@@ -147,7 +148,7 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
 
 
 def _answers(model: Any) -> tuple[Split, Callable[[Drawn, Split, np.ndarray, Packed], Picture | None]]:
-    """Answers that pictures are made of, and what makes them; none where a model has no map of forces to them."""
+    """Answers for pictures, and the function that computes a picture; no answers for a model without maps of forces."""
     fields = model.fields
     if isinstance(fields, ExactFields) and model.friction is not None:
         return Split(_walked(model), 0), partial(_exact, model)
@@ -166,7 +167,7 @@ def _answers(model: Any) -> tuple[Split, Callable[[Drawn, Split, np.ndarray, Pac
 def _stress(
     maps: Callable[[np.ndarray, Packed], Picture | None], stress: Stress, known: Split, seen: np.ndarray, arrays: Packed
 ) -> dict[str, Any] | None:
-    """The stress of the cells, and how far off it is; None where its largest value is far off, or there is no room."""
+    """Stress of the cells and its error; None if the error of the largest value is too large, or without room."""
     tried = Packed()
     picture = maps(seen, tried)
     if picture is None:
@@ -181,13 +182,13 @@ def _stress(
 
 
 def rows_of(model: Any, scenery: Scenery) -> np.ndarray:
-    """Dofs of the nodes that are drawn, node by node."""
+    """Dofs of the drawn nodes, node by node."""
     dim = model.dimension
     return (scenery.nodes[:, None] * dim + np.arange(dim)).ravel()
 
 
 def _exact(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Packed) -> Picture | None:
-    """Where the stiffness is constant: c = W^T (C θ - K^-1 B^T λ + R q) with modes W of answers over the box."""
+    """Picture for constant stiffness: c = W^T (C θ - K^-1 B^T λ + R q) with modes W of answers over the box."""
     fields = model.fields
     inner, apart = known.held(APART)
     ways = drawn.modes(seen[:, inner])
@@ -203,7 +204,7 @@ def _exact(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Pac
 
 
 def _corners(model: Any) -> np.ndarray:
-    """Corners of the box, (c, P); some of them where there are many."""
+    """Corners of the box, (c, P); a random choice if there are many."""
     space = model.parameters
     count = len(space.names)
     ends = np.random.default_rng(0).integers(0, 2, (CORNERS, count))
@@ -213,26 +214,25 @@ def _corners(model: Any) -> np.ndarray:
 
 
 def _walked(model: Any) -> Iterable[Answer]:
-    """Answers with friction along a path through the box, whose laws are those of its middle."""
+    """Answers with friction along a path through the box, with the laws at its middle."""
     points = model.parameters.random(SEEN, 0)
     points[:, model.friction.fixed] = model.parameters.middle[model.friction.fixed]
-    # nobody has asked for this path
+    # a warning of this path does not concern the user
     with ignored(FarSlidingWarning), suppress(ConvergenceError):
         return model.march(list(enumerate(points))).answers
     return model.solve_many(points[:FEW], raise_on_failure=False)
 
 
 def _reached(model: Any, points: np.ndarray) -> Iterable[Answer]:
-    """Answers at some points, with friction loaded in proportion: where that does not settle there is none."""
-    with ignored(FarSlidingWarning):  # nobody has asked for these points
+    """Answers at some points, with friction by proportional loading; NaN if that does not converge."""
+    with ignored(FarSlidingWarning):  # a warning of these points does not concern the user
         return list(model.solve_many(points, raise_on_failure=False))
 
 
 def _fitted(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Packed) -> Picture | None:
-    """Where it varies: c = p(μ) + P(μ) Q^T λ, with modes Q of forces and polynomials that are fitted to some points.
+    """Picture for varying stiffness: c = p(μ) + P(μ) Q^T λ, with modes Q of forces and fitted polynomials p, P.
 
-    None where the fit is off by more than a picture may be at points that it has not seen, as where a load ends within
-    the box.
+    None if the error of the fit at held-out points is too large, as for a load that ends within the box.
     """
     answers = known.answers
     alone = model.friction is None
@@ -248,7 +248,7 @@ def _fitted(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Pa
     monomials = Monomials(model, points)
     features = monomials.at(points)
     flat = values.reshape(len(points), -1)
-    # one half is held against the other; answers that are apart are held against the fit itself
+    # elastic: fit to one half, error at the other; with friction: fit to all points, error at the answers
     inner, apart = known.held(2) if alone else (np.arange(len(points)), np.arange(len(answers)))
     fitted = monomials.at(here) @ np.linalg.lstsq(features[inner], flat[inner], rcond=None)[0]
     along = fitted.reshape(len(answers), *values.shape[1:])
@@ -284,17 +284,17 @@ def _maps_at(model: Any, drawn: Drawn, ways: np.ndarray, pushes: np.ndarray, poi
 
 
 class Monomials:
-    """Monomials of parameters, each about from -1 to 1 at some points, (S, P), of which there are a third as many.
+    """Monomials of parameters scaled to [-1, 1] at some points, (S, P); at most a third as many as points.
 
-    Of a parameter that alone makes the modulus of a component its compliance, 1 over the modulus, in which answers are
-    nearly linear; of others themselves.
+    If the modulus of a component depends on one parameter only, the compliance, 1 over the modulus, replaces it,
+    in which answers are nearly linear.
     """
 
     def __init__(self, model: Any, points: np.ndarray):
         factors = [part.factor for part in model.eliminated.parts if part.factor is not None]
         alone = {factor.formula.variables[0]: factor for factor in factors if len(factor.formula.variables) == 1}
         self._factors = [alone.get(name) for name in model.parameters.names]
-        still = np.ptp(self._columns(points), axis=0) == 0  # a modulus that names a parameter and does not change
+        still = np.ptp(self._columns(points), axis=0) == 0  # a modulus that names a parameter but is constant
         self._factors = [None if one else factor for one, factor in zip(still, self._factors, strict=True)]
         columns = self._columns(points)
         self._low = columns.min(axis=0)
@@ -306,20 +306,20 @@ class Monomials:
         return np.column_stack([own if factor is None else 1 / factor.values(points) for own, factor in pairs])
 
     def at(self, points: np.ndarray) -> np.ndarray:
-        """At other points, (S, P): (S, F)."""
+        """Monomials at other points, (S, P): (S, F)."""
         scaled = 2 * (self._columns(points) - self._low) / (self._high - self._low) - 1
         return np.prod(scaled[:, None, :] ** self._powers, axis=2)
 
     @property
     def tree(self) -> dict[str, Any]:
-        """How a page makes them of a point."""
+        """Data to evaluate the monomials on a page."""
         ends = zip(self._factors, self._low.tolist(), self._high.tolist(), strict=True)
         axes = [{"modulus": steps_of(factor), "low": low, "high": high} for factor, low, high in ends]
         return {"axes": axes, "powers": self._powers.tolist()}
 
 
 def _powers(parameters: int, most: int) -> np.ndarray:
-    """Exponents of all monomials up to the highest degree of which there are no more than so many, (F, P)."""
+    """Exponents of all monomials up to the highest degree with at most ``most`` of them, (F, P)."""
     found = np.zeros((1, parameters), dtype=int)
     for degree in range(1, DEGREE + 1):
         every = itertools.combinations_with_replacement(range(parameters), degree)

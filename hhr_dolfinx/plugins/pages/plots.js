@@ -5,7 +5,7 @@ const plots = (() => {
   const { style, said, prepared, ticks, widened, colour } = drawing;
   const LEFT = 64, RIGHT = 13;
 
-  /* Lines with numbers at both axes; returns the places of numbers on the canvas. */
+  /* Lines with numbers at both axes; returns the positions of numbers on the canvas. */
   function axes({ pen, width, height }, [from, to], [low, high], { bottom, top, across }) {
     const px = (v) => LEFT + ((v - from) / (to - from || 1)) * (width - LEFT - RIGHT);
     const py = (v) => height - bottom - ((v - low) / (high - low)) * (height - bottom - top);
@@ -61,8 +61,8 @@ const plots = (() => {
     pen.restore();
   }
 
-  /* Values on a surface that is seen from above, as discs of some areas; rings where they are open, and with friction a dot for
-     what sticks or slips. */
+  /* Values on a surface seen from above, as discs of some areas; rings for open contacts, and with friction a dot for stick
+     or slip. */
   function map(canvas, { places, values, closed, areas, unit, marks }) {
     const { pen, width, height } = prepared(canvas);
     const range = [0, 1].map((c) => places.map((place) => place[c])).map((v) => [Math.min(...v), Math.max(...v)]);
@@ -83,7 +83,7 @@ const plots = (() => {
     return most;
   }
 
-  /* Numbers along a path, (x, y) each, and where it is now. */
+  /* Numbers along a path, (x, y) each, and the current point. */
   function loop(canvas, points) {
     const drawn = prepared(canvas);
     const [xs, ys] = [0, 1].map((c) => { const own = points.map((p) => p[c]); return widened(Math.min(...own), Math.max(...own)); });

@@ -1,6 +1,6 @@
-"""What a page draws of a scene beside the numbers of its model: a mesh to look at, places of contact, words.
+"""Scenery of a page: the mesh to draw, points of contact, and names.
 
-A model in a file knows no mesh. Its scenery lies beside it, ``scenery.npz``: plain data like the model.
+A model in a file has no mesh. Its scenery is a separate file next to it, ``scenery.npz``: plain data like the model.
 """
 
 from __future__ import annotations
@@ -25,15 +25,15 @@ _ARRAYS = ("points", "nodes", "triangles", "lines", "contact_points", "areas", "
 
 @dataclass(frozen=True, eq=False)
 class Strains:
-    """What makes von Mises' stress of cells out of a displacement.
+    """Data to compute von Mises' stress of cells from a displacement.
 
     Attributes:
-        cells: of each triangle that is drawn its place among the cells, (t,).
-        bodies: of each cell its body, (c,).
-        rows: strain in the middles of the cells times the grading of their moduli, Kelvin's notation, cell by cell,
-            (4 c, N), in space (6 c, N); that across the plane is zero where its stress is.
+        cells: index of the cell of each drawn triangle, (t,).
+        bodies: body of each cell, (c,).
+        rows: strain at the middles of the cells times the grading of their moduli, Kelvin's notation, cell by cell,
+            (4 c, N), in space (6 c, N); the out-of-plane strain is zero in plane stress.
         moduli: λ' and μ' of each body as formulas of the parameters.
-        plane_stress: whether the stress across the plane vanishes.
+        plane_stress: True if the out-of-plane stress is zero.
     """
 
     cells: np.ndarray
@@ -44,22 +44,22 @@ class Strains:
 
     @property
     def components(self) -> int:
-        """Of a strain."""
+        """Number of components of a strain."""
         return self.rows.shape[0] // max(len(self.bodies), 1)
 
-    def taken(self, triangles: np.ndarray) -> Strains:
-        """Those of some triangles alone."""
+    def of_triangles(self, triangles: np.ndarray) -> Strains:
+        """Strains of some triangles."""
         kept, cells = np.unique(self.cells[triangles], return_inverse=True)
         rows = (kept[:, None] * self.components + np.arange(self.components)).ravel()
         return replace(self, cells=cells, bodies=self.bodies[kept], rows=csr_matrix(self.rows[rows]))
 
     @property
     def dofs(self) -> int:
-        """Of the displacement."""
+        """Number of dofs of the displacement."""
         return int(self.rows.shape[1])
 
     def fault(self, triangles: int, bodies: int) -> str:
-        """What does not fit; nothing where all does."""
+        """Description of an inconsistency, or an empty text."""
         count = len(self.bodies)
         kinds = self.cells.dtype.kind + self.bodies.dtype.kind
         if set(kinds) - set("iu") or self.bodies.ndim != 1 or not count:
@@ -73,20 +73,20 @@ class Strains:
 
 @dataclass(frozen=True)
 class Scenery:
-    """What is drawn of a scene.
+    """Mesh, contact points and names of a scene, to draw them.
 
     Attributes:
-        points: coordinates of the nodes that are drawn, (n, dim).
+        points: coordinates of the drawn nodes, (n, dim).
         nodes: their numbers among all nodes of the model, (n,).
-        triangles: of these nodes, counted among those drawn, (t, 3).
-        lines: edges of the surface, likewise, (l, 2); none in space.
-        contact_points: places of the contact conditions, (m, dim).
+        triangles: their nodes, as indices into the drawn nodes, (t, 3).
+        lines: edges of the surface, also as indices into the drawn nodes, (l, 2); none in space.
+        contact_points: points of the contact conditions, (m, dim).
         areas: of the conditions, (m,).
         pairs: contact of each condition, (m,).
-        compliance: S times ones in the middle of the box, (m,), by which a page tells whose model it draws.
-        moves: whether shapes are parameters: areas are then those of the middle of the box alone.
-        strains: of the cells that are drawn; None where their stress is not that of a displacement alone.
-        owners: cell of each triangle in a model that flows, (t,), which alone knows them; None elsewhere.
+        compliance: S times ones at the middle of the box, (m,), to check that model and scenery are of one scene.
+        moves: True if shapes are parameters: areas are then those at the middle of the box.
+        strains: of the drawn cells; None if their stress does not follow from displacements alone.
+        owners: cell of each triangle in an inelastic model, (t,), set by the model; else None.
         words: ``scene``, ``contacts`` (a name for each), ``bodies`` (a line for each), ``hypothesis``, ``length``,
             ``stress``, ``force`` and ``work`` (units, or nothing), ``units`` of parameters by name.
     """
@@ -105,7 +105,7 @@ class Scenery:
     owners: np.ndarray | None = None
 
     def write(self, path: str | Path) -> None:
-        """Keep it in a file.
+        """Write it to a file.
 
         Raises:
             FileError: if it cannot be written.
@@ -121,11 +121,11 @@ class Scenery:
 
     @classmethod
     def read(cls, path: str | Path) -> Scenery:
-        """That of a file.
+        """Read a scenery from a file.
 
         Raises:
-            FileNotFoundError: if there is none.
-            FileContentError: if it is damaged, or no scenery.
+            FileNotFoundError: if there is no file.
+            FileContentError: if it is damaged, or not a scenery.
         """
         header, arrays = read_arrays(path, FORMAT, VERSION)
         if missing := set(_ARRAYS) - set(arrays):
@@ -141,7 +141,7 @@ class Scenery:
         return found
 
     def _fault(self) -> str:
-        """What does not fit; nothing where all does."""
+        """Description of an inconsistency, or an empty text."""
         count = len(self.points)
         wholes = [self.nodes, self.triangles, self.lines, self.pairs]
         if any(array.dtype.kind not in "iu" for array in wholes) or (count and self.nodes.min(initial=0) < 0):
@@ -169,7 +169,7 @@ class Scenery:
 
 
 def _strains(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Strains:
-    """Those of a file; what is wrong with them SciPy says, or :meth:`Strains.fault`."""
+    """Strains of a file; SciPy or :meth:`Strains.fault` reports invalid ones."""
     shape = arrays["indptr"].size - 1, int(header["dofs"])
     rows = csr_matrix(tuple(arrays[name] for name in _ROWS), shape=shape)
     rows.check_format()
@@ -180,16 +180,16 @@ def _strains(header: dict[str, Any], arrays: dict[str, np.ndarray]) -> Strains:
 
 
 def thinned(scenery: Scenery, most: int) -> Scenery:
-    """The same with some of its nodes in the place of all, no more than ``most``: finer meshes than a screen shows.
+    """Scenery with at most ``most`` nodes, for meshes that are finer than a screen shows.
 
-    Nodes of one body that lie in the same square (cube) become one of them, on the outline if any is.
+    Nodes of one body in the same square (cube) are merged into one of them, on the outline if possible.
     """
     if len(scenery.points) <= most:
         return scenery
     bodies = _bodies(scenery)
     low = scenery.points.min(axis=0)
     size = float(np.ptp(scenery.points, axis=0).max())
-    count = int(4 * most**0.5)  # squares across, fewer of them until few enough hold a node
+    count = int(4 * most**0.5)  # squares across; fewer until few enough contain a node
     while True:
         places = np.floor((scenery.points - low) / size * count).astype(np.int64)
         _, square = np.unique(np.column_stack([bodies, places]), axis=0, return_inverse=True)
@@ -209,13 +209,13 @@ def thinned(scenery: Scenery, most: int) -> Scenery:
         nodes=scenery.nodes[kept],
         triangles=triangles[whole],
         lines=lines[_whole(lines)],
-        strains=None if scenery.strains is None else scenery.strains.taken(whole),
+        strains=None if scenery.strains is None else scenery.strains.of_triangles(whole),
         owners=None if scenery.owners is None else scenery.owners[whole],
     )
 
 
 def _bodies(scenery: Scenery) -> np.ndarray:
-    """Number of the connected part of each node, (n,)."""
+    """Number of the connected component of each node, (n,)."""
     count = len(scenery.points)
     begin, middle, end = scenery.triangles.T
     rows = np.concatenate([begin, middle])
@@ -225,7 +225,7 @@ def _bodies(scenery: Scenery) -> np.ndarray:
 
 
 def _whole(pieces: np.ndarray) -> np.ndarray:
-    """Places of triangles or lines whose corners are still different ones, each once."""
+    """Indices of triangles or lines with distinct corners, each once."""
     ordered = np.sort(pieces, axis=1)
     different = np.flatnonzero((np.diff(ordered, axis=1) > 0).all(axis=1))
     return different[np.unique(ordered[different], axis=0, return_index=True)[1]]

@@ -29,7 +29,7 @@ ALIKE = 1e-9
 
 
 def write_scenery(full: FullOrderModel, folder: Path) -> None:
-    """Write what a page draws beside a model in a folder. Collective."""
+    """Write the scenery of a page next to a model in a folder. Collective."""
     scenery = scenery_of(full)
     if full.comm.rank == 0:
         scenery.write(folder / NAME)

@@ -1,4 +1,4 @@
-"""Von Mises' stress on a page: strains of few modes, moduli as formulas, and how far off that is."""
+"""Von Mises' stress on a page: strains in few modes, moduli as formulas, and the error."""
 
 from __future__ import annotations
 
@@ -15,24 +15,24 @@ from hhr_dolfinx.plugins.pages.scenery import Strains
 STRESS = 3e-3
 COARSE = 127
 FALSE = 0.05
-"""Part of the stress that its modes leave out, levels of their numbers, which a scale of colours does not tell from
-finer ones, and part of itself that the largest stress may be off by."""
+"""Relative truncation error of the stress, quantisation levels of its modes (in a colour scale finer ones look the
+same), and allowed relative error of the largest stress."""
 APART = 4
-"""One of so many answers is held out of the modes, and tells how far off they are."""
+"""One of so many answers is held out of the modes, to measure their error."""
 
 
 class Stress:
-    """What a page makes of strains.
+    """Von Mises' stress from strains, as a page computes it.
 
     Args:
-        strains: of the cells that are drawn.
+        strains: of the drawn cells.
         names: of the parameters.
-        middle: of their box, (P,).
+        middle: middle of their box, (P,).
 
     Attributes:
-        rows: strains by displacements, times μ' of the middle of the box, so that modes are as exact for stiff bodies
-            as for soft ones, (n c, N). Without the third component: it is zero in plane stress, and elsewhere that of
-            deviators, which have no trace.
+        rows: map from displacements to strains times μ' at the middle of the box, (n c, N): modes are then as accurate
+            for stiff bodies as for soft ones. The third component is left out: it is zero in plane stress, else
+            strains are deviators, which have no trace.
     """
 
     def __init__(self, strains: Strains, names: tuple[str, ...], middle: np.ndarray):
@@ -47,11 +47,11 @@ class Stress:
 
     @property
     def size(self) -> int:
-        """Bytes of text that its arrays take."""
+        """Bytes of its arrays as text."""
         return int(BASE64 * (4 * len(self._strains.cells) + len(self._strains.bodies)))
 
     def mises(self, values: np.ndarray, point: np.ndarray) -> np.ndarray:
-        """Von Mises' stress of what the rows give, (n c,), at a point, (P,): (c,)."""
+        """Von Mises' stress of values of the rows, (n c,), at a point, (P,): (c,)."""
         bodies = self._strains.bodies
         moduli = np.array([[modulus.value(point) for modulus in pair] for pair in self._moduli])
         volume, shape = (moduli / self._middle[:, None])[bodies].T
@@ -62,7 +62,7 @@ class Stress:
         return mises_of(stress, plane_stress=self._strains.plane_stress)
 
     def tree(self, arrays: Packed) -> dict[str, Any]:
-        """The same for a page."""
+        """Data of the stress for a page."""
         strains = self._strains
         return {
             "components": strains.components - 1,
@@ -74,7 +74,7 @@ class Stress:
         }
 
     def off(self, points: np.ndarray, exact: np.ndarray, found: np.ndarray) -> dict[str, float]:
-        """How far drawn values, (n c, S), are off of those at some points, (S, P), see :func:`far_off`."""
+        """Errors of drawn values, (n c, S), at some points, (S, P), see :func:`far_off`."""
         right, here = (
             np.array([self.mises(*pair) for pair in zip(own.T, points, strict=True)]) for own in (exact, found)
         )
@@ -82,19 +82,19 @@ class Stress:
 
 
 def mises_of(stress: np.ndarray, *, plane_stress: bool = False) -> np.ndarray:
-    """Von Mises' stress of cells of which the third component is left out, (c, k): (c,).
+    """Von Mises' stress of cells from components without the third, (c, k): (c,).
 
-    In plane stress it is zero; elsewhere it is that of deviators, which have no trace.
+    The third is zero in plane stress; else the components are of deviators, which have no trace.
     """
     third = 0.0 if plane_stress else -stress[:, 0] - stress[:, 1]
     return von_mises(np.insert(stress, 2, third, axis=1))
 
 
 def far_off(exact: np.ndarray, found: np.ndarray, scales: np.ndarray | None = None) -> dict[str, float]:
-    """How far von Mises' stress that is drawn is off that of answers, (S, c) each, relative to some scales, (S,).
+    """Largest errors of the drawn von Mises' stress, against that of answers, (S, c) each: ``cells`` and ``largest``.
 
-    By default to the largest of each. In any cell, and the largest value itself; answers of which nothing is left but
-    round-off do not count.
+    They are the error in any cell, and of the largest value. Errors are relative to some scales, (S,), by default to
+    the largest stress of each answer. Answers that are round-off do not count.
     """
     largest = exact.max(axis=1, initial=0.0)
     scales = largest if scales is None else scales

@@ -1,5 +1,5 @@
 "use strict";
-/* What a page shows: sliders, numbers, pressures along contact with their error, displacement of the mesh. */
+/* View of a page: sliders, numbers, pressures along contact with their error, displacement of the mesh. */
 
 (() => {
   const { style, said, exactly, unit, element, prepared, colour } = drawing;
@@ -13,9 +13,9 @@
   const sliding = tree.friction ? new hhr.Sliding(model) : null, flowing = tree.flow ? new hhr.Flowing(model) : null;
   if (tree.floating) new hhr.Floating(model);
   const bound = tree.bound ? new hhr.Bound(model) : null;
-  const marching = sliding ?? flowing, past = new ways.Past(marching ? Infinity : 500); // a path that forgets its beginning is another one
+  const marching = sliding ?? flowing, past = new ways.Past(marching ? Infinity : 500); // a path without its beginning is another path
   const presses = (i) => !sliding || sliding.pressing[i];
-  let point = fromAddress(), answer = null, state = null, error = null; // the last is of the answer, where it is bounded
+  let point = fromAddress(), answer = null, state = null, error = null; // the last is of the answer, if it has a bound
 
   function fromAddress() {
     const given = new URLSearchParams(location.hash.slice(1)), wrong = [...given.keys()].filter((name) => !tree.names.includes(name));
@@ -66,7 +66,7 @@
   }
 
   /* Numbers. */
-  // where shapes are parameters areas are, and forces of nodes are what is known
+  // with variable shapes areas vary too, and nodal forces are known
   const what = scenery.moves ? "force of a node" : "pressure", ofPressure = (scenery.moves ? words.force : words.stress) ?? "";
   const stressOf = (force, i) => (scenery.moves ? force : areas[i] > 0 ? force / areas[i] : NaN);
   const pressure = () => Array.from(answer.forces, stressOf);
@@ -127,7 +127,7 @@
     }
   }
 
-  /* Two digits of what something is at most: never less than it is. */
+  /* An upper limit to two digits, rounded up. */
   function atMost(x) {
     const unit = 10 ** (Math.floor(Math.log10(x)) - 1);
     return x > 0 && Number.isFinite(x) ? Number((Math.ceil(x / unit * (1 - 1e-12)) * unit).toPrecision(2)) : x;
@@ -138,7 +138,7 @@
   const worst = scenery.moves ? tree.error.forces : tree.error.pressure;
   const bounded = () => error && (scenery.moves ? error.forces : error.pressure);
 
-  /* What is interpolated: of the answer itself, and at its worst among random points. */
+  /* Errors of interpolation: of the answer itself, and the largest at random points. */
   function interpolated() {
     const own = bounded(), { kind, points: count } = tree.error;
     const [subject, whole] = scenery.moves ? ["Contact forces", "their size"] : ["Pressures", "the largest one"];
@@ -185,7 +185,7 @@
     return order.map((i) => { const k = tangentOf.get(contactOf.get(i)); return k === undefined ? 0 : stressOf(onSlave(k, axis), i); });
   }
 
-  /* From where to where a contact is drawn: what touches and as much on either side, if that is a small part. */
+  /* Drawn range of a contact: the active part and as much on either side, if that part is small. */
   function shown(x, order) {
     const [first, last] = [Math.min(...x), Math.max(...x)], touched = x.filter((_, k) => answer.forces[order[k]] > 0);
     const [low, high] = [Math.min(...touched), Math.max(...touched)], wide = high - low;
@@ -213,7 +213,7 @@
     for (const contact of drawnContacts) (contact.line ? drawLine : drawMap)(contact, values);
   }
 
-  /* Displacement of the mesh; where it can be seen as it is it is drawn so, lest bodies go through each other. */
+  /* Displacement of the mesh; not magnified if it is visible, so that bodies do not penetrate. */
   const SEEN = 0.02;
   const field = tree.field ? new Field(at("field"), { points, triangles: arrays[scenery.triangles], lines: arrays[scenery.lines], dim }) : null;
   const draws = field !== null && field.gl !== null;
@@ -248,7 +248,7 @@
   const FEW = 150, REST = 200; // conditions up to which errors are bounded while a slider moves, else when it has rested, ms
   let resting = 0;
 
-  /* Once a picture for all that changed since the last one; of what remembers increments for each. */
+  /* Once per frame for all changes since the last one; models with a history get each of them. */
   let waiting = false, asked = [];
   function changed() {
     showParameters();
@@ -258,7 +258,7 @@
     requestAnimationFrame(() => { waiting = false; solve(); });
   }
 
-  /* Increments from where the path is; laws that change begin it anew, with increments from rest that are part of it. */
+  /* Increments from the current state; a change of laws restarts the path, with increments from rest. */
   function marched(next) {
     const goes = state && marching.fixed.every((k) => state.point[k] === next[k]);
     if (!goes) past.clear();
@@ -269,7 +269,7 @@
     if (!state || next.some((x, k) => state.point[k] !== x)) answer = { ...model.nothing(next), statuses: [] };
   }
 
-  /* The last of what was asked for that begins anew: what was before it is forgotten. */
+  /* The last query that restarts the path: those before it are discarded. */
   function beginning() {
     const other = (next, k) => k > 0 && marching.fixed.some((axis) => next[axis] !== asked[k - 1][axis]);
     return Math.max(0, asked.findLastIndex(other));
@@ -296,7 +296,7 @@
     showWay();
   }
 
-  /* The path: a pad of two parameters, and with friction what has been, over a parameter or the number of an increment. */
+  /* The path: a pad of two parameters, and with friction its history, over a parameter or the number of an increment. */
   function showWay() {
     if (at("up").options.length > 1) {
       const { pen, width, height } = prepared(at("pad"));
@@ -317,8 +317,8 @@
   function readyWay() {
     if (tree.names.length < 2 && !marching) return;
     if (marching) at("way").hidden = false;
-    else at("asked").append(...at("way").querySelectorAll(":scope > .row, #pad")); // no past to show: a pad beside the sliders
-    const drawn = [...labels.keys()].filter((k) => !marching?.fixed.includes(k)); // what begins anew is no path
+    else at("asked").append(...at("way").querySelectorAll(":scope > .row, #pad")); // no history to show: a pad next to the sliders
+    const drawn = [...labels.keys()].filter((k) => !marching?.fixed.includes(k)); // a parameter that restarts the path is not drawn
     for (const [id, first] of [["across", 0], ["up", 1]]) {
       drawn.forEach((axis, k) => at(id).append(element("option", labels[axis], { value: axis, selected: k === first })));
       at(id).addEventListener("input", showWay);
@@ -342,7 +342,7 @@
     catch { at("said").replaceChildren("this browser copies nothing, so select it: ", element("textarea", text, { readOnly: true, rows: 4 })); }
   }
 
-  /* What stays. */
+  /* Fixed texts. */
   at("about").textContent = [words.hypothesis, `${model.m} contact conditions`, `made ${tree.made}`].join(" · ");
   at("footer").replaceChildren(...words.bodies.map((line) => element("p", `body ${line}`)),
     element("p", "This page holds the whole model and asks nobody. Scripts of hhr_dolfinx, licence of the package."));

@@ -1,8 +1,8 @@
 """Constants and hypotheses of the thesis' theorems, see :mod:`hhr_dolfinx.plugins.theorems.theorems`.
 
-Each proof uses a on spaces of its own; the constants on these are the sharpest with which it holds. They are
-eigenvalues of pencils of the size of the basis, but for those on V^0, which are as large as the RID; large ones are
-left to SLEPc.
+Each proof uses the form a on different spaces; the constants on these are the sharpest with which it holds. They are
+eigenvalues of pencils of the size of the basis, except those on V^0, which have the size of the RID. SLEPc solves large
+pencils.
 """
 
 from __future__ import annotations
@@ -60,7 +60,7 @@ class Spaces:
 
 
 def sharp_constants(norms: Norms, spaces: Spaces, inf_sup: Constants) -> dict[str, Ellipticity]:
-    """By theorem M_a, and alpha or what stands in its place; without those that are not defined."""
+    """M_a, and alpha or the constant that replaces it, by theorem; undefined ones are left out."""
     found = {"4": norms.inner, "8": replace(norms.inner, continuity=norms.from_interface)}
     if inf_sup.beta_HR > 0:  # and not NaN
         found["3"] = Ellipticity(norms.continuity(spaces.test), inf_sup.beta_HR)
@@ -93,7 +93,7 @@ def refused(norms: Norms, sharp: dict[str, Ellipticity]) -> dict[str, str]:
 def given_constants(
     sharp: dict[str, Ellipticity], given: Ellipticity, sigma_min: float | None
 ) -> dict[str, Ellipticity]:
-    """Constants with M_a and alpha from outside; with ``sigma_min`` as printed, and without where it is None.
+    """Constants with given M_a and alpha; with ``sigma_min`` as printed, and without it if it is None.
 
     Raises:
         BoundError: for constants that are not positive.
@@ -112,7 +112,7 @@ def given_constants(
 
 
 def beyond(used: dict[str, Ellipticity], sharp: dict[str, Ellipticity]) -> dict[str, str]:
-    """Theorems whose constants from outside are none of their spaces, and why."""
+    """Theorems for which given constants do not belong to the spaces of the proofs, with the reason."""
     found = {}
     for name in used.keys() & sharp.keys():
         own = used[name]
@@ -132,7 +132,7 @@ def check_models(full: FullModel, model: ReducedModel) -> None:
 
     Raises:
         BoundError: with the hypothesis that fails.
-        ReductionError: for a model that does not know how it was made, or of another full model.
+        ReductionError: for a model without a record of its construction, or of another full model.
     """
     problem = full.problem
     if full.equilibrium is not None:

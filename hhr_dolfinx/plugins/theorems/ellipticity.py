@@ -82,7 +82,7 @@ def smallest_eigenvalue(
     Args:
         matrix: K, symmetric and positive definite, (n, n).
         solve: K^-1 times a vector (n,), by factors that are there already.
-        gram: G, likewise, of the norm; None is the Euclidean one.
+        gram: G of the norm, in the same format; None for the Euclidean one.
     """
     if matrix.shape[0] <= DENSE:
         return float(linalg.eigvalsh(matrix.toarray(), None if gram is None else gram.toarray())[0])
@@ -128,7 +128,7 @@ class _Kept:
         self._solve = solve
 
     def apply(self, _: Any, rhs: Any, solution: Any) -> None:
-        """PETSc asks for K^-1 rhs."""
+        """Compute K^-1 rhs for PETSc."""
         solution.array[:] = self._solve(rhs.array_r)
 
 
@@ -174,7 +174,7 @@ def _of_full(full: FullModel) -> Ellipticity:
 
 
 def on_dofs(solve: Callable[[np.ndarray], np.ndarray], dofs: np.ndarray, size: int) -> Callable[..., np.ndarray]:
-    """What solves on some dofs, (n,), from what solves for vectors of all, (size,)."""
+    """Solver on some dofs, (n,), from a solver for vectors of all dofs, (size,)."""
 
     def solved(rhs: np.ndarray) -> np.ndarray:
         whole = np.zeros(size)

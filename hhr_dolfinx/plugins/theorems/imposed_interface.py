@@ -1,4 +1,4 @@
-"""The reduced problem under hypothesis (H), (2.67): the interface of the RID moves as the full model says, (2.33)."""
+"""Reduced problem under hypothesis (H), (2.67): the RID interface has the displacements of the full model, (2.33)."""
 
 from __future__ import annotations
 
@@ -43,10 +43,10 @@ class ImposedInterface:
         return cls(problem, domain, space, contact, SchurEqualities.of(contact @ contact.T), pairs)
 
     def solve(self, field: np.ndarray, theta: Theta) -> np.ndarray:
-        """Solution on A, (|A|,), for a field whose values on the interface are taken, (N,).
+        """Solution on A, (|A|,), with imposed values on the interface from a field, (N,).
 
         Raises:
-            BoundError: if the statuses do not settle.
+            BoundError: if the statuses do not converge.
         """
         sets = self.domain.sets
         lift = field.copy()

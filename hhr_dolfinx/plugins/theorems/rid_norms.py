@@ -99,7 +99,7 @@ class Domain:
 
     @cached_property
     def acting(self) -> csr_matrix:
-        """How contact forces of the RID act on A, B[A_lambda, A]^T, (|A|, N_lambda_C)."""
+        """Map from contact forces of the RID to loads on A, B[A_lambda, A]^T, (|A|, N_lambda_C)."""
         return csr_matrix(self.contact[:, self.sets.A].T)
 
     @cached_property
@@ -118,7 +118,7 @@ class Domain:
 
     @cached_property
     def outside(self) -> FreeCholesky | None:
-        """Factors of K on the free dofs outside Omega_A; None if there are none."""
+        """Factors of K on the free dofs outside Omega_A; None without such dofs."""
         mask = self.free & ~self.support
         return self.factor(mask) if mask.any() else None
 

@@ -10,7 +10,7 @@ on the interface I (lifts that vanish inside, (2.40)), u^0 = u - r on A. With th
     6           |u - u_HR| <= (1 + M_a / alpha') inf_w |u - w|                                under (2.46),      (2.87)
     8           |u - u_HR|_A <= |R|_A' / alpha + (1 + M_a / alpha) |r - r'|_A                 under (H2),       (2.116)
 
-Theorem 7, (2.95), is 8 under (H), where r = r' and the last term is zero: it has no number of its own here.
+Theorem 7, (2.95), is 8 under (H), where r = r' and the last term is zero: it has no separate number here.
 
 Above u_HR^H answers (2.33) with r' = r. The infima are those of the proofs: over w for which w - u_HR lies in the
 kernel of b, that is, which close the gaps as u_HR does. The text takes more, all w that penetrate nothing, for which
@@ -58,7 +58,7 @@ class Sides(NamedTuple):
 
     Attributes:
         left: the error.
-        right: what is said to be no less.
+        right: its upper bound by the theorem.
     """
 
     left: float
@@ -66,7 +66,7 @@ class Sides(NamedTuple):
 
     @property
     def effectivity(self) -> float:
-        """Right over left, (2.153); infinite where there is no error."""
+        """Right over left, (2.153); infinite if the error is zero."""
         return self.right / self.left if self.left > 0 else math.inf
 
 
@@ -76,10 +76,10 @@ class ThesisBounds:
 
     Attributes:
         problem: the full problem.
-        norms: in which both sides are taken.
+        norms: norms of both sides.
         basis: V, (N, ell).
         imposed: the reduced problem under (H).
-        constants: of each theorem that can be evaluated: M_a, and alpha or what stands in its place.
+        constants: of each theorem that can be evaluated: M_a, and alpha or the constant that replaces it.
         near: spaces of the infima on Omega_A and on the whole domain.
         refused: the hypothesis that fails, by theorem.
     """
@@ -111,12 +111,12 @@ class ThesisBounds:
             constants: M_a and alpha in this norm; None takes the smallest and the largest that the proofs allow, by
                 eigenvalues on the spaces of the proofs.
             as_printed: as the figures of section 2.6 were made, in the Euclidean norm: constants by (2.143) and (2.144)
-                if none are given, infima over all of the reduced space, (2.148) to (2.152), alpha in the place of
+                if none are given, infima over all of the reduced space, (2.148) to (2.152), alpha instead of
                 alpha', beta_HR as the smallest singular value of B~.
 
         Raises:
             BoundError: with the hypothesis that fails for all theorems.
-            ReductionError: for a model that does not know how it was made, or of another full model.
+            ReductionError: for a model without a record of its construction, or of another full model.
         """
         check_models(full, model)
         if as_printed and constants is None:
@@ -161,7 +161,7 @@ class ThesisBounds:
         return {name: pair.sides(name) for name in THEOREMS if name not in self.refused}
 
     def sides(self, answer: Answer, exact: Answer) -> dict[str, Sides]:
-        """Both sides of all theorems that can be evaluated, also of those refused: numbers of which nothing is said."""
+        """Both sides of all theorems that can be evaluated; those with a failing hypothesis prove nothing."""
         pair = self._pair(answer, exact)
         return {name: pair.sides(name) for name in THEOREMS if name in self.constants}
 

@@ -93,8 +93,10 @@ def _draw_pressures(axes: Axes, answer: Answer, full: FullOrderModel) -> None:
         order = np.argsort(places[:, along], kind="stable")
         axes.plot(places[order, along], pressures[order], ".-", label=f"contact {pair}")
         labels.add(_axes_of(full)[along])
-    axes.set(xlabel=f"{' or '.join(sorted(labels))}{_unit(full, 'length')}",
-             ylabel=f"contact pressure{_unit(full, 'stress')}")  # fmt: skip
+    axes.set(
+        xlabel=f"{' or '.join(sorted(labels))}{_unit(full, 'length')}",
+        ylabel=f"contact pressure{_unit(full, 'stress')}",
+    )
     axes.grid(alpha=0.25)
     axes.legend()
 
@@ -113,8 +115,12 @@ def _draw_bodies(figure: Figure, axes: Axes, answer: Answer, full: FullOrderMode
     axes.add_collection(drawn)
     figure.colorbar(drawn, ax=axes, label=f"displacement{_unit(full, 'length')}")
     first, second = _axes_of(full)
-    axes.set(xlabel=f"{first}{_unit(full, 'length')}", ylabel=f"{second}{_unit(full, 'length')}", aspect="equal",
-             title="" if factor == 1 else f"displacements {factor:g} times as large")  # fmt: skip
+    axes.set(
+        xlabel=f"{first}{_unit(full, 'length')}",
+        ylabel=f"{second}{_unit(full, 'length')}",
+        aspect="equal",
+        title="" if factor == 1 else f"displacements {factor:g} times as large",
+    )
     axes.autoscale_view()
 
 

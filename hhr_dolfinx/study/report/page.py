@@ -23,40 +23,52 @@ MAPPED = 3
 FIRST = ("primal_l2", "dual_full_floored", "stress_rr", "plastic_strain")
 """Main errors; the same in other norms, or of a part, are folded."""
 ERRORS = {
-    "primal_l2": "displacement, mean square", "primal_energy": "displacement, in energy",
-    "primal_euclid": "displacement, node by node", "energy_minimum": "energy above its minimum",
+    "primal_l2": "displacement, mean square",
+    "primal_energy": "displacement, in energy",
+    "primal_euclid": "displacement, node by node",
+    "energy_minimum": "energy above its minimum",
     "dual_rid": "contact forces inside the reduced domain, whatever their size",
     "dual_rid_floored": "contact forces inside the reduced domain",
     "dual_full": "contact forces on the whole surface, whatever their size",
-    "dual_full_floored": "contact forces, on the whole surface", "resultant": "resultant of the contact forces",
-}  # fmt: skip
+    "dual_full_floored": "contact forces, on the whole surface",
+    "resultant": "resultant of the contact forces",
+}
 """Names of errors for readers; others have the names of their keys."""
 MATERIALS = {"young": "Young's modulus", "poisson": "Poisson's ratio"}
 TIMES = {
     "fom_naive": "a first program: everything assembled and factored for each query",
-    "fom_best": "the full order at its best: the stiffness factored once", "condensed": "condensation, contact forces",
-    "condensed_full": "condensation, fields and forces", "online": "the reduced model, contact forces",
-    "online_lapack": "the same, each system factored by LAPACK", "online_full": "the reduced model, fields and forces",
+    "fom_best": "the full order at its best: the stiffness factored once",
+    "condensed": "condensation, contact forces",
+    "condensed_full": "condensation, fields and forces",
+    "online": "the reduced model, contact forces",
+    "online_lapack": "the same, each system factored by LAPACK",
+    "online_full": "the reduced model, fields and forces",
     "online_forces": "the reduced model, forces on the whole surface",
-}  # fmt: skip
+}
 PICTURES = {
     "scene.png": "The scene: bodies, contact surfaces, supports and loads.",
     "work_precision.png": "Error against time of one query. What lies on the line is beaten by nothing in both.",
     "pressures.png": "Contact pressures: lines of the full order, marks of the reduced model.",
     "fields.png": "The cells on which the reduced model integrates (RID), and fields beside each other.",
-    "errors.png": "Errors over the parameter.", "contact_force.png": "Contact force over time.",
+    "errors.png": "Errors over the parameter.",
+    "contact_force.png": "Contact force over time.",
     "largest_plastic_strain.png": "Largest plastic strain over time.",
     "iterations_of_a_step.png": "Iterations of the steps of a history.",
-}  # fmt: skip
+}
 SIZES = {
-    "N": "unknowns", "N_lambda": "contact conditions", "ell_bar": "modes", "N_lambda_C": "kept contact conditions",
-    "rid_cells": "cells of the reduced domain", "snapshots": "training answers",
-}  # fmt: skip
-TOLD = {
-    "scene", "seed", "date", "parameters", "materials", "units",
-    "advice", "outputs", "work_precision", "kkt", "break_even", "skipped", "machine",
-    "versions", "samples", "discretisation",
-}  # fmt: skip
+    "N": "unknowns",
+    "N_lambda": "contact conditions",
+    "ell_bar": "modes",
+    "N_lambda_C": "kept contact conditions",
+    "rid_cells": "cells of the reduced domain",
+    "snapshots": "training answers",
+}
+TOLD = frozenset(
+    (
+        "scene seed date parameters materials units advice outputs work_precision kkt break_even skipped machine "
+        "versions samples discretisation"
+    ).split()
+)
 """Parts of a report with a separate place on the page; the others follow in their raw form."""
 
 

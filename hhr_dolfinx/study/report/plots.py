@@ -102,9 +102,11 @@ def _plot(
     flat = np.ptp(still.points[:, 2]) == 0
     columns = 1 + max(len(row) for row in rows)
     plotter = pyvista.Plotter(
-        off_screen=True, shape=(len(rows), columns), window_size=(560 * columns, _height(still) * len(rows)),
+        off_screen=True,
+        shape=(len(rows), columns),
+        window_size=(560 * columns, _height(still) * len(rows)),
         border=False,
-    )  # fmt: skip
+    )
     outline = _outline(still, flat)
     count = int(still.cell_data["rid"].sum())
     plotter.subplot(0, 0)
@@ -122,12 +124,25 @@ def _plot(
 
 
 def _draw_panel(plotter: pyvista.Plotter, panel: _Panel, flat: bool) -> None:
-    bar = {"title": panel.name, "vertical": False, "label_font_size": 15, "n_labels": 3, "color": "k",
-           "position_y": 0.02, "fmt": "%.3g", "width": 0.6, "position_x": 0.2}  # fmt: skip
+    bar = {
+        "title": panel.name,
+        "vertical": False,
+        "label_font_size": 15,
+        "n_labels": 3,
+        "color": "k",
+        "position_y": 0.02,
+        "fmt": "%.3g",
+        "width": 0.6,
+        "position_x": 0.2,
+    }
     plotter.add_mesh(
-        panel.grid.copy(), scalars=panel.name, cmap=panel.colours, clim=panel.ends, scalar_bar_args=bar,
+        panel.grid.copy(),
+        scalars=panel.name,
+        cmap=panel.colours,
+        clim=panel.ends,
+        scalar_bar_args=bar,
         lighting=not flat,
-    )  # fmt: skip
+    )
     # the name stands above the picture, where it covers nothing
     plotter.scalar_bars[panel.name].SetTitle("")
 
@@ -202,8 +217,11 @@ def plot_work_precision(rows: list[dict[str, Any]], path: Path) -> None:
             axis.plot(*zip(*front, strict=True), "-", color="black", linewidth=0.8, zorder=0)
         if any(point.exact for point in points):
             axis.axhline(floor, color="grey", linestyle="--", linewidth=0.8, zorder=0)
-    figure.suptitle("points: median of the test points; bars: up to 95 % and the worst seen (ticks); "
-                    "on the dashed line: exact to round-off", fontsize=9)  # fmt: skip
+    figure.suptitle(
+        "points: median of the test points; bars: up to 95 % and the worst seen (ticks); "
+        "on the dashed line: exact to round-off",
+        fontsize=9,
+    )
     figure.savefig(path, dpi=150)
 
 

@@ -221,8 +221,10 @@ def print_rows(title: str, rows: list[dict[str, Any]], console: Console) -> None
     """Print rows with common keys as a table; long texts are shortened, the file has them whole."""
     table = Table(*rows[0], title=title)
     for row in rows:
-        cells = (f"{value:.1e}" if isinstance(value, float) else "" if value is None else f"{value}"[:160]
-                 for value in row.values())  # fmt: skip
+        cells = (
+            f"{value:.1e}" if isinstance(value, float) else "" if value is None else f"{value}"[:160]
+            for value in row.values()
+        )
         table.add_row(*cells)
     console.print(table)
 

@@ -156,8 +156,11 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
         rows = problem.pressing_of(place)
         names = " and ".join(repr(surface.tag) for surface in surfaces)
         if not rows.size:
-            found.say(NOTE, f"contact {place} of {names}: displacements are imposed on all of its nodes, and it does "
-                      "nothing. Leave it out, or hold other surfaces")  # fmt: skip
+            found.say(
+                NOTE,
+                f"contact {place} of {names}: displacements are imposed on all of its nodes, and it does "
+                "nothing. Leave it out, or hold other surfaces",
+            )
             continue
         sag = max(sag_of(surface) for surface in surfaces)
         own = still[rows]

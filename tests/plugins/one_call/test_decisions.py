@@ -11,21 +11,21 @@ import numpy as np
 import pytest
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.plugins.one_call import bench as benches
+from hhr_dolfinx.plugins.one_call import context as contexts
 from hhr_dolfinx.plugins.one_call import search
 from hhr_dolfinx.plugins.one_call.search import Tried
-from hhr_dolfinx.plugins.one_call.wish import Budget, Wish
+from hhr_dolfinx.plugins.one_call.target import Budget, Target
 from hhr_dolfinx.timing import unannounced
 
 ERROR = 0.01
 BOX = hhr.ParameterSpace(("a", "b"), (0.0, 0.0), (1.0, 1.0))
 
 
-class FakeBench:
+class FakeContext:
     """Exact answers are points; the error of a model at one is what the model says."""
 
     def __init__(self, of=("forces",), family=None, before=()):
-        self.wish = Wish(ERROR, of)
+        self.target = Target(ERROR, of)
         self.full = SimpleNamespace(parameters=BOX)
         self.family, self.seed, self.checks = family, 3, 0
         self.held_out = list(before)
@@ -41,7 +41,7 @@ class FakeBench:
         return list(points if suspects is None else np.concatenate([points, suspects]))
 
     def errors_of(self, model, exact):
-        return np.array([np.broadcast_to(model.error(point), len(self.wish.of)) for point in exact], dtype=float)
+        return np.array([np.broadcast_to(model.error(point), len(self.target.of)) for point in exact], dtype=float)
 
 
 def fake_model(error, said=None, exact=False):
@@ -53,7 +53,7 @@ def fake_model(error, said=None, exact=False):
 @pytest.fixture(autouse=True)
 def said_by_the_model(monkeypatch):
     monkeypatch.setattr(
-        search, "_said", lambda model, points, wish: {} if model.said is None else {wish.of[0]: model.said(points)}
+        search, "_said", lambda model, points, target: {} if model.said is None else {target.of[0]: model.said(points)}
     )
 
 
@@ -65,16 +65,16 @@ def first(points):
 @pytest.mark.parametrize(("seen", "met"), [(0.4, True), (0.6, False)])
 def test_an_error_that_was_seen_counts_twice(seen, met, family):
     """Of 200 points the worst is worse than that of 40, of 6 histories all the more."""
-    errors, *_ = search._judged(FakeBench(family=family), fake_model(lambda point: seen * ERROR))
+    errors, *_ = search._judged(FakeContext(family=family), fake_model(lambda point: seen * ERROR))
     assert errors == pytest.approx([2 * seen * ERROR], rel=1e-14)
     assert (errors.max() <= ERROR) == met
 
 
 def test_half_of_a_check_is_where_the_model_expects_its_worst():
-    bench = FakeBench()
-    # above the wish everywhere, so that the model does not vouch for itself, and largest at the right
-    search._judged(bench, fake_model(lambda point: 0.0, said=lambda points: 2 * ERROR * np.exp(first(points))))
-    ((count, suspects),) = bench.asked
+    context = FakeContext()
+    # above the target everywhere, so that the model does not vouch for itself, and largest at the right
+    search._judged(context, fake_model(lambda point: 0.0, said=lambda points: 2 * ERROR * np.exp(first(points))))
+    ((count, suspects),) = context.asked
     assert (count, len(suspects)) == (search.FRESH // 2, search.FRESH // 2)
     # the twenty largest of several hundred uniform numbers are above all but a few per cent
     assert first(suspects).min() > 0.9
@@ -86,7 +86,7 @@ def test_what_is_wrong_only_where_the_model_expects_it_is_found():
 
     model = fake_model(error, said=lambda points: 2 * ERROR * np.exp(first(points)))
     assert not (first(BOX.random(search.FRESH // 2, 99)) > 0.97).any()  # no random point of this check sees it
-    errors, *_ = search._judged(FakeBench(), model)
+    errors, *_ = search._judged(FakeContext(), model)
     assert errors.max() == pytest.approx(10 * ERROR)
 
 
@@ -94,8 +94,8 @@ def test_earlier_checks_are_looked_at_again():
     """One of many attempts passes a check by luck; fields alone are made of earlier checks, which then say nothing."""
     earlier = np.array([2.0, 2.0])
     model = fake_model(lambda point: [5 * ERROR, 7 * ERROR] if point is earlier else [0.0, 0.0])
-    bench = FakeBench(of=("forces", "displacement"), before=[earlier])
-    errors, known, _ = search._judged(bench, model)
+    context = FakeContext(of=("forces", "displacement"), before=[earlier])
+    errors, known, _ = search._judged(context, model)
     assert errors == pytest.approx([5 * ERROR, 0.0])
     assert "1 of before" in known
 
@@ -108,26 +108,26 @@ def test_a_bound_is_looked_at_in_hundreds_of_points():
         seen.append(np.array(points))
         return np.where(first(points) > top, 5 * ERROR, 0.5 * ERROR)
 
-    errors, known, _ = search._judged(FakeBench(), fake_model(lambda point: 0.1 * ERROR, said=lambda p: said(p, 2.0)))
+    errors, known, _ = search._judged(FakeContext(), fake_model(lambda point: 0.1 * ERROR, said=lambda p: said(p, 2.0)))
     looked_at = np.concatenate(seen)
     assert len(np.unique(looked_at, axis=0)) == 500
     assert errors == pytest.approx([0.5 * ERROR]) and "500 points" in known
     top = np.sort(first(looked_at))[-3]  # two of 500 lie beyond it
-    bench = FakeBench()
-    _, known, _ = search._judged(bench, fake_model(lambda point: 0.1 * ERROR, said=lambda p: said(p, top)))
-    assert bench.asked[0][0] == search.FRESH // 2 and "500 points" not in known
+    context = FakeContext()
+    _, known, _ = search._judged(context, fake_model(lambda point: 0.1 * ERROR, said=lambda p: said(p, top)))
+    assert context.asked[0][0] == search.FRESH // 2 and "500 points" not in known
 
 
 def test_a_bound_that_is_exceeded_by_what_was_seen_is_not_believed():
     model = fake_model(lambda point: 3 * ERROR, said=lambda points: np.full(len(points), 0.5 * ERROR))
-    bench = FakeBench()
-    errors, *_ = search._judged(bench, model)
-    assert bench.asked == [(search.SURE, None)] and errors == pytest.approx([3 * ERROR])
+    context = FakeContext()
+    errors, *_ = search._judged(context, model)
+    assert context.asked == [(search.SURE, None)] and errors == pytest.approx([3 * ERROR])
 
 
 def test_an_interpolation_that_has_not_settled_counts_as_far_off(monkeypatch):
     monkeypatch.setattr(search, "_unresolved", lambda model: 4 * ERROR)
-    errors, known, _ = search._judged(FakeBench(), fake_model(lambda point: 0.0))
+    errors, known, _ = search._judged(FakeContext(), fake_model(lambda point: 0.0))
     assert errors == pytest.approx([4 * ERROR]) and "S is off" in known
 
 
@@ -135,9 +135,9 @@ def test_what_was_seen_of_an_exact_model_counts_for_outputs_too():
     """A body that contact leaves free to turn has several answers: an output that reads it may be off by anything."""
     model = fake_model(lambda point: [0.0, 6.2], exact=True)
     model.solve = lambda point, **how: SimpleNamespace(estimate=lambda: SimpleNamespace(outputs={"turns": 0.0}))
-    bench = FakeBench(of=("forces", "turns"))
-    errors, *_ = search._judged(bench, model)
-    assert errors == pytest.approx([0.0, 6.2]) and bench.asked == [(search.SURE, None)]
+    context = FakeContext(of=("forces", "turns"))
+    errors, *_ = search._judged(context, model)
+    assert errors == pytest.approx([0.0, 6.2]) and context.asked == [(search.SURE, None)]
 
 
 def test_an_exact_model_is_checked_where_it_does_not_vouch_for_an_output():
@@ -149,10 +149,10 @@ def test_an_exact_model_is_checked_where_it_does_not_vouch_for_an_output():
 
     model = fake_model(lambda point: 6.2 if point[0] > 0.96 else 0.0, exact=True)
     model.solve = solve
-    bench = FakeBench(of=("turns",))
-    errors, *_ = search._judged(bench, model)
+    context = FakeContext(of=("turns",))
+    errors, *_ = search._judged(context, model)
     assert errors == pytest.approx([6.2])
-    ((count, suspects),) = bench.asked
+    ((count, suspects),) = context.asked
     assert count == search.SURE and first(suspects).min() > 0.96 and 10 < len(suspects) <= search.FRESH // 2
 
 
@@ -162,25 +162,25 @@ def test_how_much_of_the_box_may_be_beyond_is_said_with_its_confidence():
     for count in (6, 20, 40, 400):
         assert (1 - search.share_beyond(count)) ** count == pytest.approx(0.1, rel=1e-12)
     # suspected points are no random ones: half as many of a check that has some
-    *_, beyond = search._judged(FakeBench(), fake_model(lambda point: 0.0))
+    *_, beyond = search._judged(FakeContext(), fake_model(lambda point: 0.0))
     assert beyond == search.share_beyond(40)
     said = lambda points: 2 * ERROR * np.exp(first(points))  # noqa: E731
-    *_, beyond = search._judged(FakeBench(), fake_model(lambda point: 0.0, said=said))
+    *_, beyond = search._judged(FakeContext(), fake_model(lambda point: 0.0, said=said))
     assert beyond == search.share_beyond(20)
-    *_, beyond = search._judged(FakeBench(family="paths"), fake_model(lambda point: 0.0))
+    *_, beyond = search._judged(FakeContext(family="paths"), fake_model(lambda point: 0.0))
     assert beyond == search.share_beyond(6)
     # a bound says more of each answer
-    *_, beyond = search._judged(FakeBench(), fake_model(lambda point: 0.0, said=lambda points: 0 * first(points)))
+    *_, beyond = search._judged(FakeContext(), fake_model(lambda point: 0.0, said=lambda points: 0 * first(points)))
     assert math.isnan(beyond)
 
 
 def test_the_verdict_says_the_confidence():
     row = Tried("hhr", "", 72, 1.0, 1e-3, {"forces": 1e-3}, "40 fresh answers, times 2", 0, search.MET, 0.0559)
-    found = search.Reduction("any", Wish(ERROR, ("forces",)), (row,), 0, 72, 2.0)
+    found = search.Reduction("any", Target(ERROR, ("forces",)), (row,), 0, 72, 2.0)
     assert (
         "is met, 40 fresh answers, times 2; at 90 % confidence at most 5.6 % of the box is beyond it" in found.verdict
     )
-    bounded = search.Reduction("any", Wish(ERROR, ("forces",)), (tried(1e-3, 1e-3),), 0, 4, 2.0)
+    bounded = search.Reduction("any", Target(ERROR, ("forces",)), (tried(1e-3, 1e-3),), 0, 4, 2.0)
     assert bounded.met and "confidence" not in bounded.verdict
 
 
@@ -198,7 +198,7 @@ def tried(query, worst, outcome=search.MET):
         ([tried(3.5e-3, 1e-9), tried(1e-3, 9e-3), tried(2.9e-3, 1e-6)], 2),
         # more than three times as slow: not, however exact
         ([tried(3.1e-3, 1e-9), tried(1e-3, 9e-3)], 1),
-        # what does not meet the wish is not taken, however quick
+        # what does not meet the target is not taken, however quick
         ([tried(1e-6, 0.02, "not exact enough"), tried(1.0, 9e-3)], 1),
         # a quick one that does not meet it makes no other one slow
         ([tried(1e-6, 0.02, "not exact enough"), tried(1.0, 9e-3), tried(2.0, 1e-3)], 2),
@@ -207,12 +207,12 @@ def tried(query, worst, outcome=search.MET):
     ],
 )
 def test_the_most_exact_of_the_quick_models_is_handed_out(rows, chosen):
-    assert search._chosen(rows, [object()] * len(rows), Wish(ERROR, ("forces",))) == chosen
+    assert search._chosen(rows, [object()] * len(rows), Target(ERROR, ("forces",))) == chosen
 
 
 def test_a_model_that_was_not_made_is_not_handed_out():
     rows = [tried(1e-3, 1e-9), tried(2e-3, 1e-3)]
-    assert search._chosen(rows, [None, object()], Wish(ERROR, ("forces",))) == 1
+    assert search._chosen(rows, [None, object()], Target(ERROR, ("forces",))) == 1
 
 
 # ---------------------------------------------------------------- what a check is made of
@@ -232,38 +232,38 @@ class Recorded:
 
 
 @pytest.fixture
-def real_bench(monkeypatch):
-    monkeypatch.setattr(benches, "Errors", lambda wish, full: SimpleNamespace(know=lambda found: None))
+def real_context(monkeypatch):
+    monkeypatch.setattr(contexts, "Errors", lambda target, full: SimpleNamespace(know=lambda found: None))
     full = SimpleNamespace(parameters=BOX)
-    made = benches.Bench(full, Recorded(), Wish(ERROR, ("forces",)), Budget(), None, 3, unannounced)
+    made = contexts.SearchContext(full, Recorded(), Target(ERROR, ("forces",)), Budget(), None, 3, unannounced)
     made.looked = True
     return made
 
 
-def test_a_check_asks_for_what_no_model_was_made_from(real_bench):
+def test_a_check_asks_for_what_no_model_was_made_from(real_context):
     """Neither training points, nor those at which models are looked at or timed, nor those of another check.
 
     Answers of a check make the next model better: that one must not be looked at where it knows them.
     """
     asked = []
-    looked_at = np.concatenate([BOX.random(search.LOOKED_AT, real_bench.seed + number) for number in range(4)])
+    looked_at = np.concatenate([BOX.random(search.LOOKED_AT, real_context.seed + number) for number in range(4)])
     for _ in range(3):
-        fresh = [item.full.parameter for item in real_bench.fresh(search.FRESH)]
-        training = hhr.Sobol(512, real_bench.seed, corners=True).points(BOX)
-        timed = BOX.random(search.TIMED, real_bench.seed)
+        fresh = [item.full.parameter for item in real_context.fresh(search.FRESH)]
+        training = hhr.Sobol(512, real_context.seed, corners=True).points(BOX)
+        timed = BOX.random(search.TIMED, real_context.seed)
         others = {tuple(point) for part in (looked_at, training, timed, asked) for point in part}
         assert len(fresh) == search.FRESH and not others & {tuple(point) for point in fresh}
         asked += fresh
-    assert len({tuple(point) for point in asked}) == len(asked) == len(real_bench.crew.questions)
+    assert len({tuple(point) for point in asked}) == len(asked) == len(real_context.workers.questions)
 
 
-def test_paths_of_a_check_are_none_of_the_training(real_bench):
+def test_paths_of_a_check_are_none_of_the_training(real_context):
     seeds = []
     sampled = lambda sampling: seeds.append(sampling) or []  # noqa: E731
-    real_bench.family = SimpleNamespace(paths=sampled)
+    real_context.family = SimpleNamespace(paths=sampled)
     for _ in range(2):
-        real_bench.fresh(6)
-    points = [sampling.points(BOX) for sampling in (*seeds, hhr.Sobol(32, real_bench.seed))]
+        real_context.fresh(6)
+    points = [sampling.points(BOX) for sampling in (*seeds, hhr.Sobol(32, real_context.seed))]
     found = [{tuple(point) for point in some} for some in points]
     assert not (found[0] & found[1] or found[0] & found[2] or found[1] & found[2])
 

@@ -22,7 +22,7 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.plugins.one_call import attempts, search
-from hhr_dolfinx.plugins.one_call.wish import Errors, Exact, Wish
+from hhr_dolfinx.plugins.one_call.target import Errors, Exact, Target
 from hhr_dolfinx.reduction.interpolate import GridSettings
 
 PATHS = {"push": 0.0, "load": 0.0}
@@ -93,8 +93,8 @@ def test_displacements_of_checks_make_fields_better(varying, monkeypatch):
     assert worst(model, varying, 50, ["displacement"])["displacement"] <= 1e-3
 
 
-def hyper_reduced(bench):
-    return attempts._reduced(bench)
+def hyper_reduced(context):
+    return attempts._reduced(context)
 
 
 def test_where_condensation_is_refused_more_and_more_answers_are_trained_on(varying, monkeypatch):
@@ -160,7 +160,7 @@ def test_the_best_there_is_is_handed_out_where_the_budget_ends(varying, monkeypa
 
 
 def test_a_wish_that_cannot_be_met_ends_with_the_best(varying, monkeypatch):
-    monkeypatch.setattr(search, "attempts", lambda bench: list(attempts._reduced(bench))[:2])
+    monkeypatch.setattr(search, "attempts", lambda context: list(attempts._reduced(context))[:2])
     with pytest.warns(StabilityWarning, match="is not met: nothing more is known to be tried"):
         model = hhr.reduce(varying, 1e-12, of="forces")
     tried = model.reduction.tried
@@ -300,7 +300,7 @@ def test_pressures_of_bodies_whose_shape_varies_are_over_the_areas_of_their_poin
     full = hhr.FullOrderModel(contract.blocks(box={"wide": (0.0, 1.0)}, shapes=shapes), MPI.COMM_SELF)
     exact = full.solve({"push": 0.05, "load": 0.02, "wide": 1.0})
     shifted = exact.forces() + np.array([0.0, 0.0, 0.01, 0.0])
-    errors = Errors(Wish(0.01, ("pressure",)), full)
+    errors = Errors(Target(0.01, ("pressure",)), full)
     found = SimpleNamespace(converged=True, parameter=exact.parameter, forces=lambda: shifted)
     areas = full.problem.at(exact.parameter).contact_areas
     assert areas[2] > 1.2 * full.problem.contact_areas[2]

@@ -16,7 +16,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx import timing
 from hhr_dolfinx.errors import BoundError, NotSolvableError, ParameterError, StabilityWarning, StudyError
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.plugins.one_call import attempts, bench, search
+from hhr_dolfinx.plugins.one_call import attempts, context, search
 from hhr_dolfinx.plugins.one_call.attempts import Attempt
 from hhr_dolfinx.reduction import condense, varying_bound
 from hhr_dolfinx.reduction.components import Solver
@@ -83,7 +83,7 @@ def test_a_budget_holds_the_model_and_its_check(clocked):
     clock = clocked(answer=1.0, compliance=1.0)
     model = hhr.reduce(VARIES, 0.01, of="forces", budget=hhr.Budget(seconds=100), progress=unannounced)
     assert model.reduction.met and clock.now <= 100
-    assert clock.answers == model.reduction.full_answers == bench.SURE
+    assert clock.answers == model.reduction.full_answers == context.SURE
 
 
 def test_a_check_that_the_budget_cuts_short_does_not_count_as_met(clocked, monkeypatch):
@@ -108,21 +108,23 @@ def test_answers_of_a_training_are_not_begun_that_cannot_be_checked(monkeypatch)
 def test_time_for_a_check_is_kept_back(clocked, family):
     clock = clocked(1.0, 1.0)
     full = hhr.FullOrderModel(VARIES, MPI.COMM_SELF)
-    crew = dataclasses.make_dataclass("Crew", [("size", int)])(2)
-    made = bench.Bench(full, crew, search.Wish(0.01, ("forces",)), hhr.Budget(seconds=100), family, 1, unannounced)
+    workers = dataclasses.make_dataclass("Workers", [("size", int)])(2)
+    made = context.SearchContext(
+        full, workers, search.Target(0.01, ("forces",)), hhr.Budget(seconds=100), family, 1, unannounced
+    )
     assert made.deadline == 100  # nothing is known of answers yet
     made.batches += [2.0, 2.0, 30.0]  # the first one factors
-    assert made.deadline == 100 - 2.0 * bench.FRESH / 2
+    assert made.deadline == 100 - 2.0 * context.FRESH / 2
     made.batches += [30.0] * 3
     assert made.deadline == 50  # at most half of it
     made.checking = True
     assert made.deadline == 100
     clock.now = 100.0
-    with pytest.raises(bench.BudgetSpentError, match="the 100 s of the budget are over"):
+    with pytest.raises(context.BudgetSpentError, match="the 100 s of the budget are over"):
         made.announce("any", 0.0)
     made.checking = False
     clock.now = 60.0
-    with pytest.raises(bench.BudgetSpentError, match=r"stage 'any' was stopped: 0 of the 100 s .* beside 50 s"):
+    with pytest.raises(context.BudgetSpentError, match=r"stage 'any' was stopped: 0 of the 100 s .* beside 50 s"):
         made.announce("any", 0.0)
 
 
@@ -188,7 +190,7 @@ def test_a_bound_that_is_not_affordable_is_left_out(clocked):
         VARIES, 0.01, of="forces", progress=lambda stage, share: before.append(clock.now) if stage == "starts" else None
     )
     alone, clock.now = before[0], 0.0
-    budget = hhr.Budget(seconds=alone + 0.1 * bench.FRESH + 1.5)
+    budget = hhr.Budget(seconds=alone + 0.1 * context.FRESH + 1.5)
     model = hhr.reduce(VARIES, 0.01, of="forces", budget=budget, progress=unannounced)
     row = model.reduction.tried[model.reduction.chosen]
     assert model.reduction.met and row.method == "condensed" and clock.now <= budget.seconds
@@ -290,7 +292,7 @@ def test_what_geometry_forbids_is_tried_once():
 def test_an_error_below_round_off_is_refused(error):
     with pytest.raises(ParameterError, match=r"below 1e-12, to which answers of the full model are known"):
         hhr.reduce(VARIES, error, of="forces")
-    assert search.Wish.checked(1e-12, "forces", hhr.FullOrderModel(VARIES, MPI.COMM_SELF)).error == 1e-12
+    assert search.Target.checked(1e-12, "forces", hhr.FullOrderModel(VARIES, MPI.COMM_SELF)).error == 1e-12
 
 
 # ---------------------------------------------------------------- progress

@@ -11,7 +11,7 @@ from mpi4py import MPI
 from test_mpi import launch, run_program
 
 from hhr_dolfinx.errors import ConvergenceError
-from hhr_dolfinx.plugins.one_call.crew import Crew
+from hhr_dolfinx.plugins.one_call.workers import Workers
 
 SCENE = f"""
 import sys
@@ -88,5 +88,5 @@ def test_what_has_no_answer_is_told_and_not_raised():
                 raise ConvergenceError("too much")
             return float(point[0])
 
-    found = Crew(MPI.COMM_SELF, Full(), None).solved([np.array([0.5]), np.array([2.0])])
+    found = Workers(MPI.COMM_SELF, Full(), None).solved([np.array([0.5]), np.array([2.0])])
     assert found[0] == 0.5 and isinstance(found[1], ConvergenceError)

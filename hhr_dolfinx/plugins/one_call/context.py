@@ -21,8 +21,8 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.answer import Path as AnswerPath
-from hhr_dolfinx.plugins.one_call.crew import Crew
-from hhr_dolfinx.plugins.one_call.wish import Budget, Errors, Exact, Wish
+from hhr_dolfinx.plugins.one_call.target import Budget, Errors, Exact, Target
+from hhr_dolfinx.plugins.one_call.workers import Workers
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet
 from hhr_dolfinx.study.training.train import Training
@@ -60,13 +60,13 @@ class BudgetSpentError(HHRError):
 
 
 @dataclass
-class Bench:
+class SearchContext:
     """Context of the attempts.
 
     Attributes:
         full: the full model, on one rank.
-        crew: ranks that solve for exact answers; mostly this one alone.
-        wish: target accuracy.
+        workers: ranks that solve for exact answers; mostly this one alone.
+        target: accuracy of the model.
         budget: limits of the cost.
         family: paths, if answers depend on them; None if queries are points.
         seed: of random draws.
@@ -86,8 +86,8 @@ class Bench:
     """
 
     full: FullOrderModel
-    crew: Crew
-    wish: Wish
+    workers: Workers
+    target: Target
     budget: Budget
     family: PathFamily | None
     seed: int
@@ -108,7 +108,7 @@ class Bench:
     _known: dict[bytes, Answer | History | None] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        self.errors = Errors(self.wish, self.full)
+        self.errors = Errors(self.target, self.full)
 
     def check_budget(self) -> None:
         """Raise BudgetSpentError if nothing more may be solved for."""
@@ -160,7 +160,7 @@ class Bench:
 
     def _duration(self, count: int) -> float:
         """Expected seconds of so many full answers, from those solved so far; zero before the first."""
-        return float(np.median(self.batches)) * math.ceil(count / self.crew.size) if self.batches else 0.0
+        return float(np.median(self.batches)) * math.ceil(count / self.workers.size) if self.batches else 0.0
 
     def _left(self) -> str:
         """Remaining seconds of the budget, in words."""
@@ -171,7 +171,7 @@ class Bench:
         return f"{_about(left)} of the {seconds:g} s of the budget are left{kept}"
 
     def check_affordable(self, questions: np.ndarray | Sequence[AnswerPath], what: str, besides: int = 0) -> None:
-        """Raise BudgetSpentError before solving for answers if these, and ``besides`` more, exceed the budget."""
+        """Raise BudgetSpentError if answers that are not yet solved, and ``besides`` more, exceed the budget."""
         count = len({_key(question) for question in questions} - self._known.keys())
         answers = self.budget.full_answers
         if answers is not None and count and self.solved + count + besides > answers:
@@ -293,7 +293,7 @@ class Bench:
         if self.clock.seconds + self._duration(1) > self.deadline:
             raise BudgetSpentError(f"a full answer takes {_about(self._duration(1))} s, and {self._left()}")
         answers = self.budget.full_answers
-        room = self.crew.size if answers is None else min(self.crew.size, answers - self.solved)
+        room = self.workers.size if answers is None else min(self.workers.size, answers - self.solved)
         some: dict[bytes, Any] = {}
         for question in questions:
             if len(some) == room:
@@ -303,7 +303,7 @@ class Bench:
         self.solved += len(some)
         self._known |= dict.fromkeys(some)
         clock = Stopwatch()
-        solved = self.crew.solved(list(some.values()))
+        solved = self.workers.solved(list(some.values()))
         self.batches.append(clock.seconds)
         for (key, question), found in zip(some.items(), solved, strict=True):
             with lost.recorded(_label(self.full, question)):

@@ -72,7 +72,7 @@ class Budget:
 
 
 @dataclass(frozen=True)
-class Wish:
+class Target:
     """Target accuracy of a model.
 
     Attributes:
@@ -84,7 +84,7 @@ class Wish:
     of: tuple[str, ...]
 
     @classmethod
-    def checked(cls, error: Any, of: Any, full: FullOrderModel) -> Wish:
+    def checked(cls, error: Any, of: Any, full: FullOrderModel) -> Target:
         """Target for the answers of a full model.
 
         Raises:
@@ -154,36 +154,36 @@ class Errors:
     """Errors of models in the norms of a target, against exact answers.
 
     Args:
-        wish: the target.
+        target: the target.
         full: the full model.
     """
 
-    def __init__(self, wish: Wish, full: FullOrderModel):
-        self.wish = wish
+    def __init__(self, target: Target, full: FullOrderModel):
+        self.target = target
         self._problem = full.problem
         self._pressed = _pressed(full.problem)
-        self._floors = dict.fromkeys(wish.of, 0.0)
+        self._floors = dict.fromkeys(target.of, 0.0)
         self._last: tuple[np.ndarray, ContactProblem] | None = None
         items = () if full.functionals is None else full.functionals.items
         self._sums = {item.name: item for item in items if isinstance(item, Linear)}
 
     def know(self, exact: Sequence[Exact]) -> None:
         """Update least sizes from exact answers: denominators of errors are at least a thousandth of the largest."""
-        for name in self.wish.of:
+        for name in self.target.of:
             sizes = [self._largest(name, answer) for item in exact for answer in item.answers]
             self._floors[name] = max(self._floors[name], FORCE_FLOOR * max(sizes, default=0.0))
 
     def of(self, found: Sequence[Answer], exact: Exact) -> np.ndarray:
         """Errors of the answers of a model to one query, in the order of the target; infinite if one is missing."""
         if len(found) != len(exact.answers) or not all(answer.converged for answer in found):
-            return np.full(len(self.wish.of), math.inf)
-        return np.array([self._relative(name, found, exact.answers) for name in self.wish.of])
+            return np.full(len(self.target.of), math.inf)
+        return np.array([self._relative(name, found, exact.answers) for name in self.target.of])
 
     def forces_off(self, worst: np.ndarray) -> bool:
         """True if contact forces may miss the target, by the largest errors in the order of the target."""
-        known = dict(zip(self.wish.of, worst.tolist(), strict=True))
+        known = dict(zip(self.target.of, worst.tolist(), strict=True))
         seen = [known[name] for name in ("forces", PRESSURE) if name in known]
-        return not seen or max(seen) > self.wish.error
+        return not seen or max(seen) > self.target.error
 
     def _relative(self, name: str, found: Sequence[Answer], exact: Sequence[Answer]) -> float:
         error = 0.0
@@ -195,7 +195,7 @@ class Errors:
         if not math.isfinite(error):
             return math.inf
         relative = error / size if size > 0 else math.inf if error > 0 else 0.0
-        if name in ASKED or relative <= self.wish.error:
+        if name in ASKED or relative <= self.target.error:
             return relative
         # an output that vanishes up to round-off, as a closed gap does, has no size to compare with
         return 0.0 if error <= max(self._round_off(name, there) for there in exact) else relative

@@ -27,7 +27,7 @@ Found = Answer | History | errors.HHRError
 
 
 @dataclass(frozen=True)
-class Crew:
+class Workers:
     """The ranks of a search.
 
     Attributes:
@@ -46,7 +46,7 @@ class Crew:
         return int(self.comm.size)
 
     def solved(self, questions: Sequence[np.ndarray | AnswerPath]) -> list[Found]:
-        """Exact answers, or the reasons why there are none; called by the first rank, for which the others wait."""
+        """Exact answers, or errors for queries without one; called by the first rank, for which the others wait."""
         if self.comm.size > 1:
             self.comm.bcast(list(questions))
         return self._shared(questions)
