@@ -455,5 +455,5 @@ class FullOrderModel(AnsweringModel, ModelFields):
 if TYPE_CHECKING:
 
     def _is_full_model(model: FullOrderModel) -> FullModel:
-        """Hold the class to the interface of the rooms above."""
+        """Hold the class to the interface of modules that must not import it."""
         return model

@@ -1,4 +1,4 @@
-"""Interface of the full-order model, for the rooms that check, store and reduce its answers.
+"""Interface of the full-order model, for modules that check, store and reduce its answers.
 
 They read arrays of the contact problem and solve with its factors, and never see the mesh. The model itself is
 :class:`hhr_dolfinx.full_order.full.FullOrderModel`; another one with these members serves as well.

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.models.estimates import Estimates
 
 if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
     from hhr_dolfinx.models.gradient import Gradient
 
 ROUND_OFF = 1e-10
@@ -65,6 +67,10 @@ def lengths(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     """Square roots of products of rows, (..., m): (...,)."""
     # products of matrices have a fifth of the overhead of sums by indices
     return np.sqrt(np.maximum((one[..., None, :] @ other[..., None])[..., 0, 0], 0.0))
+
+
+Thetas: TypeAlias = "Theta | np.ndarray | csr_matrix"
+"""θ of n answers, (n, 1 + T), sparse or not; or one Theta for one answer."""
 
 
 def driven(matrix: np.ndarray, theta: Thetas) -> np.ndarray:
