@@ -216,7 +216,13 @@ def naive(full: hhr.FullOrderModel) -> Any:
     return NaiveFullOrder(full)
 
 
-OF_PLUGINS = {"naive": "baselines", "local models": "local", "fallback": "fallback", "in a fallback": "fallback"}
+OF_PLUGINS = {
+    "sliding past the mesh": "sliding",
+    "naive": "baselines",
+    "local models": "local",
+    "fallback": "fallback",
+    "in a fallback": "fallback",
+}
 """Kinds and places that plug-ins add, which may have been deleted."""
 
 

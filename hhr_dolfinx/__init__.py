@@ -54,7 +54,6 @@ PUBLIC = {
     "study.condensing": "condense",
     "study.report.fields": "write_fields",
     "study.report.view": "View",
-    "study.sliding": "slide",
     "study.study": "Rival StudySettings run_study study_scene",
     "study.training.train": "train",
     "units": "Units",

@@ -70,6 +70,7 @@ from .plugins.one_call.target import Budget as Budget
 from .plugins.pages.page import write_model_page as write_model_page
 from .plugins.pages.scenery import Scenery as Scenery
 from .plugins.pages.scenery_of import scenery_of as scenery_of
+from .plugins.sliding.slide import slide as slide
 from .reduction.build import build as build
 from .reduction.exact import exact_condensation as exact_condensation
 from .reduction.recipe import Deim as Deim
@@ -97,7 +98,6 @@ from .snapshots.store import SnapshotStore as SnapshotStore
 from .study.condensing import condense as condense
 from .study.report.fields import write_fields as write_fields
 from .study.report.view import View as View
-from .study.sliding import slide as slide
 from .study.study import Rival as Rival
 from .study.study import StudySettings as StudySettings
 from .study.study import run_study as run_study

@@ -43,6 +43,8 @@ MAY_SHRINK = "/bytes"
 """Sizes that may fall."""
 SHOWN = 8
 """Rows of a kind that are printed without ``--all``, the largest differences first."""
+ALIKE = ("equal", "refused")
+"""Outcomes of what does not differ."""
 PACKAGES = ("hhr_dolfinx", "hhr_dolfinx.geometries", "hhr_dolfinx.forms")
 
 
@@ -278,7 +280,7 @@ def compared(a: Dump, b: Dump, allowed: Sequence[Allowed] = ()) -> list[Row]:
     """All rows of two dumps, with the reasons of those that are allowed."""
     found = [*compare_arrays(a, b), *compare_errors(a, b)]
     reasons = {row: next((item.reason for item in allowed if item.allows(row)), "") for row in found}
-    return [replace(row, reason=reasons[row]) if row.outcome not in ("equal", "refused") else row for row in found]
+    return [replace(row, reason=reasons[row]) if row.outcome not in ALIKE else row for row in found]
 
 
 def print_rows(rows: Sequence[Row], every: bool) -> None:
@@ -294,7 +296,7 @@ def print_rows(rows: Sequence[Row], every: bool) -> None:
         counts.append(sum(bool(row.reason) for row in own))
         click.echo(f"{kind:{width}}  " + "".join(f"{count or '':>9}" for count in counts))
     for kind, own in kinds.items():
-        other = [row for row in own if row.outcome not in ("equal", "refused")]
+        other = [row for row in own if row.outcome not in ALIKE]
         other.sort(key=lambda row: (not row.fails, row.outcome, -row.difference))
         shown = other if every else other[:SHOWN]
         if shown:
@@ -347,7 +349,7 @@ def compare_command(a: Path, b: Path, allow: Path | None, every: bool) -> None:
     rows = compared(Dump.read(a), Dump.read(b), allowed)
     print_rows(rows, every)
     for item in allowed:
-        if not any(row.reason == item.reason and item.allows(row) for row in rows):
+        if not any(row.outcome not in ALIKE and item.allows(row) for row in rows):
             click.echo(f"nothing differs that is allowed by: {item.pattern} | {item.reason}")
     failed = sum(row.fails for row in rows)
     click.echo(f"\n{failed} of {len(rows)} differ and are not allowed" if failed else "\nthe same")

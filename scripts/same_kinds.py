@@ -341,7 +341,10 @@ def _kinds() -> Iterator[tuple[str, Kind]]:
     yield "HHR, no bound", Kind(lambda: constant().build(dataclasses.replace(AS_IT_IS, bound=False)), MIDDLE)
     yield "HHR, cone", Kind(lambda: elastic("half-discs").build(hhr.Recipe.thesis(1e-8).as_it_is()), discs)
     indicated = {"bound": False, "indicator": Unknowns()}
-    yield "HHR, indicator", Kind(lambda: elastic("half-discs").build(dataclasses.replace(AS_IT_IS, **indicated)), discs)
+    yield (
+        "HHR, own indicator",
+        Kind(lambda: elastic("half-discs").build(dataclasses.replace(AS_IT_IS, **indicated)), discs),
+    )
     yield "greedy", Kind(lambda: greedy("constant"), MIDDLE)
     yield "greedy, moduli", Kind(lambda: greedy("moduli"), VARIED)
     yield "local models, split", Kind(lambda: local(hhr.Splitting(modes=6, checks=20)), discs)

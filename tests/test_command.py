@@ -361,7 +361,7 @@ MISTAKES = [
     (3, "folder.vtu is a folder", ["solve", DEMO, *AT, "--out", "folder.vtu"]),
     (3, "a file stands where a folder is needed", ["solve", DEMO, *AT, "--out", "file/a.vtu"]),
     (3, "file is a file", ["train", DEMO, "--out", "file"]),
-    (2, "give one of --grid, --sobol and --greedy", ["train", DEMO, "--sobol", "4", "--grid", "2,2"]),
+    (2, "give one of --grid, --sobol", ["train", DEMO, "--sobol", "4", "--grid", "2,2"]),
     (2, "--budget belongs to --greedy", ["study", DEMO, "--budget", "4"]),
     (2, "--grid 4;4 must be counts", ["train", DEMO, "--grid", "4;4"]),
     (3, "counts [4] of a grid must be 2", ["train", DEMO, "--grid", "4"]),

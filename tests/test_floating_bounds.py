@@ -45,7 +45,7 @@ def model(request, training):
 
 def balanced_sizes(full):
     """S norm of the part of exact forces that balances itself, in the place of that of all: see :func:`check`."""
-    along = np.linalg.qr(full.system.kernel.taken)[0]
+    along = np.linalg.qr(full.system.kernel.contact_of_motions)[0]
     return lambda field, forces: (
         sizes_of(full, field, forces) * [1, 0, 1, 1]
         + sizes_of(full, field, forces - along @ (along.T @ forces)) * [0, 1, 0, 0]
@@ -64,7 +64,7 @@ def test_few_columns_leave_part_of_the_displacement(training):
     full = training.full_order
     made = field_response(full, training.snapshots.forces, 4)
     model = training.build(hhr.Recipe().as_it_is(), checked=False)
-    how = {"basis": made.columns, "contact_basis": full.problem.moved(made.columns)}
+    how = {"basis": made.columns, "contact_basis": full.problem.contact_rows_times(made.columns)}
     fields = dataclasses.replace(model.fields, response=made.response, bound=made.bound, output_bound=None, **how)
     parts = check(full, model.changed(fields=fields), full.parameters.random(20, 7), balanced_sizes(full))
     assert np.median(parts[:, 0]) > 1e-3

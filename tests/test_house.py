@@ -71,14 +71,13 @@ def room(name):
     return name.split(".")[1] if "." in name else "__init__"
 
 
-def rooms_of_the_page():
-    """Rooms of the architecture page in its order, each with those it may import."""
-    page = (ROOT / "docs/architecture.md").read_text()
-    rows = re.findall(r"^\| `(\w+)` \|[^|]*\|([^|]*)\|$", page, re.MULTILINE)
-    return {name: set(re.findall(r"`(\w+)`", allowed)) for name, allowed in rows}
+def layers_of_the_page():
+    """Folders and files of the package in the order of the architecture page."""
+    page = (ROOT / "docs/architecture.md").read_text().partition("## Layers")[2].partition("Other packages")[0]
+    return [name for line in re.findall(r"^\d+\. .*$", page, re.MULTILINE) for name in re.findall(r"`(\w+)`", line)]
 
 
-ALLOWED = rooms_of_the_page()
+LAYERS = layers_of_the_page()
 
 
 def packages_of_the_page():
@@ -95,17 +94,13 @@ def packages_of_the_page():
 PACKAGES = packages_of_the_page()
 
 
-def test_the_page_names_all_rooms_from_the_ground_up():
-    assert set(ALLOWED) == {room(name) for name in MODULES} - {"__init__"}
-    below = set()
-    for name, allowed in ALLOWED.items():
-        assert allowed <= below, f"{name} may import {allowed - below}, which stand above it"
-        below.add(name)
+def test_the_page_names_all_layers_once():
+    assert sorted(LAYERS) == sorted({room(name) for name in MODULES} - {"__init__"})
 
 
-def test_a_module_imports_only_what_its_room_may():
-    allowed = {name: ALLOWED.get(room(name), {"compat"}) | {room(name)} for name in MODULES}
-    found = {name: {room(target) for target in imports(name)} - allowed[name] for name in MODULES}
+def test_a_module_imports_only_what_its_layer_may():
+    below = {name: {"compat", *LAYERS[: LAYERS.index(name) + 1]} for name in LAYERS} | {"__init__": {"compat"}}
+    found = {name: {room(target) for target in imports(name)} - below[room(name)] for name in MODULES}
     assert not {name: others for name, others in found.items() if others}
 
 
@@ -379,7 +374,7 @@ def test_pages_name_what_is_there():
             parts = said.removeprefix("hhr_dolfinx.").removesuffix(".py").replace("/", ".").split(".")
             places = [".".join(parts[:k]) for k in range(1, len(parts) + 1)]
             folder = said.endswith("/") or len(parts) < 2
-            if folder or parts[0] not in ALLOWED or said == "models.thesis":  # the latter a key of reports
+            if folder or parts[0] not in LAYERS or said == "models.thesis":  # the latter a key of reports
                 continue
             known = [place for place in places if place in texts]
             rest = parts[known[-1].count(".") + 1 :] if known else parts[1:]

@@ -34,7 +34,7 @@ def nothing_is_solved(monkeypatch):
 
     monkeypatch.setattr("hhr_dolfinx.linear.sparse.FreeCholesky.__init__", refuse)
     monkeypatch.setattr("hhr_dolfinx.full_order.full.FreeCholesky", refuse)
-    monkeypatch.setattr("hhr_dolfinx.full_order.full.active_set", refuse)
+    monkeypatch.setattr("hhr_dolfinx.models.eliminations.elimination.active_set", refuse)
     monkeypatch.setattr("scipy.sparse.linalg.splu", refuse)
 
 

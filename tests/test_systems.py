@@ -127,6 +127,7 @@ OF_PLUGINS = {
     "reduce": "one_call",
     "greedy training": "greedy",
     "naive full order": "baselines",
+    "slide": "sliding",
 }
 
 

@@ -1,1 +1,1 @@
-"""How far an answer can be trusted: residuals and errors, stability constants, the check of a reduced model."""
+"""Accuracy of answers: residuals and errors, stability constants, the check of a reduced model."""

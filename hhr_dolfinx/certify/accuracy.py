@@ -16,24 +16,24 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import History
 
 FORCE_FLOOR = 1e-3
-"""Fraction of the largest training force below which a relative dual error means nothing."""
+"""Fraction of the largest training force below which a relative dual error is meaningless."""
 
 ROUND_OFF_FORCE = 1e-9
-"""Contact forces below this fraction of the forces in the bodies are round-off: there is no contact."""
+"""Fraction of the forces in the bodies below which contact forces are round-off: there is no contact."""
 ROUND_OFF = 1e-14
 """Relative error of a sum of products K_ij u_j; 50 units in the last place, for rows of some dozen entries."""
 
 
 class Solutions(Protocol):
-    """Answers of a full model, of training or held out; see :class:`hhr_dolfinx.snapshots.records.SnapshotSet`.
+    """Answers of a full model, for training or validation; see :class:`hhr_dolfinx.snapshots.records.SnapshotSet`.
 
     Attributes:
         points: parameters, (S, P).
-        displacements: U0, (N, S), own rows of it where ranks have a full model together.
+        displacements: U0, (N, S), local rows of it if the full model is distributed.
         forces: Λ, (N_lambda, S).
         active: statuses, (N_lambda, S) bool.
-        histories: where bodies flow, those of which all of these are steps.
-        flowed: whether anything flowed in any of them.
+        histories: for inelastic bodies, the load paths whose steps these answers are.
+        flowed: True if there was plasticity or creep in any of them.
     """
 
     @property
@@ -55,22 +55,22 @@ class Solutions(Protocol):
     def flowed(self) -> bool: ...  # noqa: D102
 
     def take(self, rows: np.ndarray) -> Solutions:
-        """Some of them, by number."""
+        """Select some of them, by number."""
 
     def any_contact(self, problem: ContactProblem) -> bool:
-        """Whether any condition bears a force in any of them."""
+        """True if any condition bears a force in any of them."""
 
 
 def force_floor(problem: ContactProblem, training: Solutions) -> float:
-    """Force norm below which a relative dual error means nothing."""
+    """Force norm below which a relative dual error is meaningless."""
     floor = FORCE_FLOOR * float(np.linalg.norm(training.forces, axis=0).max())
     return floor if training.histories else max(floor, round_off_force(problem, training))
 
 
 def least_sizes(problem: ContactProblem, schur: np.ndarray, forces: np.ndarray | None) -> np.ndarray:
-    """S norm, Euclidean norm and peak pressure of forces below which relative errors of them mean nothing, (3,).
+    """S norm, Euclidean norm and peak pressure of forces below which relative errors of them are meaningless, (3,).
 
-    A thousandth of the largest of training forces, (N_lambda, S); nothing without any. S is that of the middle of the
+    A thousandth of the largest training force, (N_lambda, S); zero without training. S is that of the middle of the
     box.
     """
     if forces is None:
@@ -86,12 +86,12 @@ def least_sizes(problem: ContactProblem, schur: np.ndarray, forces: np.ndarray |
 
 
 def round_off_force(problem: ContactProblem, solutions: Solutions) -> float:
-    """Force norm that is round-off beside the internal forces K U of some solutions.
+    """Force norm that is round-off compared with the internal forces K U of some solutions.
 
-    Of whole displacements: loads F - K lift hold the reaction to a rigid motion, against which all contact would count
-    as noise, while K U does not but for its round-off.
+    U is the whole displacement: loads F - K lift include the reaction to a rigid motion, compared with which all
+    contact forces would be noise, while K U includes only its round-off.
     """
-    # some of the largest and some evenly chosen are enough for the scale of all
+    # some of the largest and some evenly chosen solutions give the scale of all
     count = solutions.displacements.shape[1]
     norms = problem.spread.norms
     largest = np.argsort(norms(solutions.displacements))[-10:]
@@ -105,13 +105,13 @@ def round_off_force(problem: ContactProblem, solutions: Solutions) -> float:
 
 @dataclass(frozen=True)
 class Residuals:
-    """How far an answer is from solving the contact problem, each part relative to its scale.
+    """Residuals of the contact problem for an answer, each relative to its scale.
 
     Attributes:
         equilibrium: norm of K u + B^T λ - F on free dofs over that of the loads or the contact forces.
         penetration: deepest violation of a gap over the largest gap or relative motion of its pair, or a thousandth
             of the largest displacement.
-        sign: largest pull over the largest contact force.
+        sign: largest tensile force over the largest contact force.
     """
 
     equilibrium: float
@@ -120,17 +120,17 @@ class Residuals:
 
 
 def contact_residuals(problem: ContactProblem, displacement: np.ndarray, forces: np.ndarray, theta: Theta) -> Residuals:
-    """Residuals of (1.21) for a displacement, lift included, (N,), and forces, (N_lambda,), handed out to a user."""
+    """Residuals of (1.21) for a displacement, lift included, (N,), and forces, (N_lambda,), as returned to a user."""
     homogeneous = displacement - problem.lifts @ theta
     load = problem.loads @ theta
-    pushed = problem.contact.T @ forces
+    contact_load = problem.contact.T @ forces
     rows = problem.spread
-    residual = problem.own_stiffness @ homogeneous + rows.of(pushed - load)
-    if problem.resting is not None:  # what facets of round surfaces leave along a turn is spread over the body
+    residual = problem.own_stiffness @ homogeneous + rows.of(contact_load - load)
+    if problem.resting is not None:  # the moment of facets of round surfaces is distributed over the body
         resting = rows.of(problem.resting)
         residual = residual - resting @ rows.sum(resting.T @ residual)
-    # K lift, the reaction to imposed displacements, is far larger than any force that a body bears
-    scale = max(norm(problem.external @ theta), norm(pushed)) or norm(load)
+    # K lift, the reaction to imposed displacements, is far larger than the forces on a body
+    scale = max(norm(problem.external @ theta), norm(contact_load)) or norm(load)
     left = residual * rows.of(problem.free)
     equilibrium = float(np.sqrt(rows.sum(left @ left))) / scale if scale > 0 else 0.0
     return Residuals(equilibrium, *slack_residuals(problem, homogeneous, forces, theta))
@@ -140,7 +140,7 @@ def slack_residuals(problem: ContactProblem, homogeneous: np.ndarray, forces: np
     """``(penetration, sign)`` of :class:`Residuals` for a displacement less its lift, (N,)."""
     gaps = problem.gaps @ theta
     motion = problem.contact @ homogeneous
-    # a closed pair does not move: beside its own round-off everything would be deep
+    # a closed pair does not move: relative to its round-off every penetration would be large
     least = 1e-3 * np.abs(homogeneous).max()
     pressing = problem.pressing  # tangential forces have any sign, and their rows no gap
     penetration = 0.0
@@ -154,16 +154,16 @@ def slack_residuals(problem: ContactProblem, homogeneous: np.ndarray, forces: np
 
 
 def mass_norm(problem: ContactProblem, field: np.ndarray) -> float:
-    """L2 norm of a field, (N,), of which ranks that share rows of the Gram matrix have all values."""
-    moved = problem.node_mass @ field.reshape(-1, problem.block_size)  # components do not meet
-    square = problem.spread.sum(problem.spread.of(field) @ moved.ravel())
+    """L2 norm of a field, (N,), whose values are all on each of the ranks that share the Gram matrix by rows."""
+    mass_times = problem.node_mass @ field.reshape(-1, problem.block_size)  # components do not meet
+    square = problem.spread.sum(problem.spread.of(field) @ mass_times.ravel())
     return float(np.sqrt(max(square, 0.0)))
 
 
 def relative_error(approximation: np.ndarray, reference: np.ndarray, gram: Any = None, floor: float = 0.0) -> float:
     """Error ``|a - r| / max(|r|, floor)`` in the norm of ``gram``, (3.6)-(3.8); Euclidean if None.
 
-    Where the reference and the floor are zero the error is 0 for an exact answer and infinite otherwise.
+    If both the reference and the floor are zero the error is 0 for an exact answer and infinite otherwise.
     """
     error = norm(approximation - reference, gram)
     size = max(norm(reference, gram), floor)
@@ -181,9 +181,9 @@ def energy_minimum(problem: ContactProblem, displacement: np.ndarray, theta: The
 
 
 def summary(values: Any) -> dict:
-    """Median, 95th percentile and maximum of errors or times over all points, none dropped."""
+    """Median, 95th percentile and maximum of errors or times over all points, without exclusions."""
     values = np.asarray(values, dtype=float)
-    # order statistics, so that an infinite error stays infinite instead of becoming NaN
+    # order statistics: an infinite error stays infinite and does not become NaN
     median, p95 = np.percentile(values, [50, 95], method="higher")
     return {"median": float(median), "p95": float(p95), "max": float(values.max()), "n": int(values.size)}
 

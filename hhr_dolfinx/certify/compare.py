@@ -1,4 +1,4 @@
-"""A model beside known answers of the full order: at single parameters, or along histories."""
+"""Comparison of a model with known full-order answers: at single parameters, or along load paths."""
 
 from __future__ import annotations
 
@@ -25,25 +25,25 @@ from hhr_dolfinx.trained import Signs
 from hhr_dolfinx.warn import ignored
 
 ONE_ANSWER = 1e-6
-"""Relative difference of forces from two starts above which a parameter has two answers."""
+"""Relative difference of forces from two starts above which a parameter has two solutions."""
 ON_S = 200
-"""Random points at which forces are compared with those of the contact problem on S: half a millisecond each."""
+"""Random points at which forces are compared with those of the contact problem on S, at half a millisecond each."""
 
 
 Row = tuple[str | float, ...]
-"""A label, and the errors of displacement and forces, of histories those of stress and plastic strain too."""
+"""A label, and the errors of displacement and forces, for load paths also those of stress and plastic strain."""
 
 
 @dataclass(frozen=True)
 class Comparison:
-    """What users would get beside the full order, one entry per point or history.
+    """Errors against the full order, one entry per point or load path.
 
     Attributes:
-        labels: where, in words.
+        labels: description of the point or path.
         primal: relative L2 errors of the displacement everywhere.
-        dual: relative floored errors of the forces on the whole contact surface.
-        stress: errors of the stress at all Gauss points over its largest size in a history; None of points.
-        plastic: those of the cumulated plastic strain.
+        dual: relative errors of the forces on the whole contact surface, with a floor.
+        stress: errors of the stress at all Gauss points over its largest norm in a path; None for points.
+        plastic: errors of the cumulated plastic strain.
     """
 
     labels: list[str]
@@ -54,7 +54,7 @@ class Comparison:
 
     @classmethod
     def of(cls, rows: Sequence[Row]) -> Comparison:
-        """From one row per point or history."""
+        """Comparison from one row per point or path."""
         labels, *errors = zip(*rows, strict=True)
         return cls(list(labels), *(np.array(column) for column in errors))
 
@@ -62,8 +62,8 @@ class Comparison:
 def compare_points(full: Any, model: Model, solutions: Solutions, floor: float) -> Comparison:
     """Errors of fields and forces everywhere at known solutions.
 
-    A point that fails has infinite errors, and so has the force where two starts lead to two answers. ``floor`` is
-    the force norm below which a relative error means nothing.
+    A point that fails has infinite errors, and so does the force if two starts lead to two solutions. ``floor`` is
+    the force norm below which a relative error is meaningless.
     """
     problem = full.problem
     rows: list[Row] = []
@@ -88,10 +88,10 @@ def compare_points(full: Any, model: Model, solutions: Solutions, floor: float) 
 
 
 def compare_on_s(model: Any) -> Comparison:
-    """Errors at random points that are not known, of a model whose bounds solve the contact problem on S by the way.
+    """Errors at random new points, for a model whose bounds solve the contact problem on S anyway.
 
-    Few points of hundreds are far off where a body leans over or a contact has just closed, and those held out may miss
-    all of them.
+    A few points in hundreds have large errors, where a body tilts or a contact has just closed; validation points may
+    miss all of them.
     """
     points = model.parameters.random(ON_S, seed=ON_S)
     many = model.solve_many(points, outside="ignore", raise_on_failure=False)
@@ -106,10 +106,10 @@ def compare_on_s(model: Any) -> Comparison:
 
 
 def retraced(model: Model, exact: History) -> History:
-    """A known history solved by a model, with answers at the same times.
+    """A known load path solved by a model, with answers at the same times.
 
-    In the same parts, lest errors of time steps pass for errors of the model; what the full order has told of it is not
-    told again.
+    The model uses the same increments, so that errors of time steps do not count as errors of the model. Warnings of
+    the full order are not repeated.
     """
     with told_once(), ignored(SmallStrainWarning, FarSlidingWarning):
         found = model.march(exact.solved_path, MarchSettings(outside="ignore"))
@@ -119,12 +119,12 @@ def retraced(model: Model, exact: History) -> History:
 def compare_histories(
     full: Any, model: Model, histories: dict[str, History], floor: float
 ) -> tuple[Comparison, dict[str, list[Signs]]]:
-    """Errors of known histories, by label, solved by a model, and the signs of its steps by the same labels.
+    """Errors of known load paths, by label, solved by a model, and the signs of its steps by the same labels.
 
-    The error of a history is the largest of its steps over the largest displacement or force of the history: the
-    first touch, with forces of a twentieth of the last ones, would otherwise decide. So with stress and plastic strain
-    where bodies flow.
-    A history that fails has infinite errors and no signs.
+    The error of a path is the largest of its steps over the largest displacement or force of the path: otherwise the
+    first contact, with forces of a twentieth of the last ones, would decide. The same holds for stress and plastic
+    strain of inelastic bodies.
+    A path that fails has infinite errors and no signs.
     """
     rows: list[Row] = []
     signs = {}
@@ -141,7 +141,7 @@ def compare_histories(
 
 
 def largest_errors(full: Any, found: History, exact: History, floor: float) -> tuple[float, float]:
-    """Largest errors of the displacement (L2) and of the forces everywhere over their largest size in the history."""
+    """Largest errors of the displacement (L2) and of the forces everywhere over their largest norm in the load path."""
     mass = full.problem.mass
     pairs = list(zip(found.answers, exact.answers, strict=True))
     fields = [there.displacement() for _, there in pairs]
@@ -156,7 +156,7 @@ def largest_errors(full: Any, found: History, exact: History, floor: float) -> t
 
 
 def _state_errors(found: History, exact: History) -> tuple[float, float]:
-    """Largest errors of stress and cumulated plastic strain everywhere over their largest size in the history."""
+    """Largest errors of stress and cumulated plastic strain everywhere over their largest norm in the load path."""
     wrong = np.zeros((2, len(exact.answers)))
     sizes = np.zeros((2, len(exact.answers)))
     for k, (here, there) in enumerate(zip(found.answers, exact.answers, strict=True)):
@@ -170,7 +170,7 @@ def _state_errors(found: History, exact: History) -> tuple[float, float]:
 
 
 def residuals_of(full: Any, answer: Answer) -> Residuals:
-    """Residuals of what is handed out: equilibrium, where bodies flow that of the stress everywhere, gaps, signs."""
+    """Residuals of a returned answer: equilibrium, for inelastic bodies that of the whole stress, gaps, signs."""
     problem = full.problem
     equilibrium = full.equilibrium
     theta = problem.amplitudes(answer.parameter)
@@ -188,5 +188,5 @@ def largest_motion(full: Any, training: Solutions) -> float:
     """Largest gap or relative motion of contact surfaces in training."""
     problem = full.problem
     gaps = problem.amplitudes.sum_columns(problem.gaps, training.points)
-    motion = problem.moved(training.displacements)
+    motion = problem.contact_rows_times(training.displacements)
     return max(float(np.abs(gaps).max()), float(np.abs(motion).max()))

@@ -30,10 +30,10 @@ class Constants:
     """Inf-sup constants in one pair of norms.
 
     Attributes:
-        beta_h: constant of the full model, (1.20); NaN if it is unknown, which changes no answer and no bound.
-        beta_HR: constant on the test space of modes cut off outside A, (2.38), (5.18).
+        beta_h: constant of the full model, (1.20); NaN if it is unknown, which affects no answer and no bound.
+        beta_HR: constant on the test space of modes truncated outside A, (2.38), (5.18).
         beta_HR_2: constant on the trial space of whole modes, (2.47), (5.19).
-        alpha_prime: constant of a on the kernels of b, (2.46); None where the kernel is empty.
+        alpha_prime: constant of a on the kernels of b, (2.46); None if the kernel is empty.
     """
 
     beta_h: float
@@ -44,16 +44,16 @@ class Constants:
 
 @dataclass(frozen=True)
 class Stability:
-    """What is known of the stability of a reduced model.
+    """Stability constants of a reduced model.
 
     Attributes:
         kappa_B: condition number of B~1, (3.4); infinite if its rows are dependent, (5.24).
-        kappa_B_2: the same of B~2, (5.25).
+        kappa_B_2: condition number of B~2, (5.25).
         sigma_min: smallest singular value of B~1, by which the thesis evaluates beta_HR.
         sigma_max: largest singular value of B~1.
         contact_definite: smallest eigenvalue of the symmetric part of S = B~2 K~^-1 B~1^T over the norm of S. If it
-            is positive, S is a P-matrix: every parameter has one solution, and the active set finds it. If not,
-            the model may still answer, and an answer satisfies all contact conditions, but none is promised.
+            is positive, S is a P-matrix: every parameter has one solution, and the active set finds it. Otherwise
+            the model may still find a solution, which satisfies all contact conditions, but this is not guaranteed.
         cond_K: condition number of K~.
         cond_whole: condition number of V^T K V, the Galerkin projection on the whole domain.
         norm_K: largest singular value of K~.
@@ -74,11 +74,11 @@ class Stability:
 
     @property
     def distortion(self) -> float:
-        """By how much cutting the domain to the RID spoils the condition of the stiffness."""
+        """Factor by which restricting the domain to the RID increases the condition number of the stiffness."""
         return self.cond_K / self.cond_whole
 
     def as_report(self) -> dict:
-        """The ``stability`` part of a report; the constants at its top are the Euclidean ones."""
+        """The ``stability`` part of a report; its top-level constants are the Euclidean ones."""
         report = asdict(self)
         return {**report, **report["euclidean"]}
 
@@ -97,9 +97,9 @@ class FullConstants:
 
     @classmethod
     def of(cls, full: Any) -> FullConstants:
-        """Constants of a full model, found once and kept as long as it lives.
+        """Constants of a full model, computed once and cached with it.
 
-        They are reported, and nothing depends on them: one that is not found is NaN, and the model is built.
+        They are only reported: if one is not found it is NaN, and the model is built.
         """
         if full not in _KNOWN:
             problem = full.problem
@@ -132,7 +132,7 @@ def smallest_singular_value(rows: csr_matrix) -> float:
 
 
 def _smallest_by_inversion(matrix: csr_matrix) -> float:
-    """Smallest eigenvalue of a sparse matrix that is not negative, by SLEPc; NaN if it finds none."""
+    """Smallest eigenvalue of a positive semi-definite sparse matrix, by SLEPc; NaN if it finds none."""
     from petsc4py import PETSc
     from slepc4py import SLEPc
 
@@ -145,7 +145,7 @@ def _smallest_by_inversion(matrix: csr_matrix) -> float:
         solver.setOperators(operator)
         solver.setProblemType(SLEPc.EPS.ProblemType.HEP)
         solver.setWhichEigenpairs(SLEPc.EPS.Which.TARGET_MAGNITUDE)
-        # next to zero, where the matrix may be singular
+        # close to zero but not zero: the matrix may be singular
         solver.setTarget(-DEPENDENT)
         solver.getST().setType(SLEPc.ST.Type.SINVERT)
         return solver
@@ -166,11 +166,11 @@ def inf_sup(rows: np.ndarray, primal_gram: np.ndarray | None = None, dual_gram: 
     Args:
         rows: (m, ell), for example B~.
         primal_gram: (ell, ell), symmetric positive definite, or None.
-        dual_gram: likewise (m, m), or its diagonal (m,), or None.
+        dual_gram: the same for (m, m), or its diagonal (m,), or None.
 
     Returns:
-        The constant; 0 if there are more rows than columns, since then some q sees no v; NaN if a Gram
-        matrix is not positive definite to round-off, so that double precision cannot tell.
+        The constant; 0 if there are more rows than columns, since some q is then orthogonal to all v; NaN if a Gram
+        matrix is not positive definite to round-off, so that double precision cannot decide.
     """
     if rows.shape[0] > rows.shape[1]:
         return 0.0
@@ -184,7 +184,7 @@ def inf_sup(rows: np.ndarray, primal_gram: np.ndarray | None = None, dual_gram: 
 def assess(
     problem: ContactProblem, full: FullConstants, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem
 ) -> Stability:
-    """Compute all constants of a reduced model, of own rows of its modes where ranks share them."""
+    """Compute all constants of a reduced model, with local rows of its modes if they are distributed."""
     smallest, largest = row_range(reduced.contact_test)
     kappas = [problem.condition_number(*pair) for pair in ((smallest, largest), row_range(reduced.contact_trial))]
     # without rigid motions, along which K~ is zero
@@ -212,7 +212,7 @@ def assess(
 
 
 def _tested(problem: ContactProblem, basis: np.ndarray, inside: np.ndarray) -> np.ndarray:
-    """K times modes that are cut off outside of some dofs, given by their places among own rows, in these rows."""
+    """K times modes truncated outside of some dofs, given by their local indices; local rows of the products."""
     if problem.comm is None:
         return problem.stiffness[inside][:, inside] @ basis[inside]
     cut = np.zeros_like(basis)
@@ -221,7 +221,7 @@ def _tested(problem: ContactProblem, basis: np.ndarray, inside: np.ndarray) -> n
 
 
 def row_range(rows: np.ndarray) -> tuple[float, float]:
-    """Smallest and largest singular value seen by the rows; the smallest is 0 if there are more rows than columns."""
+    """Smallest and largest singular value on the rows; the smallest is 0 if there are more rows than columns."""
     smallest, largest = singular_range(rows)
     return (0.0 if rows.shape[0] > rows.shape[1] else smallest), largest
 
@@ -236,7 +236,7 @@ def _contact_definite(reduced: ReducedProblem) -> float:
 def _constants(
     reduced: ReducedProblem, grams: tuple[np.ndarray, ...], dual_gram: np.ndarray | None, beta_h: float
 ) -> Constants:
-    """Constants for the Gram matrices of modes cut off outside A and of whole modes, (ell, ell) each."""
+    """Constants for the Gram matrices of modes truncated outside A and of whole modes, (ell, ell) each."""
     test_gram, trial_gram = grams
     return Constants(
         beta_h,
@@ -249,7 +249,7 @@ def _constants(
 def _alpha_prime(reduced: ReducedProblem, test_gram: np.ndarray, trial_gram: np.ndarray) -> float | None:
     """Inf-sup constant of a on the kernels of b, thesis (2.46)."""
     test, trial = (linalg.null_space(rows) for rows in (reduced.contact_test, reduced.contact_trial))
-    if test.shape[1] != trial.shape[1]:  # dependent rows in one of the two: some direction has no equation
+    if test.shape[1] != trial.shape[1]:  # dependent rows in one of the two: a direction without an equation
         return 0.0
     if test.shape[1] == 0:
         return None
@@ -258,7 +258,7 @@ def _alpha_prime(reduced: ReducedProblem, test_gram: np.ndarray, trial_gram: np.
 
 
 def _whiten(matrix: np.ndarray, gram: np.ndarray | None) -> np.ndarray:
-    """L^-1 matrix for gram = L L^T, given whole or as its diagonal."""
+    """L^-1 matrix for gram = L L^T, given as a matrix or by its diagonal."""
     if gram is None:
         return matrix
     if gram.ndim == 1:

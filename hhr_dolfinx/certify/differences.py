@@ -1,4 +1,4 @@
-"""Differences to the exact answer, offline: what :mod:`hhr_dolfinx.models.bounds.difference` needs."""
+"""Differences from the exact answer, offline: arrays for :mod:`hhr_dolfinx.models.bounds.difference`."""
 
 from __future__ import annotations
 
@@ -22,17 +22,17 @@ if TYPE_CHECKING:
 
 
 ROUND_OFF = 1e-13
-"""Part of a column that is round-off of those before it."""
+"""Part of a column up to which it is round-off of the columns before it."""
 SYMMETRIC = 1e-10
 """Largest entry of K - K^T over the largest of K."""
 MOST_READ = 50
-"""Training answers of which outputs are read."""
+"""Number of training answers whose outputs are read."""
 
 
 def exact_difference(full: Any, basis: np.ndarray, forces: np.ndarray | None = None) -> ExactDifference:
-    """Differences of answers with a basis, (own rows, ell), of a full model whose bodies are held.
+    """Exact differences for answers with a basis, (own rows, ell), of a full model whose bodies are held.
 
-    Of forces of training, (N_lambda, S), a thousandth is what relative errors are taken over at least.
+    Relative errors use at least a thousandth of the largest training force, (N_lambda, S), as the denominator.
 
     Raises:
         BoundError: with the hypothesis that fails.
@@ -44,7 +44,7 @@ def exact_difference(full: Any, basis: np.ndarray, forces: np.ndarray | None = N
 
 
 def exact_arrays(full: Any, forces: np.ndarray | None) -> tuple[np.ndarray, dict[str, np.ndarray]]:
-    """Cholesky factor of S, and arrays of the exact answer, see :class:`ExactDifference`; ``forces`` as there.
+    """Cholesky factor of S, and arrays of the exact answer, see :class:`ExactDifference`; ``forces`` as above.
 
     Raises:
         BoundError: with the hypothesis that fails.
@@ -52,27 +52,31 @@ def exact_arrays(full: Any, forces: np.ndarray | None) -> tuple[np.ndarray, dict
     problem = full.problem
     check_hypotheses(full, floating=True)
     if problem.varies:
-        raise BoundError("the stiffness depends on parameters, and the exact answer takes an S of its own")
+        raise BoundError("the stiffness depends on parameters, and so does the S of the exact answer")
     schur = (full.schur + full.schur.T) / 2
     terms = full.per_load.shape[1]
     held = problem.rigid is None
-    taken = np.zeros((len(schur), 0)) if held else np.ascontiguousarray(full.system.kernel.taken)
+    contact_of_motions = (
+        np.zeros((len(schur), 0)) if held else np.ascontiguousarray(full.system.kernel.contact_of_motions)
+    )
     least = least_sizes(problem, schur, forces)
-    if forces is not None:  # energies are those of the part of forces that balances itself
-        along = np.linalg.qr(taken)[0]
+    if forces is not None:  # energies are those of the self-balancing part of forces
+        along = np.linalg.qr(contact_of_motions)[0]
         least[0] = least_sizes(problem, schur, forces - along @ (along.T @ forces))[0]
     rows = problem.spread
     lifts = rows.of(problem.lifts.tocsr()).toarray()
     given = full.per_load + lifts
     values, ways = linalg.eigh(rows.sum(given.T @ (problem.stiffness_of_rows @ given)))
-    # K^-1 K u0 is K^-1 loads, and of lifts what K does not know of their imposed dofs
-    cross = problem.moved(full.per_load)
+    # K^-1 K u0 is K^-1 loads, plus the part of lifts on imposed dofs that K^-1 does not contain
+    cross = problem.contact_rows_times(full.per_load)
     lifted = np.flatnonzero(rows.sum(np.abs(lifts).sum(axis=0)))
-    cross[:, lifted] += problem.moved(full.stiffness.columns(csc_matrix(problem.stiffness_of_rows @ lifts[:, lifted])))
-    return factor_of(definite(schur, taken)), {
-        "free_slack": np.asfortranarray(problem.gaps - problem.moved(full.per_load)),
+    cross[:, lifted] += problem.contact_rows_times(
+        full.stiffness.columns(csc_matrix(problem.stiffness_of_rows @ lifts[:, lifted]))
+    )
+    return factor_of(definite(schur, contact_of_motions)), {
+        "free_slack": np.asfortranarray(problem.gaps - problem.contact_rows_times(full.per_load)),
         "schur": schur,
-        "taken": taken,
+        "taken": contact_of_motions,
         "driving": np.zeros((0, terms)) if held else np.asfortranarray(full.system.kernel.loads),
         "given": np.asfortranarray(np.sqrt(np.maximum(values, 0.0))[:, None] * ways.T),
         "cross": np.asfortranarray(cross),
@@ -95,7 +99,7 @@ def factor_of(schur: np.ndarray) -> np.ndarray:
 
 
 def check_hypotheses(full: Any, *, floating: bool = False) -> None:
-    """Refuse what no error is known of, or bodies that contact alone holds unless these are ``floating``.
+    """Refuse models without known errors, and bodies that only contact holds unless ``floating`` is set.
 
     Raises:
         BoundError: with the hypothesis that fails.
@@ -108,7 +112,7 @@ def check_hypotheses(full: Any, *, floating: bool = False) -> None:
             "contact alone holds bodies, and K, whose inverse is in all errors, is singular along their motions: "
             + problem.loose
         )
-    signs = np.random.default_rng(0).choice((-1.0, 1.0), size=(len(problem.free), 2))  # no copies of K
+    signs = np.random.default_rng(0).choice((-1.0, 1.0), size=(len(problem.free), 2))  # random vectors: no copies of K
     rows = problem.spread
     turned = rows.sum(problem.own_stiffness.T @ rows.of(signs))
     _, skew = rows.largest(np.abs(problem.own_stiffness @ signs - rows.of(turned)).max(axis=1))
@@ -121,20 +125,20 @@ def check_hypotheses(full: Any, *, floating: bool = False) -> None:
 def unit_energy(full: Any, lower: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Columns of V, (own rows, ell), and of K^-1 loads in directions of unit energy, see :class:`ExactDifference`.
 
-    The first are X L^-T, where X = K^-1 B^T and X^T K X = S = L L^T. What lies along them is L^-1 X^T K times a field,
-    which is L^-1 B times one that vanishes where motions are imposed. X itself is not asked for.
+    The first are X L^-T, with X = K^-1 B^T and X^T K X = S = L L^T. The components along them are L^-1 X^T K times a
+    field, which is L^-1 B times a field that vanishes on imposed dofs. X itself is not needed.
     """
     problem = full.problem
     rest = np.hstack([basis, full.per_load])
     sizes = energies(problem, rest)
     along = np.zeros((len(lower), rest.shape[1]))
     for _ in range(2):
-        more = solve_triangular(lower, problem.moved(rest), lower=True)
+        more = solve_triangular(lower, problem.contact_rows_times(rest), lower=True)
         along += more
         rest = rest - full.stiffness.response_to_forces(solve_triangular(lower, more, lower=True, trans="T"))
     ell = basis.shape[1]
     left = energy_coordinates(problem, rest, ROUND_OFF * sizes)
-    # directions come in the order of the columns that need them
+    # directions are in the order of the columns that need them
     count = len(lower) + np.count_nonzero(left[:, :ell].any(axis=1))
     found = np.vstack([along, left])
     return np.asfortranarray(found[:count, :ell]), np.asfortranarray(found[:, ell:])
@@ -149,30 +153,30 @@ def energies(problem: ContactProblem, columns: np.ndarray) -> np.ndarray:
 def energy_coordinates(problem: ContactProblem, columns: np.ndarray, least: np.ndarray) -> np.ndarray:
     """Columns, (own rows, k), in directions of unit energy, (r, k), by Gram and Schmidt, twice.
 
-    Unlike a factor of the Gram matrix they are right to round-off of the columns where these are dependent. ``least``
-    is the energy norm up to which what is left of each column is round-off, (k,).
+    Unlike a factor of the Gram matrix they are accurate to round-off of the columns even if these are dependent.
+    ``least`` is the energy norm up to which the remainder of each column is round-off, (k,).
     """
     total = problem.spread.sum
-    directions, pushed = (np.empty(columns.shape, order="F") for _ in range(2))
+    directions, images = (np.empty(columns.shape, order="F") for _ in range(2))
     coordinates = np.zeros((columns.shape[1],) * 2, order="F")
     rank = 0
     for k, left in enumerate(columns.T):
         for _ in range(2):
-            along = total(pushed[:, :rank].T @ left)
+            along = total(images[:, :rank].T @ left)
             coordinates[:rank, k] += along
             left = left - directions[:, :rank] @ along
-        push = problem.stiffness_of_rows @ left
-        length = float(np.sqrt(max(total(left @ push), 0.0)))
+        image = problem.stiffness_of_rows @ left
+        length = float(np.sqrt(max(total(left @ image), 0.0)))
         if length > least[k]:
             directions[:, rank] = left / length
-            pushed[:, rank] = push / length
+            images[:, rank] = image / length
             coordinates[rank, k] = length
             rank += 1
     return coordinates[:rank]
 
 
 class MadeOfForces(NamedTuple):
-    """The map, its columns C, (own, c), and the errors of what it makes; own rows of columns in the map too."""
+    """The map, its columns C, (own, c), and the errors of the resulting field; local rows of columns in the map too."""
 
     response: FieldResponse
     columns: np.ndarray
@@ -180,16 +184,16 @@ class MadeOfForces(NamedTuple):
 
 
 def field_response(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
-    """The displacement as loads and contact forces make it, with no more columns than a reduced model has modes.
+    """The displacement as a function of loads and contact forces, with at most as many columns as a model has modes.
 
-    All columns of K^-1 B^T if that is enough for them; else the leading directions, in energy, of what the forces of
-    training press in, each with the same weight, so that grazing contact counts as much as strong contact, and then of
-    what any forces do. Behind them are the rigid motions of bodies that contact alone holds.
+    All columns of K^-1 B^T if these are few enough. Otherwise the leading directions, in energy, of the response to
+    training forces, each with the same weight, so that weak contact counts as much as strong contact, followed by
+    those of the response to any forces. The rigid motions of bodies that only contact holds come last.
 
     Args:
         full: a full model whose stiffness is constant.
         forces: of training, (m, S).
-        most: columns at most, those of the motions besides.
+        most: largest number of columns, not counting the motions.
 
     Raises:
         BoundError: with the hypothesis that fails.
@@ -205,8 +209,8 @@ def field_response(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
 def load_response(full: Any) -> tuple[np.ndarray, csc_matrix]:
     """K^-1 loads, (own, 1 + T), as a product of few columns, (own, k), and a sparse matrix, (k, 1 + T).
 
-    The columns belong to the terms that load something, or to the dofs that are loaded if there are fewer of these, as
-    where a pressure reaches up to a height that is a parameter.
+    The columns belong to the nonzero terms, or to the loaded dofs if there are fewer of these, as for a pressure up to
+    a height that is a parameter.
     """
     loads = csc_matrix(full.problem.loads)
     terms = np.flatnonzero(np.diff(loads.indptr))
@@ -222,17 +226,17 @@ def load_response(full: Any) -> tuple[np.ndarray, csc_matrix]:
 def columns_of_forces(
     full: Any, lower: np.ndarray, forces: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
-    """What spans the displacements of forces: all of K^-1 B^T, or combinations of it where these are too many.
+    """Basis of the displacements of forces: all of K^-1 B^T, or combinations of it if these are too many.
 
     Args:
-        full: the full model, which pushes with K^-1 B^T.
+        full: the full model, which multiplies by K^-1 B^T.
         lower: L of S = L L^T, (m, m).
         forces: of training, (m, S).
-        most: columns at most.
+        most: largest number of columns.
 
     Returns:
-        The columns, (own, c); the directions in energy that they are of, (m, c), c = 0 where all are kept; and what
-        maps forces to their coordinates, (c, m), None where these are the forces.
+        The columns, (own, c); their directions in energy, (m, c), c = 0 if all are kept; and the map from forces to
+        their coordinates, (c, m), None if these are the forces.
     """
     if len(lower) <= most:
         return full.per_force, np.zeros((len(lower), 0)), None
@@ -242,11 +246,11 @@ def columns_of_forces(
 
 
 def leading(columns: np.ndarray, lower: np.ndarray, count: int) -> np.ndarray:
-    """Orthonormal directions of what forces press in, most important ones first, (m, count).
+    """Orthonormal directions of the response to forces, most important ones first, (m, count).
 
     Args:
-        columns: L^T times the forces of training, (m, S), each of which is divided by its length.
-        lower: L; what is left over goes to the directions along which forces move bodies most.
+        columns: L^T times the training forces, (m, S), each of which is normalised.
+        lower: L; the remaining directions are those along which forces have the largest response.
         count: of directions, up to m.
     """
     sizes = np.linalg.norm(columns, axis=0)
@@ -259,7 +263,7 @@ def leading(columns: np.ndarray, lower: np.ndarray, count: int) -> np.ndarray:
 def output_difference(full: Any, training: Any = None) -> OutputDifference:
     """Outputs of the exact answers of a full model that has outputs, whose stiffness is constant.
 
-    ``training`` are snapshots, whose outputs say what is large.
+    ``training`` are snapshots, whose outputs set the scale.
     """
     from hhr_dolfinx.models.bounds.output_difference import OutputDifference, is_read
 

@@ -1,8 +1,8 @@
-"""One eigenvalue of a symmetric matrix, also if others lie close to it.
+"""One eigenvalue of a symmetric matrix, even if others are close to it.
 
-On free meshes the smallest eigenvalues of B B^T lie within 1e-5 of each other. A small subspace then separates none of
-them, though each would do: the value is wanted, and not its vector. LAPACK has no such trouble, and finds those of
-small matrices; a large one gets a wide subspace, and a looser tolerance if the strict one is not reached.
+On free meshes the smallest eigenvalues of B B^T lie within 1e-5 of each other. A small subspace does not separate
+them, although any of them would do: only the value is needed, not its vector. LAPACK computes those of small matrices
+without difficulty; a large matrix gets a wide subspace, and a looser tolerance if the strict one is not reached.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ DENSE = 1000
 SUBSPACE = 64
 """Vectors of the subspace. Of 216 rows of mortar on tetrahedra 16 vectors needed 475 restarts, and 64 vectors 4."""
 TOLERANCES = (1e-10, 1e-5, 1e-3)
-"""Relative residuals that are tried, in this order: some eigenvalue is as near as the residual says."""
+"""Relative residuals, tried in this order: some eigenvalue is as near as the residual."""
 RESTARTS = 50
 """Restarts for each tolerance."""
 
 
 def extreme_eigenvalue(prepared: Callable[[], Any]) -> tuple[float, float] | None:
-    """The eigenvalue that solvers of SLEPc are set up for, and its relative residual; None if they find none.
+    """The eigenvalue for which SLEPc solvers are set up, and its relative residual; None if they find none.
 
     Args:
-        prepared: returns a new solver. One that has failed counts its restarts further, and stops at once.
+        prepared: returns a new solver. A solver that has failed keeps its count of restarts, and would stop at once.
     """
     from slepc4py import SLEPc
 

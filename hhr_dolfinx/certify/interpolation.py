@@ -1,9 +1,9 @@
-"""What interpolation of an inverse stiffness between parameters leaves, as far as it can be proved.
+"""Error of an inverse stiffness that is interpolated between parameters, as far as it can be proved.
 
 Let K(ν) = a(ν) K_a + b(ν) K_b with K_a, K_b positive semi-definite and a, b positive. Both are diagonal in the same
 basis, so that K^-1 is a sum of functions f_κ(ν) = 1 / (κ a(ν) + (1 - κ) b(ν)), 0 <= κ <= 1, of dyads that do not depend
 on ν. Interpolation is linear: that of K^-1 is off by -ε K^-1 <= Δ <= ε K^-1, in the order of energies, where ε is the
-largest relative error of the interpolation of any f_κ: a question of one variable, whatever the mesh.
+largest relative error of the interpolation of any f_κ: a problem in one variable, for any mesh.
 """
 
 from __future__ import annotations
@@ -20,23 +20,23 @@ from hhr_dolfinx.models.eliminations.interpolation import MOST_LEVELS, leja_poin
 SMALLEST = 1e-9
 SHARES = 81
 PLACES = 1001
-"""Smallest κ, and numbers of κ and of ν, at which the error is looked at: it oscillates once between nodes."""
+"""Smallest κ, and numbers of κ and of ν, at which the error is evaluated: it oscillates once between nodes."""
 
 
 BETWEEN = 1.2
-"""By how much the error may be larger between these."""
+"""Factor by which the error may be larger between these."""
 
 
 OF_VOLUME = 0.6
-"""Largest κ where K_a is λ tr(ε)^2 and K_b is 2 μ ε:ε of one body: ε:ε is a third of tr(ε)^2 at least."""
+"""Largest κ if K_a is λ tr(ε)^2 and K_b is 2 μ ε:ε of one body: ε:ε is at least a third of tr(ε)^2."""
 
 
 def lagrange(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
     """Lagrange polynomials of nodes, (n,), at places, (m,): (m, n), by the second barycentric formula.
 
-    J.-P. Berrut and L. N. Trefethen, SIAM Review 46, 2004, (4.2). SciPy's takes nodes in an order that differs from run
-    to run, and with it the last bits of a bound. Factors are scaled by the capacity of the interval, so that no product
-    of many leaves the range of numbers.
+    J.-P. Berrut and L. N. Trefethen, SIAM Review 46, 2004, (4.2). SciPy's order of the nodes differs from run to run,
+    and so do the last bits of a bound. Factors are scaled by the capacity of the interval, so that products of many
+    neither overflow nor underflow.
     """
     apart = 4 / np.ptp(nodes) * (nodes[:, None] - nodes)
     np.fill_diagonal(apart, 1.0)
@@ -49,15 +49,15 @@ def lagrange(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PartStiffness:
-    """How the stiffness of a part of a scene depends on one parameter.
+    """Dependence of the stiffness of a part of a scene on one parameter.
 
     Attributes:
         moduli: of its parts, one or two.
-        factor: what these share and an interpolation leaves out; None for nothing.
-        axis: place of the parameter.
-        lower, upper: its ends.
-        middle: a point of the box, (P,), whose other parameters do not count.
-        of_volume: whether the two parts are the changes of volume and of shape of one body.
+        factor: common factor, which an interpolation leaves out; None without one.
+        axis: index of the parameter.
+        lower, upper: its limits.
+        middle: a point of the box, (P,), whose other parameters have no effect.
+        of_volume: the two parts are the changes of volume and of shape of one body.
     """
 
     moduli: list[Modulus]
@@ -69,17 +69,17 @@ class PartStiffness:
     of_volume: bool
 
     def error(self, levels: int) -> float:
-        """ε of the interpolation on the first so many Leja points; infinite where it is none."""
+        """ε of the interpolation on so many of the Leja points; infinite for an invalid interpolation."""
         places, exact = self._everywhere
         nodes, known = self._at_nodes
         if not (np.isfinite(exact).all() and (exact > 0).all()):
             return math.inf
-        # the polynomials of nodes are the same for all κ
+        # the polynomials are the same for all κ
         weights = lagrange(nodes[:levels], places)
         return float(BETWEEN * np.abs(weights @ known[:levels] / exact - 1).max())
 
     def levels(self, wished: float) -> tuple[int, float]:
-        """Nodes that make ε as small as is wished, or the most there are, and this ε."""
+        """Number of nodes for a given ε, or the largest number, and its ε."""
         low = 2
         high = MOST_LEVELS
         while low < high:
@@ -89,7 +89,7 @@ class PartStiffness:
 
     @cached_property
     def _everywhere(self) -> tuple[np.ndarray, np.ndarray]:
-        """Places at which the error is looked at, and f_κ there; some of no pattern, lest a formula repeats itself."""
+        """Points at which the error is evaluated, and f_κ there; some are irregular: expressions may be periodic."""
         places = np.linspace(self.lower, self.upper, PLACES)
         places = np.append(places, np.random.default_rng(0).uniform(self.lower, self.upper, PLACES // 4))
         return places, self._inverses(places)
@@ -109,7 +109,7 @@ class PartStiffness:
             weights /= np.array([[self.factor.value(point)] for point in points])
         if len(self.moduli) == 1:
             return 1 / weights
-        # it may be largest at a κ that is small, where K_a is stiff, or near 1, where K_b is
+        # the maximum may be at a small κ, for a stiff K_a, or near 1, for a stiff K_b
         small = np.geomspace(SMALLEST, 0.5, SHARES)
         part = np.concatenate([[0.0], small, 1 - small[::-1], [1.0]])
         if self.of_volume:

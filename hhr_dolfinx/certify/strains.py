@@ -15,21 +15,21 @@ from hhr_dolfinx.models.strains import StrainOperators
 from hhr_dolfinx.warn import ignored, warn
 
 CORNERS = 16
-"""Corners of the box, at most, in which strains of a model are looked at."""
+"""Largest number of corners of the box in which strains of a model are checked."""
 TOGETHER = 50
-"""Answers whose strains are made at once; one, of which ranks that share rows have all values for that long."""
+"""Answers whose strains are computed at once; distributed ones need all values of one on each rank meanwhile."""
 
 
 def check_small_strains(full: Any, *sets: Solutions | None) -> None:
-    """Look at strains and rotations of answers of a full model at single parameters.
+    """Check strains and rotations of answers of a full model at single parameters.
 
-    Strains of histories were looked at step by step; their rotations are not.
+    Strains of load paths are checked step by step; their rotations are not.
 
     Raises:
-        ReductionError: where any has strains or rotations that no theory of small strains knows.
+        ReductionError: if any has strains or rotations beyond any theory of small strains.
 
     Warns:
-        SmallStrainWarning: where they are large in any, with the parameter.
+        SmallStrainWarning: if they are large in any, with the parameter.
     """
     given = [item for item in sets if item is not None]
     if full.equilibrium is None and given:
@@ -37,9 +37,9 @@ def check_small_strains(full: Any, *sets: Solutions | None) -> None:
 
 
 def look_at_corners(full: Any, model: Any) -> None:
-    """Warn of strains and rotations of a model in corners of its box that are not small.
+    """Warn of large strains and rotations of a model in corners of its parameter range.
 
-    A model that was made for contact forces alone has no displacement, and is left alone.
+    A model of contact forces alone has no displacement, and is not checked.
     """
     try:
         check_corners(full, model)
@@ -50,7 +50,7 @@ def look_at_corners(full: Any, model: Any) -> None:
 
 
 def check_corners(full: Any, model: Any) -> None:
-    """Look at strains and rotations of a model's answers in corners of the box, where loads are largest.
+    """Check strains and rotations of a model's answers in corners of the parameter range, where loads are largest.
 
     Raises, warns: see :func:`check_small_strains`.
     """
@@ -62,7 +62,7 @@ def check_corners(full: Any, model: Any) -> None:
     numbers = np.unique(np.linspace(0, count - 1, min(count, CORNERS)).astype(int))
     axes = np.arange(ends.shape[1])
     corners = np.array([ends[(number >> (axes % 10)) & 1, axes] for number in numbers])
-    with ignored(Warning):  # a corner is not what the user asked for
+    with ignored(Warning):  # the user did not request answers in corners
         many = model.solve_many(corners, raise_on_failure=False, outside="ignore")
     found = [answer for answer in many if answer.converged]
     if found:
@@ -73,7 +73,7 @@ def check_corners(full: Any, model: Any) -> None:
 
 
 class _Answers(NamedTuple):
-    """Answers of a model: parameters, (S, P), and own rows of displacements without lifts, (own, S)."""
+    """Answers of a model: parameters, (S, P), and local rows of displacements without lifts, (own, S)."""
 
     points: np.ndarray
     displacements: np.ndarray
@@ -98,7 +98,7 @@ def _check(full: Any, given: Sequence[Any]) -> None:
 def _spreads(
     problem: ContactProblem, operators: StrainOperators, solutions: Solutions | _Answers
 ) -> Iterator[list[float]]:
-    """The strain and the rotation that few cells exceed, answer by answer."""
+    """The strain and the rotation that few cells exceed, for each answer."""
     each = TOGETHER if problem.comm is None else 1
     for first in range(0, len(solutions.points), each):
         part = slice(first, first + each)

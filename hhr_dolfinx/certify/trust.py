@@ -1,6 +1,6 @@
-"""Whether a reduced model may be used: stability constants, and errors on solutions it was not trained on.
+"""Trust check of a reduced model: stability constants, and errors on solutions that are not in training.
 
-Perfect inf-sup constants are necessary and not sufficient; cond(K~) and held-out solutions tell more.
+Perfect inf-sup constants are necessary and not sufficient; cond(K~) and validation solutions are more reliable.
 """
 
 from __future__ import annotations
@@ -39,39 +39,39 @@ from hhr_dolfinx.trained import Known, Signs, TrainedPaths
 from hhr_dolfinx.warn import collected, repeat, warn
 
 EMPTY = 1.5
-"""Distance from the training, over that between training points, at which a place counts as empty."""
+"""Distance from the training, over that between training points, above which a region counts as empty."""
 EMPTY_SHARE = 0.1
-"""Part of the box that may be empty; points drawn at random leave some per cent."""
+"""Part of the box that may be empty; random points leave some per cent."""
 ALIKE = 1e-10
-"""One less the cosine of two normals of a node below which they are the same."""
+"""One less the cosine of two normals of a node up to which they are equal."""
 UNSEEN = 0.5
 UNSEEN_LEAST = 0.05
-"""How far a modulus may go beyond those of the training, on a logarithmic scale: part of their range, and at least."""
+"""Logarithmic distance of a modulus from those in training that is allowed: part of their range, and at least."""
 FEW = 20
-"""Solutions held out below which a region of a twentieth of the box is likely missed."""
+"""Number of validation solutions below which a region of a twentieth of the box is likely missed."""
 
 
 @dataclass(frozen=True)
 class TrustLimits:
-    """When a model is refused or warned of; the values come from trials on the scenes of the thesis.
+    """Limits above which a model is refused or warned of; the values come from trials on the scenes of the thesis.
 
     Attributes:
-        refuse_cond_K: cond(K~) above which errors grew beyond use, where the RID is what spoiled it.
+        refuse_cond_K: cond(K~) above which errors became too large, if the RID is the cause.
         refuse_distortion: cond(K~) over that of V^T K V; below, the stiffness itself is ill-conditioned (bodies a
-            million times as stiff as others, flat cells), which harms no answer.
-        warn_cond_K: cond(K~) below which every model was clean.
+            million times as stiff as others, flat cells), which does not affect answers.
+        warn_cond_K: cond(K~) below which every model was accurate.
         warn_kappa_B: kappa(B~) above which dual errors grow, thesis section 3.5.2.
-        warn_definite: contact_definite below which two answers to one parameter were seen, or none.
+        warn_definite: contact_definite below which a parameter had two solutions, or none.
         refuse_inf_sup: smallest inf-sup constant relative to its matrix; below, it is round-off.
         refuse_primal: error of the displacement everywhere on solutions that were compared, 95th percentile.
-        refuse_dual: error of the forces on the whole contact surface, floored, 95th percentile.
-        refuse_stress: error of the stress of histories, on the whole mesh, over its largest size, 95th percentile; from
-            0.5 to 1.4 % where all is well, 5 % where few points complete the stress of bodies of many stiffnesses.
-        refuse_plastic: that of the cumulated plastic strain; 0.1 to 0.5 % there.
-        warn_primal, warn_dual, warn_stress, warn_plastic: where the 95th percentile is worth a warning.
-        warn_worst: where the worst force error is.
-        warn_estimate: largest estimate of a known step of a history; steps of others are told apart from three times
-            as much on.
+        refuse_dual: error of the forces on the whole contact surface, with a floor, 95th percentile.
+        refuse_stress: error of the stress of load paths, on the whole mesh, over its largest norm, 95th percentile;
+            from 0.5 to 1.4 % in good models, 5 % if few points reconstruct the stress of bodies with many stiffnesses.
+        refuse_plastic: error of the cumulated plastic strain; 0.1 to 0.5 % in these models.
+        warn_primal, warn_dual, warn_stress, warn_plastic: 95th percentile above which a warning is given.
+        warn_worst: largest force error above which a warning is given.
+        warn_estimate: largest estimate of a known step of a load path; other steps are distinguished if theirs is three
+            times as large.
     """
 
     refuse_cond_K: float = 1e7
@@ -92,7 +92,7 @@ class TrustLimits:
     warn_estimate: float = 0.05
 
     def __post_init__(self) -> None:
-        """Refuse with ReductionError what is no limit, and warnings that could never be said."""
+        """Raise ReductionError for invalid limits, and for warnings above the limit of refusal."""
         for item in fields(self):
             value: Any = getattr(self, item.name)
             signed = item.name == "warn_definite"
@@ -116,12 +116,12 @@ class TrustLimits:
 
     @classmethod
     def of_histories(cls, **changes: float) -> TrustLimits:
-        """Limits for histories, whose forces vary more from node to node; measured 0.2 and 4 % where all is well."""
+        """Limits for load paths, whose forces vary more from node to node; measured 0.2 and 4 % in good models."""
         return cls(**{"warn_primal": 0.03, "warn_dual": 0.1, "warn_worst": 0.1} | changes)
 
 
 def check_loads_seen(problem: ContactProblem, sets: IndexSets, points: np.ndarray) -> None:
-    """Raise UnseenLoadError if a load that acts at some training point, (S, P), does not reach the RID."""
+    """Raise UnseenLoadError if a load that is nonzero at a training point, (S, P), does not reach the RID."""
     acting = np.zeros(problem.loads.shape[1], dtype=bool)
     for point in points:
         theta = problem.amplitudes(point)
@@ -135,13 +135,13 @@ def check_loads_seen(problem: ContactProblem, sets: IndexSets, points: np.ndarra
 
 
 MORE_LAYERS = "add RID layers (in Python, hhr.Recipe(domain=hhr.Rid(layers=4)))"
-"""What enlarges a RID, as it is written: no command has an option for it."""
+"""Python code that enlarges a RID: no command has an option for it."""
 
 
 def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, log: StageLog) -> Any:
     """The first attempt that passes its checks, from ``layers`` to ``most_layers`` layers of cells around the RID.
 
-    The error of the last attempt is raised; the log is told of every refusal.
+    The error of the last attempt is raised; the log records every refusal.
     """
     before = len(log.skipped)
     while True:
@@ -153,7 +153,7 @@ def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, 
             if layers >= most_layers:
                 raise
         else:
-            # those of refused attempts say nothing of the model that is handed out
+            # warnings of refused attempts do not concern the returned model
             repeat(caught)
             return found
         del log.skipped[before:]
@@ -163,7 +163,7 @@ def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, 
 def check_solvable(stability: Stability, problem: ContactProblem | None = None, sets: IndexSets | None = None) -> None:
     """Raise NotSolvableError if the rows of B~1 or B~2 are dependent, thesis (1.67), (5.24)-(5.25).
 
-    Of the problem and the RID, where they are given, conditions that say the same are named.
+    The message names equivalent conditions if the problem and the RID are given.
     """
     if not (math.isinf(stability.kappa_B) or math.isinf(stability.kappa_B_2)):
         return
@@ -178,10 +178,10 @@ def check_solvable(stability: Stability, problem: ContactProblem | None = None, 
 
 
 def check_sticking(stability: Stability) -> None:
-    """Raise NotSolvableError where S of the RID is singular: what then sticks bears forces that nothing tells apart.
+    """Raise NotSolvableError for a singular S of the RID: forces of sticking contacts are then undetermined.
 
-    Without friction a body that contact alone holds may well have as few modes; with it a second answer was found, 10 %
-    off.
+    Without friction this may be correct for a body that only contact holds; with friction a second solution was found,
+    10 % off.
     """
     if abs(stability.contact_definite) < DEPENDENT:
         raise NotSolvableError(
@@ -192,7 +192,7 @@ def check_sticking(stability: Stability) -> None:
 
 
 def _check_parallel(problem: ContactProblem, sets: IndexSets) -> None:
-    """Raise NotSolvableError where conditions of the RID say the same whatever the basis."""
+    """Raise NotSolvableError if conditions of the RID are equivalent for any basis."""
     if same := _parallel_rows(problem.contact[sets.A_lambda]):
         raise NotSolvableError(
             f"{same} contact conditions say the same as another one, as a stop does beside a pair whose master is "
@@ -202,9 +202,9 @@ def _check_parallel(problem: ContactProblem, sets: IndexSets) -> None:
 
 
 def _twins(problem: ContactProblem, sets: IndexSets) -> str:
-    """Conditions of the RID that hold one node along one normal, and what to do about them; nothing without any.
+    """Message about conditions of the RID that hold one node along one normal, and the remedy; empty without any.
 
-    The node moves them alike, so that only modes of what it touches tell their forces apart.
+    The node moves them equally, so that only modes of the opposite surface separate their forces.
     """
     normals = np.zeros((len(sets.A_lambda), problem.block_size))
     for row, number in zip(normals, sets.A_lambda, strict=True):
@@ -227,14 +227,14 @@ def _twins(problem: ContactProblem, sets: IndexSets) -> str:
 
 
 def _parallel_rows(contact: csr_matrix) -> int:
-    """Number of rows of a sparse matrix that are another row times a positive number, to round-off."""
+    """Number of rows of a sparse matrix that are a positive multiple of another row, to round-off."""
     lengths = np.sqrt(np.asarray(contact.multiply(contact).sum(axis=1)).ravel())
     units = csr_matrix(diags(1 / np.where(lengths > 0, lengths, 1.0)) @ contact)
     return int((triu(units @ units.T, k=1).tocoo().data > 1 - DEPENDENT).sum())
 
 
 def check_stability(stability: Stability, limits: TrustLimits) -> None:
-    """Raise UnstableModelError if a constant is beyond its limit, and warn if it is in the doubtful range."""
+    """Raise UnstableModelError if a constant is beyond its limit, and warn if it is close to it."""
     advice = f"{MORE_LAYERS}, or keep fewer modes (a larger POD tolerance)"
     distorted = not stability.distortion <= limits.refuse_distortion
     if distorted and not stability.cond_K <= limits.refuse_cond_K:
@@ -266,14 +266,14 @@ OF_CONDENSATION = {
     "displacement": "it is a combination of training answers, of which forces need none: train on more points",
     "contact force": "S is interpolated: take GridSettings with a smaller tolerance or a larger budget",
 }
-"""What helps models that keep all contact conditions, and have no RID, by the error."""
+"""Remedies for models with all contact conditions and without a RID, by the error."""
 
 
 def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str | Mapping[str, str] = OF_A_RID) -> None:
-    """Raise UnstableModelError if the 95th percentile of an error is beyond its limit, and warn if it is doubtful.
+    """Raise UnstableModelError if the 95th percentile of an error is beyond its limit, and warn if it is close to it.
 
-    The worst point is named, and warned of if its force error is beyond a limit of its own. The remedy fits the kind of
-    model, and the error where there is one for each.
+    The worst point is named; a warning is given if its force error is beyond a separate limit. The remedy depends on
+    the kind of model, and on the error if there is one for each.
     """
     for name, values, refuse, doubtful, doubtful_worst in (
         ("displacement", comparison.primal, limits.refuse_primal, limits.warn_primal, math.inf),
@@ -283,7 +283,7 @@ def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str | 
     ):
         if values is None:
             continue
-        # an order statistic, so that failed points do not turn it into NaN
+        # an order statistic: failed points do not make it NaN
         high = float(np.percentile(values, 95, method="higher"))
         worst = int(values.argmax())
         reached = "there is no one answer" if math.isinf(values[worst]) else f"it is {values[worst]:.0%}"
@@ -294,13 +294,13 @@ def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str | 
         )
         if high > refuse:
             raise UnstableModelError(message)
-        # a point without an answer is never passed over
+        # a point without an answer is always reported
         if high > doubtful or values[worst] > doubtful_worst or math.isinf(values[worst]):
             _warn(message)
 
 
 def check_door(trained: TrainedPaths, limits: TrustLimits) -> None:
-    """Warn of a model so poor along histories that are known that its steps hardly tell what was never trained."""
+    """Warn of a model so inaccurate along known load paths that its steps hardly detect untrained states."""
     if trained.estimate > limits.warn_estimate:
         _warn(
             f"the stress of known histories differs by up to {trained.estimate:.2g} of its size from combinations of "
@@ -310,9 +310,9 @@ def check_door(trained: TrainedPaths, limits: TrustLimits) -> None:
 
 
 def warn_of_training(full: Any, snapshots: Solutions, held_out: Solutions | None) -> None:
-    """Say beforehand what no check of the model can make good: where it is trained, and what it is compared with."""
+    """Warn in advance of deficits in training and validation that no check of the model can find."""
     flows = full.equilibrium is not None
-    if not (flows or full.problem.friction):  # each step of an elastic history is a point like any other
+    if not (flows or full.problem.friction):  # each step of an elastic load path is a point like any other
         warn_of_gaps_in_training(snapshots.points)
         warn_of_moduli_unseen(full.problem, snapshots.points)
     if not snapshots.any_contact(full.problem):
@@ -331,24 +331,24 @@ def warn_of_training(full: Any, snapshots: Solutions, held_out: Solutions | None
 
 
 def _warn_of_held_out(held_out: Solutions | None, flows: bool) -> None:
-    """Warn that nothing, or little, was kept out of training; one history of bodies that flow counts as many points."""
+    """Warn of no or few validation solutions; one load path of inelastic bodies counts as many points."""
     if held_out is not None and (flows or len(held_out.points) >= FEW):
         return
-    told = (
+    warning = (
         "no solutions were kept out of training: the model is compared with its own training only, and its error "
         "elsewhere is unknown"
         if held_out is None
         else f"only {len(held_out.points)} solutions were kept out of training: errors between them are hardly known"
     )
     advice = f"Give {'a history' if flows else f'at least {FEW}'} as held_out, as train does"
-    warn(f"{told}. {advice}", UncheckedWarning, stacklevel=4)
+    warn(f"{warning}. {advice}", UncheckedWarning, stacklevel=4)
 
 
 def warn_of_gaps_in_training(points: np.ndarray) -> None:
-    """Warn of training points, (S, P), that leave much of their box empty, like those of a diagonal.
+    """Warn of training points, (S, P), that leave much of their box empty, such as those of a diagonal.
 
-    Lengths count in steps between the different values of each parameter. On a grid, and for points drawn at random,
-    nothing of the box is farther from the training than training points are from each other.
+    Distances count in steps between the different values of each parameter. On a grid, and for random points,
+    no part of the box is farther from the training than training points are from each other.
     """
     counts = np.array([np.unique(column).size for column in points.T])
     spread = np.ptp(points, axis=0)
@@ -369,10 +369,10 @@ def warn_of_gaps_in_training(points: np.ndarray) -> None:
 
 
 def warn_of_moduli_unseen(problem: ContactProblem, points: np.ndarray) -> None:
-    """Warn of a modulus that takes values between training points, (S, P), from which these are far.
+    """Warn of a modulus with values far from those at the training points, (S, P).
 
-    A spike is narrower than the distance of training points, so that nothing held out shows it. Moduli are numbers, and
-    are looked at densely along each of their own parameters, the others in the middle.
+    A spike is narrower than the distance of training points, so that validation points miss it. Moduli are numbers, and
+    are evaluated densely along each of their parameters, with the others in the middle.
     """
     space = problem.parameters
     scalars = [scalar for modulus in problem.moduli for scalar in (modulus.factor_scalar, modulus.rest_scalar)]
@@ -404,8 +404,8 @@ def _warn(message, category=StabilityWarning):
 
 
 PARTS = 8
-"""Of first steps, in which bodies begin to touch and to flow: states that a finer path along a trained one goes through
-have estimates up to nine times those of the steps of training."""
+"""Parts of first steps, in which bodies come into contact and yield: states on a finer path along a trained one have
+estimates up to nine times those of the training steps."""
 
 
 TRAINED = "trained history"
@@ -419,18 +419,18 @@ def checked_histories(
     limits: TrustLimits | None,
     remedy: str = OF_A_RID,
 ) -> tuple[Comparison | None, TrainedPaths | None]:
-    """What users get beside known histories, and what the model was trained on; None without limits, or any history.
+    """Errors against known load paths, and the training range; None without limits, or without any path.
 
     Raises:
         UnstableModelError: for errors beyond the limits.
 
     Warns:
-        StabilityWarning: for doubtful errors, or a doubtful training range.
+        StabilityWarning: for errors or a training range close to a limit.
     """
     comparison, shown = compared_histories(full, model, snapshots, held_out, limits, remedy)
-    # what is held out is no training: unlike it, its errors would widen the training range to all like them
+    # validation paths are not training: their errors would widen the training range to similar ones
     signs = [signs for label, signs in shown.items() if label.startswith(TRAINED)]
-    if not signs:  # without limits all of them may have failed
+    if not signs:  # without limits all paths may have failed
         return None, None
     paths = [history.path for history in snapshots.histories]
     known = Known(signs, [_onset(model, path) for path in paths], largest_motion(full, snapshots))
@@ -448,13 +448,13 @@ def compared_histories(
     limits: TrustLimits | None,
     remedy: str = OF_A_RID,
 ) -> tuple[Comparison | None, dict[str, list[Signs]]]:
-    """What users get beside known histories, None without limits, and the signs of their steps by label.
+    """Errors against known load paths, None without limits, and the signs of their steps by label.
 
     Raises:
         UnstableModelError: for errors beyond the limits.
 
     Warns:
-        StabilityWarning: for doubtful errors.
+        StabilityWarning: for errors close to a limit.
     """
     kept = () if held_out is None else held_out.histories
     histories = {f"{TRAINED} {k}": history for k, history in enumerate(snapshots.histories)}
@@ -467,7 +467,7 @@ def compared_histories(
 
 
 def _onset(model: Model, path: Path) -> list[Signs]:
-    """Signs along the first step of a path in small parts; none where it does not converge."""
+    """Signs along the first step of a path in small parts; empty if it does not converge."""
     (start, here), (end, there) = path[:2]
     shares = np.arange(PARTS + 1) / PARTS
     parts = [(start + share * (end - start), here + share * (there - here)) for share in shares]

@@ -1,1 +1,1 @@
-"""The command ``hhr``: everything that the package does for a scene in a file, without a program around it."""
+"""The command ``hhr``: all functions of the package for a scene in a file, without a user's program."""

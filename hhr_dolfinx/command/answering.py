@@ -1,4 +1,4 @@
-"""Commands that answer parameters, one of them or a table."""
+"""Commands that evaluate parameters, one of them or a table."""
 
 from __future__ import annotations
 
@@ -32,8 +32,8 @@ def largest_values(
     Args:
         answer: of any model.
         dimension: of the mesh.
-        scene: where it is there, else None: a model in a file does not say its units.
-        pairs: contact pair of each of the forces, (c,); None where that is not known: the sum is then that of all.
+        scene: the scene if it is known, else None: a model in a file has no units.
+        pairs: contact pair of each of the forces, (c,); None if they are unknown: the sum is then that of all.
         forces: of pressures, (c,).
     """
     length = force = ""

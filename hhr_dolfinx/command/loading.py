@@ -1,4 +1,4 @@
-"""From words of a command line to scenes, models and points; what is wrong is told in one sentence."""
+"""Conversion of command-line words to scenes, models and points; errors are one sentence."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ MESHES = frozenset(
         ".mesh",
     )
 )
-"""Endings of mesh files, which no scene has."""
+"""Endings of mesh files, which are never scenes."""
 MOST_NAMES = 1000
 """Bodies, surfaces and sets of a mesh file that are listed."""
 
@@ -51,8 +51,10 @@ def scene_of(name: str) -> Scene:
 
     found = find("scenes", name)
     if inspect.isfunction(found):
-        asked = inspect.signature(found).parameters.values()
-        needed = [item.name for item in asked if item.default is item.empty and item.kind is item.POSITIONAL_OR_KEYWORD]
+        arguments = inspect.signature(found).parameters.values()
+        needed = [
+            item.name for item in arguments if item.default is item.empty and item.kind is item.POSITIONAL_OR_KEYWORD
+        ]
         if needed:
             raise SceneError(f"{name}: the function needs {', '.join(needed)}; give them defaults, or name another one")
         found = found()
@@ -62,7 +64,7 @@ def scene_of(name: str) -> Scene:
 
 
 def beside(name: str, attribute: str) -> Any:
-    """What a scene's file has besides, such as ``SETTINGS`` or ``VIEW``; None where it has none, or is no file."""
+    """Another attribute of a scene's file, such as ``SETTINGS`` or ``VIEW``; None without it or without a file."""
     path = name.rpartition(":")[0] if ":" in name else name
     if not path.endswith(".py"):
         return None
@@ -76,12 +78,12 @@ def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) ->
     """A point from ``name=value`` words, one or several in each, separated by commas.
 
     Args:
-        words: as they were given.
-        space: the box.
-        others: values of the parameters that are not named, (P,); None where all must be.
+        words: command-line words.
+        space: the parameter range.
+        others: values of the parameters that are not named, (P,); None if all must be.
 
     Raises:
-        ParameterError: for a word without a number, or a name that is not there or is there twice.
+        ParameterError: for a word without a number, or a name that is unknown or repeated.
     """
     found: dict[str, float] = {}
     for word in (part.strip() for given in words for part in given.split(",") if part.strip()):
@@ -113,15 +115,15 @@ def point_of(words: Iterable[str], space: ParameterSpace, others: Any = None) ->
 
 
 def is_model(name: str) -> bool:
-    """Whether a name is that of a model in a file, or of a folder, which reading one refuses in words."""
+    """True for the name of a model in a file, or of a folder, which is refused with a message when it is read."""
     return Path(name).suffix == ".npz" or Path(name).is_dir()
 
 
 def model_of(path: str | Path, known: Iterable[str] = ()) -> Any:
-    """The model of a file, with classes of a user's own, each of ``file.py:name`` or an entry point.
+    """The model of a file, with user-defined classes, each of ``file.py:name`` or an entry point.
 
     Raises:
-        SceneError: for a name that is nowhere, or is not that of a class.
+        SceneError: for an unknown name, or one that is not a class.
         ModelFileError: see :func:`hhr_dolfinx.online.model_file.load_model`.
     """
     from hhr_dolfinx.online.model_file import load_model
@@ -134,16 +136,16 @@ def model_of(path: str | Path, known: Iterable[str] = ()) -> Any:
 
 
 def is_mesh(name: str) -> bool:
-    """Whether a name is that of a mesh file, or of a file or folder that can be nothing else."""
+    """True for the name of a mesh file, or of a file or folder that cannot be anything else."""
     path = Path(name)
     return (path.exists() and path.suffix not in (".py", ".npz")) or path.suffix.lower() in MESHES
 
 
 def contents_of(name: str) -> str:
-    """Contents of a mesh file, and how a scene names it.
+    """Contents of a mesh file, and how a scene refers to it.
 
     Raises:
-        FileContentError: for a file that is no mesh.
+        FileContentError: for a file that is not a mesh.
     """
     from hhr_dolfinx.geometries.mesh_file import MeshFile
     from hhr_dolfinx.geometries.summary import summary_of
@@ -153,10 +155,10 @@ def contents_of(name: str) -> str:
 
 
 def checked_target(path: Path | None, endings: tuple[str, ...]) -> None:
-    """Refuse, before anything is computed, a file that could not be written after it; None is none.
+    """Refuse, before anything is computed, a file that could not be written afterwards; None is valid.
 
     Raises:
-        FileError: for another ending, a folder of this name, or a place where nothing can be written.
+        FileError: for another ending, a folder of this name, or a folder without write access.
     """
     if path is None:
         return
@@ -165,16 +167,16 @@ def checked_target(path: Path | None, endings: tuple[str, ...]) -> None:
     if path.is_dir():
         raise FileError(f"{path} is a folder: choose another name")
     with suppress(_Enough), replacing(path):
-        raise _Enough  # nothing is replaced
+        raise _Enough  # an existing file is not replaced
 
 
 class _Enough(Exception):
-    """A file could be begun."""
+    """Signal that the file can be written."""
 
 
 @contextmanager
 def naming_condensed(model: Path) -> Iterator[None]:
-    """Of a model that is refused, say where a condensed one lies."""
+    """If a model is refused, name the condensed one next to it."""
     from hhr_dolfinx.errors import NotOfferedError
 
     other = model.with_name("condensed.npz")

@@ -29,18 +29,18 @@ OWN = {
     "solve": "hhr_dolfinx.command.answering:solve",
     "answer": "hhr_dolfinx.command.answering:answer",
 }
-"""Commands of the core that are loaded when they are called, as those of plug-ins are."""
+"""Commands of the core, loaded when they are called, like those of plug-ins."""
 
 
 class Commands(click.Group):
     """Commands by name: of the core and of plug-ins."""
 
     def list_commands(self, ctx: click.Context) -> list[str]:
-        """Their names."""
+        """Names of the commands."""
         return sorted({*self.commands, *OWN, *registry.named("commands")})
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """One of them."""
+        """A command by its name."""
         if cmd_name in self.commands:
             return self.commands[cmd_name]
         place = OWN.get(cmd_name) or registry.named("commands").get(cmd_name)
@@ -124,8 +124,8 @@ def list_(kind: str | None) -> None:
 
 
 def main() -> None:
-    """What the installed command runs."""
-    # a reader that has seen enough, `hhr list | head`, is no crash, which PETSc would make of it
+    """Run the installed command."""
+    # a closed output, `hhr list | head`, is not a crash; PETSc would report it as one
     os.environ["PETSC_OPTIONS"] = f"{os.environ.get('PETSC_OPTIONS', '')} -no_signal_handler"
     hhr(prog_name="hhr")
 

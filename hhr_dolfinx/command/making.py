@@ -1,4 +1,4 @@
-"""Commands that make models of a scene and reports of them: train, study, report."""
+"""Commands that make models of a scene, and reports of models: train, study, report."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ with extra("study", "the command hhr"):
     import click
 
 KINDS = {"hhr": "build", "condensed": "condense", **{name: name for name in registry.named("kinds")}}
-"""Kinds of models that a training makes, and how."""
+"""Kinds of models made by a training, and their functions."""
 TRAINING = (
     click.option("--grid", help="train on a regular grid: counts along the parameters, as 16,16"),
     click.option("--sobol", type=click.IntRange(2), help="train on so many Sobol points"),
@@ -26,7 +26,7 @@ TRAINING = (
 
 
 def _with_training(command: Command) -> Command:
-    """With the options by which a training is asked for."""
+    """Add the options of a training to a command."""
     for option in reversed(TRAINING):
         command = option(command)
     return command
@@ -72,30 +72,30 @@ def train(
         from hhr_dolfinx.full_order.full import FullOrderModel
         from hhr_dolfinx.study.condensing import condense
 
-        # each rank for itself: where one has nothing to do PETSc waits for it at the end
+        # each rank alone: PETSc waits at the end for ranks without work
         full = FullOrderModel(made, MPI.COMM_SELF)
         model = condense(full, fields=True)
     else:
         settings = _settings_of(scene)
         held_out = None if settings is None else settings.held_out
-        asked = _training_of(how, settings)
+        sampling = _training_of(how, settings)
         if part is not None:
-            _solve_part(console, made, asked, part, folder / "snapshots", held_out=held_out, progress=progress)
+            _solve_part(console, made, sampling, part, folder / "snapshots", held_out=held_out, progress=progress)
             return
         training = trained(
-            made, asked, held_out=held_out, folder=folder / "snapshots", progress=progress, together=together
+            made, sampling, held_out=held_out, folder=folder / "snapshots", progress=progress, together=together
         )
         full = training.full_order
         if MPI.COMM_WORLD.rank and full.comm.size == 1:
             return
         for item in training.log.skipped:
-            if item["stage"] in ("snapshots", "problems side by side"):  # what was there already, and how ranks share
+            if item["stage"] in ("snapshots", "problems side by side"):  # reused snapshots, shares of ranks
                 console.print(item["why"], highlight=False)
         model = getattr(training, KINDS[kind])()
     target = folder / f"{kind}.npz"
     target.parent.mkdir(parents=True, exist_ok=True)
     write_companions(full, folder)
-    if MPI.COMM_WORLD.rank:  # which has built with the others
+    if MPI.COMM_WORLD.rank:  # it took part in the build
         return
     save_model(target, model)
     problem = full.problem
@@ -137,7 +137,7 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
 
 
 def _solve_part(console: Any, scene: Scene, training: Any, part: tuple[int, int], folder: Path, **how: Any) -> None:
-    """Solve one part of a training, and say what is there now."""
+    """Solve one part of a training, and print the present state."""
     from hhr_dolfinx.study.training.parts import train_part
 
     found = train_part(scene, training, *part, folder, **how)
@@ -150,7 +150,7 @@ def _solve_part(console: Any, scene: Scene, training: Any, part: tuple[int, int]
 
 
 def _described(model: Any) -> str:
-    """The size of a model, in words."""
+    """Description of the size of a model."""
     if hasattr(model, "models"):
         sizes = [len(one.problem.stiffness) for one in model.models]
         return f"{len(model)} models of {min(sizes)} to {max(sizes)} modes"
@@ -161,7 +161,7 @@ def _described(model: Any) -> str:
 
 
 def _settings_of(scene: str) -> Any:
-    """The ``SETTINGS`` beside a scene, or None.
+    """The ``SETTINGS`` in the file of a scene, or None.
 
     Raises:
         SceneError: for invalid input.
@@ -177,12 +177,12 @@ def _settings_of(scene: str) -> Any:
 
 
 def _training_of(how: dict[str, Any], settings: Any) -> Any:
-    """How to train: as asked for, or as the scene's file says, or on 64 Sobol points."""
+    """Training by the options, or by the scene's file, or by 64 Sobol points."""
     from hhr_dolfinx.sampling import Sobol
 
     chosen = {name: registry.load(place) for name, place in registry.named("trainings").items()}
-    asked = [name for name, way in chosen.items() if any(how[option] is not None for option in way.names)]
-    given = [name for name in ("grid", "sobol") if how[name] is not None] + asked
+    others = [name for name, way in chosen.items() if any(how[option] is not None for option in way.names)]
+    given = [name for name in ("grid", "sobol") if how[name] is not None] + others
     if len(given) > 1:
         raise click.UsageError(f"give one of {', '.join(f'--{name}' for name in ('grid', 'sobol', *chosen))}")
     if given == ["grid"]:
@@ -190,8 +190,8 @@ def _training_of(how: dict[str, Any], settings: Any) -> Any:
             return [int(word) for word in how["grid"].split(",")]
         except ValueError:
             raise click.UsageError(f"--grid {how['grid']} must be counts, as 16,16") from None
-    if asked:
-        return chosen[asked[0]].training(how)
+    if others:
+        return chosen[others[0]].training(how)
     if given == ["sobol"]:
         return Sobol(how["sobol"])
     return Sobol(64) if settings is None else settings.training

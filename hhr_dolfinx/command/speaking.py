@@ -1,4 +1,4 @@
-"""How commands speak: errors and warnings as sentences on the error stream, by the first rank."""
+"""Output of commands: errors and warnings as sentences on the error stream, by the first rank."""
 
 from __future__ import annotations
 
@@ -20,20 +20,20 @@ REFUSED = 3
 INTERRUPTED = 130
 _GOES_ON = ": answers that were done are kept, and the same command goes on from there"
 KEPT = dict.fromkeys(("train", "reduce", "study", "answer"), _GOES_ON)
-"""What is left of commands that are interrupted, by name."""
+"""Results that interrupted commands keep, by name."""
 Command = Callable[..., Any]
 
 
 def guarded(command: Command) -> Command:
-    """A command whose errors are sentences and exit codes, and which says so when it is interrupted.
+    """A command whose errors are sentences and exit codes, and which prints a message when it is interrupted.
 
-    A fault of this package, which no sentence explains, keeps its traceback.
+    A fault of this package, which has no such sentence, keeps its traceback.
     """
 
     @wraps(command)
     def run(*args: Any, **kwargs: Any) -> Any:
         with warnings.catch_warnings():
-            # FFCx 0.9 does so when it is loaded, and would take the place of what is set here
+            # FFCx 0.9 does so when it is loaded, and would replace the handler that is set here
             logging.captureWarnings(True)
             warnings.showwarning = _once()
             try:
@@ -49,7 +49,7 @@ def guarded(command: Command) -> Command:
 
 
 def _explained(error: Exception) -> str:
-    """An error in words, with its place where it came out of a file of the user; a fault of this package is raised."""
+    """Message of an error, with its position if it comes from a file of the user; a fault of this package is raised."""
     from hhr_dolfinx.by_name import place_of
 
     if isinstance(error, ModuleNotFoundError):
@@ -63,7 +63,7 @@ def _explained(error: Exception) -> str:
 
 
 def _once() -> Callable[..., None]:
-    """Shows warnings as sentences, each once, on the first rank."""
+    """Handler that prints warnings as sentences, each once, on the first rank."""
     shown = set()
 
     def show(message: Any, category: Any, *_: Any, **__: Any) -> None:
@@ -75,13 +75,13 @@ def _once() -> Callable[..., None]:
 
 
 def _say(text: str) -> None:
-    """On the error stream, by the first rank."""
+    """Print on the error stream, by the first rank."""
     if first_rank():
         click.echo(text, err=True)
 
 
 def first_rank() -> bool:
-    """Whether this process speaks; a model that answers needs no MPI."""
+    """True if this process prints; evaluation of a model needs no MPI."""
     world = ranks.world()
     return world is None or world.rank == 0
 

@@ -1,4 +1,4 @@
-"""What the installed command ``hhr`` runs: without the packages of its extra it says so in one sentence."""
+"""Entry point of the command ``hhr``: without the packages of its extra it prints one sentence."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import sys
 from hhr_dolfinx.errors import MissingPackageError
 
 REFUSED = 3
-"""Exit code, that of :mod:`hhr_dolfinx.command.main` for what is refused."""
+"""Exit code of :mod:`hhr_dolfinx.command.main` for refused input."""
 
 
 def main() -> None:

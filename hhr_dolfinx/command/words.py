@@ -1,4 +1,4 @@
-"""Words that several commands take, and what they end with."""
+"""Options and parameters of several commands, and their exit codes."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ with extra("study", "the command hhr"):
     import click
 
 NO_ANSWER = 1
-"""Exit code where something has no answer, or a check found mistakes."""
+"""Exit code for missing answers, or for mistakes that a check found."""
 
 
 def examples(*lines: str) -> str:
@@ -25,7 +25,9 @@ OUT = click.option(
 )
 AT = click.option("--at", "words", multiple=True, help="value of a parameter, name=value; once for each")
 
-KNOWN = click.option("--known", multiple=True, help="class of your own in the model, law.py:Voce; once for each [none]")
+KNOWN = click.option(
+    "--known", multiple=True, help="user-defined class of the model, law.py:Voce; once for each [none]"
+)
 
 
 class Part(click.ParamType):

@@ -5,7 +5,7 @@ of statuses comes back, the least-index rule of Murty takes over: it switches on
 status. For a P-matrix S = B K^-1 B^T (K positive definite and B of full rank) it reaches the
 solution in finitely many steps (K. G. Murty, "Note on a Bard-type scheme for solving the
 complementarity problem", Opsearch 11, 1974). If it comes back to a set of statuses too, S is no
-P-matrix, and the answer says so instead of passing an iterate for a solution.
+P-matrix, and the status reports this: an iterate is never returned as a solution.
 
 A set on the way may be singular although the problem has a solution, since S of a reduced model is
 neither symmetric nor definite by construction. Then the least-index rule starts from no contact, which
@@ -41,7 +41,7 @@ Equalities = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
 _Size = float | np.floating | np.ndarray
 
 _Entry = tuple[np.ndarray, Factor | None, np.ndarray]
-"""Active conditions (k,), the factors of their block (None if there are none), their columns of S as rows (k, m)."""
+"""Active conditions (k,), the factors of their block (None if k = 0), columns of S as rows (k, m)."""
 
 
 class Status(Enum):
@@ -92,7 +92,7 @@ class Pairs:
 
     @classmethod
     def of(cls, numbers: np.ndarray | None) -> Pairs | None:
-        """Groups; None if there is one pair only, or nothing is known about pairs."""
+        """Groups; None for a single pair, or if pairs are unknown."""
         return None if numbers is None or np.ptp(numbers) == 0 else cls(numbers)
 
     def largest(self, values: np.ndarray) -> np.ndarray:
@@ -131,14 +131,14 @@ def active_set(
             nothing = np.zeros(active.size, dtype=bool)
             found = _one_at_a_time(equalities, free_slack, nothing, (iteration, max_iterations), pairs, singular=True)
             break
-        # one factor of each product is 0, and 0 times infinity is NaN: this sees what min does not
+        # one factor of each product is 0, and 0 times infinity is NaN: unlike min this finds infinite values
         work = slack.dot(forces)
         if work == 0.0 and slack.min() >= 0 and forces.min() >= 0:
             return Statuses(forces, active, iteration, Status.CONVERGED, False)
         if work != 0.0 and not _finite(forces, slack):
             found = Statuses(forces, active, iteration, Status.NOT_FINITE, False)
             break
-        # what is wrong by any measure first: measuring pair by pair takes as long as all the rest
+        # errors in any measure first: the comparison pair by pair takes as long as all the rest
         wrong = _wrong(forces, slack, free_slack, None)
         if not wrong.any() and pairs is not None:
             wrong = _wrong(forces, slack, free_slack, pairs)
@@ -187,10 +187,10 @@ def _one_at_a_time(
     *,
     singular: bool,
 ) -> Statuses:
-    """The least-index rule, which passes over statuses that would make the set singular; see :func:`active_set`.
+    """The least-index rule, which skips statuses that would make the set singular; see :func:`active_set`.
 
-    ``active`` is not singular; ``iterations`` are those so far and their bound; ``singular`` tells of a singular set on
-    the way here.
+    ``active`` is not singular; ``iterations`` are those so far and their bound; ``singular``: a singular set was met
+    before.
     """
     seen: set[bytes] = set()
     spent, limit = iterations
@@ -200,7 +200,7 @@ def _one_at_a_time(
             return Statuses(forces, active, spent, Status.NOT_FINITE, True)
         wrong = _wrong(forces, slack, free_slack, pairs)
         if not wrong.any():
-            # twice the same row would split its force at will; the row beside has no slack then
+            # a second copy of a row would split its force arbitrarily; that row has no slack then
             touching = active | (slack <= _noise(forces, free_slack, pairs)[1])
             unique = not singular or _regular(equalities, free_slack, touching)
             return Statuses(forces, active, spent, Status.CONVERGED if unique else Status.SINGULAR, True)
@@ -225,7 +225,7 @@ def _one_at_a_time(
 
 
 def _regular(equalities: Equalities, free_slack: np.ndarray, active: np.ndarray) -> bool:
-    """Whether the forces of a set of statuses are unique."""
+    """True if the forces of a set of statuses are unique."""
     try:
         equalities(active, free_slack)
     except SingularError:
@@ -236,21 +236,21 @@ def _regular(equalities: Equalities, free_slack: np.ndarray, active: np.ndarray)
 class SchurEqualities:
     """Equality problems of the active set on the Schur complement: slack = free_slack + S lambda.
 
-    With K factored once, S = B K^-1 B^T and free_slack = D - B K^-1 F hold all there is to know
-    about the contact. A set of statuses costs one dense LU of S[active, active]. The last factors of
-    each size are kept: neighbouring parameters often share their statuses, and where they do not, a
-    new block is factored in the place of an old one of its size. Those of :meth:`prepare` statuses stay besides. All
-    that is kept stays below ``most_bytes``; the oldest goes first. Several threads may ask; the answers are their own.
+    K is factored once. S = B K^-1 B^T and free_slack = D - B K^-1 F then determine the contact. A set of statuses costs
+    one dense LU of S[active, active]. The last factors of each size are kept, since neighbouring parameters often share
+    their statuses. A new block replaces the oldest one of its size. Factors made by :meth:`prepare` stay. All kept
+    factors take less than ``most_bytes``; the oldest are dropped first. Several threads may call an object; results are
+    new arrays.
 
     Args:
         columns: maps indices (k,) to the columns of S that belong to them, as rows (k, m).
         size: m.
-        factorise: what factors a dense block.
+        factorise: factors a dense block.
 
     Attributes:
         size: m.
-        most_bytes: bound on the memory of what is kept.
-        kept_bytes: memory of what is kept.
+        most_bytes: bound on the memory of the kept factors.
+        kept_bytes: memory of the kept factors.
     """
 
     KEPT_PER_SIZE = 2
@@ -268,12 +268,12 @@ class SchurEqualities:
 
     @classmethod
     def symmetric(cls, schur: np.ndarray) -> SchurEqualities:
-        """On a known S, (m, m), that is symmetric and mostly definite."""
+        """Equality problems on a known S, (m, m), that is symmetric and usually definite."""
         return cls(schur.__getitem__, schur.shape[0], LapackCholesky)
 
     @classmethod
     def of(cls, schur: np.ndarray, factorise: Factorise = dense_factors) -> SchurEqualities:
-        """On a known S, (m, m), not necessarily symmetric."""
+        """Equality problems on a known S, (m, m), not necessarily symmetric."""
         # transposed, so that picking columns of S copies whole rows
         return cls(np.ascontiguousarray(schur.T).__getitem__, schur.shape[0], factorise)
 
@@ -288,7 +288,7 @@ class SchurEqualities:
             SingularError: if S[active, active] is singular.
         """
         key = active.tobytes()
-        # until it has answered, another thread must not factor another block in the place of this one
+        # under the lock: another thread must not replace this block before it is used
         with self._lock:
             entry = self._prepared.get(key) or self._entries.get(key)
             if entry is None:
@@ -304,7 +304,7 @@ class SchurEqualities:
         return forces, slack
 
     def several(self, active: np.ndarray, free_slacks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """The same for many free slacks at once, (m, k): forces and slacks, (m, k) each."""
+        """Solve for many free slacks at once, (m, k): forces and slacks, (m, k) each."""
         key = active.tobytes()
         with self._lock:
             entry = self._prepared.get(key) or self._entries.get(key) or self._factor(active.nonzero()[0], key)
@@ -319,9 +319,9 @@ class SchurEqualities:
         return forces, slack
 
     def prepare(self, statuses: np.ndarray, most_bytes: int) -> None:
-        """Factor the blocks of statuses that will be asked for, (n, m), as far as they fit into some memory.
+        """Factor the blocks of statuses that are expected, (n, m), as far as they fit into the given memory.
 
-        They do not go when others come. Singular ones are left out.
+        These factors stay when others are made. Singular blocks are left out.
         """
         spent = 0
         for active in statuses:
@@ -346,7 +346,7 @@ class SchurEqualities:
         elif len(kept) < self.KEPT_PER_SIZE:
             factor = self._factorise(block)
         else:
-            # out of the books first: a singular block must not leave a stale entry behind
+            # removed first: a singular block must not leave a stale entry
             factor = cast(Factor, self._forget(kept[0]))
             factor.refactor(block)
         entry = (index, factor, columns)
@@ -370,16 +370,16 @@ def _bytes(entry: _Entry) -> int:
 
 
 ROUNDS = 6
-"""Times that statuses are changed for many points together; what is left then is solved point by point."""
+"""Rounds in which statuses change for many points at once; the remaining points are solved one by one."""
 
 
 def settled(
     schur: np.ndarray, free_slack: np.ndarray, active: np.ndarray, factorise: Factorise = LapackLU
 ) -> tuple[np.ndarray, np.ndarray, list[int]]:
-    """Alg. 1.1 for many free slacks, (n, m), from statuses that are changed in place.
+    """Run Alg. 1.1 for many free slacks, (n, m), from statuses that are changed in place.
 
     Returns:
-        The forces, (n, m); equality problems solved for each point, (n,); and the points that have not settled:
+        The forces, (n, m); equality problems solved for each point, (n,); and the points that have not converged:
         round-off and singular sets are left to the search of a single point.
     """
     forces = np.zeros_like(free_slack)
@@ -402,7 +402,7 @@ def settled(
                 continue
             forces[members] = found
             iterations[members] += 1
-            # what is not finite is wrong too
+            # NaN is wrong too
             wrong = ~((found >= 0) & (slack >= 0))
             open_ = wrong.any(axis=1)
             active[members[open_]] ^= wrong[open_]
@@ -414,10 +414,10 @@ def settled(
 
 
 class KeptFactors:
-    """Factors of blocks of S, (m, m), by statuses; those asked for last are kept, up to ``most_bytes``.
+    """Factors of blocks of S, (m, m), by statuses; the most recently used are kept, up to ``most_bytes``.
 
     Attributes:
-        kept_bytes: memory of what is kept.
+        kept_bytes: memory of the kept factors.
     """
 
     most_bytes = 64 * 2**20
@@ -426,7 +426,7 @@ class KeptFactors:
         self._schur = schur
         self._factorise = factorise
         self.kept_bytes = 0
-        self._factors: dict[bytes, Factor] = {}  # the one asked for longest ago first
+        self._factors: dict[bytes, Factor] = {}  # the least recently used first
 
     def of(self, index: np.ndarray, key: bytes) -> Factor:
         """Factors of the block of some conditions, (k,), whose statuses have this key.

@@ -1,19 +1,19 @@
-"""Active set of bodies that nothing but contact holds: their rigid motions are unknowns beside the contact forces.
+"""Active set of bodies that only contact holds: their rigid motions are unknowns in addition to the contact forces.
 
-With r rigid motions, q their sizes, the contact problem that elimination leaves is
+With r rigid motions and their amplitudes q, elimination of the displacement leaves the contact problem
 
     slack = free_slack + S lambda - G q >= 0,   lambda >= 0,   G^T lambda = driving,
 
-where G = B R is what motions take from the slack, and the last equation the balance of forces along them, of whole
-bodies in a reduced model too. On a set of statuses this is one linear system. Where it is singular, since the set does
-not hold all bodies, or where statuses cycle, weak springs hold the bodies: with a stiffness k the motions are
-q0 + (driving - G^T lambda) / k, and S + G G^T / k is that of bodies that are held. Moving the springs' ends q0 along is
+where G = B R is the effect of the motions on the contact rows. The last equation is the balance of forces along the
+motions, of whole bodies in a reduced model too. On a set of statuses this is one linear system. It is singular if the
+set does not hold all bodies. Then, or if statuses cycle, weak springs hold the bodies: with a stiffness k the motions
+are q0 + (driving - G^T lambda) / k, and S + G G^T / k is that of held bodies. Updating the ends q0 of the springs is
 the proximal point method (R. T. Rockafellar, SIAM J. Control Optim. 14, 1976), which ends in finitely many steps for
 such problems.
 
-Forces that are found need not determine the motions: two nodes of a disc that bear force leave it a turn about the
-point where their normals meet, as long as no other node is reached. All of these motions are answers. Every model
-hands out the same one of them, that of least size, see :func:`open_motions`.
+The forces of a solution need not determine the motions. Example: two nodes of a disc that bear force allow a rotation
+about the point where their normals meet, as long as no other node touches. All of these motions are solutions. Every
+model returns the one of least norm, see :func:`open_motions`.
 """
 
 from __future__ import annotations
@@ -30,23 +30,23 @@ from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.linear.dense import LapackLU
 
 WEAKNESS = (1e3, 1e5, 1e7, 1e9)
-"""Compliances of the springs over that of the bodies: the weaker, the fewer steps, and the more digits are lost."""
+"""Compliances of the springs over that of the bodies: weaker springs need fewer steps and lose more digits."""
 MOST_STEPS = 30
 """Steps of the proximal point method with springs of one kind; two or three are usual."""
 BALANCED = 1e-12
-"""Part of the forces by which they may be out of balance."""
+"""Relative imbalance of the forces up to which they count as balanced."""
 ROUND_OFF = 1e-13
-"""Part of the forces on all bodies that is round-off in the balance of one."""
+"""Round-off in the balance of one body, relative to the forces on all bodies."""
 ACTING = 1e-12
-"""Part of the largest share of a row in the least motion, below which the row does not act."""
+"""Part of the largest share of a row in the least motion, up to which the row counts as inactive."""
 NOTHING = 1e-14
-"""Part of the force that would close the largest gap, below which a force is round-off of that gap."""
+"""Part of the force that would close the largest gap, up to which a force is round-off of that gap."""
 BEARING = 1e-9
 BEARING_OF_GAPS = 1e-12
 """Parts of the largest contact force, and of the force that would close the largest gap, up to which a condition bears
-no force that holds a body: loads balance each other to round-off only."""
+no force that holds a body: loads balance each other only up to round-off."""
 SINGULAR = 1e-8
-"""Residual of an equality problem, in parts of its right-hand side, from which on it is singular to round-off."""
+"""Relative residual of an equality problem above which it counts as singular."""
 
 
 class FloatingEqualities:
@@ -54,18 +54,19 @@ class FloatingEqualities:
 
     Args:
         schur: S, (m, m).
-        taken: G, what motions take from the slack, (m, r).
+        contact_of_motions: G = B R, effect of the motions on the contact rows, (m, r).
     """
 
-    def __init__(self, schur: np.ndarray, taken: np.ndarray):
+    def __init__(self, schur: np.ndarray, contact_of_motions: np.ndarray):
         self.schur = schur
-        self.taken = taken
-        count = taken.shape[1]
-        # each motion in a unit that makes its column as large as those of S: turns of what is almost round do little
+        self.contact_of_motions = contact_of_motions
+        count = contact_of_motions.shape[1]
+        # each motion in a unit that makes its column as large as those of S: rotations of a nearly round body have
+        # little effect
         self._size = float(np.abs(np.diag(schur)).mean() or 1.0)
-        largest = np.abs(taken).max(axis=0, initial=0.0)
+        largest = np.abs(contact_of_motions).max(axis=0, initial=0.0)
         self._units = self._size / np.where(largest > 0, largest, 1.0)
-        scaled = taken * self._units
+        scaled = contact_of_motions * self._units
         self._whole = np.block([[schur, -scaled], [scaled.T, np.zeros((count, count))]])
         self._equalities = SchurEqualities.of(self._whole, LapackLU)
 
@@ -75,7 +76,7 @@ class FloatingEqualities:
         """Forces and slack, (m,) each, and motions, (r,), for some statuses.
 
         Raises:
-            SingularError: if the conditions that touch do not hold all bodies, or depend on each other.
+            SingularError: if the active conditions do not hold all bodies, or depend on each other.
         """
         both = np.concatenate([active, np.ones(driving.size, dtype=bool)])
         right = np.concatenate([free_slack, -self._units * driving])
@@ -88,43 +89,48 @@ class FloatingEqualities:
         return found[:m], slack[:m], self._units * found[m:]
 
     def bearing(self, forces: np.ndarray, free_slack: np.ndarray) -> np.ndarray:
-        """Which conditions bear a force that is more than round-off, (m,) bool."""
+        """Conditions that bear a force above round-off, (m,) bool."""
         closing = np.abs(free_slack).max(initial=0.0) / self._size
         return forces > BEARING * forces.max(initial=0.0) + BEARING_OF_GAPS * closing
 
     def left_open(self, bearing: np.ndarray) -> np.ndarray:
-        """Orthonormal motions that move none of some conditions, (r, d)."""
-        rows = self.taken[bearing] * self._units
+        """Orthonormal motions without effect on some conditions, (r, d)."""
+        rows = self.contact_of_motions[bearing] * self._units
         if not rows.shape[0]:
-            return np.eye(self.taken.shape[1])
-        # all columns of G are as large as S here; one of zeros is a motion that nothing measures
+            return np.eye(self.contact_of_motions.shape[1])
+        # all columns of G are as large as S here; a zero column is a motion without effect on any condition
         ways = null_space(np.vstack([rows, np.zeros((rows.shape[1],) * 2)]), rcond=SINGULAR)
         return np.linalg.qr(self._units[:, None] * ways)[0]
 
     def balanced(self, forces: np.ndarray, driving: np.ndarray, nothing: float = 0.0) -> np.ndarray:
-        """Whether forces, (m,), balance loads along each motion, (r,), but for part of its own, and round-off of all.
+        """True for each motion along which forces, (m,), balance the loads, (r,), up to round-off: (r,) bool.
 
-        Those of one motion may be far below those of another one, of a heavier body.
+        Round-off is measured by the loads along that motion, and by all loads: those along one motion may be far below
+        those along a motion of a heavier body.
         """
         units = self._units
-        left = units * np.abs(driving - forces @ self.taken)
-        sizes = units * (np.abs(driving) + np.abs(forces) @ np.abs(self.taken))
+        left = units * np.abs(driving - forces @ self.contact_of_motions)
+        sizes = units * (np.abs(driving) + np.abs(forces) @ np.abs(self.contact_of_motions))
         return left <= SINGULAR * sizes + ROUND_OFF * sizes.max(initial=0.0) + units * nothing
 
     @cached_property
     def springs(self) -> tuple[tuple[np.ndarray, SchurEqualities], ...]:
-        """Compliances of springs along each motion, 1 / k, (r,), and equality problems of bodies that they hold."""
-        push = (self.taken**2).mean(axis=0)
+        """Compliances of springs along each motion, 1 / k, (r,), and equality problems of bodies on them."""
+        push = (self.contact_of_motions**2).mean(axis=0)
         unit = self._size / np.where(push > 0, push, 1.0)
         every = (unit * weak for weak in WEAKNESS)
         return tuple(
-            (one, SchurEqualities.of(self.schur + (self.taken * one) @ self.taken.T, LapackLU)) for one in every
+            (
+                one,
+                SchurEqualities.of(self.schur + (self.contact_of_motions * one) @ self.contact_of_motions.T, LapackLU),
+            )
+            for one in every
         )
 
     def several(self, active: np.ndarray, free_slacks: np.ndarray, drivings: np.ndarray) -> tuple[np.ndarray, ...]:
-        """The same for many right-hand sides, (m, k) and (r, k): forces, slacks (m, k) and motions (r, k).
+        """Solve for many right-hand sides, (m, k) and (r, k): forces, slacks (m, k) and motions (r, k).
 
-        Of what the set does not hold it takes the smallest motion.
+        If the set does not hold a body, its smallest motion is returned.
         """
         both = np.concatenate([active, np.ones(len(drivings), dtype=bool)])
         right = np.concatenate([free_slacks, -self._units[:, None] * drivings])
@@ -141,8 +147,8 @@ class OpenMotions(NamedTuple):
 
     Attributes:
         ways: orthonormal motions, (r, d), d >= 1.
-        shift: what leads from the motions that were found to those of least size, (r,).
-        opened: conditions without force that touched and are open then, (m,) bool.
+        shift: difference between the motions of least norm and those that were found, (r,).
+        opened: conditions without force that were closed and are open after the shift, (m,) bool.
     """
 
     ways: np.ndarray
@@ -151,7 +157,7 @@ class OpenMotions(NamedTuple):
 
 
 def open_motions(
-    equalities: FloatingEqualities, forces: np.ndarray, free_slack: np.ndarray, slack: np.ndarray, moved: np.ndarray
+    equalities: FloatingEqualities, forces: np.ndarray, free_slack: np.ndarray, slack: np.ndarray, motions: np.ndarray
 ) -> OpenMotions | None:
     """Motions that no bearing condition resists; None if the forces determine all of them.
 
@@ -160,21 +166,21 @@ def open_motions(
         forces: of a solution, (m,).
         free_slack: slack without forces and motions, (m,).
         slack: that of the solution, (m,).
-        moved: displacement of the solution along the motions, (r,).
+        motions: amplitudes of the motions of the solution, (r,).
     """
     bearing = equalities.bearing(forces, free_slack)
     ways = equalities.left_open(bearing)
     if not ways.shape[1]:
         return None
-    rows = equalities.taken[~bearing] @ ways
-    change = _nearest(rows, np.maximum(slack[~bearing], 0.0), -ways.T @ moved)
+    rows = equalities.contact_of_motions[~bearing] @ ways
+    change = _nearest(rows, np.maximum(slack[~bearing], 0.0), -ways.T @ motions)
     shift = ways @ change
-    opening = -equalities.taken @ shift
+    opening = -equalities.contact_of_motions @ shift
     return OpenMotions(ways, shift, ~bearing & (opening > BEARING * np.abs(opening).max(initial=0.0)))
 
 
 def _nearest(rows: np.ndarray, limits: np.ndarray, target: np.ndarray) -> np.ndarray:
-    """The point w with rows w <= limits that is nearest to a target, (d,); w = 0 is one of them.
+    """The point w with rows w <= limits that is nearest to a target, (d,); w = 0 must satisfy them.
 
     Least distance by non-negative least squares: C. L. Lawson and R. J. Hanson, Solving Least Squares Problems, 1974,
     chapter 23.
@@ -185,10 +191,10 @@ def _nearest(rows: np.ndarray, limits: np.ndarray, target: np.ndarray) -> np.nda
     system = np.vstack([-rows.T, beyond])
     unit = np.zeros(len(system))
     unit[-1] = 1.0
-    # nnls of scipy 1.15 ends early, as the examples of tests/test_floating.py show
+    # nnls of scipy 1.15 stops too early, as the examples of tests/test_floating.py show
     shares = lsq_linear(system, unit, bounds=(0.0, np.inf), method="bvls", tol=1e-15).x
     acting = shares > ACTING * shares.max()
-    # the residual of the least squares would lose half of the digits of the point, on the rows that act it has all
+    # the residual of the least squares has half of the digits of the point; active rows give all of them
     return target - np.linalg.lstsq(rows[acting], beyond[acting], rcond=None)[0]
 
 
@@ -199,7 +205,7 @@ def floating_set(
     start: np.ndarray,
     pairs: Pairs | None = None,
 ) -> tuple[Statuses, np.ndarray]:
-    """Statuses and forces, and the motions, (r,), see the head of this file.
+    """Statuses and forces, and the motions, (r,); see the docstring of the module.
 
     Args:
         equalities: on S with the motions.
@@ -209,28 +215,28 @@ def floating_set(
         pairs: contact pair of each condition.
 
     Returns:
-        Forces solve the contact problem if the status is ``CONVERGED``; ``ADRIFT`` says that loads drive a motion
-        that no contact resists.
+        Forces solve the contact problem if the status is ``CONVERGED``; ``ADRIFT``: loads drive a motion that no
+        contact resists.
     """
     direct = _direct(equalities, free_slack, driving, start, pairs)
     if direct is not None:
         return direct
-    taken = equalities.taken
-    # forces that close nothing but round-off of the gaps: without loads there are no others to compare with
+    contact_of_motions = equalities.contact_of_motions
+    # forces that only close round-off of the gaps: without loads there are no other forces to compare with
     nothing = NOTHING * np.abs(free_slack).max() / (np.abs(np.diag(equalities.schur)).mean() or 1.0)
     ends = np.zeros(driving.size)
     spent = 0
     active = start
     for compliance, sprung in (spring for spring in equalities.springs for _ in range(MOST_STEPS)):
         offset = ends + compliance * driving
-        found = active_set(sprung, free_slack - taken @ offset, active, pairs=pairs)
+        found = active_set(sprung, free_slack - contact_of_motions @ offset, active, pairs=pairs)
         spent += found.iterations
         if found.status is not Status.CONVERGED:
             return found._replace(iterations=spent, cycled=True), ends
-        left = driving - found.forces @ taken
+        left = driving - found.forces @ contact_of_motions
         ends = ends + compliance * left
         active = found.active
-        largest = (np.abs(driving) + found.forces @ np.abs(taken)).max()
+        largest = (np.abs(driving) + found.forces @ np.abs(contact_of_motions)).max()
         close = np.abs(left) <= BALANCED * largest + nothing
         if (close & equalities.balanced(found.forces, driving, nothing)).all():
             return found._replace(iterations=spent, cycled=True), ends
@@ -244,7 +250,7 @@ def floating_set(
 def _direct(
     equalities: FloatingEqualities, free_slack: np.ndarray, driving: np.ndarray, start: np.ndarray, pairs: Pairs | None
 ) -> tuple[Statuses, np.ndarray] | None:
-    """The plain active set; None where a set on the way is singular, or statuses cycle."""
+    """The plain active set; None if a set on the way is singular, or statuses cycle."""
 
     def equality(active: np.ndarray, slack: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         return equalities(active, slack, driving)[:2]

@@ -1,10 +1,10 @@
-"""Friction of contact pairs: laws that a user writes, and the rows that they add to B.
+"""Friction of contact pairs: laws that users define, and the tangential rows of B.
 
-A contact with friction has one tangential row in the plane and two in space, see :mod:`hhr_dolfinx.contact.tangents`,
-whose slack is less the relative displacement along a tangent, and whose multiplier τ is the tangential force on the
-slave with the opposite sign. Coulomb's law says
+A contact with friction has one tangential row in the plane and two in space, see :mod:`hhr_dolfinx.contact.tangents`.
+The slack of such a row decreases by the relative displacement along a tangent. Its multiplier τ is the tangential force
+on the slave with the opposite sign. Coulomb's law is
 
-    |τ| <= min(coefficient λ, limit area),     and where the slack of an increment is not zero τ is opposed to it.
+    |τ| <= min(coefficient λ, limit area),     and τ is opposed to the slack of an increment unless that is zero.
 """
 
 from __future__ import annotations
@@ -30,8 +30,9 @@ class Coulomb:
     """Coulomb's law: the tangential force of a contact is at most its pressure times a coefficient.
 
     Attributes:
-        coefficient: not negative; a number, or a formula of the parameters as text.
-        limit: shear stress that no pressure exceeds, in the unit of stress; likewise, None without one.
+        coefficient: not negative; a number, or an expression of the parameters.
+        limit: largest shear stress at any pressure, in the unit of stress; a number or an expression; None for no
+            limit.
     """
 
     coefficient: float | str
@@ -45,13 +46,13 @@ class Coulomb:
 
 @dataclass(frozen=True)
 class Tresca:
-    """Tresca's law: the tangential stress is at most a given one, whatever the pressure, also where contact is open.
+    """Tresca's law: the tangential stress is at most a given one at any pressure, also on open contacts.
 
-    That is the classical problem, which has one solution. A stress that ends where contact opens is a limit of
+    This is the classical problem, which has one solution. For a stress that vanishes on open contacts use a limit of
     Coulomb's law, ``Coulomb(coefficient, limit)``.
 
     Attributes:
-        limit: shear stress, not negative, in the unit of stress; a number, or a formula of the parameters as text.
+        limit: shear stress, not negative, in the unit of stress; a number, or an expression of the parameters.
     """
 
     limit: float | str
@@ -65,7 +66,7 @@ Law = Coulomb | Tresca
 
 
 def law_of(friction: Any, what: str) -> Law | None:
-    """What a user gave as friction of a pair: None, a law, or the coefficient of Coulomb's.
+    """Law for the friction that a user gave for a pair: None, a law, or the coefficient of Coulomb's law.
 
     Raises:
         SceneError: for anything else.
@@ -95,10 +96,10 @@ class FrictionLaw(Rebuilt):
 
     @classmethod
     def of(cls, law: Law, space: ParameterSpace, what: str) -> FrictionLaw:
-        """A law over the box of a scene.
+        """Law over the parameter range of a scene.
 
         Raises:
-            SceneError: where a constant is negative or not finite somewhere in the box, or names an unknown parameter.
+            SceneError: if a constant is negative or not finite somewhere in the range, or names an unknown parameter.
         """
         found: list[Scalar | None] = []
         for name, value in (("coefficient", law.coefficient), ("limit", law.limit)):
@@ -106,7 +107,7 @@ class FrictionLaw(Rebuilt):
         return cls(*found)
 
     def at(self, point: np.ndarray) -> tuple[float, float]:
-        """Coefficient and limit at a point, (P,); infinite where there is none."""
+        """Coefficient and limit at a point, (P,); infinite for no limit."""
         coefficient, limit = (
             np.inf if scalar is None else scalar.value(point) for scalar in (self.coefficient, self.limit)
         )
@@ -125,23 +126,23 @@ def _scalar(value: float | str, space: ParameterSpace, called: str) -> Scalar:
 
 @dataclass(frozen=True)
 class Friction(Rebuilt):
-    """Which rows of B are tangential, and what bounds their forces (C contacts with friction, T tangential rows).
+    """Tangential rows of B, and the bounds of their forces (C contacts with friction, T tangential rows).
 
     Attributes:
         normal: row of the pressure of each contact, (C,).
         area: its tributary area, (C,).
-        spacing: distance between the nodes that it was paired with, beyond which it has left them, (C,); 0 of an
-            obstacle, which is the same everywhere, and where rows are made anew.
-        law: its law, a place in ``laws``, (C,).
-        tangential: tangential rows, contact by contact, (T,): none where no dof moves along the surface.
+        spacing: largest slip at which the contact is still next to the nodes it was paired with, (C,); 0 for an
+            obstacle, which is the same everywhere, and if rows are updated.
+        law: index of its law in ``laws``, (C,).
+        tangential: tangential rows, contact by contact, (T,): none if all dofs along the surface are imposed.
         owner: contact of each of them, (T,).
         tangents: its unit vector, (T, dim).
         laws: of the pairs.
-        fixed: places of the parameters on which laws, moduli or shapes depend: they stay while loads grow in
+        fixed: indices of the parameters on which laws, moduli or shapes depend: they are constant while loads grow in
             proportion.
-        shaped: those of shapes, which stay along a path.
-        twice: tangential rows that other conditions on the same nodes say too, as in corners, and those along which all
-            of their nodes are imposed, whose forces are those of a slip that is given; numbers of rows, (k,).
+        shaped: indices of the parameters of shapes, which are constant along a path.
+        twice: tangential rows with undetermined forces, numbers of rows, (k,): rows that other conditions on the same
+            nodes repeat, as in corners, and rows along which all nodes are imposed, whose slip is given.
     """
 
     normal: Annotated[Integers, "frictional"]
@@ -157,7 +158,7 @@ class Friction(Rebuilt):
     twice: Annotated[Integers, "said twice"]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Rows that are not there, or not in order."""
+        """Missing or unsorted rows."""
         rows = np.concatenate([self.normal, self.tangential])
         if rows.size and not (0 <= rows.min() and rows.max() < sizes.get("N_lambda", sizes.get("m", np.inf))):
             yield "rows of friction are not among the contact conditions"
@@ -181,7 +182,7 @@ class Friction(Rebuilt):
             yield "a law of friction depends on a parameter that grows with the loads"
 
     def pressures(self, rows: int) -> np.ndarray:
-        """Rows that are not tangential of so many."""
+        """Rows of pressures among so many rows."""
         return np.setdiff1d(np.arange(rows), self.tangential, assume_unique=True)
 
     def bounds(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -191,7 +192,7 @@ class Friction(Rebuilt):
         return coefficients[self.law], np.where(np.isinf(limits), np.inf, limits * self.area)
 
     def bound_slopes(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of :meth:`bounds` along the parameters, (C, P) each; zero of what is infinite."""
+        """Derivatives of :meth:`bounds` along the parameters, (C, P) each; zero for infinite bounds."""
         pairs = [[law.coefficient, law.limit] for law in self.laws]
         nothing = np.zeros(point.size)
         slopes = np.array(
@@ -200,7 +201,7 @@ class Friction(Rebuilt):
         return slopes[self.law, 0], slopes[self.law, 1] * self.area[:, None]
 
     def slid(self, position: np.ndarray) -> np.ndarray:
-        """How far each contact has slid from where it was paired, by the slack of the tangential rows, (T,): (C,)."""
+        """Distance of each contact from where it was paired, by the slack of the tangential rows, (T,): (C,)."""
         return np.sqrt(np.bincount(self.owner, position**2, self.normal.size))
 
     def statuses(self, active: np.ndarray) -> np.ndarray:
@@ -209,10 +210,10 @@ class Friction(Rebuilt):
         return np.where(active[self.normal], np.where(sticks, STICKS, SLIPS), OPEN)
 
     def within(self, conditions: np.ndarray) -> Friction:
-        """That of some conditions, (m,), in their order there.
+        """Friction of some conditions, (m,), in their order there.
 
         Raises:
-            ValueError: for a contact of which not all rows are among them.
+            ValueError: for a contact some of whose rows are missing.
         """
         contacts = np.isin(self.normal, conditions)
         rows = np.isin(self.tangential, conditions)
@@ -232,15 +233,15 @@ class Friction(Rebuilt):
 
 
 class SlipState(NamedTuple):
-    """What friction remembers (T tangential rows, C contacts).
+    """State of friction (T tangential rows, C contacts).
 
     Attributes:
         position: slack of the tangential rows, from which the next increment slips, (T,).
-        path: length that each contact has slipped while it was closed, (C,).
-        work: energy that friction has dissipated there, (C,).
-        wear: integral of the pressure along what has slipped, (C,): Archard's wear in depth per unit of his constant.
-        pressure: force of its pressure now, (C,).
-        bound: largest tangential force that it may bear now, (C,).
+        path: length that each contact has slipped while closed, (C,).
+        work: energy dissipated by friction there, (C,).
+        wear: integral of the pressure along the slip, (C,): Archard's wear in depth per unit of his constant.
+        pressure: current force of its pressure, (C,).
+        bound: current largest tangential force, (C,).
         statuses: 0 open, 1 sticks, 2 slips, (C,).
     """
 
@@ -254,7 +255,7 @@ class SlipState(NamedTuple):
 
     @classmethod
     def at_rest(cls, friction: Friction) -> SlipState:
-        """Nothing has slipped, and nothing presses."""
+        """State without slip and without pressure."""
         nothing = np.zeros(friction.normal.size)
         rows = np.zeros(friction.tangential.size)
         return cls(rows, nothing, nothing, nothing, nothing, nothing, np.zeros(friction.normal.size, dtype=np.int64))
@@ -262,20 +263,20 @@ class SlipState(NamedTuple):
     def after(
         self, friction: Friction, forces: np.ndarray, slack: np.ndarray, active: np.ndarray, bound: np.ndarray
     ) -> SlipState:
-        """After an increment, with forces, slack and statuses of all rows, (M,) each, and the bounds then, (C,).
+        """State after an increment, with forces, slack and statuses of all rows, (M,) each, and the bounds then, (C,).
 
-        Tangential slack is what slipped. Bounds and pressures along it are the means of both ends, so that what grows
-        in proportion is exact; what opens has slipped half of its way while it was closed.
+        Tangential slack is the slip of the increment. Bounds and pressures are averaged over the increment, which is
+        exact for proportional growth; a contact that opens has slipped half of the increment while closed.
         """
-        moved = slack[friction.tangential]
+        slip = slack[friction.tangential]
         count = friction.normal.size
         pressure = np.maximum(forces[friction.normal], 0.0)
-        slipped = friction.slid(moved)
+        slipped = friction.slid(slip)
         closed = 0.5 * ((self.pressure > 0).astype(float) + (pressure > 0))
         mean = 0.5 * (self.pressure + pressure)
         stress = np.divide(mean, friction.area, out=np.zeros(count), where=friction.area > 0)
         work = 0.5 * (self.bound + bound) * slipped
         return SlipState(
-            self.position + moved, self.path + slipped * closed, self.work + work, self.wear + stress * slipped,
+            self.position + slip, self.path + slipped * closed, self.work + work, self.wear + stress * slipped,
             pressure, bound, friction.statuses(active),
         )  # fmt: skip

@@ -1,11 +1,11 @@
 """The algebraic contact problem (1.21): matrices, index sets and connectivity, no mesh and no physics.
 
-What reduces and answers (basis, RID, reduced model, stability, reconstruction) sees only this.
+Modules that reduce and evaluate (basis, RID, reduced model, stability, reconstruction) see only this.
 
-Where only the moduli of whole bodies vary, K(mu) is block diagonal (:class:`ScaledBodies`): bodies touch only through
-contact, so that each connected component of K is a block K_c of its own. Where all of it has one factor, K_c(mu) is
+If only the moduli of whole bodies vary, K(mu) is block diagonal (:class:`ScaledBodies`): bodies interact only through
+contact, so that each connected component of K is a block K_c. If the parts of a block share one factor, K_c(mu) is
 s_c(mu) times K_c in the middle of the box, K^-1(mu) is K_c^-1 / s_c, and S(mu) the sum of S_c / s_c: nothing is
-factored anew.
+factored again.
 """
 
 from __future__ import annotations
@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 def dependence(
     moduli: Sequence[Modulus], others: tuple[int, ...], names: tuple[str, ...]
 ) -> tuple[Scalar | None, np.ndarray]:
-    """The factor that all parts of a stiffness share, if it varies, and the places of the parameters of the rest.
+    """The factor that all parts of a stiffness share, if it varies, and the indices of the parameters of the rest.
 
-    ``others`` are places of parameters that count in any case.
+    ``others`` are indices of parameters that are always included.
     """
     factor = None
     rests = [scalar for modulus in moduli for scalar in (modulus.factor_scalar, modulus.rest_scalar)]
@@ -69,7 +69,7 @@ class ScaledBodies:
 
     @classmethod
     def of(cls, problem: ContactProblem) -> ScaledBodies | None:
-        """Of a problem; None where more than factors of whole components varies, or nothing does."""
+        """Factors of the components of a problem; None if K depends on parameters in another way, or not at all."""
         if not problem.moduli or problem.reshaped is not None:
             return None
         factors = []
@@ -81,7 +81,7 @@ class ScaledBodies:
         return cls(problem, tuple(factors))
 
     def at(self, point: np.ndarray) -> np.ndarray:
-        """s_c at a point, (P,), beside 1 in the middle of the box, (C,)."""
+        """s_c at a point, (P,), relative to the middle of the box, (C,)."""
         values = (1.0 if factor is None else factor.value(point) for factor in self.factors)
         return np.fromiter(values, dtype=float, count=len(self.factors)) / self._middle
 
@@ -100,7 +100,7 @@ ROUND_OFF_OF_MOTIONS = 1e-13
 
 @dataclass(frozen=True)
 class ContactRows:
-    """Contact conditions ``B U <= D`` of thesis (1.27), before imposed displacements are known.
+    """Contact conditions ``B U <= D`` of thesis (1.27), without imposed displacements.
 
     Attributes:
         matrix: B, (N_lambda, N), nodal and unweighted, so that kappa(B) = 1 node to node. A row is n·u at the slave,
@@ -131,13 +131,13 @@ class ContactRows:
 
 
 def joined(parts: Sequence[ContactRows]) -> ContactRows:
-    """All rows of several pairs, one pair after another."""
+    """Rows of several pairs, one pair after another."""
     matrix, *others = ([getattr(part, name) for part in parts] for name in ContactRows.__dataclass_fields__)
     return ContactRows(csr_matrix(vstack(matrix)), *(np.concatenate(item) for item in others))
 
 
 def masked(matrix: csc_matrix, rows: np.ndarray) -> csc_matrix:
-    """A sparse matrix with only some of its rows, the others zero, by a mask; in the format csc without zeros."""
+    """A sparse matrix in which rows outside a mask are zero, in the format csc without stored zeros."""
     kept = csc_matrix(diags(rows.astype(float)) @ matrix)
     kept.eliminate_zeros()
     kept.sort_indices()
@@ -145,7 +145,7 @@ def masked(matrix: csc_matrix, rows: np.ndarray) -> csc_matrix:
 
 
 def strained(stiffness: csr_matrix, lifts: csc_matrix) -> csc_matrix:
-    """Rows of K, or of a part of it, times lifts, (N, 1 + T), without the round-off that rigid motions leave."""
+    """Rows of K, or of a part of it, times lifts, (N, 1 + T), without the round-off of rigid motions."""
     forces = csr_matrix(stiffness @ lifts)
     sizes = csr_matrix(abs(stiffness) @ abs(lifts))
     return csc_matrix(forces.multiply(abs(forces) > ROUND_OFF_OF_MOTIONS * sizes))
@@ -158,22 +158,22 @@ class ContactProblem:
     U0 is the homogeneous part of the displacement: it vanishes on imposed dofs. The amplitudes
     θ(mu) carry all dependence on the parameters (N dofs, N_lambda conditions, 1 + T terms).
 
-    The large matrices lie by rows: a rank holds those of its own dofs, on one rank all of them. Everything else is the
-    same on all ranks; it is sparse, or as large as the contact surface.
+    The large matrices are distributed by rows: a rank has the rows of its dofs, one rank all of them. Everything else
+    is the same on all ranks; it is sparse, or as large as the contact surface.
 
     Attributes:
-        stiffness_terms: own rows of the parts of K, without boundary conditions, (own, N) each; none where K is that of
-            a user's system without parts.
-        moduli: amplitude of each of these parts; none where K is their sum and does not depend on parameters. All that
-            does not name a parameter then means the middle of the box.
-        lift_terms: each part of K times the lifts, on free dofs, (N, 1 + T) each; none where ``moduli`` are none.
-        reshaped: maps a point, (P,), to the problem on the mesh as it is there, whose gaps, rows and loads have changed
-            too, and has a text ``described``; None where the mesh does not depend on parameters.
-        node_mass: own rows of the Gram matrix of the L2 product of one component, (own nodes, nodes).
+        stiffness_terms: local rows of the parts of K, without boundary conditions, (own, N) each; empty if K is that of
+            a user-defined system without parts.
+        moduli: amplitude of each of these parts; empty if K is their sum and does not depend on parameters. Attributes
+            that depend on K without a given parameter refer to the middle of the box.
+        lift_terms: each part of K times the lifts, on free dofs, (N, 1 + T) each; empty if ``moduli`` is empty.
+        reshaped: maps a point, (P,), to the problem on the mesh there, with changed gaps, rows and loads, and has a
+            string ``described``; None if the mesh does not depend on parameters.
+        node_mass: local rows of the Gram matrix of the L2 product of one component, (own nodes, nodes).
         free: dofs that are not imposed, (N,) bool.
         loads: F - K lift without imposed dofs, thesis (1.22), sparse, (N, 1 + T).
-        lifts: imposed displacements, sparse, (N, 1 + T): carried by the imposed dofs alone (section 2.6) or, of bodies
-            whose stiffness depends on parameters, by whole bodies where they are rigid motions of these.
+        lifts: imposed displacements, sparse, (N, 1 + T): nonzero on the imposed dofs alone (section 2.6) or, for bodies
+            whose stiffness depends on parameters, on whole bodies if they are rigid motions of these.
         contact: B with zero columns at imposed dofs, (N_lambda, N).
         gaps: D - B lift, (N_lambda, 1 + T).
         contact_slaves: node that carries each condition and its multiplier, (N_lambda,).
@@ -184,16 +184,16 @@ class ContactProblem:
         points: coordinates of the nodes, (nodes, dim).
         amplitudes: θ as a function of the parameters.
         parameters: the box of the parameters.
-        first: number of the first dof whose row is held.
-        rigid: orthonormal rigid motions of bodies that nothing but contact holds, (N, r); None where there are none.
-        resting: orthonormal rigid motions that nothing drives or resists, (N, l), of which answers have none; None
-            where all bodies are held.
-        loose: bodies that contact holds, with their motions, in words.
-        whole_contact: B with the columns of imposed dofs, (N_lambda, N), for forces on them; None where it is unknown.
-        pins: as many dofs as there are rigid motions of both kinds, which fix them; None where all bodies are held.
-        friction: which conditions are tangential, behind those of pressures, see :mod:`hhr_dolfinx.contact.friction`;
-            None without friction.
-        comm: ranks that have some rows each; None where all rows are held.
+        first: number of the first dof whose row is local.
+        rigid: orthonormal rigid motions of bodies that only contact holds, (N, r); None without such bodies.
+        resting: orthonormal rigid motions without loads and resistance, (N, l), which are removed from answers; None if
+            all bodies are held.
+        loose: description of the bodies that contact holds, with their motions.
+        whole_contact: B with the columns of imposed dofs, (N_lambda, N), for forces on them; None if it is unknown.
+        pins: as many dofs as there are rigid motions of both kinds, which fix them; None if all bodies are held.
+        friction: tangential conditions, which follow those of pressures, see :mod:`hhr_dolfinx.contact.friction`; None
+            without friction.
+        comm: ranks that have some rows each; None if all rows are local.
     """
 
     stiffness_terms: tuple[csr_matrix, ...]
@@ -225,7 +225,7 @@ class ContactProblem:
 
     @property
     def held(self) -> np.ndarray:
-        """Dofs on which K is definite, (N,) bool: the free ones, but for as many as there are rigid motions."""
+        """Dofs on which K is definite, (N,) bool: the free dofs except as many as there are rigid motions."""
         if self.pins is None:
             return self.free
         mask = self.free.copy()
@@ -234,12 +234,12 @@ class ContactProblem:
 
     @property
     def varies(self) -> bool:
-        """Whether more than loads, gaps and lifts depends on parameters."""
+        """True if more than loads, gaps and lifts depends on parameters."""
         return bool(self.moduli) or self.reshaped is not None or not self.stiffness_terms
 
     @cached_property
     def pressing(self) -> np.ndarray:
-        """Conditions whose forces are those of a pressure, (N_lambda,) bool: all but tangential ones."""
+        """Conditions with the force of a pressure, (N_lambda,) bool: all except tangential ones."""
         found = np.ones(len(self.gaps), dtype=bool)
         if self.friction is not None:
             found[self.friction.tangential] = False
@@ -247,14 +247,14 @@ class ContactProblem:
 
     @cached_property
     def distinct(self) -> np.ndarray:
-        """Conditions that no other one says too, (N_lambda,) bool: all but tangential ones of corners."""
+        """Conditions that no other condition repeats, (N_lambda,) bool: all except tangential ones of corners."""
         found = np.ones(len(self.gaps), dtype=bool)
         if self.friction is not None:
             found[self.friction.twice] = False
         return found
 
     def require_parts(self, what: str = "what reads K") -> None:
-        """Raise NotOfferedError where K is no sum of known parts."""
+        """Raise NotOfferedError if K is not a sum of known parts."""
         if not self.stiffness_terms:
             raise NotOfferedError(
                 f"{what} is not offered for a user-defined system without parts: it would leave out what the system "
@@ -262,7 +262,7 @@ class ContactProblem:
             )
 
     def require_no_friction(self, what: str) -> None:
-        """Raise NotOfferedError where there is friction, for what looks at pressures alone."""
+        """Raise NotOfferedError for friction, in functions for pressures alone."""
         if self.friction is not None:
             raise NotOfferedError(
                 f"{what} is not built in where contacts have friction: march along paths, or condense elastic bodies, "
@@ -270,11 +270,11 @@ class ContactProblem:
             )
 
     def pressing_of(self, place: int) -> np.ndarray:
-        """Numbers of those of a contact pair, by its place in the scene."""
+        """Numbers of the conditions of pressures of a contact pair, by its index in the scene."""
         return np.flatnonzero((self.contact_pairs == place) & self.pressing)
 
     def at(self, mu: Any) -> ContactProblem:
-        """The problem whose stiffness is that of one parameter and constant; itself where nothing varies."""
+        """The problem with the constant stiffness of one parameter; the problem itself if nothing varies."""
         if not self.varies:
             return self
         point = self.parameters.point(mu)
@@ -287,7 +287,7 @@ class ContactProblem:
         return replace(problem, stiffness_terms=stiffness, moduli=(), lift_terms=(), reshaped=None, loads=loads)
 
     def stiffness_of(self, weights: np.ndarray) -> csr_matrix:
-        """Own rows of K for weights of its parts, (Q,); no copy in the middle of the box."""
+        """Local rows of K for weights of its parts, (Q,); no copy in the middle of the box."""
         same = np.array_equal(weights, self.weights(self.middle))
         return self.own_stiffness if same else self.combined(weights)
 
@@ -299,7 +299,7 @@ class ContactProblem:
         return loads
 
     def loads_at(self, point: np.ndarray, theta: Theta) -> np.ndarray:
-        """F - K lift on free dofs at a point of a scene of one shape, with the θ there, (N,)."""
+        """F - K lift on free dofs at a point of a scene with a constant shape, with θ there, (N,)."""
         found = self.loads @ theta
         if self.moduli:
             changes = self.weights(self.middle) - self.weights(point)
@@ -318,7 +318,7 @@ class ContactProblem:
         return np.array([modulus.value(point) for modulus in self.moduli])
 
     def combined(self, weights: np.ndarray) -> csr_matrix:
-        """Parts of K of one pattern, weighted, (own, N)."""
+        """Weighted sum of parts of K with one pattern, (own, N)."""
         first = self.stiffness_terms[0]
         entries = weights[0] * first.data
         for weight, term in zip(weights[1:], self.stiffness_terms[1:], strict=True):
@@ -327,21 +327,21 @@ class ContactProblem:
 
     @property
     def rows(self) -> slice:
-        """Range of the dofs whose rows are held."""
+        """Range of the dofs whose rows are local."""
         return slice(self.first, self.first + self.block_size * self.node_mass.shape[0])
 
     @cached_property
     def spread(self) -> Rows:
-        """What is done with tables that have a row for each dof, of which this rank has own ones."""
+        """Operations on tables with a row for each dof, of which this rank has the local rows."""
         return Rows(self.rows, self.free.size, self.comm)
 
     @property
     def whole(self) -> bool:
-        """Whether all rows are held."""
+        """True if all rows are local."""
         return self.node_mass.shape[0] == len(self.points)
 
     def gathered(self, comm: Comm) -> ContactProblem:
-        """The problem with all rows on every rank; itself where they are all there already. Collective."""
+        """The problem with all rows on every rank; the problem itself if all rows are local. Collective."""
         if all(comm.allgather(self.whole)):
             return self
         starts, terms, masses = zip(*comm.allgather((self.first, self.stiffness_terms, self.node_mass)), strict=True)
@@ -356,7 +356,7 @@ class ContactProblem:
         return replace(self, stiffness_terms=tuple(stiffness), node_mass=mass, first=0, comm=None)
 
     def require_whole(self) -> None:
-        """Raise SceneError for a problem by rows where all of them are needed."""
+        """Raise SceneError for a distributed problem in functions that need all rows."""
         if not self.whole:
             raise SceneError(
                 f"rows {self.rows.start} to {self.rows.stop - 1} of {self.free.size} are held here, and all are "
@@ -374,12 +374,12 @@ class ContactProblem:
 
     @property
     def mass(self) -> csr_matrix:
-        """Own rows of the Gram matrix of the L2 product, in which components do not meet, (own, N)."""
+        """Local rows of the Gram matrix of the L2 product, without coupling of components, (own, N)."""
         return csr_matrix(kron(self.node_mass, identity(self.block_size), format="csr"))
 
     @cached_property
     def own_stiffness(self) -> csr_matrix:
-        """Own rows of K, without boundary conditions, (own, N)."""
+        """Local rows of K, without boundary conditions, (own, N)."""
         self.require_parts()
         if self.moduli:
             return self.combined(self.weights(self.middle))
@@ -394,16 +394,16 @@ class ContactProblem:
 
     @cached_property
     def stiffness_of_rows(self) -> csr_matrix | MatrixOfRows:
-        """K that multiplies tables of which each rank has own rows, (own, k)."""
+        """K for products with tables of which each rank has local rows, (own, k)."""
         return self.own_stiffness if self.spread.comm is None else MatrixOfRows(self.own_stiffness, self.spread)
 
-    def moved(self, table: np.ndarray) -> np.ndarray:
-        """B times a table of own rows of fields, (N_lambda, k) on all ranks."""
+    def contact_rows_times(self, table: np.ndarray) -> np.ndarray:
+        """B V, the product of B and a table V of local rows of fields, (N_lambda, k) on all ranks."""
         return self.spread.sum(self.contact_of_rows @ table)
 
     @cached_property
     def contact_of_rows(self) -> csr_matrix:
-        """Own columns of B, (N_lambda, own)."""
+        """Local columns of B, (N_lambda, own)."""
         return self.contact if self.spread.comm is None else csr_matrix(self.contact[:, self.rows])
 
     @cached_property
@@ -413,7 +413,7 @@ class ContactProblem:
         return tuple(np.flatnonzero(label == number) for number in range(label.max() + 1))
 
     def _component_of_dofs(self) -> np.ndarray:
-        """Number of the connected component of each dof, (N,); what the rows of each rank join is joined."""
+        """Number of the connected component of each dof, (N,), by the couplings of all ranks."""
         size = self.free.size
         own = self.own_stiffness
         ends = np.full(size + 1, own.nnz, dtype=own.indptr.dtype)
@@ -425,7 +425,7 @@ class ContactProblem:
             self.require_whole()
             return label
         counts, labels = zip(*self.comm.allgather((count, label)), strict=True)
-        # dofs, and behind them what each rank takes for components
+        # dofs, followed by the components of each rank
         firsts = size + np.cumsum([0, *counts])
         places = np.concatenate([item + first for item, first in zip(labels, firsts[:-1], strict=True)])
         every = int(firsts[-1])
@@ -434,7 +434,7 @@ class ContactProblem:
 
     @cached_property
     def external(self) -> csc_matrix:
-        """F on free dofs, that is loads + K lift, sparse, (N, 1 + T), without the round-off of this difference."""
+        """F on free dofs, which is loads + K lift, sparse, (N, 1 + T), without the round-off of this difference."""
         lifts = csc_matrix(self.lifts)
         pulled = np.unique(lifts.indices)  # few columns of K: it is large
         own = self.own_stiffness[:, pulled]
@@ -444,7 +444,7 @@ class ContactProblem:
         return csc_matrix(forces.multiply(abs(forces) > ROUND_OFF_OF_MOTIONS * csr_matrix(abs(self.loads) + sizes)))
 
     def from_rows(self, own: csr_matrix) -> csr_matrix:
-        """A sparse matrix of the rows that each rank has of it. Collective."""
+        """Assemble a sparse matrix from the rows of each rank. Collective."""
         if self.comm is None:
             self.require_whole()
             return own
@@ -452,11 +452,11 @@ class ContactProblem:
 
     @cached_property
     def contact_norm(self) -> float:
-        """Largest Euclidean norm of a row of B, the scale on which B V is zero or not for an orthonormal V."""
+        """Largest Euclidean norm of a row of B: the scale for zero entries of B V with an orthonormal V."""
         return float(np.sqrt(self.contact.multiply(self.contact).sum(axis=1).max()))
 
     def condition_number(self, smallest: float, largest: float) -> float:
-        """kappa of B V by its extreme singular values; infinite where rows are dependent to round-off, (1.67)."""
+        """kappa of B V by its extreme singular values; infinite if rows are dependent to round-off, (1.67)."""
         return largest / smallest if smallest > DEPENDENT * max(largest, self.contact_norm) else math.inf
 
 
@@ -466,7 +466,7 @@ class IndexSets:
 
     Attributes:
         cells: cells of Omega_A, (1.55).
-        A: free dofs not connected to the rest of the domain, (1.35), less the nodes taken out to close the RID.
+        A: free dofs not connected to the rest of the domain, (1.35), except the nodes removed to close the RID.
         A_lambda: contact conditions whose slave node lies inside and which act on A, (1.36), (5.6).
         A_c: dofs of A connected to A_lambda through B, (1.58), (5.20): where contact forces act.
         A_c_tilde: all dofs connected to A_lambda through B, (5.20): where gaps are read.

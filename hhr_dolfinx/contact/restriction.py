@@ -1,7 +1,7 @@
-"""The contact problem of a RID for itself: its equations, with what lies on its interface imposed.
+"""The contact problem of a RID alone: its equations, with imposed values on its interface.
 
-It is what an indicator (1.73) solves: how far the answer of a reduced model is from the one that the full equations
-have inside the RID, for the same values on the interface.
+An indicator (1.73) solves it: the difference between the answer of a reduced model and the solution of the full
+equations inside the RID for the same values on the interface.
 """
 
 from __future__ import annotations
@@ -16,14 +16,14 @@ from hhr_dolfinx.contact.problem import ContactProblem, IndexSets, masked
 
 @dataclass(frozen=True)
 class Restriction:
-    """The problem of a RID, whose free dofs are A; those of its other nodes are imposed, the interface I among them.
+    """The problem of a RID, whose free dofs are A; the dofs of its other nodes are imposed, including the interface I.
 
     Attributes:
-        problem: with U0 = 0 on what is imposed; loads are those of A, conditions those of A_lambda, (1.21).
+        problem: with U0 = 0 on imposed dofs; loads are those of A, conditions those of A_lambda, (1.21).
         dofs: number in the whole problem of each of its dofs, (n,).
         conditions: A_lambda, number in the whole problem of each of its conditions.
         load_of: load on A of a unit value on each imposed dof, -K, sparse, (n, n).
-        gap_of: by how much that closes each gap, -B, sparse, (N_lambda_C, n).
+        gap_of: closure of each gap by these values, -B, sparse, (N_lambda_C, n).
     """
 
     problem: ContactProblem
@@ -33,10 +33,10 @@ class Restriction:
     gap_of: csr_matrix
 
     def imposing(self, values: np.ndarray) -> ContactProblem:
-        """The problem for some values of U0 on what is imposed; its own U0 holds the difference to them.
+        """The problem for some values of U0 on the imposed dofs; its U0 is the difference from them.
 
         Args:
-            values: U0 of another model on the dofs of the restriction, (n,); those of A do not count.
+            values: U0 of another model on the dofs of the restriction, (n,); values on A are not used.
         """
         problem = self.problem
         imposed = np.where(self.problem.free, 0.0, values)
@@ -50,7 +50,7 @@ class Restriction:
 
 
 def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
-    """Cut the problem of a RID out of the whole one; a RID of everything gives the whole one back.
+    """Cut the problem of a RID out of the whole one; for a RID of the whole domain return the whole problem.
 
     Args:
         problem: the whole problem.
@@ -87,6 +87,6 @@ def restricted(problem: ContactProblem, sets: IndexSets) -> Restriction:
 
 
 def _first_column(column: np.ndarray, shape: tuple[int, int]) -> csc_matrix:
-    """A sparse matrix with a first column and no other."""
+    """A sparse matrix with only a first column."""
     rows = np.flatnonzero(column)
     return csc_matrix((column[rows], (rows, np.zeros_like(rows))), shape=shape)

@@ -1,20 +1,20 @@
 """Active set of contact with friction: open, stick or slip at each contact, one function for full and reduced models.
 
 The rows of B are those of pressures, and for each contact with friction one or two tangential ones, so that forces
-x = (λ, τ) leave slack = free_slack + S x, see :mod:`hhr_dolfinx.contact.friction`. The slack of a tangential row is
-what slips in an increment, with the sign by which τ opposes it. With c = 1 / S_ii, which makes forces of slacks, and
+x = (λ, τ) give slack = free_slack + S x, see :mod:`hhr_dolfinx.contact.friction`. The slack of a tangential row is the
+slip of an increment, with the sign by which τ opposes it. With c = 1 / S_ii, which turns slacks into forces, and
 y = x - c slack the conditions of one increment are projections,
 
     λ = max(0, y_n),      τ = y_t min(1, b / |y_t|),      b = min(coefficient max(0, y_n), limit),
 
-on the disc of Coulomb's law, and no pyramid; b = limit of Tresca's, whose coefficient is infinite. A semi-smooth
-Newton method solves them: a set of statuses, and the directions of what slips, leave one linear system, in which the
-bound b moves with λ. This is the primal-dual active set of S. Hüeber, G. Stadler and B. Wohlmuth (SIAM J. Sci. Comput.
+on the disc of Coulomb's law, not on a pyramid; for Tresca's law b = limit, with an infinite coefficient. A semi-smooth
+Newton method solves them: a set of statuses and slip directions gives one linear system, in which the bound b changes
+with λ. This is the primal-dual active set of S. Hüeber, G. Stadler and B. Wohlmuth (SIAM J. Sci. Comput.
 30, 2008) on the condensed problem.
 
 Newton's statuses may cycle. Then sweeps over single contacts, by projection (F. Jourdan, P. Alart and M. Jean,
-CMAME 155, 1998), bring the forces nearer, and Newton starts anew from them. What does not settle so either has a status
-of its own, with the contacts that still change.
+CMAME 155, 1998), improve the forces, and Newton's method starts again from them. If that does not converge, the status
+is ``UNSETTLED``, with the contacts that still change.
 """
 
 from __future__ import annotations
@@ -33,22 +33,22 @@ from hhr_dolfinx.contact.sweeps import swept
 from hhr_dolfinx.errors import SingularError
 
 TOLERANCE = 1e-11
-"""Part of the largest force of an increment by which forces may be off their projection (round-off measured: 1e-14)."""
+"""Relative deviation of forces from their projection up to which they have converged (measured round-off: 1e-14)."""
 PROBES = (0.2, 1.0, 0.01)
-"""Parts of its stiffness by which the slip of a contact counts in its status, tried one after another. Neighbours slip
-together, which one contact alone takes for too much: by all of its stiffness slip may turn from one way to the other
-and never try to stick. On 256 contacts in space .1 to .3 took the fewest iterations."""
+"""Factors of the stiffness by which the slip of a contact enters its status, tried in this order. Neighbours slip at
+the same time, so that the stiffness of a single contact overestimates the change: with the full factor, slip may
+alternate between directions and never stick. On 256 contacts in space 0.1 to 0.3 took the fewest iterations."""
 NEWTON = 40
-"""Iterations of Newton's method before another attempt; from the increment before two to five are usual."""
+"""Iterations of Newton's method before another attempt; two to five are usual from the previous increment."""
 SWEEPS = (10, 30, 100, 300, 1000, 3000)
 """Sweeps over all contacts between one attempt of Newton's method and the next."""
 ELASTIC_SLIP = 1e-4
-"""Part of the compliance of a contact by which it gives where another condition says the same as its friction. With
-1e-6 one of 40,000 random jumps of the pellet, which has such a corner, did not settle; with 1e-4 all do."""
+"""Part of the compliance of a contact by which it yields if another condition repeats its friction. With 1e-6 one of
+40,000 random jumps of the pellet, which has such a corner, did not converge; with 1e-4 all do."""
 STALLED = 0.2
-"""Part of how far forces were off, above which a step with old factors has not served, and new ones are made."""
+"""Reduction of the deviation above which a step with old factors counts as failed, and the factors are updated."""
 GRAZING = 1e-7
-"""Part of the largest force by which a contact is about to change its status."""
+"""Part of the largest force within which a contact is about to change its status."""
 
 
 class Sliding(NamedTuple):
@@ -57,12 +57,12 @@ class Sliding(NamedTuple):
     Attributes:
         forces: of all rows, (M,).
         active: rows whose slack is zero: closed contacts, and tangential rows that stick, (M,) bool.
-        slack: of all rows, (M,); of tangential ones what slips in the increment.
-        motions: of bodies that contact alone holds, (r,).
+        slack: of all rows, (M,); of tangential rows the slip of the increment.
+        motions: amplitudes of rigid motions of bodies that only contact holds, (r,).
         iterations: linear systems solved.
-        sweeps: over single contacts, 0 where Newton's method settled alone.
-        status: why it stopped.
-        unsettled: rows of pressure of the contacts that still change where nothing settles.
+        sweeps: over single contacts, 0 if Newton's method converged alone.
+        status: reason for stopping.
+        unsettled: rows of pressure of the contacts that still change, if there is no convergence.
     """
 
     forces: np.ndarray
@@ -76,13 +76,13 @@ class Sliding(NamedTuple):
 
 
 class Increment(NamedTuple):
-    """What drives an increment.
+    """Loads and friction bounds of an increment.
 
     Attributes:
         slack: without contact forces; of tangential rows less their position before the increment, (M,).
         coefficient: of friction of each contact with friction, (C,); infinite of Tresca's law.
-        limit: what its tangential force is at most whatever its pressure, (C,).
-        driving: loads along rigid motions that contact alone holds, (r,).
+        limit: upper bound of its tangential force at any pressure, (C,).
+        driving: loads along rigid motions that only contact holds, (r,).
     """
 
     slack: np.ndarray
@@ -96,22 +96,22 @@ class Increment(NamedTuple):
 
 
 def bounds(coefficient: np.ndarray, limit: np.ndarray, forces: np.ndarray) -> np.ndarray:
-    """min(coefficient max(0, pressure), limit), where an infinite coefficient does not know its pressure."""
+    """min(coefficient max(0, pressure), limit); an infinite coefficient gives the limit at any pressure."""
     with np.errstate(invalid="ignore"):
         carried = coefficient * np.maximum(forces, 0.0)
     return np.minimum(np.where(np.isinf(coefficient), np.inf, carried), limit)
 
 
 class _Given(NamedTuple):
-    """What drives an increment, as its rows need it.
+    """Loads and friction bounds of an increment by rows.
 
     Attributes:
         slack, driving: as of :class:`Increment`.
         coefficient, limit: of each tangential row, (T,).
-        plain: whether nothing but finite coefficients bounds tangential forces.
-        unforced: forces that would make up for the slack, row by row, (M,).
-        round_off: force that is round-off of the slack.
-        label: what tells coefficients apart.
+        plain: only finite coefficients bound tangential forces.
+        unforced: forces that would compensate the slack, row by row, (M,).
+        round_off: round-off of the slack, as a force.
+        label: key of the coefficients.
     """
 
     slack: np.ndarray
@@ -125,7 +125,7 @@ class _Given(NamedTuple):
 
 
 class _Iterate(NamedTuple):
-    """Statuses and directions that a Newton step takes for granted, and how far the forces are off their projection."""
+    """Statuses and directions of a Newton step, and the deviation of the forces from their projection."""
 
     statuses: Statuses
     limited: np.ndarray  # tangential rows whose bound is the limit, (T,) bool
@@ -133,26 +133,26 @@ class _Iterate(NamedTuple):
     off: np.ndarray  # forces less their projection, (M,)
 
     def key(self) -> bytes:
-        """What tells sets of statuses apart."""
+        """Key of the set of statuses."""
         at = self.statuses
         signs = np.sign(at.direction[at.slips])
         return at.acting.tobytes() + at.slips.tobytes() + self.limited[at.slips].tobytes() + signs.tobytes()
 
 
 class SlidingContact:
-    """The contact problem with friction on one S, for any number of increments; answers are the callers' own.
+    """The contact problem with friction on one S, for any number of increments; results are new arrays.
 
     Args:
         schur: S of all rows, (M, M), not necessarily symmetric.
         friction: which of the rows are tangential.
-        taken: what rigid motions that contact alone holds take from the slack, (M, r); None where there are none.
+        contact_of_motions: G = B R of rigid motions that only contact holds, (M, r); None without such motions.
     """
 
-    def __init__(self, schur: np.ndarray, friction: Friction, taken: np.ndarray | None = None):
+    def __init__(self, schur: np.ndarray, friction: Friction, contact_of_motions: np.ndarray | None = None):
         self.given = schur
         self.schur = schur = _softened(schur, friction)
         self.friction = friction
-        self.taken = np.zeros((len(schur), 0)) if taken is None else taken
+        self.contact_of_motions = np.zeros((len(schur), 0)) if contact_of_motions is None else contact_of_motions
         rows = friction.tangential
         owner = friction.owner
         self._rows = rows
@@ -162,13 +162,13 @@ class SlidingContact:
         self._curved = np.bincount(owner, minlength=friction.normal.size)[owner] > 1
         self._turns = bool(self._curved.any())
         softness = np.abs(np.diag(schur)).copy()
-        # both directions of one contact alike: the projection is that on a disc
+        # the same for both directions of a contact: the projection is that on a disc
         softness[rows] = _largest(softness[rows], owner, friction.normal.size)[owner]
         typical = softness[softness > 0].mean() if (softness > 0).any() else 1.0
         self.stiffness = 1.0 / np.where(softness > 0, softness, typical)
         unit = self.stiffness[:, None]
-        balance = np.ascontiguousarray(self.taken.T)
-        scaled = np.hstack([schur, -self.taken]) * unit
+        balance = np.ascontiguousarray(self.contact_of_motions.T)
+        scaled = np.hstack([schur, -self.contact_of_motions]) * unit
         self._problem = Rows(scaled, balance, rows, self._normal, self._curved)
         self._nowhere = np.zeros(rows.size, dtype=bool)
         self._systems = SlidingSystems(self._problem)
@@ -177,14 +177,14 @@ class SlidingContact:
         """Solve an increment.
 
         Args:
-            given: what drives it.
-            start: forces to start from, (M,): those of the increment before.
-            active: statuses there, (M,) bool, with which the first system is solved; None takes those that the forces
-                and what drives the increment suggest.
+            given: its loads and bounds.
+            start: forces to start from, (M,): those of the previous increment.
+            active: statuses there, (M,) bool, with which the first system is solved; None derives them from the forces
+                and the loads.
         """
         if not (np.isfinite(given.slack).all() and np.isfinite(given.driving).all()):
             return self._failed(given, start, Status.NOT_FINITE)
-        motions = np.zeros(self.taken.shape[1])
+        motions = np.zeros(self.contact_of_motions.shape[1])
         own = self._prepared(given)
         if active is not None and not motions.size:
             with suppress(SingularError):
@@ -195,7 +195,7 @@ class SlidingContact:
         return self._by_sweeps(given, own, found) if not motions.size else self._by_springs(given, own, found)
 
     def _prepared(self, given: Increment) -> _Given:
-        """What drives an increment, as its rows need it."""
+        """Loads and bounds of an increment by rows."""
         unforced = -self.stiffness * given.slack
         plain = bool(np.isfinite(given.coefficient).all() and np.isinf(given.limit).all())
         return _Given(
@@ -204,7 +204,7 @@ class SlidingContact:
         )  # fmt: skip
 
     def _as_before(self, given: _Given, forces: np.ndarray, active: np.ndarray) -> _Iterate:
-        """Statuses and directions of an increment that is solved."""
+        """Statuses and directions of a solved increment."""
         acting = active.copy()
         own = forces[self._rows]
         size = self._length(own)
@@ -214,9 +214,9 @@ class SlidingContact:
         return self._iterate(given, acting, slips, limited, bound, own, size, PROBES[0], np.zeros(0))
 
     def _tried(self, given: _Given, start: np.ndarray, motions: np.ndarray) -> Sliding:
-        """Newton's method, by one measure of slip after another."""
+        """Newton's method, with one factor of the slip after another."""
         iterations = 0
-        # the first one again without what old factors may have spoilt
+        # the first factor again without errors of old factors
         for probe, old in ((PROBES[0], True), *((probe, False) for probe in PROBES)):
             found = self._newton(given, start, motions, probe, old)
             iterations += found.iterations
@@ -226,13 +226,13 @@ class SlidingContact:
         return found._replace(iterations=iterations)
 
     def _newton(self, given: _Given, start: np.ndarray, motions: np.ndarray, probe: float, old: bool) -> Sliding:
-        """Newton's method; the status is ``UNSETTLED`` where statuses repeat, or ``SINGULAR``.
+        """Newton's method; the status is ``UNSETTLED`` if statuses repeat, or ``SINGULAR``.
 
         Args:
-            given: what drives the increment.
+            given: loads and bounds of the increment.
             start, motions: forces and motions to start from.
             probe: of :data:`PROBES`.
-            old: whether steps may be made with factors of other statuses, as long as they serve.
+            old: steps may use factors of other statuses while they converge.
         """
         forces = start
         seen: set[bytes] = set()
@@ -240,7 +240,7 @@ class SlidingContact:
         before = np.inf
         status = Status.UNSETTLED
         for iteration in range(NEWTON + 1):
-            slack = given.slack + self.schur @ forces - self.taken @ motions
+            slack = given.slack + self.schur @ forces - self.contact_of_motions @ motions
             at = self._projected(given, forces, slack, probe)
             worst = np.abs(at.off).max(initial=0.0)
             balanced = self._balanced(given, forces)
@@ -274,17 +274,17 @@ class SlidingContact:
         self, given: Increment, found: Sliding, slack: np.ndarray, bounds: tuple[np.ndarray, np.ndarray],
         driving: np.ndarray,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-        """Derivatives of forces, (M, P), and of rigid motions, (r, P), along parameters while the statuses stay.
+        """Derivatives of forces, (M, P), and of rigid motions, (r, P), along parameters at constant statuses.
 
         Args:
-            given: what drove the increment.
+            given: loads and bounds of the increment.
             found: its solution.
-            slack: derivatives of the slack while the forces stay, (M, P).
-            bounds: those of coefficient and limit, (C, P) each.
-            driving: those of the loads along rigid motions, (r, P).
+            slack: derivatives of the slack at constant forces, (M, P).
+            bounds: derivatives of coefficient and limit, (C, P) each.
+            driving: derivatives of the loads along rigid motions, (r, P).
 
         Raises:
-            SingularError: where statuses leave forces undetermined.
+            SingularError: if statuses leave forces undetermined.
         """
         at = self._projected(self._prepared(given), found.forces, found.slack, PROBES[0])
         owner = self._owner
@@ -297,29 +297,29 @@ class SlidingContact:
         return solved[: len(slack)], solved[len(slack) :]
 
     def grazing(self, given: Increment, found: Sliding) -> np.ndarray:
-        """Rows about to change their status, where derivatives hold on one side only, (M,) bool."""
+        """Rows about to change their status, for which derivatives are one-sided, (M,) bool."""
         near = GRAZING * np.abs(found.forces).max(initial=0.0)
         at = self._projected(self._prepared(given), found.forces, found.slack, PROBES[0])
-        moved = self.stiffness * np.abs(found.slack)
-        close = np.where(found.active, np.abs(found.forces) <= near, moved <= near)
-        size, slip = (self._length(values[self._rows]) for values in (found.forces, moved))
+        scaled = self.stiffness * np.abs(found.slack)
+        close = np.where(found.active, np.abs(found.forces) <= near, scaled <= near)
+        size, slip = (self._length(values[self._rows]) for values in (found.forces, scaled))
         tangential = np.where(at.statuses.slips, slip <= near, size >= at.bound - near)
         close[self._rows] = tangential & at.statuses.acting[self._normal]
         return close
 
     def _projected(self, given: _Given, forces: np.ndarray, slack: np.ndarray, probe: float) -> _Iterate:
-        """What forces and slacks say of statuses, and how far they are from a solution."""
+        """Statuses of forces and slacks, and their deviation from a solution."""
         y = forces - self.stiffness * slack
         projected = np.maximum(y, 0.0)
         acting = y > 0
         bound, limited = self._bound(given, projected)
-        pushed = y[self._rows]
+        trial = y[self._rows]
         if self._turns:
-            projected[self._rows] = pushed * _share(bound, self._length(pushed))
+            projected[self._rows] = trial * _share(bound, self._length(trial))
         else:
-            projected[self._rows] = np.minimum(np.maximum(pushed, -bound), bound)
+            projected[self._rows] = np.minimum(np.maximum(trial, -bound), bound)
         own = forces[self._rows]
-        tangential = own + probe * (pushed - own)
+        tangential = own + probe * (trial - own)
         size = self._length(tangential)
         bears = acting[self._normal] if given.plain else (bound > 0) | acting[self._normal]
         acting[self._rows] = bears
@@ -330,7 +330,7 @@ class SlidingContact:
         self, given: _Given, acting: np.ndarray, slips: np.ndarray, limited: np.ndarray, bound: np.ndarray,
         tangential: np.ndarray, size: np.ndarray, probe: float, off: np.ndarray,
     ) -> _Iterate:  # fmt: skip
-        """Statuses with directions of tangential vectors, (T,), of some length, (T,)."""
+        """Statuses and directions for tangential vectors, (T,), of some magnitude, (T,)."""
         followed = given.coefficient if given.plain else np.where(limited, 0.0, given.coefficient)
         if not self._turns:
             return _Iterate(Statuses(acting, slips, followed, np.sign(tangential), size, probe), limited, bound, off)
@@ -338,7 +338,7 @@ class SlidingContact:
         return _Iterate(Statuses(acting, slips, followed, direction, _share(bound, size), probe), limited, bound, off)
 
     def _bound(self, given: _Given, pressures: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Largest force of each tangential row, (T,), and where that is the limit, (T,) bool."""
+        """Largest force of each tangential row, (T,), and True for rows bounded by the limit, (T,) bool."""
         own = pressures[self._normal]
         if given.plain:
             return given.coefficient * own, self._nowhere
@@ -346,30 +346,30 @@ class SlidingContact:
         return bound, bound >= given.limit
 
     def _length(self, tangential: np.ndarray) -> np.ndarray:
-        """Length of the vector of each contact, on each of its tangential rows, (T,)."""
+        """Magnitude of the vector of each contact, on each of its tangential rows, (T,)."""
         if not self._turns:
             return np.abs(tangential)
         return np.sqrt(np.bincount(self._owner, tangential**2, self.friction.normal.size))[self._owner]
 
     def _balanced(self, given: _Given, forces: np.ndarray) -> bool:
-        """Whether forces balance the loads along rigid motions."""
+        """True if forces balance the loads along rigid motions."""
         if not given.driving.size:
             return True
-        left = np.abs(given.driving - forces @ self.taken)
-        size = np.abs(given.driving) + np.abs(forces) @ np.abs(self.taken)
+        left = np.abs(given.driving - forces @ self.contact_of_motions)
+        size = np.abs(given.driving) + np.abs(forces) @ np.abs(self.contact_of_motions)
         return bool((left <= 1e-10 * size.max()).all())
 
     def _solved(self, given: _Given, at: _Iterate, near: np.ndarray | None = None) -> np.ndarray:
-        """Forces and motions on some statuses and directions, (M + r,).
+        """Solve for forces and motions on some statuses and directions, (M + r,).
 
         Args:
-            given: what drives the increment.
+            given: loads and bounds of the increment.
             at: the statuses.
-            near: forces and motions that are near to them, (M + r,): where nothing but directions differs from what was
-                factored, they are made nearer, which is cheaper.
+            near: approximate forces and motions, (M + r,): if only directions differ from the factored system they are
+                improved iteratively, which is cheaper.
 
         Raises:
-            SingularError: where they are undetermined.
+            SingularError: if they are undetermined.
         """
         statuses = at.statuses
         right = self._right_of(given, at)
@@ -380,13 +380,13 @@ class SlidingContact:
         return self._systems.solve(statuses, right, given.label)
 
     def _sound(self, given: _Given, at: _Iterate, forces: np.ndarray, motions: np.ndarray) -> bool:
-        """Whether a solution is no round-off of corrected factors."""
+        """False for a solution that is round-off of corrected factors."""
         return self._systems.holds(at.statuses, self._right_of(given, at), np.concatenate([forces, motions]))
 
     def _right_of(self, given: _Given, at: _Iterate) -> np.ndarray:
         """Right-hand sides of an increment on some statuses, (M + r,)."""
         statuses = at.statuses
-        if given.plain and not self._turns:  # what slips follows its pressure, and nothing else is known of it
+        if given.plain and not self._turns:  # slip forces follow the pressure, there are no given ones
             right = np.where(statuses.acting, given.unforced, 0.0)
             right[self._rows[statuses.slips]] = 0.0
             return np.concatenate([right, given.driving]) if given.driving.size else right
@@ -394,12 +394,12 @@ class SlidingContact:
         return self._right(statuses, given.unforced[:, None], known, given.driving[:, None])[:, 0]
 
     def _right(self, at: Statuses, unforced: np.ndarray, known: np.ndarray, driving: np.ndarray) -> np.ndarray:
-        """Right-hand sides of all rows, (M + r, P).
+        """Assemble the right-hand sides of all rows, (M + r, P).
 
         Args:
             at: the statuses.
-            unforced: forces that would make up for the slack, row by row, (M, P).
-            known: tangential forces of what slips that do not follow a pressure, (T, P).
+            unforced: forces that would compensate the slack, row by row, (M, P).
+            known: tangential forces of slipping rows that do not follow a pressure, (T, P).
             driving: loads along rigid motions, (r, P).
         """
         right = np.where(at.acting[:, None], unforced, 0.0)
@@ -414,7 +414,7 @@ class SlidingContact:
         return np.concatenate([right, driving]) if len(driving) else right
 
     def _settled(self, at: Statuses, forces: np.ndarray, slack: np.ndarray, motions: np.ndarray, count: int) -> Sliding:
-        """A solution, with the statuses of its rows."""
+        """A converged solution, with the statuses of its rows."""
         active = at.acting.copy()
         active[self._rows] &= ~at.slips
         slack = slack.copy()
@@ -427,10 +427,12 @@ class SlidingContact:
     def _failed(self, given: Increment, start: np.ndarray, status: Status) -> Sliding:
         none = np.zeros(len(start), dtype=bool)
         nothing = np.zeros(0, dtype=np.int64)
-        return Sliding(np.zeros(len(start)), none, given.slack, np.zeros(self.taken.shape[1]), 0, 0, status, nothing)
+        return Sliding(
+            np.zeros(len(start)), none, given.slack, np.zeros(self.contact_of_motions.shape[1]), 0, 0, status, nothing
+        )
 
     def _by_sweeps(self, given: Increment, own: _Given, found: Sliding) -> Sliding:
-        """Sweeps over single contacts, and Newton's method from what they find."""
+        """Sweeps over single contacts, and Newton's method from their result."""
         forces = np.where(np.isfinite(found.forces), found.forces, 0.0)
         iterations = found.iterations
         total = 0
@@ -447,16 +449,20 @@ class SlidingContact:
 
     @cached_property
     def _sprung(self) -> tuple[tuple[np.ndarray, SlidingContact], ...]:
-        """Compliances of springs that hold the bodies, (r,), and the contact problems with them."""
-        push = (self.taken**2).mean(axis=0)
+        """Compliances of springs that hold the bodies, (r,), and the contact problems with these springs."""
+        push = (self.contact_of_motions**2).mean(axis=0)
         unit = np.abs(np.diag(self.schur)).mean() / np.where(push > 0, push, 1.0)
         every = (unit * weak for weak in WEAKNESS)
         return tuple(
-            (one, SlidingContact(self.schur + (self.taken * one) @ self.taken.T, self.friction)) for one in every
+            (
+                one,
+                SlidingContact(self.schur + (self.contact_of_motions * one) @ self.contact_of_motions.T, self.friction),
+            )
+            for one in every
         )
 
     def _by_springs(self, given: Increment, own: _Given, failed: Sliding) -> Sliding:
-        """Weak springs hold the bodies, and their ends move along, see :mod:`hhr_dolfinx.contact.floating`."""
+        """Hold the bodies by weak springs, and update the ends of these, see :mod:`hhr_dolfinx.contact.floating`."""
         ends = np.zeros(given.driving.size)
         iterations = failed.iterations
         sweeps = 0
@@ -464,18 +470,18 @@ class SlidingContact:
         nothing = NOTHING * np.abs(given.slack).max() * self.stiffness.max()
         for compliance, sprung in (spring for spring in self._sprung for _ in range(MOST_STEPS)):
             offset = ends + compliance * given.driving
-            held = given._replace(slack=given.slack - self.taken @ offset, driving=given.driving[:0])
+            held = given._replace(slack=given.slack - self.contact_of_motions @ offset, driving=given.driving[:0])
             found = sprung.increment(held, forces)
             iterations += found.iterations
             sweeps += found.sweeps
             if found.status is not Status.CONVERGED:
                 return found._replace(motions=ends, iterations=iterations, sweeps=sweeps)
             forces = found.forces
-            left = given.driving - forces @ self.taken
+            left = given.driving - forces @ self.contact_of_motions
             ends = ends + compliance * left
             direct = self._tried(own, forces, ends)
             iterations += direct.iterations
-            largest = (np.abs(given.driving) + np.abs(forces) @ np.abs(self.taken)).max()
+            largest = (np.abs(given.driving) + np.abs(forces) @ np.abs(self.contact_of_motions)).max()
             if direct.status is Status.CONVERGED:
                 return direct._replace(iterations=iterations, sweeps=sweeps)
             if (np.abs(left) <= BALANCED * largest + nothing).all():
@@ -484,9 +490,9 @@ class SlidingContact:
 
 
 def _softened(schur: np.ndarray, friction: Friction) -> np.ndarray:
-    """S with some elastic slip of rows that leave their forces undetermined: it settles what bears a force there.
+    """S with some elastic slip of rows that leave their forces undetermined: the slip selects one of these forces.
 
-    A row that acts on no unknown has no compliance of its own, and gives by a part of that of its pressure.
+    A row without effect on unknowns has no compliance, and yields by a part of the compliance of its pressure.
     """
     twice = friction.twice
     if not twice.size:
@@ -507,5 +513,5 @@ def _largest(values: np.ndarray, owner: np.ndarray, count: int) -> np.ndarray:
 
 
 def _share(bound: np.ndarray, size: np.ndarray) -> np.ndarray:
-    """Bound over size where that is below one, else one."""
+    """Bound over size if that is below one, else one."""
     return np.divide(bound, size, out=np.ones(size.size), where=size > bound)

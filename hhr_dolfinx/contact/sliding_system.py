@@ -1,18 +1,18 @@
-"""The linear system of an increment with friction on some statuses, in which what slips has no unknowns along its slip.
+"""Linear system of an increment with friction on some statuses, without unknowns along the slip of slipping contacts.
 
-Closed contacts bear a pressure, what sticks a tangential force, and both have no slack. What slips bears b along its
-direction d, which follows the pressure, or is given where a limit or Tresca's law bounds it: in the plane that is all.
-In space it may turn: Newton's step for the projection on a disc is the row
+Closed contacts bear a pressure, sticking ones a tangential force, and both have no slack. A slipping contact bears b
+along its direction d. The bound b follows the pressure, or is given by a limit or Tresca's law. In the plane that is
+all. In space the direction may turn: Newton's step for the projection on a disc is the row
 
     τ - b d - (b / |y|) (1 - d d^T) y,      y = τ - c slack.
 
-Along d it says τ·d = b; across, with e in the plane of the contact, τ·e = α is the unknown of something that sticks
-across, with a compliance of its own that grows as slip does. So forces are x = known + E z with the unknowns z, R,
-which is E without what follows, tests the slack, and R^T S E has as many rows as there are pressures, sticking rows and
-turning contacts.
+Along d this is τ·d = b. Across, with e in the plane of the contact, τ·e = α is an unknown: the contact sticks across
+the slip, with a compliance that grows with the slip. Forces are x = known + E z with the unknowns z. R is E without the
+coefficients of followed pressures and tests the slack. R^T S E has as many rows as there are pressures, sticking rows
+and turning contacts.
 
-Statuses that differ in few rows share factors: with E the columns of the identity at the rows that differ and V these
-rows, (M + E (V - M_E))^-1 right = x - Y (V Y)^-1 (V x - right_E), where x = M^-1 right and Y = M^-1 E (Sherman,
+Sets of statuses that differ in few rows share factors: with E the columns of the identity at the rows that differ and
+V these rows, (M + E (V - M_E))^-1 right = x - Y (V Y)^-1 (V x - right_E), with x = M^-1 right and Y = M^-1 E (Sherman,
 Morrison and Woodbury).
 """
 
@@ -26,38 +26,38 @@ from scipy.linalg.lapack import dgesv, dgetrf, dgetrs
 from hhr_dolfinx.errors import SingularError
 
 SINGULAR = 1e-8
-"""Residual of a system, in parts of its right-hand side, from which on it is singular to round-off."""
+"""Relative residual of a system above which it counts as singular."""
 ROUND_OFF = 1e-13
-"""Residual in parts of the solution, in units in which rows are about one."""
+"""Residual relative to the solution, in units in which rows are about one."""
 HUGE = 1e9
-"""Factor by which a solution may be above its right-hand side: what elastic slip holds reaches 1e6."""
+"""Factor by which a solution may exceed its right-hand side: with elastic slip it reaches 1e6."""
 PART = 0.3
-"""Part of the factored rows that may differ before another system is factored."""
+"""Part of the factored rows that may differ; with more, another system is factored."""
 FEW = 8
-"""Rows that may differ in any case."""
+"""Number of rows that may always differ."""
 GIVEN = 0
-"""Code of a row that gives its force."""
+"""Code of a row with a given force."""
 HELD = 1
 """Code of a row without slack."""
 UP = 2
 DOWN = 3
-"""Codes of rows of what slips one way and the other, with a bound that follows the pressure."""
+"""Codes of rows that slip in one direction or the other, with a bound that follows the pressure."""
 TURNING = -1
-"""Code of a row of what slips in space: another one each time."""
+"""Code of a row that slips in space: its coefficients change each time."""
 
 DEPENDENT = "the contacts that touch leave their forces undetermined"
 
 
 class Rows(NamedTuple):
-    """The problem that statuses are chosen of (M rows, T tangential ones, r rigid motions).
+    """The problem to which statuses refer (M rows, T tangential rows, r rigid motions).
 
     Attributes:
-        scaled: S, and behind it what rigid motions take from the slack, with rows multiplied by what makes them of the
-            unit of forces: products with what is given cancel else, (M, M + r).
-        balance: what forces bear along rigid motions, (r, M).
+        scaled: S, followed by the effect of rigid motions on the slack, with rows multiplied by the factor that gives
+            them the unit of forces: otherwise products with given forces cancel, (M, M + r).
+        balance: resultants of forces along rigid motions, (r, M).
         tangential: tangential rows, contact by contact, (T,).
         normal: row of the pressure of each, (T,).
-        curved: which of them are of contacts that slip in two directions, (T,) bool.
+        curved: True for rows of contacts that slip in two directions, (T,) bool.
     """
 
     scaled: np.ndarray
@@ -68,15 +68,15 @@ class Rows(NamedTuple):
 
 
 class Statuses(NamedTuple):
-    """What a Newton step takes for granted.
+    """Statuses and directions on which a Newton step is based.
 
     Attributes:
         acting: rows that bear a force: closed contacts, and tangential rows that friction resists, (M,) bool.
         slips: acting tangential rows that slip, (T,) bool.
-        followed: coefficient of those whose bound moves with their pressure, 0 of others, (T,).
+        followed: coefficient of rows whose bound follows their pressure, 0 of others, (T,).
         direction: d = y_t / |y_t|, (T,).
         shrunk: b / |y_t|, (T,).
-        measure: part of its stiffness by which a slip counts in y.
+        measure: factor of the stiffness by which slip enters y.
     """
 
     acting: np.ndarray
@@ -105,7 +105,7 @@ class SlidingSystem:
         at: the statuses.
 
     Raises:
-        SingularError: where it is singular.
+        SingularError: if it is singular.
     """
 
     def __init__(self, rows: Rows, at: Statuses):
@@ -129,13 +129,13 @@ class SlidingSystem:
         self._tests = np.concatenate([self._held, self._turning[:, 0], moving])
         self._tested = self._tested_rows()
         self._matrix = self._assembled()
-        if self._matrix.size:  # LAPACK knows no matrix of nothing
+        if self._matrix.size:  # LAPACK refuses empty matrices
             self._factors, self._pivots, info = dgetrf(self._matrix)
             if info != 0:
                 raise SingularError(DEPENDENT)
 
     def _tested_rows(self) -> np.ndarray:
-        """R^T S and the balance below it, with what rigid motions take behind, (k + r, M + r)."""
+        """R^T S and the balance below it, with the effect of rigid motions in the last columns, (k + r, M + r)."""
         every = self._rows.scaled
         parts = [every[self._held]]
         if self._yielding.size:
@@ -157,7 +157,7 @@ class SlidingSystem:
         return np.concatenate([found, self._tested[:, m:]], axis=1) if len(self._rows.balance) else found
 
     def _expanded(self, values: np.ndarray) -> np.ndarray:
-        """Rows times E, (p, M) to (p, k)."""
+        """Multiply rows by E, (p, M) to (p, k)."""
         own = values[:, self._held]
         if self._followers.size:
             place = np.searchsorted(self._held, self._leaders)
@@ -173,14 +173,14 @@ class SlidingSystem:
         return own
 
     def solve(self, right: np.ndarray, check: bool = True) -> np.ndarray:
-        """Forces and sizes of rigid motions, (M + r, P).
+        """Forces and amplitudes of rigid motions, (M + r, P).
 
         Args:
             right: right-hand sides of all rows, (M + r, P).
-            check: whether to look if they are round-off.
+            check: look for round-off of a singular system.
 
         Raises:
-            SingularError: where they are undetermined.
+            SingularError: if they are undetermined.
         """
         m = len(self._rows.scaled)
         known = right.copy()
@@ -207,12 +207,12 @@ class SlidingSystem:
         return known
 
     def _check(self, unknown: np.ndarray, right: np.ndarray) -> None:
-        """Refuse what is round-off of a singular system."""
+        """Refuse a solution that is round-off of a singular system."""
         if not _sound(self._matrix @ unknown - right, unknown, right):
             raise SingularError(DEPENDENT)
 
     def holds(self, unknowns: np.ndarray, right: np.ndarray, changed: np.ndarray) -> bool:
-        """Whether rows without slack but some, (k,), hold for unknowns and right-hand sides, (M + r,), of all rows."""
+        """True if all rows without slack, except some rows, (k,), hold for unknowns and right-hand sides, (M + r,)."""
         kept = np.ones(len(self._rows.scaled), dtype=bool)
         kept[changed] = False
         left = self._tested[: self.size] @ unknowns - right[self._held]
@@ -220,14 +220,14 @@ class SlidingSystem:
 
 
 def _sound(left: np.ndarray, found: np.ndarray, right: np.ndarray) -> bool:
-    """Whether a solution is no round-off of a singular system, by its residual and its size."""
+    """False for a solution that is round-off of a singular system, by its residual and its size."""
     size = np.abs(found).max(initial=0.0)
     wanted = np.abs(right).max(initial=1e-300)
     return bool(np.abs(left).max(initial=0.0) <= SINGULAR * wanted + ROUND_OFF * size and size <= HUGE * wanted)
 
 
 class SlidingSystems:
-    """Solves systems of statuses one after another, from factors of one like them as long as they differ little.
+    """Solves systems of statuses one after another, with factors of a similar system while the differences are few.
 
     Args:
         rows: the problem.
@@ -243,21 +243,21 @@ class SlidingSystems:
         self._columns = np.empty((len(rows.scaled), rows.scaled.shape[1]))  # of the inverse, as rows
 
     def solve(self, at: Statuses, right: np.ndarray, label: bytes) -> np.ndarray:
-        """Forces and sizes of rigid motions, (M + r,).
+        """Forces and amplitudes of rigid motions, (M + r,).
 
         Args:
             at: the statuses.
             right: right-hand sides of all rows, (M + r,).
-            label: what coefficients are.
+            label: key of the coefficients.
 
         Raises:
-            SingularError: where they are undetermined.
+            SingularError: if they are undetermined.
         """
         codes = at.codes(self._rows)
         factored = self._factored if label == self._label else None
         changed = self._changed(codes)
         if factored is None or changed.size > max(FEW, PART * factored.size):
-            self._factored = None  # and stays so where the next one is singular
+            self._factored = None  # remains None if the next one is singular
             factored = SlidingSystem(self._rows, at)
             self._found = factored.solve(right[:, None])[:, 0]
             self._factored = factored
@@ -268,7 +268,7 @@ class SlidingSystems:
             self._right = right
             return self._found
         same = right == self._right
-        same[changed] = True  # whatever these rows are given, they are corrected
+        same[changed] = True  # these rows are corrected
         if not same.all():
             self._right = right
             self._found = factored.solve(right[:, None], check=False)[:, 0]
@@ -277,17 +277,17 @@ class SlidingSystems:
         return self._corrected(changed, codes, at, right)
 
     def holds(self, at: Statuses, right: np.ndarray, unknowns: np.ndarray) -> bool:
-        """Whether unknowns, (M + r,), solve the system of some statuses, of which corrections do not make sure.
+        """True if unknowns, (M + r,), solve the system of some statuses, which corrections do not guarantee.
 
-        Where a system is nearly singular they may be round-off. Arguments are those of :meth:`solve`.
+        In a nearly singular system they may be round-off. Arguments are those of :meth:`solve`.
         """
         changed = self._changed(at.codes(self._rows))
         return self._factored is not None and self._factored.holds(unknowns, right, changed)
 
     def nearer(self, at: Statuses, right: np.ndarray, label: bytes, unknowns: np.ndarray) -> np.ndarray | None:
-        """Forces and motions nearer to the solution than some are, by factors of other directions of what turns.
+        """Improve approximate forces and motions by factors of a system with other slip directions.
 
-        Arguments are those of :meth:`solve`, and ``unknowns``, (M + r,). None where the statuses are others.
+        Arguments are those of :meth:`solve`, and ``unknowns``, (M + r,). None if the statuses differ.
         """
         codes = at.codes(self._rows)
         if self._factored is None or label != self._label or not np.array_equal(codes, self._codes):
@@ -302,11 +302,11 @@ class SlidingSystems:
         return np.flatnonzero((codes != self._codes) | (codes == TURNING))
 
     def forget(self) -> None:
-        """Factor the next system, whatever it is: corrections add round-off."""
+        """Factor the next system in any case: corrections add round-off."""
         self._factored = None
 
     def _corrected(self, changed: np.ndarray, codes: np.ndarray, at: Statuses, right: np.ndarray) -> np.ndarray:
-        """The solution of the factored system, (M + r,), corrected for rows that changed."""
+        """Solution of the factored system, (M + r,), corrected for changed rows."""
         assert self._factored is not None
         found = self._found
         new = changed[self._slots[changed] < 0]
@@ -331,9 +331,9 @@ class SlidingSystems:
         own = codes[chosen]
         found = unknowns[:, chosen].T
         scaled = rows.scaled if chosen.size == codes.size else rows.scaled[chosen]
-        moved = scaled @ unknowns.T
+        slack = scaled @ unknowns.T
         held = own == HELD
-        found[held] = moved[held]
+        found[held] = slack[held]
         slips = own >= UP
         if slips.any():
             place = self._place[chosen[slips]]
@@ -345,10 +345,10 @@ class SlidingSystems:
             turns = turns[np.argsort(place)]
             place.sort()
             direction = at.direction[place].reshape(-1, 2, 1)
-            y = (found[turns] - at.measure * moved[turns]).reshape(len(direction), 2, -1)
+            y = (found[turns] - at.measure * slack[turns]).reshape(len(direction), 2, -1)
             y -= direction * (direction * y).sum(axis=1, keepdims=True)
             y *= at.shrunk[place].reshape(-1, 2, 1)
             share = (at.followed[place] * at.direction[place])[:, None]
-            # of what a limit bounds the pressure may be zero, with no column
+            # for a row bounded by a limit the pressure may be zero, without a column
             found[turns] -= y.reshape(turns.size, -1) + share * unknowns[:, rows.normal[place]].T
         return found

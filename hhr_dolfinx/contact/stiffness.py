@@ -1,7 +1,7 @@
-"""Stiffness at one point of the parameters: an immutable value that solves with its own matrix.
+"""Stiffness at one point of the parameters: an immutable object that solves with its matrix.
 
-Factors are leased from a :class:`FactorStore`, which has room for few of them and factors again what it has dropped.
-Whoever factored another matrix in between changes no number of a :class:`Stiffness`.
+Factors are leased from a :class:`FactorStore`, which keeps few of them and factors dropped ones again. Factoring
+another matrix in between does not change the results of a :class:`Stiffness`.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ class Stiffness(ABC):
     """K at a point with the contact rows B there (n own dofs, m conditions).
 
     Attributes:
-        symmetric: whether equality problems on S use its symmetry.
+        symmetric: equality problems on S use its symmetry.
     """
 
     symmetric: bool = True
@@ -50,22 +50,22 @@ class Stiffness(ABC):
     @property
     @abstractmethod
     def schur(self) -> np.ndarray:
-        """S = B K^-1 B^T, (m, m): one array, so that ``is`` tells whether K changed."""
+        """S = B K^-1 B^T, (m, m): one array, so that ``is`` shows whether K changed."""
 
     @abstractmethod
     def held(self) -> AbstractContextManager[Any]:
-        """Keep the factors of this stiffness in the store meanwhile: saves time, and changes no number."""
+        """Keep the factors of this stiffness in the store meanwhile: saves time, and does not change results."""
 
     @cached_property
     def equalities(self) -> SchurEqualities:
-        """Equality problems on S, whose dense factors all users of this stiffness share."""
+        """Equality problems on S, whose dense factors are shared by all users of this stiffness."""
         return SchurEqualities.symmetric(self.schur) if self.symmetric else SchurEqualities.of(self.schur)
 
 
 class FactorStore:
-    """Factors of matrices of one pattern, a bounded number of them.
+    """Factors of a bounded number of matrices with one pattern.
 
-    A thread leases the factors of one matrix at a time, so that no two threads wait for each other. All ranks ask in
+    A thread leases the factors of one matrix at a time, so that threads cannot deadlock. All ranks request factors in
     the same order.
 
     Args:
@@ -82,15 +82,15 @@ class FactorStore:
 
     @property
     def first(self) -> Factors:
-        """The factors that are in the store for longest."""
+        """The oldest factors in the store."""
         return self._slots[0]
 
     def of(self, matrix: csr_matrix) -> Lease:
-        """Lease the factors of a matrix: a context in which no other matrix takes their place."""
+        """Lease the factors of a matrix: a context in which they are not replaced by others."""
         return Lease(self, matrix)
 
     def solve(self, matrix: csr_matrix, rhs: np.ndarray) -> np.ndarray:
-        """K^-1 times a vector; of factors that are there a lease would take as long as the rest of a small query."""
+        """K^-1 times a vector; for present factors a lease would take as long as the rest of a small query."""
         if self._most == 1 and self._slots:
             slot = self._slots[0]
             with slot.lock:
@@ -100,12 +100,12 @@ class FactorStore:
             return slot.solve(rhs)
 
     def release(self) -> None:
-        """Give the memory back until the next lease. Collective."""
+        """Free the memory until the next lease. Collective."""
         for slot in self._slots:
             slot.release()
 
     def slot(self, matrix: csr_matrix) -> Factors:
-        """Factors of a matrix, or those whose place they take."""
+        """Factors of a matrix, or those that it would replace."""
         slots = self._slots
         if self._most == 1 and slots:
             return slots[0]
@@ -120,7 +120,7 @@ class FactorStore:
 
 
 class Lease:
-    """Factors of one matrix in use; a generator takes two microseconds more, of a hundred that a query takes."""
+    """Factors of one matrix in use; a generator would take two microseconds more, of the hundred of a query."""
 
     __slots__ = ("_before", "_matrix", "_slot", "_store")
 
@@ -157,12 +157,12 @@ class SparseStiffness(Stiffness):
     """A sparse matrix and the store that factors it.
 
     Args:
-        matrix: own rows of K, (n, N); nobody changes it.
-        problem: with the rows of B, and rigid motions that nothing drives or resists.
+        matrix: local rows of K, (n, N); must not be modified.
+        problem: with the rows of B, and rigid motions without loads and resistance.
         store: of its factors.
-        components: own dofs of each connected component, by which K is scaled; None where it never is.
+        components: local dofs of each connected component, by which K is scaled; None if it never is.
         response, schur: K^-1 B^T, (n, m), and S, (m, m), if they are known.
-        keeps: whether there is room for K^-1 B^T.
+        keeps: K^-1 B^T fits into memory.
         symmetric: see :class:`Stiffness`.
     """
 
@@ -207,11 +207,11 @@ class SparseStiffness(Stiffness):
         return self._at_rest(motions, found - drawn @ work)
 
     def _at_rest(self, motions: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """Fields without rigid motions that nothing drives or resists."""
+        """Fields with undetermined rigid motions removed."""
         return own - motions @ self._spread.sum(motions.T @ own)
 
     def response_to_forces(self, forces: np.ndarray) -> np.ndarray:
-        """See :class:`Stiffness`; one more solution where K^-1 B^T is not kept."""
+        """See :class:`Stiffness`; takes one more solution if K^-1 B^T is not kept."""
         if self._response is not None:
             return self._response @ forces
         loads = self.contact.T @ forces
@@ -219,7 +219,7 @@ class SparseStiffness(Stiffness):
 
     @property
     def has_response(self) -> bool:
-        """Whether K^-1 B^T is kept."""
+        """True if K^-1 B^T is kept."""
         return self._response is not None
 
     @property
@@ -234,23 +234,23 @@ class SparseStiffness(Stiffness):
     @cached_property
     def schur(self) -> np.ndarray:
         """See :class:`Stiffness`."""
-        with self._making():  # the same array for all threads that ask at first
+        with self._making():  # one array for all threads that start at the same time
             if self._schur is None:
                 self._schur = self._condensed()
         return self._schur
 
     def _making(self) -> AbstractContextManager[Any]:
-        """One thread at a time, by its lease, or without one by a lock: threads would wait for both in two orders."""
+        """Context of one thread at a time, by its lease or else by a lock: with both, threads could deadlock."""
         return self.held() if self._response is None else self._lock
 
     def lent(self, other: SparseStiffness) -> SparseStiffness:
-        """This stiffness with K^-1 B^T of another one of the same matrix, behind its own S."""
+        """This stiffness with K^-1 B^T of another one of the same matrix, and its S."""
         self.schur  # noqa: B018
         self._response = other._response
         return self
 
     def _condensed(self) -> np.ndarray:
-        if self._response is None and not self._keeps and self._components is not None:  # which are needed too
+        if self._response is None and not self._keeps and self._components is not None:  # parts are needed later
             return self.parts.sum(axis=0)
         return self._reduced([self.contact])[0]
 
@@ -266,7 +266,7 @@ class SparseStiffness(Stiffness):
         return self._parts
 
     def _reduced(self, rows: list[csr_matrix]) -> list[np.ndarray]:
-        """Some rows times K^-1 B^T, (m, m) each, of columns that are kept, or by factors that have contact last."""
+        """Products of some rows and K^-1 B^T, (m, m) each, by kept columns, or factors that eliminate contact last."""
         if self._response is None:
             with self._store.of(self.matrix) as factors:
                 known = [item for item in map(factors.between_last, rows) if item is not None]
@@ -277,7 +277,7 @@ class SparseStiffness(Stiffness):
         return [self._spread.sum(item @ self.response) for item in rows]
 
     def _by_blocks(self, factors: Factors, rows: list[csr_matrix]) -> list[np.ndarray]:
-        """The same by columns that are dropped."""
+        """Products of some rows and K^-1 B^T, (m, m) each, by columns that are not kept."""
         touched = np.unique(self.contact.indices)
         there = [csr_matrix(item[:, touched]) for item in rows]
         found = [np.empty((self.contact.shape[0],) * 2) for _ in rows]
@@ -287,7 +287,7 @@ class SparseStiffness(Stiffness):
         return [self._spread.sum(total) for total in found]
 
     def scaled(self, scales: np.ndarray) -> ScaledStiffness:
-        """K whose connected components are these numbers times those of this one, (C,); factors nothing."""
+        """K with connected components scaled by these numbers, (C,); nothing is factored."""
         assert self._components is not None
         own = np.empty(self.contact.shape[1])
         for scale, dofs in zip(scales, self._components, strict=True):
@@ -296,7 +296,7 @@ class SparseStiffness(Stiffness):
 
 
 class LazyStiffness(SparseStiffness):
-    """Columns of K^-1 B^T and S are solved for when their conditions first become active, as those of tangents."""
+    """Stiffness whose columns of K^-1 B^T and S are solved for when their conditions first become active: tangents."""
 
     @cached_property
     def equalities(self) -> SchurEqualities:
@@ -315,7 +315,7 @@ class LazyStiffness(SparseStiffness):
         return np.array([self._known[k][1] for k in index.tolist()]).reshape(index.size, self.contact.shape[0])
 
     def response_to_forces(self, forces: np.ndarray) -> np.ndarray:
-        """K^-1 B^T times forces on conditions that were active, (m,): (n,)."""
+        """K^-1 B^T times forces on conditions that have been active, (m,): (n,)."""
         found = np.zeros(self.contact.shape[1])
         for k in np.flatnonzero(forces).tolist():
             found += forces[k] * self._known[k][0]
@@ -323,15 +323,15 @@ class LazyStiffness(SparseStiffness):
 
 
 class ScaledStiffness(Stiffness):
-    """Each connected component is a number times that of another stiffness: S = sum of S_c / s_c.
+    """Stiffness with scaled connected components of another one: S = sum of S_c / s_c.
 
     Args:
-        base: that one.
+        base: the other stiffness.
         scales: s_c, (C,).
-        own: the same on own dofs, (n,).
+        own: s_c of each local dof, (n,).
 
     Attributes:
-        own: the same.
+        own: the argument.
     """
 
     def __init__(self, base: SparseStiffness, scales: np.ndarray, own: np.ndarray):

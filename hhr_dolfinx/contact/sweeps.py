@@ -1,6 +1,6 @@
-"""Sweeps over single contacts with friction, each projected on its cone: slow, and nearly always nearer to an answer.
+"""Sweeps over single contacts with friction, each projected on its cone: slow, but nearly always an improvement.
 
-Compiled where numba is installed; without it they take a hundred times as long, for the few increments that need any.
+Compiled if numba is installed; without it they take a hundred times as long, for the few increments that need sweeps.
 """
 
 from __future__ import annotations
@@ -32,11 +32,11 @@ def swept(
     Args:
         schur: S, (M, M).
         friction: which of the rows are tangential.
-        pressures: rows that are not, (n,).
-        stiffness: force by which the slack of a row is made one, (M,).
+        pressures: rows of pressures, (n,).
+        stiffness: force that changes the slack of a row by one, (M,).
         given: the :class:`~hhr_dolfinx.contact.sliding_set.Increment`.
         forces: to start from, (M,).
-        count: how many sweeps.
+        count: number of sweeps.
     """
     contact = np.full(len(schur), -1)
     contact[friction.normal] = np.arange(friction.normal.size)
@@ -70,7 +70,7 @@ def _sweep(
     forces: np.ndarray,
     count: int,
 ) -> None:
-    """In place; see :func:`swept`."""
+    """Run the sweeps in place; see :func:`swept`."""
     y = np.zeros(2)
     for _ in range(count):
         for k in range(pressures.size):

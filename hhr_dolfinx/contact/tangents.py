@@ -1,7 +1,7 @@
-"""Tangential rows of B for contacts with friction, whatever pairing made the rows of their pressures.
+"""Tangential rows of B for contacts with friction, for any pairing.
 
-With the relative displacement of slave and master the same weights at the same nodes, along tangents in the place of
-the normal: B U <= D of thesis (1.27) gains rows whose slack is less the relative displacement along a tangent.
+The relative displacement of slave and master has the same weights at the same nodes, with tangents instead of the
+normal: B U <= D of thesis (1.27) gains rows whose slack decreases by the relative displacement along a tangent.
 """
 
 from __future__ import annotations
@@ -22,11 +22,11 @@ from hhr_dolfinx.contact.problem import ContactRows, joined
 from hhr_dolfinx.errors import SceneError
 
 PARALLEL = 1e-9
-"""Part of a row that may not be along its normal; more, and the row has no tangents."""
+"""Part of a row that may deviate from its normal; with more, the row has no tangents."""
 STEEP = 0.9
-"""Cosine between a normal and an axis above which tangents along the axis say little."""
+"""Cosine between a normal and an axis above which tangents along the axis are inaccurate."""
 DEPENDENT = 1e-9
-"""Part of a tangential row, in its own length, below which imposed displacements leave nothing of it."""
+"""Part of a tangential row, relative to its norm, up to which its free dofs count as zero."""
 
 
 def with_tangents(
@@ -39,10 +39,10 @@ def with_tangents(
     shaped: np.ndarray,
     mesh: Mesh,
 ) -> tuple[ContactRows, np.ndarray, Friction]:
-    """Conditions with the tangential rows of some pairs behind them, the pair of each, and the friction on them.
+    """Append the tangential rows of some pairs to the conditions; return all rows, the pair of each, and the friction.
 
-    Along what imposed displacements hold nothing slips: such tangents are left out. Where they move both sides past
-    each other the friction does no work on unknowns, and is a force that resultants count.
+    Tangents along which all displacements are imposed to be the same are left out: nothing slips. If imposed
+    displacements slide both sides past each other, friction does no work on unknowns and enters resultants as a force.
 
     Args:
         rows: conditions of pressures.
@@ -54,7 +54,7 @@ def with_tangents(
         mesh: nodes and cells.
 
     Raises:
-        SceneError: for rows that are not along one normal each.
+        SceneError: for rows that are not along a single normal.
     """
     dim = rows.points.shape[1]
     normal = np.flatnonzero(np.isin(pairs, list(laws)))
@@ -66,7 +66,7 @@ def with_tangents(
     matrix = csr_matrix(turns @ matrix)
     matrix = csr_matrix(matrix - diags(driven.astype(float)) @ matrix @ diags(free.astype(float)))
     tangents = turns @ tangents.reshape(-1, dim)
-    behind = ContactRows(matrix, np.zeros(owner.size), own.slaves[owner], own.points[owner], own.areas[owner])
+    added = ContactRows(matrix, np.zeros(owner.size), own.slaves[owner], own.points[owner], own.areas[owner])
     held = csr_matrix(rows.matrix.multiply(free.astype(float)))
     moving = csr_matrix(matrix.multiply(free.astype(float)))
     moving.eliminate_zeros()
@@ -76,14 +76,15 @@ def with_tangents(
         normal, own.areas, _spacing(own, pairs[normal], normals, mesh), np.searchsorted(numbers, pairs[normal]),
         len(pairs) + np.arange(owner.size), owner, tangents, tuple(laws.values()), fixed, shaped, len(pairs) + twice,
     )  # fmt: skip
-    return joined([rows, behind]), np.concatenate([pairs, pairs[normal][owner]]), friction
+    return joined([rows, added]), np.concatenate([pairs, pairs[normal][owner]]), friction
 
 
 def _spacing(rows: ContactRows, pairs: np.ndarray, normals: np.ndarray, mesh: Mesh) -> np.ndarray:
-    """How far the nodes of each row lie apart, beyond which it has left its partners, (n,); 0 where it has none.
+    """Distance of each row to neighbouring nodes, beyond which it has left its partners, (n,); 0 without partners.
 
-    The least of the distance between partners, of a single one that to the nodes of its cells along the surface, and
-    that to the nearest slave of another row of the pair, but where slaves are partners too, as in a double pass.
+    The minimum of the distance between partners, for a single partner that to the nodes of its cells along the surface,
+    and the distance to the nearest slave of another row of the pair, unless slaves are partners too, as in a double
+    pass.
 
     Args:
         rows: of pressures.
@@ -95,7 +96,7 @@ def _spacing(rows: ContactRows, pairs: np.ndarray, normals: np.ndarray, mesh: Me
     entries = rows.matrix.tocoo()
     shape = len(pairs), len(points)
     nodes = csr_matrix((np.ones(entries.nnz), (entries.row, entries.col // points.shape[1])), shape=shape)
-    # conditions of second order name neighbours of their slave too: partners are nodes of another body
+    # second-order conditions contain neighbours of their slave too: partners are nodes of another body
     body = mesh.bodies if mesh.order > 1 else np.arange(len(points))
     partners = [row.indices[body[row.indices] != body[slave]] for row, slave in zip(nodes, rows.slaves, strict=True)]
     found = np.full(len(pairs), np.inf)
@@ -129,7 +130,7 @@ class Mesh:
 
     @cached_property
     def bodies(self) -> np.ndarray:
-        """Number of the connected part of the mesh that each node belongs to, (nodes,)."""
+        """Number of the connected component of the mesh that each node belongs to, (nodes,)."""
         starts = np.repeat(self.cells[:, :1], self.cells.shape[1], axis=1).ravel()
         count = len(self.points)
         graph = csr_matrix((np.ones(starts.size), (starts, self.cells.ravel())), shape=(count, count))
@@ -143,7 +144,7 @@ class Mesh:
         return csr_matrix((np.ones(cells * k), places), shape=(len(self.points), cells))
 
     def width(self, node: int, normal: np.ndarray) -> float:
-        """Least distance from a node to others of its cells that lie rather beside it than along a normal, (dim,)."""
+        """Smallest distance from a node to others of its cells that lie across rather than along a normal, (dim,)."""
         others = np.setdiff1d(self.cells[self._around[node].indices], node)
         ways = self.points[others] - self.points[node]
         lengths = np.linalg.norm(ways, axis=1)
@@ -155,8 +156,8 @@ def _movable(
 ) -> tuple[csr_matrix, np.ndarray, np.ndarray]:
     """Combinations of the tangential rows of each contact, (T', T), and the contact of each.
 
-    Where all of its rows are independent on free dofs they stay as they are. Else they are turned, and what is held is
-    left out, unless imposed displacements drive it: a mask, (T',), says which of them act on no free dof.
+    If all of its rows are independent on free dofs they are kept. Otherwise they are rotated, and imposed combinations
+    are left out, unless imposed displacements move them: a mask, (T',), is True for those without free dofs.
 
     Args:
         matrix: tangential rows, dim - 1 for each contact, (T, N).
@@ -188,10 +189,10 @@ def _said_twice(
 ) -> np.ndarray:
     """Tangential rows that leave a part of their forces undetermined, (k,).
 
-    These are rows of contacts on whose nodes other conditions say the same, and those that act on no free dof.
+    These are rows of contacts on whose nodes other conditions are the same, and rows without free dofs.
 
-    In a corner between two surfaces a tangent of one is the normal of the other: where both touch and stick, what bears
-    the force is undetermined.
+    In a corner between two surfaces a tangent of one is the normal of the other: if both are closed and stick, the
+    distribution of the force is undetermined.
 
     Args:
         pressing: rows of all pressures on free dofs, (n, N).
@@ -216,7 +217,7 @@ def _said_twice(
 
 
 def _sharing_nodes(normals: csr_matrix, normal: np.ndarray, dim: int) -> dict[int, np.ndarray]:
-    """Contacts on whose free nodes there are other conditions that touch no other free node, and these conditions."""
+    """Contacts on whose free nodes there are other conditions without further free nodes, and these conditions."""
     entries = normals.tocoo()
     shape = normals.shape[0], normals.shape[1] // dim
     touches = csr_matrix((np.ones(entries.nnz), (entries.row, entries.col // dim)), shape=shape)
@@ -241,11 +242,11 @@ def normals_of(matrix: csr_matrix, slaves: np.ndarray, dimension: int) -> np.nda
 
 
 def tangents_of(normals: np.ndarray) -> np.ndarray:
-    """Orthonormal tangents of each normal, (m, dim - 1, dim): turned by a right angle, in space along two axes."""
+    """Orthonormal tangents of each normal, (m, dim - 1, dim): rotated by 90 degrees, in space along two axes."""
     m, dim = normals.shape
     if dim == 2:
         return np.stack([-normals[:, 1], normals[:, 0]], axis=1)[:, None, :]
-    # one axis for the whole surface where it is nowhere a normal: neighbours agree, and so do shapes of it
+    # one axis for the whole surface if it is nowhere a normal: neighbours agree, and so do changed shapes
     common = np.abs(normals).max(axis=0)
     places = np.full(m, common.argmin()) if common.min() < STEEP else np.abs(normals).argmin(axis=1)
     axis = np.zeros((m, 3))
@@ -256,7 +257,7 @@ def tangents_of(normals: np.ndarray) -> np.ndarray:
 
 
 def tangential_rows(matrix: csr_matrix, normals: np.ndarray, tangents: np.ndarray) -> csr_matrix:
-    """Rows of B with tangents in the place of their normals, (m k, N), the k of each row behind each other.
+    """Rows of B with tangents instead of their normals, (m k, N), the k of each row in sequence.
 
     Args:
         matrix: rows sum_j w_j n·u_j, (m, N).
@@ -264,7 +265,7 @@ def tangential_rows(matrix: csr_matrix, normals: np.ndarray, tangents: np.ndarra
         tangents: (m, k, dim).
 
     Raises:
-        SceneError: for rows that are not along one normal.
+        SceneError: for rows that are not along a single normal.
     """
     m, dim = normals.shape
     coo = matrix.tocoo()

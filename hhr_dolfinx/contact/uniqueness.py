@@ -1,14 +1,14 @@
-"""How far contact with friction is from having several answers, and how far given forces are from the one there is.
+"""Distance of contact with friction from having several solutions, and of given forces from a unique solution.
 
-Let x and x' solve an increment with slacks w and w' = w + S (x' - x), the second one but for a residual r. Of monotone
-laws (x' - x)·(w' - w) is at most what their bounds differ by, the sum of coefficient |λ' - λ| |slip' - slip|, so that
-with e = x' - x
+Let x and x' solve an increment with slacks w and w' = w + S (x' - x), the second up to a residual r. For monotone
+laws (x' - x)·(w' - w) is at most the effect of their different bounds, the sum of coefficient |λ' - λ| |slip' - slip|.
+With e = x' - x
 
     |e|_S^2 <= |r|_{S^-1} |e|_S + sum_c f_c |e_n| |(S e)_t|,        sum_c f_c |e_n| |(S e)_t| <= f κ |e|_S^2,
 
     (f κ)^2 = λ_max(D f (S^-1)_nn f D) λ_max(D^-1 S_tt D^-1)
 
-for any positive diagonal D of contacts. Below one there is one answer, and |e|_S <= |r|_{S^-1} / (1 - f κ).
+for any positive diagonal D of contacts. Below one the solution is unique, and |e|_S <= |r|_{S^-1} / (1 - f κ).
 """
 
 from __future__ import annotations
@@ -22,23 +22,23 @@ from hhr_dolfinx.contact.friction import Friction
 from hhr_dolfinx.contact.sliding_set import Increment
 
 SYMMETRIC = 1e-8
-"""Part of the largest entry of S by which it may differ from its transpose."""
+"""Relative difference between S and its transpose up to which S counts as symmetric."""
 
 
 def coupling(schur: np.ndarray, friction: Friction, coefficient: np.ndarray) -> float:
-    """f κ; below one each increment has one answer. Infinite where S is singular, NaN where it is not symmetric.
+    """f κ; below one each increment has a unique solution. Infinite if S is singular, NaN if it is not symmetric.
 
     Args:
         schur: S, (M, M).
         friction: which of the rows are tangential.
-        coefficient: of each contact, (C,); an infinite one is Tresca's law, whose bound knows no pressure.
+        coefficient: of each contact, (C,); infinite for Tresca's law, whose bound does not depend on pressure.
     """
     if np.abs(schur - schur.T).max() > SYMMETRIC * np.abs(schur).max():
         return np.nan
-    rubs = np.isfinite(coefficient) & (coefficient > 0)
-    # rows that act on no unknown move nothing, and their forces follow from all others
+    frictional = np.isfinite(coefficient) & (coefficient > 0)
+    # rows without effect on unknowns do not move anything, and their forces follow from all others
     acts = np.diag(schur) > 0
-    kept = rubs[friction.owner] & acts[friction.tangential]
+    kept = frictional[friction.owner] & acts[friction.tangential]
     if not kept.any():
         return 0.0
     rows = friction.tangential[kept]
@@ -56,13 +56,13 @@ def coupling(schur: np.ndarray, friction: Friction, coefficient: np.ndarray) -> 
     largest = np.zeros(own.size)
     np.maximum.at(largest, place, np.diag(tangential))
     weights = (largest / np.diag(inverse)) ** 0.25
-    pushed = np.linalg.eigvalsh(inverse * np.outer(weights, weights))[-1]
-    slid = np.linalg.eigvalsh(tangential / np.outer(weights[place], weights[place]))[-1]
-    return math.sqrt(float(pushed) * float(slid))
+    largest_normal = np.linalg.eigvalsh(inverse * np.outer(weights, weights))[-1]
+    largest_tangential = np.linalg.eigvalsh(tangential / np.outer(weights[place], weights[place]))[-1]
+    return math.sqrt(float(largest_normal) * float(largest_tangential))
 
 
 def residual(schur: np.ndarray, friction: Friction, given: Increment, forces: np.ndarray) -> np.ndarray:
-    """What is to be added to the slack of an increment so that forces solve it, (M,): no more than that of their law.
+    """Residual slack of given forces in an increment, (M,), beyond the slip that the law allows.
 
     The forces must lie in the cones: pressures not negative, tangential forces within their bounds.
     """
@@ -73,7 +73,7 @@ def residual(schur: np.ndarray, friction: Friction, given: Increment, forces: np
     owner = friction.owner
     bound = given.bounds(friction, forces)
     size = np.sqrt(np.bincount(owner, forces[rows] ** 2, count))
-    # what bears all that it may slips against its force, as far as it slips so; all else is a residual
+    # forces at their bound may slip against their direction; all other slack is a residual
     slides = (size >= bound * (1 - 1e-12)) & (bound > 0)
     direction = forces[rows] / np.where(size > 0, size, 1.0)[owner]
     along = np.minimum(np.bincount(owner, slack[rows] * direction, count), 0.0)
@@ -83,7 +83,7 @@ def residual(schur: np.ndarray, friction: Friction, given: Increment, forces: np
 
 
 def error_bound(schur: np.ndarray, friction: Friction, given: Increment, forces: np.ndarray) -> float:
-    """Bound of |forces - those of the increment| in the norm of S; infinite where several answers may exist."""
+    """Bound of |forces - exact forces| in the norm of S; infinite if several solutions may exist."""
     factor = coupling(schur, friction, given.coefficient)
     if not factor < 1.0:
         return np.inf

@@ -1,1 +1,1 @@
-"""From a scene to matrices, and the full-order models. The only room that assembles."""
+"""From a scene to matrices, and the full-order models. The only folder that assembles."""

@@ -1,4 +1,4 @@
-"""Stiffness of some cells alone, as of a RID: at its interface K holds those of the cells outside too."""
+"""Stiffness of some cells alone, as of a RID: on its interface K includes that of the cells outside too."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ class CellStiffness:
     Attributes:
         part: the discretisation with the bodies of these cells.
         terms: parts of K on the mesh of the scene.
-        moduli: of the parts; none where K is constant.
+        moduli: of the parts; empty if K is constant.
     """
 
     part: Discretisation
@@ -33,7 +33,7 @@ class CellStiffness:
 
     @classmethod
     def of(cls, full: Any, cells: np.ndarray) -> CellStiffness:
-        """Of a full model and some of its cells, in the order of ``ContactProblem.cell_nodes``. Collective."""
+        """K of some cells of a full model, in the order of ``ContactProblem.cell_nodes``. Collective."""
         part = _of_cells(full.discretisation, cells)
         return cls(part, *_terms(part))
 
@@ -57,7 +57,7 @@ def _terms(part: Discretisation) -> tuple[tuple[csr_matrix, ...], tuple[Modulus,
 
 
 def _of_cells(discretisation: Discretisation, cells: np.ndarray) -> Discretisation:
-    """The same discretisation, in which all other cells belong to no body."""
+    """The same discretisation, without bodies in all other cells."""
     mesh = discretisation.mesh
     tags = discretisation._cell_tags
     owned = mesh.topology.index_map(mesh.topology.dim).size_local

@@ -1,6 +1,6 @@
-"""What a mesh, its tags and its supports must be, before a scene is assembled on them.
+"""Checks of a mesh, its tags and its supports, before a scene is assembled on them.
 
-Every check is collective: all ranks come to the same verdict, so that none waits for another that has failed.
+Every check is collective: all ranks get the same result, so that none waits for another that has failed.
 """
 
 from __future__ import annotations
@@ -24,15 +24,15 @@ from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.warn import warn
 
 CORNERS = {"triangle": 3, "quadrilateral": 4, "tetrahedron": 4, "hexahedron": 8}
-"""Cells that are supported, with their number of corners."""
+"""Supported cells, with their number of corners."""
 FOLDED = 1e-6
-"""Part of the largest Jacobian of a cell by which another one may have the other sign: round-off of coordinates."""
+"""Part of the largest Jacobian of a cell up to which an opposite sign is round-off of coordinates."""
 NO_VOLUME = 1e-12
-"""Volume of a cell over the power of its length below which it has none: far beyond cells of aspect 1e4."""
+"""Volume of a cell over the power of its length up to which it counts as zero: far below cells of aspect 1e4."""
 
 
 def build_geometry(scene: Scene, comm: MPI.Comm) -> Any:
-    """Mesh, cell tags, facet tags and their names of a scene; raises SceneError unless they suit it."""
+    """Mesh, cell tags, facet tags and their names of a scene; raises SceneError unless they fit the scene."""
     result: Any = scene.geometry(comm)
     groups = getattr(result, "physical_groups", None)
     if hasattr(result, "cell_tags") and hasattr(result, "facet_tags"):
@@ -60,10 +60,10 @@ def build_geometry(scene: Scene, comm: MPI.Comm) -> Any:
 
 
 def warn_of_idle_parameters(scene: Scene, amplitudes: Amplitudes) -> None:
-    """Warn of parameters that no amplitude of a scene depends on, no body, and no law."""
+    """Warn of parameters on which no amplitude, body or law of a scene depends."""
     used = scene.named.union(*(_parameters_of_law(body) for body in scene.bodies))
     idle = tuple(name for name in amplitudes.idle(scene.parameters) if name not in used)
-    if idle and scene.system is None:  # which may name any
+    if idle and scene.system is None:  # a user-defined system may use any
         warn(
             f"parameters {idle} of scene '{scene.name}' have no effect: no displacement, load, opening, extent, body, "
             "law or shape names them. Remove them from the ParameterSpace, or name them in the slopes of an Amplitude",
@@ -73,7 +73,7 @@ def warn_of_idle_parameters(scene: Scene, amplitudes: Amplitudes) -> None:
 
 
 def _parameters_of_law(body: Body) -> set[str]:
-    """Names of the parameters on which a law depends; the module is loaded where a body flows."""
+    """Names of the parameters on which a law depends; the module is loaded for inelastic bodies."""
     if body.law is None:
         return set()
     from hhr_dolfinx.materials.constants import parameters_of
@@ -82,7 +82,7 @@ def _parameters_of_law(body: Body) -> set[str]:
 
 
 def _check_mesh(scene, mesh, comm):
-    """Raise SceneError for a mesh of another dimension, of other cells, or on another communicator."""
+    """Raise SceneError for a mesh of another dimension, with other cells, or on another communicator."""
     tdim = mesh.topology.dim
     gdim = mesh.geometry.dim
     kind = mesh.topology.cell_name()
@@ -115,9 +115,9 @@ def _check_mesh(scene, mesh, comm):
 
 
 def _check_cells(mesh, comm):
-    """Raise SceneError for cells that are folded or without volume, and ranks without any.
+    """Raise SceneError for cells that are folded or without volume, and for ranks without cells.
 
-    K takes the absolute value of Jacobians.
+    Such cells would not be noticed later: K uses the absolute value of Jacobians.
     """
     dim = mesh.topology.dim
     count = CORNERS[mesh.topology.cell_name()]
@@ -155,10 +155,10 @@ def _check_cells(mesh, comm):
 
 
 def order_of(scene: Scene, mesh: dmesh.Mesh) -> int:
-    """Degree of the displacement: what the scene says, or that of the mesh.
+    """Degree of the displacement: that of the scene if it is given, otherwise that of the mesh.
 
     Raises:
-        SceneError: for a mesh of second order whose displacement is to be of first.
+        SceneError: for a displacement of first order on a mesh of second order.
     """
     geometry = compat.degree_of(mesh)
     order = geometry if scene.order is None else scene.order
@@ -171,7 +171,7 @@ def order_of(scene: Scene, mesh: dmesh.Mesh) -> int:
 
 
 def _overlapping_neighbours(mesh):
-    """Middles of the facets whose two cells lie on the same side, (found, dim): simplices have no other sign of it."""
+    """Middles of the facets whose two cells lie on the same side, (found, dim): the only sign of folded simplices."""
     dim = mesh.topology.dim
     mesh.topology.create_connectivity(dim - 1, dim)
     owned = mesh.topology.index_map(dim - 1).size_local
@@ -180,7 +180,7 @@ def _overlapping_neighbours(mesh):
     corners = compat.geometry_dofmap(mesh)[:, : CORNERS[mesh.topology.cell_name()]]
     nodes = corners[both.array[both.offsets[inner][:, None] + [0, 1]]]
     same = nodes[:, 0, :, None] == nodes[:, 1, None, :]
-    # cells with more than a facet in common have shown themselves as folded or empty
+    # cells with more than one common facet have been found as folded or empty before
     count = dim if nodes.shape[2] == dim + 1 else 2 ** (dim - 1)
     whole = same.sum(axis=(1, 2)) == count
     nodes = nodes[whole]
@@ -190,7 +190,7 @@ def _overlapping_neighbours(mesh):
     facet = points[nodes[:, 0][common].reshape(-1, count)]
     far = [points[nodes[:, k][~mask].reshape(-1, nodes.shape[2] - count)] for k, mask in enumerate((common, other))]
     along = np.moveaxis(facet[:, 1:dim] - facet[:, :1], 1, 2)
-    # a determinant tells on which side of the facet a direction points
+    # the sign of a determinant is the side of the facet to which a direction points
     sides = [
         np.linalg.det(np.concatenate([along, (points.mean(axis=1) - facet.mean(axis=1))[:, :, None]], axis=2))
         for points in far
@@ -224,7 +224,7 @@ def jacobians_of(mesh: dmesh.Mesh, points: np.ndarray) -> np.ndarray:
 
 
 def _check_radius(mesh, comm):
-    """Raise SceneError for bodies across the axis of revolution."""
+    """Raise SceneError for bodies that cross the axis of revolution."""
     owned = mesh.geometry.index_map().size_local
     radius = mesh.geometry.x[:owned, 0]
     size = comm.allreduce(float(np.abs(radius).max(initial=0.0)))
@@ -264,7 +264,7 @@ def check_tags(scene: Scene, mesh: dmesh.Mesh, tags: Any, names: TagNames, comm:
 
 
 def check_present(kind: str, tags: dmesh.MeshTags, wanted: Iterable[Tag], names: TagNames, comm: MPI.Comm) -> set[int]:
-    """All tags of a mesh; raises SceneError if one that is wanted, by number or name, is missing."""
+    """All tags of a mesh; raises SceneError if a wanted one, by number or name, is missing."""
     there = set().union(*comm.allgather(set(tags.values.tolist())))
     numbers = names.cell if kind == "cell" else names.facet
     missing = [tag for tag in wanted if not there & set(numbers(tag))]
@@ -278,14 +278,14 @@ def check_present(kind: str, tags: dmesh.MeshTags, wanted: Iterable[Tag], names:
 
 
 def tagged(tags: dmesh.MeshTags, numbers: Iterable[int]) -> np.ndarray:
-    """Numbers of the entities of this rank that have one of some tags, in their order."""
+    """Numbers of the entities of this rank with one of some tags, in their order."""
     return np.sort(np.concatenate([tags.find(number) for number in numbers]))
 
 
 def check_outer(
     load: str, tag: Tag, mesh: dmesh.Mesh, facet_tags: dmesh.MeshTags, names: TagNames, comm: MPI.Comm
 ) -> None:
-    """Raise SceneError for loads on facets that are missing or inside the mesh, where surface integrals are zero."""
+    """Raise SceneError for loads on missing facets or on facets inside the mesh, where surface integrals are zero."""
     check_present("facet", facet_tags, [tag], names, comm)
     fdim = mesh.topology.dim - 1
     mesh.topology.create_connectivity(fdim, fdim + 1)
@@ -296,13 +296,13 @@ def check_outer(
     _refuse(
         comm,
         f"{{count}} facets tagged {tag} under a {load} lie inside the mesh, e.g. at {{place}}: "
-        "loads act on outer facets only. Tag the surface, or give the bodies nodes of their own",
+        "loads act on outer facets only. Tag the surface, or give the bodies separate nodes",
         dmesh.compute_midpoints(mesh, fdim, inner)[:, : fdim + 1],
     )
 
 
 def _refuse(comm, text, places):
-    """Raise SceneError on all ranks if any found places, (found, dim); the text names ``{count}`` and ``{place}``."""
+    """Raise SceneError on all ranks if any has places, (found, dim); ``text`` uses ``{count}`` and ``{place}``."""
     found = [place for part in comm.allgather(places.tolist()) for place in part]
     if found:
         raise SceneError(text.format(count=len(found), place=found[0]))
@@ -311,14 +311,14 @@ def _refuse(comm, text, places):
 def conditions_with_unknowns(
     scene: Scene, rows: ContactRows, gaps: np.ndarray, amplitudes: Amplitudes, free: np.ndarray
 ) -> np.ndarray:
-    """Contact rows that hold a free dof; the others say nothing about unknowns and are left out.
+    """Contact rows with a free dof; the others do not constrain unknowns and are left out.
 
-    It warns where nodes that are all imposed penetrate, in the worst case over the box of the parameters.
+    It warns if nodes whose dofs are all imposed penetrate, in the worst case over the parameter range.
 
     Args:
         scene: the scene.
         rows: all contact rows.
-        gaps: D - B lift of all of them by term, (rows, 1 + T); only rows that are affine are looked at.
+        gaps: D - B lift of all of them by term, (rows, 1 + T); only affine rows are checked.
         amplitudes: of all terms.
         free: dofs that are not imposed, (N,) bool.
     """
@@ -335,7 +335,7 @@ def conditions_with_unknowns(
     affine = gaps[imposed, :count]
     start = affine @ amplitudes.constant
     slopes = affine @ amplitudes.slopes
-    # an affine function is smallest at a corner of the box
+    # the minimum of an affine function over the box is at a corner
     corner = np.where(slopes > 0, space.lower, space.upper)
     least = start + np.einsum("mp,mp->m", slopes, corner)
     deep = least < -1e-9 * np.ptp(rows.points, axis=0).max(initial=np.abs(least).max(initial=0.0))
@@ -353,10 +353,10 @@ def conditions_with_unknowns(
 
 
 def check_regular(problem: ContactProblem, solve: Callable[[np.ndarray], np.ndarray], scene: str) -> None:
-    """Raise NotSolvableError for a K that is singular to round-off, which a factorisation does not always notice.
+    """Raise NotSolvableError for a K that is singular to round-off, which a factorisation does not always detect.
 
     Solving for a known vector loses about cond(K) times 1e-16: up to 1e-5 was seen with bodies a million
-    times as stiff as others, and all digits where parts can move freely. ``solve`` maps own rows to all dofs.
+    times as stiff as others, and all digits with free rigid motions. ``solve`` maps local rows to all dofs.
     """
     known = np.random.default_rng(0).standard_normal(problem.free.size) * problem.held
     found = solve(problem.own_stiffness @ known * problem.held[problem.rows])

@@ -1,4 +1,4 @@
-"""Functions on the mesh of a scene: measures, tags, surfaces, assembly; no physics of contact."""
+"""Functions on the mesh of a scene: measures, tags, surfaces, assembly; no contact mechanics."""
 
 from __future__ import annotations
 
@@ -37,23 +37,24 @@ from hhr_dolfinx.scene import Scene
 
 
 class DiscreteSpace(ABC):
-    """Lagrange functions on the mesh of a scene, on a communicator, and what is measured and assembled there.
+    """Lagrange functions on the mesh of a scene, on a communicator, with measures and assembly.
 
     Attributes:
         scene: the scene.
         comm: MPI communicator.
         mesh: DOLFINx mesh.
-        names: what the mesh calls its bodies and surfaces.
+        names: names of bodies and surfaces in the mesh.
         order: degree of its functions, 1 or 2.
         space: vector Lagrange space of that degree.
         rows: range of the dofs this rank owns.
         size: N, number of dofs on all ranks.
-        mean_dilatation: whether each body takes the mean dilatation of its cells, see ``locking``.
-        common_pattern: of the parts of K where it depends on parameters, once it has been assembled.
-        reshaped: moves the mesh where its shape depends on parameters, else None; it lies as in the middle of the box.
+        mean_dilatation: True for bodies that use the mean dilatation of their cells, see ``locking``.
+        common_pattern: of the parts of K if it depends on parameters, after the first assembly.
+        reshaped: deforms the mesh if its shape depends on parameters, else None; by default it has the shape of the
+            middle of the box.
 
     Raises:
-        SceneError: for a mesh that does not suit the scene, or missing tags.
+        SceneError: for a mesh that does not fit the scene, or missing tags.
     """
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
@@ -80,11 +81,11 @@ class DiscreteSpace(ABC):
     @property
     @abstractmethod
     def free_dofs(self) -> np.ndarray:
-        """Which dofs are not imposed, (N,) bool."""
+        """Dofs that are not imposed, (N,) bool."""
 
     @abstractmethod
     def assembler(self, load: Any) -> Assembler:
-        """What a load, or an output, may ask for."""
+        """Interface for a load or an output."""
 
     @property
     def arguments(self) -> tuple[ufl.Argument, ufl.Argument]:
@@ -96,7 +97,7 @@ class DiscreteSpace(ABC):
         return tagged(self._cell_tags, self.names.cell(tag))
 
     def cells(self, tag: Tag) -> ufl.Measure:
-        """Measure of the cells of a body for its stiffness; if shapes vary, by a rule that reduced models know too."""
+        """Measure of the cells of a body for its stiffness; for variable shapes with the rule of reduced models."""
         if self.reshaped is None:
             return self._dx(self.names.cell(tag))
         return self._dx(
@@ -105,12 +106,12 @@ class DiscreteSpace(ABC):
         )
 
     def constant(self, value: float | str) -> fem.Constant:
-        """A number, in figures or as a text, in a form that is not compiled in: each new one would take seconds."""
+        """A number or its string, in a form without compiled values: each new value would take seconds to compile."""
         return fem.Constant(self.mesh, float(value))
 
     @property
     def gauss_degree(self) -> int:
-        """Degree of the rule by which bodies see their strain that flow, or take a mean dilatation."""
+        """Degree of the rule for strains of bodies that are inelastic or use a mean dilatation."""
         return gauss_degree(self.mesh.topology.cell_name(), self.order)
 
     def empty_matrix(self) -> PETSc.Mat:
@@ -122,16 +123,16 @@ class DiscreteSpace(ABC):
         return fem.form(elasticity.mass(self._trial, self._test, self.scene.hypothesis, self._dx))
 
     def own_rows(self, matrix: PETSc.Mat) -> csr_matrix:
-        """Rows of a matrix that this rank owns, (own dofs, N); the matrix is given back. Collective.
+        """Local rows of a matrix, (own dofs, N); the matrix is destroyed. Collective.
 
-        What ranks share PETSc keeps until all of them let go of it by name.
+        PETSc keeps objects that ranks share until all of them destroy these explicitly.
         """
         indptr, indices, data = matrix.getValuesCSR()
         matrix.destroy()
         return csr_matrix((data, indices, indptr), shape=(self.rows.stop - self.rows.start, self.size))
 
     def cell_bodies(self) -> np.ndarray:
-        """Body of each cell of this rank as its place in the scene, (cells,)."""
+        """Body of each cell of this rank as its index in the scene, (cells,)."""
         bodies = np.full(self.mesh.topology.index_map(self.mesh.topology.dim).size_local, -1)
         for place, body in enumerate(self.scene.bodies):
             cells = self.cells_of(body.tag)
@@ -149,7 +150,7 @@ class DiscreteSpace(ABC):
         return means
 
     def _outer_facets(self, load: str, tag: Tag) -> ufl.Measure:
-        """Measure of the facets with a tag, under a load of this class."""
+        """Measure of the facets with a tag, for a load of this class."""
         check_outer(load, tag, self.mesh, self._facet_tags, self.names, self.comm)
         return self._ds(self.names.facet(tag))
 
@@ -181,7 +182,7 @@ class DiscreteSpace(ABC):
         """Assemble a form that is linear in v, (N,)."""
         arguments = form.arguments() if isinstance(form, ufl.Form) else ()
         try:
-            # the check takes as long as assembling, and shapes assemble the same forms again
+            # the check takes as long as assembling, and shapes assemble the same forms repeatedly
             linear = arguments == (self._test,) and (form.signature() in self._linear or compute_form_data(form))
         except ArityMismatch:
             linear = False
@@ -191,7 +192,7 @@ class DiscreteSpace(ABC):
         return self._assemble_vector(form)
 
     def surface(self, tag: Tag) -> Surface:
-        """The facets with a tag on the mesh as it lies."""
+        """The facets with a tag on the current mesh."""
         dim = self.mesh.geometry.dim
         points = self._points()
         ds = self._ds(self.names.facet(tag))
@@ -204,7 +205,7 @@ class DiscreteSpace(ABC):
         return replace(made, free=self.free_dofs.reshape(-1, dim)[made.nodes])
 
     def _facets(self, tag):
-        """Nodes of the tagged facets and the middle of what lies opposite in their cells, gathered from all ranks."""
+        """Nodes of the tagged facets and the middle of the opposite nodes in their cells, gathered from all ranks."""
         topology = self.mesh.topology
         dofmap = self.space.dofmap
         tdim = topology.dim
@@ -220,7 +221,7 @@ class DiscreteSpace(ABC):
         inner = []
         for facet in tagged(self._facet_tags, self.names.facet(tag)):
             cell = to_cell.links(facet)[0]
-            # each rank has the facets of the cells it owns
+            # each rank contributes the facets of its cells
             if cell < topology.index_map(tdim).size_local:
                 local = int(np.flatnonzero(to_facets.links(cell) == facet)[0])
                 cell_nodes = dofmap.cell_dofs(cell)

@@ -1,7 +1,7 @@
 """From a scene to matrices: DOLFINx assembles, PETSc holds, thesis (1.21)-(1.22).
 
-It yields a :class:`ContactProblem` whose large matrices lie by rows, each rank with those of its own dofs. What bodies
-that flow or keep their volume need at their Gauss points is in ``gauss_points``, which other scenes do not load.
+It makes a :class:`ContactProblem` whose large matrices are distributed: each rank has the rows of its dofs. The Gauss
+points of inelastic or nearly incompressible bodies are in ``gauss_points``, which other scenes do not load.
 """
 
 from __future__ import annotations
@@ -50,7 +50,7 @@ class Discretisation(DiscreteSpace):
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         super().__init__(scene, comm)
-        # on the mesh before shapes move it
+        # on the mesh before it is deformed
         self._fields = {
             number: item.at(self._points(), scene.hypothesis)
             for number, item in enumerate(scene.displacements)
@@ -62,7 +62,7 @@ class Discretisation(DiscreteSpace):
             self.reshaped = Reshaped(self)
 
     def stiffness_terms(self) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
-        """Own rows of the parts of K, and their moduli; one part and no modulus where K is constant."""
+        """Local rows of the parts of K, and their moduli; one part and no modulus if K is constant."""
         if not any(body.varies or body.grading is not None for body in self.scene.bodies):
             return (self.own_rows(self.assemble_stiffness()),), ()
         from hhr_dolfinx.full_order.varying import stiffness_terms
@@ -76,7 +76,7 @@ class Discretisation(DiscreteSpace):
         else:
             from hhr_dolfinx.full_order.gauss_points import add_stiffness
 
-            # the mass couples the dofs of all cells, those too that no form integrates
+            # the mass couples the dofs of all cells, including those without a stiffness form
             matrix = self.empty_matrix()
             if not all(self.mean_dilatation):
                 fem_petsc.assemble_matrix(matrix, self._stiffness_form)
@@ -86,7 +86,7 @@ class Discretisation(DiscreteSpace):
 
     @cached_property
     def _stiffness_form(self):
-        """Of the bodies under full integration; compiled where it is used: bodies that flow assemble elsewhere."""
+        """Form of bodies with full integration; compiled only if used: inelastic bodies are assembled elsewhere."""
         scene = self.scene
         functions = (self._trial, self._test)
         parts = []
@@ -100,11 +100,11 @@ class Discretisation(DiscreteSpace):
         return fem.form(sum(parts))
 
     def contact_problem(self, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()) -> ContactProblem:
-        """All of (1.21) from own rows of the parts of K, (own dofs, N): large matrices by rows, the rest everywhere."""
+        """Assemble (1.21) with local rows of the parts of K, (own dofs, N); only large matrices are distributed."""
         scene = self.scene
-        moved, free = self._displacements()
+        imposed, free = self._displacements()
         terms = self.load_terms()
-        straight, curved = parted(moved)
+        straight, curved = parted(imposed)
         opened = [item.amplitude for item in scene.openings]
         given = [term.amplitude for term in straight], opened, [term.amplitude for term in (*terms, *curved)]
         limits = tuple(limit for body in scene.bodies for limit in body.limits(scene.parameters.names))
@@ -155,7 +155,7 @@ class Discretisation(DiscreteSpace):
         )
 
     def _node_mass(self) -> csr_matrix:
-        """Own rows of the Gram matrix of the L2 product of one component, (own nodes, nodes)."""
+        """Local rows of the Gram matrix of the L2 product of one component, (own nodes, nodes)."""
         mass = fem_petsc.assemble_matrix(self._mass_form)
         mass.assemble()
         dim = self.mesh.geometry.dim
@@ -164,7 +164,7 @@ class Discretisation(DiscreteSpace):
     def _with_tangents(
         self, rows: ContactRows, pairs: np.ndarray, free: np.ndarray, lifts: csc_matrix
     ) -> tuple[ContactRows, np.ndarray, Friction]:
-        """Conditions with tangential rows behind them, the pair of each, and the friction on them."""
+        """Append tangential rows to the conditions; return all rows, the pair of each, and the friction on them."""
         from hhr_dolfinx.contact.friction import FrictionLaw
         from hhr_dolfinx.contact.tangents import Mesh, with_tangents
 
@@ -183,12 +183,12 @@ class Discretisation(DiscreteSpace):
         return with_tangents(rows, pairs, laws, free, lifts, places(scene.named), places(shaped), mesh)
 
     def load_terms(self) -> list[Term]:
-        """Terms of all loads on the mesh as it lies, those that are affine first, as θ counts them."""
+        """Terms of all loads on the current mesh, affine ones first, in the order of θ."""
         terms = [term for load in self.scene.loads for term in checked_terms(load, self.assembler(load))]
         return [term for part in parted(terms) for term in part]
 
     def checked(self, problem: ContactProblem) -> ContactProblem:
-        """The problem with its rigid motions; looks for mistakes that no single part of a scene shows."""
+        """The problem with its rigid motions; checks for errors that only the whole scene shows."""
         bodies = np.concatenate(self.comm.allgather(self.cell_bodies()))
         found = with_motions(self.scene, problem, bodies)
         warn_of_idle_parameters(self.scene, problem.amplitudes)
@@ -200,7 +200,7 @@ class Discretisation(DiscreteSpace):
             return stress_in_cells(self, displacement, point)
 
     def lying_at(self, point: np.ndarray) -> AbstractContextManager:
-        """The mesh as its shape is at a parameter, (P,), within a block."""
+        """Context in which the mesh has the shape of a parameter, (P,)."""
         return nullcontext() if self.reshaped is None else self.reshaped.at(point)
 
     @cached_property
@@ -209,7 +209,7 @@ class Discretisation(DiscreteSpace):
         return self._displacements()[1]
 
     def _displacements(self) -> tuple[list[Term], np.ndarray]:
-        """Lifts of the displacements that move, and the dofs that none holds or moves, (N,)."""
+        """Lifts of nonzero displacements, and the dofs that are not imposed, (N,)."""
         terms = []
         owner = np.full(self.size, -1)
         for number, item in enumerate(self.scene.displacements):
@@ -230,13 +230,13 @@ class Discretisation(DiscreteSpace):
         return terms, owner < 0
 
     def _imposed(self, number: int, dofs: np.ndarray) -> np.ndarray:
-        """What a displacement, by its place in the scene, imposes on dofs where its amplitude is 1."""
+        """Imposed values of a displacement, by its index in the scene, on dofs for the amplitude 1."""
         if number not in self._fields:
             return np.ones(dofs.size)
         return self._fields[number][dofs // self.mesh.geometry.dim]
 
     def _refuse_clash(self, number: int, other: int, dof: int) -> NoReturn:
-        """Raise SceneError for two displacements, by their places in the scene, that differ at a dof."""
+        """Raise SceneError for two displacements, by their indices in the scene, that differ at a dof."""
         dim = self.mesh.geometry.dim
         items = self.scene.displacements
         raise SceneError(
@@ -246,7 +246,7 @@ class Discretisation(DiscreteSpace):
         )
 
     def assembler(self, load: Any) -> Assembler:
-        """What a load, or an output, may ask for."""
+        """Interface for a load or an output."""
         return Assembler(
             test=self._test,
             hypothesis=self.scene.hypothesis,
@@ -266,7 +266,7 @@ class Discretisation(DiscreteSpace):
         return eigenstress(self, tag, strain, partial(self._load_vector, load))
 
     def contact_rows(self) -> tuple[ContactRows, np.ndarray]:
-        """Rows of all pairs on the mesh as it lies, and the pair of each."""
+        """Rows of all pairs on the current mesh, and the pair of each."""
         pairs = [(item, [self.surface(tag) for tag in item.tags]) for item in self.scene.contacts]
         for _, surfaces in pairs:
             warn_of_straight_sides(surfaces)
@@ -282,7 +282,7 @@ class Discretisation(DiscreteSpace):
 
 
 def _without_columns(matrix, columns):
-    """Copy of a sparse matrix with the given columns set to zero."""
+    """Copy of a sparse matrix with some columns set to zero."""
     kept = matrix.tocoo()
     keep = ~columns[kept.col]
     return csr_matrix((kept.data[keep], (kept.row[keep], kept.col[keep])), shape=matrix.shape)

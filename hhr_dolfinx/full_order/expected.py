@@ -1,4 +1,4 @@
-"""Memory and time that a full model is going to take, before anything is factored."""
+"""Estimates of memory and time of a full model, before anything is factored."""
 
 from __future__ import annotations
 
@@ -14,21 +14,21 @@ from hhr_dolfinx.linear.sparse import MOST_LAST, low_rank_of
 MEASURED_DOFS = 280_221
 WHOLE = ((2.6, 1.3), (89.0, 2.1), (0.035, 1.15))
 COMPRESSED = ((2.6, 1.57), (27.0, 1.47), (0.053, 1.2))
-"""What a full model in space took once, on hexahedra, by MUMPS on one core: GB and seconds of the factors, and seconds
-of a column of K^-1 B^T, with the powers of the dofs by which they grow; of whole factors, and of compressed ones:
-19.3 GB with a million dofs and blocks of 1e-10, times of blocks of 1e-8. Tetrahedra take less, cells of second order
-more."""
+"""Measured cost of a full model in space, on hexahedra, by MUMPS on one core: GB and seconds of the factors, and
+seconds of a column of K^-1 B^T, with the powers of the dofs by which they grow. First whole factors, then compressed
+ones: 19.3 GB with a million dofs and blocks of 1e-10, times with blocks of 1e-8. Tetrahedra take less, cells of second
+order more."""
 LAST = 1.35
-"""How many times as long factors take that eliminate contact last, which needs no columns then: 1.3 to 1.5."""
+"""Time of factors that eliminate contact last, which then need no columns, relative to others: 1.3 to 1.5."""
 
 
 class Expected(NamedTuple):
-    """What a full model in space takes on one core.
+    """Memory and time of a full model in space on one core.
 
     Attributes:
         gigabytes: of memory.
-        seconds: until it answers.
-        keeps_columns: whether it keeps K^-1 B^T; without them a displacement takes one more solution.
+        seconds: until the first answer.
+        keeps_columns: K^-1 B^T is kept; without it a displacement takes one more solution.
     """
 
     gigabytes: float
@@ -37,7 +37,7 @@ class Expected(NamedTuple):
 
 
 def expected_in_space(contact: csr_matrix) -> Expected:
-    """What a full model with these contact conditions, (N_lambda, N), takes in space."""
+    """Memory and time of a full model with these contact conditions, (N_lambda, N), in space."""
     conditions, dofs = contact.shape
     columns = 8e-9 * dofs * conditions
     factor, factor_s, column_s = (
@@ -56,7 +56,7 @@ def expected_in_space(contact: csr_matrix) -> Expected:
 
 
 def free_gigabytes(meminfo: Path = Path("/proc/meminfo")) -> float | None:
-    """Memory that this machine has left; None where it does not say, as where there is no Linux."""
+    """Free memory of this machine; None if it is unknown, as on systems other than Linux."""
     try:
         lines = dict(line.split(":", 1) for line in meminfo.read_text().splitlines())
         return 1.024e-6 * float(lines["MemAvailable"].split()[0])

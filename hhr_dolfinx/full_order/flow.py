@@ -1,4 +1,4 @@
-"""Equilibrium of the full mesh for bodies that flow, thesis Alg. 6.1: Newton or elastic search."""
+"""Equilibrium of the full mesh for inelastic bodies, thesis Alg. 6.1: Newton or elastic search."""
 
 from __future__ import annotations
 
@@ -46,10 +46,10 @@ class GaussModel:
         discretisation: mesh and forms.
         operator: strain at all Gauss points.
         material: laws at all Gauss points.
-        bodies: body of each cell as its place in the scene, (cells,).
+        bodies: body of each cell as its index in the scene, (cells,).
         pattern: sparsity of the stiffness.
         stiffness: parts of the elastic stiffness by the same Gauss points, (N, N) each.
-        moduli: their amplitudes; none where elasticity is constant, which makes a single part.
+        moduli: their amplitudes; empty if elasticity is constant, with a single part.
     """
 
     discretisation: Discretisation
@@ -65,7 +65,7 @@ class GaussModel:
         """The Gauss points of a scene.
 
         Raises:
-            SceneError: for a law whose constants are impossible somewhere in the box of the parameters.
+            SceneError: for a law with inadmissible constants somewhere in the parameter range.
         """
         if scene.hypothesis == "plane_stress":
             raise SceneError("flow in plane stress needs the thickness strain solved for: not built in")
@@ -82,7 +82,7 @@ class GaussModel:
 class FullEquilibrium:
     """Equilibrium of U0, see :class:`hhr_dolfinx.models.histories.equilibrium.Equilibrium`.
 
-    Vectors of dofs are there on each rank of several, Gauss points too but for what :meth:`on_ranks` makes.
+    Each of several ranks has all dofs of vectors, and all Gauss points except in objects made by :meth:`on_ranks`.
 
     Args:
         full: the full model, whose elastic factors are used.
@@ -90,7 +90,7 @@ class FullEquilibrium:
 
     Attributes:
         eigenstrains: strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T).
-        lock: held through a history, lest two of them take turns in factoring; they are right without it.
+        lock: held during a load path, so that two paths do not factor alternately; results are correct without it.
     """
 
     trained = None
@@ -125,7 +125,7 @@ class FullEquilibrium:
             self.eigenstrains = at_gauss_points(gauss.discretisation, problem, self.operator)
         self._set_elasticity(gauss.material.moduli_at(problem.middle), problem.own_stiffness)
         self.elastic = _SparseLinearisation(
-            problem, self._pairs, full.stiffness, full.equalities, self._pushed, self._unchanged.tangents
+            problem, self._pairs, full.stiffness, full.equalities, self._response_to_forces, self._unchanged.tangents
         )
         self.material = gauss.material
         self.young = tuple(modulus.factor for modulus in gauss.moduli)
@@ -136,7 +136,7 @@ class FullEquilibrium:
         self._spread: FullEquilibrium | None = None
 
     def on_ranks(self, comm: MPI.Comm) -> FullEquilibrium:
-        """The same with some of the Gauss points on each rank, which march together; itself on one."""
+        """The same equilibrium with some of the Gauss points on each rank, for collective paths; itself on one rank."""
         cells = len(self.operator.weights)
         if comm.size == 1 or cells < comm.size:
             return self
@@ -147,7 +147,7 @@ class FullEquilibrium:
         return self._spread
 
     def _sharing(self, points: PointsOfRanks) -> FullEquilibrium:
-        """The same with the Gauss points of some cells."""
+        """The same equilibrium with the Gauss points of some cells."""
         found = copy(self)
         operator = self.operator
         arrays = {name: getattr(operator, name)[points.cells] for name in ("gradients", "weights", "dofs")}
@@ -160,21 +160,21 @@ class FullEquilibrium:
         found.eigenstrains = csc_matrix(self.eigenstrains.tocsr()[rows])
         material = self.material.between(points.points)
         found._set_elasticity(material.moduli_at(self.problem.middle), self.problem.own_stiffness)
-        found.elastic = replace(self.elastic, push=found._pushed, moduli=found._unchanged.tangents)
+        found.elastic = replace(self.elastic, push=found._response_to_forces, moduli=found._unchanged.tangents)
         found.material = material
         found._middle = found
         found._last = None
         return found
 
     def at(self, point: np.ndarray) -> FullEquilibrium:
-        """The equilibrium whose elasticity is that of a point, (P,): itself where elasticity is constant.
+        """The equilibrium with the elasticity of a point, (P,): itself if elasticity is constant.
 
-        The one of the last elasticity is kept. Where each part of K has dofs of its own, since bodies touch but do not
-        hang together, nothing is factored or solved for anew: K^-1 and K^-1 B^T are those of the middle of the box,
-        row by row over the modulus. Elsewhere K is factored, and K^-1 B^T solved for as conditions touch.
+        The last one is cached. If each part of K has separate dofs, as different connected components, nothing is
+        factored or solved for again: K^-1 and K^-1 B^T are those of the middle of the box, row by row divided by the
+        modulus. Otherwise K is factored, and columns of K^-1 B^T are solved for as conditions become active.
 
         Raises:
-            SceneError: for a modulus that is impossible there.
+            SceneError: for an inadmissible modulus at the point.
         """
         middle = self._middle
         problem = self.problem
@@ -189,12 +189,12 @@ class FullEquilibrium:
         stiffness = problem.combined(weights)
         found._set_elasticity(middle.material.moduli_at(point), stiffness)
         found.elastic = middle._elastic_of(point, stiffness, found._unchanged.tangents)
-        # in one assignment, since several threads may ask
+        # in one assignment: several threads may call this
         middle._last = weights, found
         return found
 
     def _set_elasticity(self, material: Material, stiffness: csr_matrix) -> None:
-        """Take a material whose moduli are numbers, and its elastic stiffness."""
+        """Set a material with constant moduli, and its elastic stiffness."""
         self.material = material
         self._unchanged: ElasticPart = ElasticPart(material.elastic, stiffness.data.copy())
         self._sizes = abs(stiffness)
@@ -206,17 +206,17 @@ class FullEquilibrium:
             return self._lazy(matrix, full.store, moduli)
         scaled = full.system.stiffness(point)
         given = self.problem, self._pairs, scaled, scaled.equalities
-        return _SparseLinearisation(*given, lambda forces: self._pushed(forces) / scaled.own, moduli)
+        return _SparseLinearisation(*given, lambda forces: self._response_to_forces(forces) / scaled.own, moduli)
 
     def _lazy(self, matrix: csr_matrix, store: FactorStore, moduli: np.ndarray) -> _SparseLinearisation:
-        """The linearisation of a matrix whose columns of K^-1 B^T are solved for as conditions touch."""
+        """The linearisation of a matrix whose columns of K^-1 B^T are solved for when conditions become active."""
         lazy = LazyStiffness(matrix, self.problem, store)
         return _SparseLinearisation(self.problem, self._pairs, lazy, lazy.equalities, lazy.response_to_forces, moduli)
 
-    def _pushed(self, forces: np.ndarray) -> np.ndarray:
-        """K^-1 B^T λ in the middle of the box, by the columns of what bears: little of a contact in space.
+    def _response_to_forces(self, forces: np.ndarray) -> np.ndarray:
+        """K^-1 B^T λ in the middle of the box, by the columns of loaded conditions: few of a contact in space.
 
-        One after another: to copy hundreds of them takes longer than to add them.
+        Columns are added one by one: a copy of hundreds of them takes longer.
         """
         columns = self._rows.of(self._full.per_force)
         found = np.zeros(len(columns))
@@ -225,7 +225,7 @@ class FullEquilibrium:
         return self._rows.whole(found)
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Strain of U0 + lift at all Gauss points, less that which is without stress."""
+        """Strain of U0 + lift at all Gauss points, less eigenstrains."""
         found = self.operator.strain(x + self.problem.lifts @ theta if self._lifted else x)
         return found - (self.eigenstrains @ theta).reshape(found.shape) if self.eigenstrains.nnz else found
 
@@ -242,11 +242,11 @@ class FullEquilibrium:
         return self.problem.gaps @ theta
 
     def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Those bounds, whatever the unknown, (conditions,)."""
+        """The same gaps for any displacement, (conditions,)."""
         return self.gaps(theta)
 
     def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
-        """Loads less internal forces on free dofs, and the norm of what they are made of in each body."""
+        """Loads less internal forces on free dofs, and the norm of their terms in each body."""
         loads = self.problem.external @ theta
         internal, size = self.operator.internal(gauss.stress)
         if self._ranks is not None:
@@ -259,7 +259,7 @@ class FullEquilibrium:
         return np.sqrt(np.bincount(self._body, residual**2))
 
     def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Residual that comes of adding stiffness times displacement in double precision, (bodies,)."""
+        """Round-off of the residual, from sums of stiffness times displacement in double precision, (bodies,)."""
         return 1e-13 * self.norms(self._sizes @ np.abs(x + self.problem.lifts @ theta))
 
     def stiffness(self, tangents: np.ndarray) -> csr_matrix:
@@ -273,7 +273,7 @@ class FullEquilibrium:
         return found
 
     def signs(self, answer: Answer) -> Signs:
-        """Residual of the free dofs and its parts; gaps are kept to the tolerance of the solver."""
+        """Residual of the free dofs and its scale; gaps are satisfied to the tolerance of the solver."""
         residual, sizes = self.residual(answer.unknown, answer.state(), self.amplitudes(answer.parameter))
         left = (residual - self.contact_load(answer.multipliers)) * self.problem.free
         return Signs(float(np.linalg.norm(left)), float(np.linalg.norm(sizes)), 0.0)
@@ -283,15 +283,15 @@ class FullEquilibrium:
         return self
 
     def stepper(self, settings: MarchSettings) -> LinearisedStepper:
-        """What solves the steps of a history."""
+        """Solver of the steps of a load path."""
         in_space = self.problem.block_size == 3
         return LinearisedStepper(self, settings, PATIENCE_IN_SPACE if in_space else PATIENCE)
 
     def linearised(self, tangents: np.ndarray) -> _SparseLinearisation:
-        """Factor the tangent stiffness; the linearisation before needs a factorisation again."""
+        """Factor the tangent stiffness; the previous linearisation must then be factored again."""
         stiffness = self.stiffness(tangents)
         found = self._lazy(stiffness, self._tangent_factors, tangents)
-        with found.stiffness.held():  # raises here where the tangent is singular
+        with found.stiffness.held():  # raises an error for a singular tangent
             return found
 
 
@@ -330,7 +330,7 @@ class _SparseLinearisation:
         return Correction(free - self.push(found.forces), found)
 
     def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Solve K δ + B^T λ = residual, B δ = gaps where active, λ = 0 elsewhere."""
+        """Solve K δ + B^T λ = residual, with B δ = gaps on active conditions and λ = 0 on the others."""
         with self.stiffness.held():
             free = self.stiffness.solve(residual)
             forces, _ = self.equalities(active, gaps - self.problem.contact @ free)

@@ -1,4 +1,4 @@
-"""Full-order model: the finite element contact problem (1.21), of elastic bodies and of bodies that flow."""
+"""Full-order model: the finite element contact problem (1.21), of elastic and inelastic bodies."""
 
 from __future__ import annotations
 
@@ -44,18 +44,18 @@ if TYPE_CHECKING:
 _log = logging.getLogger(__name__)
 
 KEPT_BYTES = 1e9
-"""Memory that K^-1 B^T may take; where it would take more its columns are dropped as they are made."""
+"""Memory that K^-1 B^T may take; if it would take more its columns are dropped after use."""
 FULL_ORDER_ADVICE = {Status.SINGULAR: "list each contact pair once, and let no two conditions hold the same dofs"}
 
 
 class FullOrderModel(AnsweringModel, ModelFields):
     """The finite element model of a scene: K factored once, the contact on its Schur complement.
 
-    Where nothing flows a query costs one solve with K, the statuses on S = B K^-1 B^T, and u = K^-1 F - K^-1 B^T
-    lambda, on any number of ranks; the answer is the same on each. Where bodies flow histories are solved by
-    :mod:`models.histories.march`; ranks, of machines that are alike, share the factors then and nothing else. PETSc
-    options take the prefix ``hhr_<scene>_``. On one rank several threads may ask; on more they must not, since the
-    ranks would meet in different orders.
+    For elastic bodies a query costs one solve with K, the statuses on S = B K^-1 B^T, and u = K^-1 F - K^-1 B^T
+    lambda, on any number of ranks; the answer is the same on each. For inelastic bodies load paths are solved by
+    :mod:`models.histories.march`; ranks, on similar machines, then share only the factors. PETSc
+    options take the prefix ``hhr_<scene>_``. On one rank several threads may call the model; on several ranks they must
+    not, since the order of collective calls would differ.
 
     Args:
         scene: the scene.
@@ -63,24 +63,24 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     Attributes:
         scene: the scene.
-        comm: MPI communicator, whose ranks ask together.
-        spread: which rows of vectors and tables of dofs are here, and sums over ranks: where bodies flow each rank has
-            all of them, and factors alone are shared.
+        comm: MPI communicator; calls are collective.
+        spread: distribution of rows of vectors and tables of dofs, and sums over ranks. For inelastic bodies each rank
+            has all rows, and only factors are shared.
         discretisation: mesh and forms.
-        problem: the :class:`ContactProblem`; on several ranks each has the rows of its own dofs.
+        problem: the :class:`ContactProblem`; on several ranks each has the rows of its dofs.
         system: its equations at any point.
         stiffness: K, if it is constant, or that in the middle of the box.
-        store: factors of K, which it and K of other points lease.
-        parameters: the box of the parameters.
+        store: factors of K, leased by K of this and other points.
+        parameters: the parameter range.
         per_force: K^-1 B^T on the dofs of this rank, (own dofs, N_lambda).
-        keeps_columns: whether K^-1 B^T has room in memory; without it S is made when it is first asked for, and a
-            displacement takes one more solution.
-        equilibrium: what bodies that flow need besides; None where nothing flows.
-        functionals: outputs of the scene; None where it has none.
-        trained: None, since nothing is outside what a full model can answer.
+        keeps_columns: K^-1 B^T fits into memory; without it S is made at its first use, and a displacement takes one
+            more solution.
+        equilibrium: additional data of inelastic bodies; None for elastic ones.
+        functionals: outputs of the scene; None without outputs.
+        trained: None: a full model has no training range.
 
     Raises:
-        SceneError: for what is no scene, or one that cannot be built.
+        SceneError: for an invalid scene, or one that cannot be built.
         NotSolvableError: for bodies that can move freely.
     """
 
@@ -102,7 +102,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
             else:
                 discretisation = Discretisation(scene, comm)
                 self._factor(discretisation, *discretisation.stiffness_terms())
-            self.functionals: Any = self._prepared_outputs()  # those of a shape where it depends on parameters
+            self.functionals: Any = self._prepared_outputs()  # for variable shapes those of a shape
         self.strains = StrainGuard(self.problem, axisymmetric=scene.hypothesis == "axisymmetric")
 
     def _build_flowing(self) -> None:
@@ -122,9 +122,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
     def _factor(
         self, discretisation: Discretisation, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()
     ) -> None:
-        """Eliminate everything but the contact, with own rows of the parts of K, (own dofs, N) each.
+        """Eliminate everything except the contact, with local rows of the parts of K, (own dofs, N) each.
 
-        Where K depends on parameters, what is kept is that of the middle of the box.
+        If K depends on parameters, factors of the middle of the box are kept.
 
         Measured on one core: PETSc's own Cholesky with the ordering qmd solves plane problems fastest (1.1 ms against
         2.3 ms by LU and 1.6 ms by MUMPS at 14,000 dofs), MUMPS those in space (8 ms against 13 ms at 22,000 dofs).
@@ -141,13 +141,13 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self.stiffness: SparseStiffness
         self.system = system_of(problem, self.scene.system, lambda: self.stiffness, self._stiffness_of)
         # a stiffness factored for each query: at 14,140 dofs and 162 conditions MUMPS takes 24 ms, nd 45, qmd 70, and a
-        # solution for each condition 138, 272, 308 ms, which Schur complements save; that of bodies that flow serves
-        # whole histories
+        # solution for each condition 138, 272, 308 ms, which Schur complements save; factors of inelastic bodies are
+        # used for whole load paths
         anew = self.system.anew and all(body.law is None for body in self.scene.bodies)
-        # what is solved for once for each query, or does not keep its columns, asks for S alone
-        asked = np.unique(problem.contact.indices) if anew or not self.keeps_columns else None
+        # only S is needed if it is used once for each query, or if columns are not kept
+        last = np.unique(problem.contact.indices) if anew or not self.keeps_columns else None
         ordering = "mumps" if anew else "qmd"
-        self.store = FactorStore(lambda matrix: self.factors_of(matrix, ordering, asked, anew=anew))
+        self.store = FactorStore(lambda matrix: self.factors_of(matrix, ordering, last, anew=anew))
         with self.store.of(problem.own_stiffness) as factors:
             check_regular(problem, lambda rhs: self.spread.whole(factors.solve(rhs)), self.scene.name)
         self.stiffness = self._middle()
@@ -160,7 +160,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self.advice = {**FULL_ORDER_ADVICE, Status.ADRIFT: adrift}
 
     def _take_parts(self) -> None:
-        """Let reductors read a user's system: K in the middle of the box is its own, and the problem has its parts."""
+        """Make a user-defined system readable for reductors: K in the middle of the box, and parts of the problem."""
         stiffness = self.system.at(self.problem.middle).stiffness
         if not isinstance(stiffness, SparseStiffness):
             raise SceneError(f"the system of scene '{self.scene.name}' has K = {stiffness!r}: make it by made()")
@@ -176,14 +176,14 @@ class FullOrderModel(AnsweringModel, ModelFields):
         )
 
     def _middle(self, **known: Any) -> SparseStiffness:
-        """K in the middle of the box, of which ``response`` and S may be known."""
+        """K in the middle of the box; ``response`` and S may be given if they are known."""
         problem = self.problem
         bodies = None if self.system.bodies is None else [problem.spread.mine(body) for body in problem.bodies]
         how = {"components": bodies, "keeps": self.keeps_columns, "symmetric": False} | known
         return SparseStiffness(problem.own_stiffness, problem, self.store, **how)
 
     def _stiffness_of(self, matrix: csr_matrix, problem: ContactProblem) -> SparseStiffness:
-        """K of own rows of a matrix, (own dofs, N), with the rows of a problem."""
+        """K of local rows of a matrix, (own dofs, N), with the rows of a problem."""
         own = self.system.problem.own_stiffness
         if self.scene.system is not None and not np.array_equal(matrix.indices, own.indices):
             raise SceneError("K of a user's system must have the pattern of K of the bodies: add numbers to its data")
@@ -198,16 +198,16 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     @cached_property
     def equalities(self) -> SchurEqualities:
-        """Equality problems on this S, whose factors queries share."""
-        self.schur  # noqa: B018 (all ranks hear of what is raised there)
+        """Equality problems on this S, whose factors are shared by queries."""
+        self.schur  # noqa: B018 (an error is raised on all ranks)
         return self.stiffness.equalities
 
     def has_room(self, rows: int) -> bool:
-        """Whether an array with so many rows, and a column for each condition, may be kept."""
+        """True if an array with so many rows, and a column for each condition, may be kept."""
         return 8 * rows * self.conditions <= KEPT_BYTES
 
     def _has_room(self) -> bool:
-        """Whether K^-1 B^T is kept: where it is small, and where bodies flow or rest on what resists no motion."""
+        """True if K^-1 B^T is kept: if it is small, for inelastic bodies, and with undetermined rigid motions."""
         problem = self.problem
         few = self.has_room(problem.free.size)
         return few or any(body.law is not None for body in self.scene.bodies) or problem.resting is not None
@@ -216,7 +216,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
     def per_force(self) -> np.ndarray:
         """K^-1 B^T, (own dofs, N_lambda), of a constant K or that of the middle of the box.
 
-        Where it is not kept it is solved for, and kept from then on: it may be larger than all else.
+        If it is not kept it is computed, and kept afterwards: it may be larger than everything else.
         """
         if not self.stiffness.has_response:
             _log.warning("K^-1 B^T is solved for and kept: %.1f GB", 8e-9 * self.problem.free.size * self.conditions)
@@ -233,21 +233,21 @@ class FullOrderModel(AnsweringModel, ModelFields):
         own = csr_matrix(rows)[:, self.problem.rows]
         if self.stiffness.has_response:
             return self.spread.sum(own @ self.stiffness.response)
-        return self.problem.moved(self.stiffness.columns(csc_matrix(own.T))).T
+        return self.problem.contact_rows_times(self.stiffness.columns(csc_matrix(own.T))).T
 
     @cached_property
     def per_load(self) -> np.ndarray:
-        """K^-1 loads on the dofs of this rank, (own dofs, 1 + T), of a constant K: what bounds of all models need."""
+        """K^-1 loads on the dofs of this rank, (own dofs, 1 + T), of a constant K: input of all bounds."""
         return self.stiffness.columns(self.problem.loads[self.problem.rows])
 
     @property
     def fields(self) -> FullOrderModel:
-        """What completes its answers: itself."""
+        """Fields of its answers: the model itself."""
         return self
 
     @property
     def spread(self) -> Rows:
-        """See above."""
+        """See the class."""
         return self.problem.spread
 
     @property
@@ -277,16 +277,16 @@ class FullOrderModel(AnsweringModel, ModelFields):
         return model
 
     def __reduce__(self) -> NoReturn:
-        """Refuse to leave the process, answers included, as its factors and mesh cannot."""
+        """Refuse to be pickled, with its answers: factors and mesh cannot be."""
         raise NotOfferedError(
             f"the full model of scene '{self.scene.name}' belongs to this process: hand on what its answers say, "
             "answer.displacement() and answer.forces(), and make a model from the scene where another is needed"
         )
 
     def gathered(self) -> FullOrderModel:
-        """The same model on all rows: each rank has the whole problem, and they share the factors. Collective.
+        """The same model with all rows: each rank has the whole problem, and they share the factors. Collective.
 
-        For what reduces and checks, which all ranks do alike, as where bodies flow.
+        For reduction and checks that all ranks do in the same way, as for inelastic bodies.
         """
         if self.problem.comm is None:
             return self
@@ -294,9 +294,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
         from hhr_dolfinx.linear.shared import SharedCholesky
 
         model = copy(self)
-        vars(model).pop("per_load", None)  # that of own rows
+        vars(model).pop("per_load", None)  # that of local rows
         model.problem = problem
-        own = self.problem.own_stiffness  # refused where reductors cannot read it
+        own = self.problem.own_stiffness  # raises an error if reductors cannot read it
         with self.store.of(own) as factors:
             assert isinstance(factors, FreeCholesky)
             shared = SharedCholesky(factors, self.problem.rows, own, problem.own_stiffness, self.comm)
@@ -310,9 +310,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
     def factors_of(
         self, stiffness: csr_matrix, plane: str, last: np.ndarray | None = None, *, anew: bool = False
     ) -> FreeCholesky | SharedCholesky:
-        """Factors of own rows of a stiffness, with an ordering for problems in the plane; ``last`` as these have it.
+        """Factors of local rows of a stiffness, with an ordering for problems in the plane; ``last``: see the classes.
 
-        ``anew`` says whether they are made for every parameter.
+        ``anew``: they are made for every parameter.
         """
         problem = self.problem
         ordering = ordering_of(problem.block_size, plane)
@@ -328,7 +328,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         return FreeCholesky(*rows, low_rank=low_rank, last=last)
 
     def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
-        """A full model knows no nearest statuses: ``nearest`` starts where the free slack is negative."""
+        """Answer a point; a full model has no nearest statuses: ``nearest`` starts from the sign of the free slack."""
         at = self.system.at(point)
         start = None if isinstance(start, str) else start
         if self.system.anew:
@@ -340,8 +340,14 @@ class FullOrderModel(AnsweringModel, ModelFields):
         return answer
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
-        """See :class:`AnsweringModel`; a stiffness that stays from one point to the next is the same."""
-        return lambda point: self.system.at(point).contact()
+        """See :class:`AnsweringModel`; an unchanged stiffness is the same object at the next point."""
+
+        def made(point: np.ndarray) -> CondensedContact:
+            at = self.system.at(point)
+            with at.stiffness.held():  # threads at other points would factor K of each twice
+                return at.contact()
+
+        return made
 
     @property
     def sizes(self) -> tuple[int, int]:
@@ -356,9 +362,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
         known: list[Answer] | tuple[()] = (),
         keep: Callable[[Answer], None] = lambda answer: None,
     ) -> History:
-        """Solve a history from rest, see :meth:`Model.march`.
+        """Solve a load path from the initial state, see :meth:`Model.march`.
 
-        ``known`` are answers to its first steps, solved before; ``keep`` is told of each new one as it is there.
+        ``known`` are answers to its first steps, solved before; ``keep`` is called with each new answer.
         """
         check_settings(settings)
         checked = checked_path(self.parameters, path)
@@ -378,25 +384,25 @@ class FullOrderModel(AnsweringModel, ModelFields):
         equilibrium = self.equilibrium if settings.gradient else self.equilibrium.on_ranks(self.comm)
         return march(equilibrium, checked, settings, known=known, keep=keep)
 
-    # what completes an answer, see models.answer.Fields
+    # fields of an answer, see models.answer.Fields
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """U0 and the lift, (N,)."""
         return answer.unknown + self.problem.lifts @ self.problem.amplitudes(answer.parameter)
 
     def forces(self, answer: Answer) -> np.ndarray:
-        """The multipliers, (N_lambda,), for the caller to change as he likes."""
+        """The multipliers, (N_lambda,), a new array."""
         return answer.multipliers.copy()
 
     def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in Kelvin's notation: at all Gauss points where bodies flow, else in the middle of each cell."""
+        """Stress in Kelvin's notation: at all Gauss points of inelastic bodies, else in the middle of each cell."""
         if answer.gauss is not None:
             return answer.gauss.stress.copy()
         return self.stress_of(self.displacement(answer), answer.parameter)
 
     @property
     def full(self) -> FullOrderModel:
-        """Itself, of its own answers; see :class:`~hhr_dolfinx.models.answer.ModelFields`."""
+        """The model itself; see :class:`~hhr_dolfinx.models.answer.ModelFields`."""
         return self
 
     def areas(self, mu: Any) -> np.ndarray:
@@ -411,17 +417,17 @@ class FullOrderModel(AnsweringModel, ModelFields):
     def stress_of(self, displacement: np.ndarray, mu: Any = None) -> np.ndarray:
         """Elastic stress of a displacement (N,) in the middle of each cell, Kelvin's notation, (cells, components).
 
-        What depends on parameters is that of ``mu``; None takes the middle of the box.
+        Moduli are those of ``mu``; None means the middle of the box.
         """
         point = self.problem.middle if mu is None else self.parameters.point(mu)
         return self.discretisation.stress(displacement, point)
 
     def plastic_strain(self, answer: Answer) -> np.ndarray:
-        """Cumulated plastic strain at all Gauss points; empty where nothing flows."""
+        """Cumulated plastic strain at all Gauss points; empty for elastic bodies."""
         return np.zeros(0) if answer.gauss is None else answer.gauss.state.cumulated.copy()
 
     def estimate(self, answer: Answer) -> Estimate | None:
-        """No error but that of the mesh, which is not estimated; None without an answer."""
+        """Zero error: that of the mesh is not estimated; None without an answer."""
         return Estimate.exact(self.functionals) if answer.converged else None
 
     def measured(self, answer: Answer, theta: np.ndarray) -> np.ndarray:

@@ -1,8 +1,8 @@
-"""From UFL to arrays at Gauss points: the strain, tabulated once, of bodies that flow or are nearly incompressible.
+"""From UFL to arrays at Gauss points: the strain of inelastic or nearly incompressible bodies, tabulated once.
 
-Strains without stress ε0, such as thermal ones, are taken from the strain, σ = C (ε - ε0): F is ∫ C ε0 : ε(v), and
-stresses leave ε0 out. Where bodies flow, laws see ε - ε0 at Gauss points, so that internal forces hold what elsewhere
-is part of F.
+Eigenstrains ε0, such as thermal ones, are subtracted from the strain, σ = C (ε - ε0): F is ∫ C ε0 : ε(v), and
+stresses exclude ε0. For inelastic bodies, laws use ε - ε0 at Gauss points, so that internal forces contain a part that
+otherwise belongs to F.
 """
 
 from __future__ import annotations
@@ -40,12 +40,12 @@ if TYPE_CHECKING:
 
 
 def strain_operator(discretisation: DiscreteSpace) -> StrainOperator:
-    """Strain at the Gauss points of all cells, for bodies that flow, of which each rank has the whole mesh."""
+    """Strain at the Gauss points of all cells, for inelastic bodies, of which each rank has the whole mesh."""
     return tabulated(discretisation, np.arange(discretisation.cell_bodies().size))
 
 
 def material_at(scene: Scene, bodies: np.ndarray, operator: StrainOperator) -> Material:
-    """Laws at the Gauss points of the cells of an operator, whose bodies are given as places in the scene, (cells,)."""
+    """Laws at the Gauss points of the cells of an operator, with bodies as indices in the scene, (cells,)."""
     of_point = np.repeat(bodies, operator.per_cell)
     groups = [
         Group(np.flatnonzero(of_point == place), _plain(body.young), float(body.poisson), body.law)
@@ -61,9 +61,9 @@ def _plain(young: float | str) -> float | str:
 def stiffness_parts(
     material: Material, operator: StrainOperator, pattern: SparsePattern
 ) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
-    """Parts of the elastic stiffness, (N, N) each, and their moduli; one part and no modulus where it is constant.
+    """Parts of the elastic stiffness, (N, N) each, and their moduli; one part and no modulus if it is constant.
 
-    Bodies with the same formula make one part, those with numbers another.
+    Bodies with the same expression make one part, those with numbers another.
     """
     formulas = dict.fromkeys(group.young for group in material.groups if isinstance(group.young, str))
     if not formulas:
@@ -88,7 +88,7 @@ def stiffness_parts(
 
 
 def add_stiffness(discretisation: DiscreteSpace, matrix: PETSc.Mat) -> None:
-    """Add the elastic stiffness of the bodies with a mean dilatation to a matrix, each rank that of its own cells."""
+    """Add the elastic stiffness of bodies with a mean dilatation to a matrix, on each rank that of its cells."""
     bodies = discretisation.cell_bodies()
     cells = np.flatnonzero((bodies >= 0) & np.array(discretisation.mean_dilatation)[bodies])
     operator = tabulated(discretisation, cells)
@@ -99,7 +99,7 @@ def add_stiffness(discretisation: DiscreteSpace, matrix: PETSc.Mat) -> None:
 
 
 def add_parts(discretisation: DiscreteSpace, matrix: PETSc.Mat, moduli: dict[int, tuple[float, float]]) -> None:
-    """Add parts of the stiffness of bodies with a mean dilatation: weights λ' and 2 μ' of each body by its place."""
+    """Add parts of the stiffness of bodies with a mean dilatation: weights λ' and 2 μ' of each body by its index."""
     bodies = discretisation.cell_bodies()
     cells = np.flatnonzero(np.isin(bodies, list(moduli)))
     operator = tabulated(discretisation, cells)
@@ -118,7 +118,7 @@ def add_parts(discretisation: DiscreteSpace, matrix: PETSc.Mat, moduli: dict[int
 
 
 def _gradings(discretisation: DiscreteSpace, places: Iterable[int], cells: np.ndarray) -> np.ndarray:
-    """What the moduli of bodies, by their places, are multiplied by at the Gauss points of cells, (cells, per_cell)."""
+    """Grading of the moduli of bodies, by their indices, at the Gauss points of cells, (cells, per_cell)."""
     mesh = discretisation.mesh
     bodies = discretisation.cell_bodies()[cells]
     points, weights = compat.quadrature(mesh.topology.cell_name(), discretisation.gauss_degree)
@@ -127,7 +127,7 @@ def _gradings(discretisation: DiscreteSpace, places: Iterable[int], cells: np.nd
         grading = discretisation.scene.bodies[place].grading
         own = np.flatnonzero(bodies == place)
         if grading is not None:
-            # a grading that is a number has no mesh of its own
+            # a grading that is a number has no mesh
             plain = abs(ufl.JacobianDeterminant(mesh))
             parts = (grading(ufl.SpatialCoordinate(mesh)) * plain, plain)
             graded, size = (fem.Expression(part, points).eval(mesh, cells[own].astype(np.int32)) for part in parts)
@@ -136,7 +136,7 @@ def _gradings(discretisation: DiscreteSpace, places: Iterable[int], cells: np.nd
 
 
 def tabulated(discretisation: DiscreteSpace, cells: np.ndarray) -> StrainOperator:
-    """Strain at the Gauss points of some cells of this rank, in its own numbers of the dofs; collective."""
+    """Strain at the Gauss points of some cells of this rank, with local numbers of the dofs; collective."""
     mesh = discretisation.mesh
     space = discretisation.space
     hypothesis = discretisation.scene.hypothesis
@@ -147,7 +147,7 @@ def tabulated(discretisation: DiscreteSpace, cells: np.ndarray) -> StrainOperato
     volumes = weights * fem.Expression(measure, points).eval(mesh, cells).reshape(len(cells), len(weights))
     dim = mesh.geometry.dim
     blocks = space.dofmap.list[cells]
-    # lengths are given, none left to be found: a rank may have no such cell
+    # all sizes are given, since a rank may have no such cell
     of_cell = dim * blocks.shape[1]
     components = 6 if hypothesis == "solid" else 4
     dofs = (dim * blocks[:, :, None] + np.arange(dim)).reshape(len(cells), of_cell).astype(np.int64)
@@ -158,7 +158,7 @@ def tabulated(discretisation: DiscreteSpace, cells: np.ndarray) -> StrainOperato
 
 
 def _with_mean_dilatation(gradients: np.ndarray, volumes: np.ndarray) -> np.ndarray:
-    """B-bar: the trace of the strain at each point gives way to its mean over the volume of the cell.
+    """B-bar: replace the trace of the strain at each point by its mean over the volume of the cell.
 
     ``gradients`` are those of each cell's dofs, (cells, per_cell, components, dofs), ``volumes`` (cells, per_cell).
     """
@@ -173,10 +173,10 @@ def _with_mean_dilatation(gradients: np.ndarray, volumes: np.ndarray) -> np.ndar
 def eigenstress(
     discretisation: DiscreteSpace, tag: Tag, strain: Expr, vector: Callable[[ufl.Form], np.ndarray]
 ) -> list[tuple[Formula, np.ndarray]]:
-    """Nodal forces by which a strain of a body, 3x3, strains it where nothing holds it.
+    """Nodal forces that produce an eigenstrain of a free body, 3x3.
 
-    Each part of its stiffness gives its modulus, a formula of the parameters, and forces for the modulus 1, (N,). Where
-    bodies flow there are none: a single zero vector makes the amplitude of the strain a term of θ.
+    Each part of its stiffness gives its modulus, an expression of the parameters, and forces for the modulus 1, (N,).
+    For inelastic bodies these are zero: a single zero vector makes the amplitude of the strain a term of θ.
 
     Raises:
         SceneError: if no body has the tag.
@@ -189,22 +189,22 @@ def eigenstress(
             f"{[body.tag for body in scene.bodies]}"
         )
     if scene.bodies[places[0]].stress is not None:
-        raise SceneError(f"body {tag!r} has a stress of its own, and a load that is a strain of it is not built in")
+        raise SceneError(f"body {tag!r} has a user-defined stress, and a load that is a strain of it is not built in")
     if any(body.law is not None for body in scene.bodies):
         return [(Formula("1"), np.zeros(discretisation.size))]
     body = scene.bodies[places[0]]
     hypothesis = scene.hypothesis
     mean = discretisation.mean_dilatation[places[0]]
-    # bodies with a mean dilatation meet the strain at the points where they meet their own
+    # bodies with a mean dilatation need the strain at the points at which they evaluate their strain
     dx = discretisation.cells(tag)(degree=discretisation.gauss_degree) if mean else discretisation.cells(tag)
     measured = elasticity.in_plane(elasticity.strain(discretisation.arguments[1], hypothesis), hypothesis)
     weight = elasticity.volume_weight(discretisation.mesh, hypothesis)
-    # the product of two means is not the mean of the product, which the test function meets
+    # the product of two means is not the mean of the product, which the form needs
     graded = _averaged(discretisation, places[0], _graded(discretisation, places[0], strain))
     stresses = elasticity.isotropic_parts(graded, hypothesis)
     found = []
     for part in parts_of(body, places[0], hypothesis):
-        # constants of the form: their values are not compiled in
+        # as constants of the form: their values are not compiled
         moduli = [fem.Constant(discretisation.mesh, float(value)) for value in part.moduli]
         stress = sum(modulus * item for modulus, item in zip(moduli, stresses, strict=True) if float(modulus.value))
         forces = vector(weight * ufl.inner(stress, measured) * dx)
@@ -213,7 +213,7 @@ def eigenstress(
 
 
 def eigenstrain_at(discretisation: DiscreteSpace, place: int, point: np.ndarray) -> Expr | None:
-    """What stresses leave out of the graded strain of a body at a point of the parameters, (P,); None for nothing."""
+    """Eigenstrain of a body at a point of the parameters, (P,), times its grading; None without eigenstrains."""
     scene = discretisation.scene
     total = None
     for load in scene.loads:
@@ -230,11 +230,11 @@ def eigenstrain_at(discretisation: DiscreteSpace, place: int, point: np.ndarray)
 
 
 def at_gauss_points(discretisation: DiscreteSpace, problem: ContactProblem, operator: StrainOperator) -> csc_matrix:
-    """Strains without stress at the Gauss points of bodies that flow, for each term of θ, (points * components, 1 + T).
+    """Eigenstrains at the Gauss points of inelastic bodies, for each term of θ, (points * components, 1 + T).
 
     Raises:
-        SceneError: for a load of a user's own with an ``eigenstrain_of`` that does not have one term for it, as that
-            which ``eigenstress`` of the assembler leads to.
+        SceneError: for a user-defined load with an ``eigenstrain_of`` that does not have one term for it, as
+            ``eigenstress`` of the assembler makes it.
     """
     loads = discretisation.scene.loads
     points = operator.gauss_points * operator.components
@@ -255,7 +255,7 @@ def at_gauss_points(discretisation: DiscreteSpace, problem: ContactProblem, oper
     strained = [load for load in loads if hasattr(load, "eigenstrain_of")]
     if sorted(map(id, seen)) != sorted(map(id, strained)):
         raise SceneError(
-            f"of the loads {strained} each is a strain of one body that flows or lies beside one, and must have the "
+            f"of the loads {strained} each is a strain of one inelastic body or one beside it, and must have the "
             "one term that its assembler's eigenstress gives"
         )
     blocks.append(csc_matrix((points, terms - sum(widths) - first)))
@@ -272,7 +272,7 @@ def _tabulated(discretisation: DiscreteSpace, load: Any, operator: StrainOperato
         given = load.eigenstrain_of(body.tag, mesh)
         cells = np.flatnonzero(bodies == place)
         if given is not None:
-            # a constant strain has no mesh of its own
+            # a constant strain has no mesh
             one = fem.Constant(mesh, 1.0)
             vector = kelvin(_averaged(discretisation, place, given[1]), discretisation.scene.hypothesis)
             values = fem.Expression(one * vector, points).eval(mesh, cells.astype(np.int32))
@@ -286,7 +286,7 @@ def _graded(discretisation: DiscreteSpace, place: int, strain: Expr) -> Expr:
 
 
 def _averaged(discretisation: DiscreteSpace, place: int, strain: Expr) -> Expr:
-    """A strain whose change of volume is the mean over each cell, where that of the body is."""
+    """A strain with the mean change of volume of each cell, if the body uses the mean dilatation."""
     if not discretisation.mean_dilatation[place]:
         return strain
     return volume.with_mean(strain, discretisation.cell_means(ufl.tr(strain)))
@@ -303,8 +303,8 @@ class Part(NamedTuple):
     """A part of the stiffness of one body.
 
     Attributes:
-        body: its place in the scene.
-        factor, rest: formulas, see :class:`Modulus`.
+        body: its index in the scene.
+        factor, rest: expressions, see :class:`Modulus`.
         moduli: weights of the change of volume and of the change of shape in this part.
     """
 
@@ -326,5 +326,5 @@ def parts_of(body: Body, place: int, hypothesis: str) -> Iterator[Part]:
 
 
 def grading_of(discretisation: DiscreteSpace, body: Body) -> object:
-    """Factor of a body's modulus as a field; 1 where it is none."""
+    """Grading of a body's modulus as a field; 1 without a grading."""
     return 1.0 if body.grading is None else body.grading(ufl.SpatialCoordinate(discretisation.mesh))

@@ -1,8 +1,8 @@
-"""Volumetric locking: which bodies are integrated with a mean dilatation, and which cells have no such remedy.
+"""Volumetric locking: bodies that are integrated with a mean dilatation, and cells without such a remedy.
 
-Functions of degree 1 have few fields that keep the volume of every Gauss point, so that a body whose deformation does
-so, because it flows or is nearly incompressible, answers far too stiffly: a perfectly plastic tube bears any pressure.
-Quadrilaterals and hexahedra need to keep the volume of each cell only, once every point of a cell takes the mean
+Functions of degree 1 have few fields that keep the volume at every Gauss point. A body whose deformation keeps its
+volume, since it is inelastic or nearly incompressible, is then far too stiff: a perfectly plastic tube bears any
+pressure. Quadrilaterals and hexahedra keep only the volume of each cell if all its points use the mean
 dilatation of the cell (B-bar; J. C. Nagtegaal, D. M. Parks and J. R. Rice, Comput. Methods Appl. Mech. Eng. 4, 1974;
 T. J. R. Hughes, Int. J. Numer. Methods Eng. 15, 1980). In triangles and tetrahedra the dilatation is constant already:
 there is nothing to average within one cell.
@@ -16,7 +16,7 @@ from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.warn import warn
 
 NEARLY_INCOMPRESSIBLE = 0.45
-"""Poisson's ratio above which an elastic body takes the mean dilatation.
+"""Poisson's ratio above which an elastic body uses the mean dilatation.
 
 Volume is 2 nu / (1 - 2 nu) times as stiff as shape (lambda / mu): 9 at 0.45, 49 at 0.49, 5000 at 0.4999. On a thick
 tube of eight cells full integration is too stiff by 0.3 % at 0.36, the error of the mesh, and by 0.9 % at 0.45;
@@ -25,13 +25,13 @@ keep full integration.
 """
 
 SIMPLICES = {"triangle": "quadrilaterals", "tetrahedron": "hexahedra"}
-"""Cells that lock, and what to mesh with in their place."""
+"""Cells that lock, and the cells to use instead."""
 
 
 def keeps_volume(body: Body, scene: Scene) -> bool:
-    """Whether a body deforms without change of volume; in plane stress its thickness is free to make up for it.
+    """True if a body deforms without change of volume; in plane stress its thickness compensates.
 
-    One whose Poisson's ratio depends on parameters does if it would anywhere in the box.
+    A body whose Poisson's ratio depends on parameters does if it would anywhere in the parameter range.
     """
     if scene.hypothesis == "plane_stress" or body.stress is not None:
         return False
@@ -39,7 +39,7 @@ def keeps_volume(body: Body, scene: Scene) -> bool:
 
 
 def _largest_ratio(body: Body, scene: Scene) -> float:
-    """Largest Poisson's ratio of a body in the box."""
+    """Largest Poisson's ratio of a body in the parameter range."""
     if not isinstance(body.poisson, str):
         return body.poisson
     from hhr_dolfinx.formulas import Scalar, box_samples
@@ -49,10 +49,10 @@ def _largest_ratio(body: Body, scene: Scene) -> float:
 
 
 def mean_dilatation(scene: Scene, cell: str, order: int = 1) -> tuple[bool, ...]:
-    """Whether each body takes the mean dilatation of its cells.
+    """True for each body that uses the mean dilatation of its cells.
 
-    It warns of bodies that keep their volume on cells that lock. Functions of degree 2 have fields enough, but their
-    pressures at single nodes alternate where elastic bodies are nearly incompressible, which it warns of too.
+    It warns of bodies that keep their volume on cells that lock. Functions of degree 2 do not lock, but their
+    pressures at single nodes alternate in nearly incompressible elastic bodies; it warns of that too.
     """
     if order > 1:
         for body in scene.bodies:
@@ -90,7 +90,7 @@ def _warn_of_alternating(scene: Scene, body: Body) -> None:
 
 
 def gauss_degree(cell: str, order: int) -> int:
-    """Degree of the rule by which bodies that flow, or take a mean dilatation, see their strain.
+    """Degree of the rule for the strain of bodies that are inelastic or use a mean dilatation.
 
     Of first order quadrilaterals get 2 x 2 points and hexahedra 2 x 2 x 2; of second order 3 along each axis, and
     triangles 3 points and tetrahedra 4, which integrate the stiffness of straight cells exactly.
@@ -99,11 +99,11 @@ def gauss_degree(cell: str, order: int) -> int:
 
 
 def stiffness_degree(cell: str, hypothesis: str, order: int = 1) -> int:
-    """Degree of the rule of the stiffness where shapes depend on parameters, of the full and of reduced models.
+    """Degree of the rule of the stiffness for shapes that depend on parameters, in the full and in reduced models.
 
-    Simplices have a strain of a degree less than the displacement; in axisymmetry they take more points, for weights
-    1 / r. Other cells take one point more than their order along each axis, the usual full integration: exact on
-    parallelograms and parallelepipeds. All weights are positive: that of degree 3 on tetrahedra has a negative one.
+    On simplices the strain has a degree one below the displacement; in axisymmetry they use more points, for weights
+    1 / r. Other cells use one point more than their order along each axis, the usual full integration: exact on
+    parallelograms and parallelepipeds. All weights are positive: the rule of degree 3 on tetrahedra has a negative one.
     """
     if cell in SIMPLICES:
         return max(1, 2 * order - 2) if hypothesis != "axisymmetric" else 2 * order + 2

@@ -1,9 +1,9 @@
-"""How far one answer of the full order may be off the solution that meshes approach: recovered stresses.
+"""Discretisation error of a full-order answer: recovered stresses.
 
-Reduction errors are beside the full order on the same mesh; this is what both leave out. Stresses of cells jump where
-they meet. Their projection on continuous functions of the degree of the displacement, body by body, is closer to the
-exact ones, and what lies between the two estimates the error (O. C. Zienkiewicz and J. Z. Zhu, Int. J. Numer. Methods
-Eng. 24, 1987). An estimate, and no bound.
+Reduction errors refer to the full order on the same mesh; this is the error of both. Stresses of cells jump between
+cells. Their projection on continuous functions of the degree of the displacement, body by body, is closer to the
+exact ones, and the difference estimates the error (O. C. Zienkiewicz and J. Z. Zhu, Int. J. Numer. Methods
+Eng. 24, 1987). It is an estimate, not a bound.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ PRECISE = 1e-8
 
 
 class MeshError(NamedTuple):
-    """What the mesh leaves out of an answer, relative.
+    """Relative discretisation error of an answer.
 
     Attributes:
         energy: error of the stress over the stress, both in energy.
@@ -50,8 +50,8 @@ def mesh_error(full: FullOrderModel, answer: Answer) -> MeshError:
         answer: of it, or of a reduced model.
 
     Raises:
-        ParameterError: for what is no answer, or one of another scene.
-        NotOfferedError: where bodies flow, have a stress of their own, or the model is spread over several ranks.
+        ParameterError: for an invalid answer, or one of another scene.
+        NotOfferedError: for inelastic bodies, bodies with a user-defined stress, or a model on several ranks.
     """
     if not hasattr(full, "discretisation") or not isinstance(answer, Answer):
         raise ParameterError(
@@ -63,7 +63,7 @@ def mesh_error(full: FullOrderModel, answer: Answer) -> MeshError:
     if full.comm.size > 1 or full.equilibrium is not None or any(body.stress is not None for body in scene.bodies):
         raise NotOfferedError(
             "the error of the mesh is estimated for elastic bodies, on one rank: give a model on MPI.COMM_SELF, of a "
-            "scene without laws of its own"
+            "scene without user-defined laws"
         )
     point = answer.parameter
     if len(answer.displacement()) != full.problem.free.size or len(answer.forces()) != full.conditions:
@@ -77,7 +77,7 @@ def mesh_error(full: FullOrderModel, answer: Answer) -> MeshError:
 
 
 def _energies(full: FullOrderModel, place: int, field: fem.Function, point: np.ndarray) -> tuple[float, float]:
-    """Energies of the error of the stress of a body, by its place, and of the stress."""
+    """Energies of the error of the stress of a body, by its index, and of the stress."""
     discretisation = full.discretisation
     scene = full.scene
     body = scene.bodies[place]
@@ -108,8 +108,8 @@ def _energies(full: FullOrderModel, place: int, field: fem.Function, point: np.n
 def _peak_error(full: FullOrderModel, answer: Answer) -> float:
     """Difference between the largest pressure of contact and the mean stress of the cells at its node, over it.
 
-    On a block under a bowl (tests/test_second_order.py) it was .073, .038 and .028 with linear functions and the peak
-    .068, .044 and .038 off; with quadratic ones .195, .056 and .022, and .157, .024 and .002.
+    On a block under a bowl (tests/test_second_order.py) it was 0.073, 0.038 and 0.028 with linear functions and the
+    error of the peak 0.068, 0.044 and 0.038; with quadratic ones 0.195, 0.056 and 0.022, and 0.157, 0.024 and 0.002.
     """
     problem = full.problem.at(answer.parameter)
     rows = np.arange(len(problem.gaps))[problem.pressing]

@@ -1,14 +1,14 @@
-"""Rigid motions that imposed displacements leave to bodies: what contact has to hold, and what nothing does.
+"""Rigid motions that imposed displacements do not prevent: those that contact prevents, and undetermined ones.
 
-K is singular along them. Those that contact resists join the unknowns of the active set, see ``contact.floating``. What
-neither contact resists nor a load drives, such as the turning of a round body without friction, is left at rest.
+K is singular along them. Motions that contact resists are unknowns of the active set, see ``contact.floating``.
+Motions without resistance of contact and without loads, such as the rotation of a round body without friction, are set
+to zero.
 
-A body whose imposed motions are those of a rigid one is lifted as a whole, so that its lift does not strain. The lift
-of the thesis lives on the imposed dofs alone (section 2.6), and K lift is a load. Where K depends on
-parameters so does that load, and it is far larger than any force that the body bears: what is interpolated of it
-between parameters cancels, and so do the energies that bounds are made of. Where the imposed values are those of a
-rigid motion, as of a block that is pressed down by its top, that motion of the whole body fits them too, and K is zero
-along it whatever the moduli are.
+A body whose imposed displacements are those of a rigid motion is lifted as a whole, so that its lift has no strain. The
+lift of the thesis is nonzero on the imposed dofs alone (section 2.6), and K lift is a load. If K depends on
+parameters so does that load, and it is far larger than any force on the body: interpolated between parameters its
+terms cancel, and so do the energies in bounds. If the imposed values are those of a rigid motion, as for a block that
+is pressed down by its top, that motion of the whole body has these values too, and K is zero along it for any moduli.
 """
 
 from __future__ import annotations
@@ -27,22 +27,22 @@ from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.warn import warn
 
 UNEVEN = 1e-3
-"""Part of the work of its nodal forces, without their signs, that a load on a round surface may do along its turn."""
+"""Part of the work of its nodal forces, without signs, that a load on a round surface may do on its rotation."""
 WEAK = 0.1
-"""Part of the effect of other motions below which that of a turn may come from the facets of a round surface."""
+"""Part of the effect of other motions up to which that of a rotation may come from the facets of a round surface."""
 ALMOST_NONE = 1e-9
-"""Part of the largest effect of a motion, or of a load, below which there is none but round-off."""
+"""Part of the largest effect of a motion, or of a load, up to which it is round-off."""
 
 
 @dataclass(frozen=True)
 class FreeBody:
-    """Connected components that can move without strain.
+    """Connected components with rigid-body motions.
 
     Attributes:
         name: of its bodies, for messages.
         nodes: its nodes.
         motions: all of its rigid motions, (k, nodes, dim), see :func:`rigid_motions`.
-        left: those that imposed displacements leave, orthonormal combinations, (l, k).
+        left: motions compatible with imposed displacements, orthonormal combinations, (l, k).
     """
 
     name: str
@@ -51,7 +51,7 @@ class FreeBody:
     left: np.ndarray
 
     def columns(self, count: int) -> np.ndarray:
-        """The motions that are left on all nodes, (nodes dim, l)."""
+        """The remaining motions on all nodes, (nodes dim, l)."""
         found = np.zeros((len(self.left), count, self.motions.shape[2]))
         found[:, self.nodes] = np.tensordot(self.left, self.motions, 1)
         return found.reshape(len(self.left), -1).T
@@ -60,24 +60,24 @@ class FreeBody:
 def free_bodies(
     scene: Scene, points: np.ndarray, cell_nodes: np.ndarray, bodies: np.ndarray, free: np.ndarray
 ) -> list[FreeBody]:
-    """Bodies that can move without strain: rigid motions that vanish on their imposed dofs.
+    """Bodies with rigid-body motions: rigid motions that vanish on their imposed dofs.
 
     Args:
         scene: the scene.
         points: coordinates of the nodes, (nodes, dim).
         cell_nodes: nodes of each cell, (cells, n).
-        bodies: place in the scene of the body of each cell, (cells,).
+        bodies: index in the scene of the body of each cell, (cells,).
         free: dofs that are not imposed, (N,) bool.
     """
     count, dim = points.shape
-    part = hanging_together(count, cell_nodes)
+    part = components_of_nodes(count, cell_nodes)
     imposed = ~free.reshape(count, dim)
     found = []
     for number in np.unique(part[cell_nodes[:, 0]]):
         nodes = np.flatnonzero(part == number)
         motions = rigid_motions(points[nodes], scene.hypothesis)
         held = motions[:, imposed[nodes]].T
-        # the imposed values of each motion that is free vanish
+        # free motions vanish on imposed dofs
         _, sizes, ways = np.linalg.svd(np.vstack([held, np.zeros((len(motions), len(motions)))]), full_matrices=False)
         left = ways[sizes <= ALMOST_NONE * np.sqrt(max(len(held), 1))]
         if len(left):
@@ -87,7 +87,7 @@ def free_bodies(
     return found
 
 
-def hanging_together(count: int, cell_nodes: np.ndarray) -> np.ndarray:
+def components_of_nodes(count: int, cell_nodes: np.ndarray) -> np.ndarray:
     """Connected component of each of so many nodes, by cells, (cells, n): (nodes,)."""
     starts = np.repeat(cell_nodes[:, :1], cell_nodes.shape[1], axis=1)
     graph = csr_matrix((np.ones(cell_nodes.size), (starts.ravel(), cell_nodes.ravel())), shape=(count, count))
@@ -95,7 +95,7 @@ def hanging_together(count: int, cell_nodes: np.ndarray) -> np.ndarray:
 
 
 def rigid_motions(points: np.ndarray, hypothesis: str) -> np.ndarray:
-    """Motions without strain: translations, then turns by the size of the body, (motions, nodes, dim)."""
+    """Motions without strain: translations, then rotations scaled by the size of the body, (motions, nodes, dim)."""
     count, dim = points.shape
     if hypothesis == "axisymmetric":
         return np.broadcast_to(np.array([[[0.0, 1.0]]]), (1, count, 2))
@@ -110,19 +110,19 @@ def rigid_motions(points: np.ndarray, hypothesis: str) -> np.ndarray:
 
 
 def with_motions(scene: Scene, problem: ContactProblem, bodies: np.ndarray) -> ContactProblem:
-    """The problem with the rigid motions that only contact holds; itself where all bodies are held.
+    """The problem with the rigid motions that only contact prevents; the problem itself if all bodies are held.
 
     Args:
         scene: the scene.
         problem: its problem.
-        bodies: place in the scene of the body of each cell, (cells,).
+        bodies: index in the scene of the body of each cell, (cells,).
 
     Raises:
-        NotSolvableError: for bodies without contact, motions that loads drive and no contact resists, and bodies that
-            flow or change their shape.
+        NotSolvableError: for bodies without contact, motions with loads and without resistance of contact, and bodies
+            that are inelastic or have a variable shape.
 
     Warns:
-        SceneWarning: of motions that nothing resists and nothing drives.
+        SceneWarning: of motions without resistance and without loads.
     """
     found = free_bodies(scene, problem.points, problem.cell_nodes, bodies, problem.free)
     if not found:
@@ -134,11 +134,11 @@ def with_motions(scene: Scene, problem: ContactProblem, bodies: np.ndarray) -> C
             why = "" if touched == 0.0 else ". Contact alone may hold a body where nothing flows or changes its shape"
             raise NotSolvableError(f"{body.name} can move freely: it {described(body, body.left)}{why}. {remedy}")
     columns = [body.columns(len(problem.points)) for body in found]
-    # bodies have no nodes in common
+    # bodies have no common nodes
     motions = np.hstack([np.linalg.qr(part)[0] for part in columns])
     owner = np.repeat(np.arange(len(columns)), [part.shape[1] for part in columns])
     effect = problem.contact @ motions
-    # with as many rows of zeros there is a value for each motion
+    # appended zero rows give one singular value for each motion
     _, sizes, ways = np.linalg.svd(np.vstack([effect, np.zeros((motions.shape[1],) * 2)]), full_matrices=False)
     idle = sizes <= ALMOST_NONE * np.sqrt(len(effect)) * problem.contact_norm
     resting = motions @ ways[idle].T
@@ -154,10 +154,10 @@ def with_motions(scene: Scene, problem: ContactProblem, bodies: np.ndarray) -> C
 
 
 def _round_turns(found: Sequence[FreeBody], problem: ContactProblem, rigid: np.ndarray) -> np.ndarray:
-    """Which motions, of (N, r), are turns that only the facets of round surfaces resist, (r,) bool; it warns of them.
+    """Mask of the motions, of (N, r), that only the facets of round surfaces resist, (r,) bool; it warns of them.
 
-    Turned far enough they open every gap, as no round body does. Where no load drives them they are left at rest, and
-    the moment that the facets' normals leave is spread over the body.
+    A large rotation of this kind opens every gap, unlike that of a round body. Without loads these rotations are set to
+    zero, and the moment of the facets' normals is distributed over the body.
     """
     effects = np.linalg.norm(problem.contact @ rigid, axis=0)
     driven = _driven(problem, rigid)
@@ -183,17 +183,17 @@ def _round_turns(found: Sequence[FreeBody], problem: ContactProblem, rigid: np.n
 
 
 def _driven(problem: ContactProblem, motions: np.ndarray) -> np.ndarray:
-    """Whether loads do work along motions, of (N, r), beyond what a mesh leaves of the balance of a round body."""
+    """Mask of the motions, of (N, r), along which loads do work beyond the discretisation error of a round body."""
     work = np.abs(problem.loads.T @ motions)
     sizes = np.asarray(abs(problem.loads).T @ np.abs(motions))
     return (work > UNEVEN * sizes).any(axis=0)
 
 
 def _by_body(effect: np.ndarray, idle: np.ndarray, body: np.ndarray) -> np.ndarray:
-    """Orthonormal combinations, (k, r), of k motions that have an effect, (m, k), beside those without one, (l, k).
+    """Orthonormal combinations, (k, r), of k motions with an effect, (m, k), and those without, (l, k).
 
-    Each is of one of the bodies, (k,), but where idle motions are of several at once: loads of a light body would be
-    lost in round-off of those of a heavy one. Those of a body differ in their effects as much as they can.
+    Each is of one of the bodies, (k,), unless idle motions are of several at once: loads of a light body would be
+    lost in round-off of those of a heavy one. Combinations of one body have effects as different as possible.
     """
     projector = idle.T @ idle
     _, group = connected_components((np.abs(projector) > ALMOST_NONE) | (body[:, None] == body), directed=False)
@@ -202,7 +202,7 @@ def _by_body(effect: np.ndarray, idle: np.ndarray, body: np.ndarray) -> np.ndarr
         own = np.flatnonzero(group == number)
         kept = own.size - round(float(np.trace(projector[np.ix_(own, own)])))
         part = np.zeros((len(body), kept))
-        # with as many rows of zeros there is a value for each motion
+        # appended zero rows give one singular value for each motion
         padded = np.vstack([effect[:, own], np.zeros((own.size, own.size))])
         part[own] = np.linalg.svd(padded, full_matrices=False)[2][:kept].T
         found.append(part)
@@ -210,17 +210,17 @@ def _by_body(effect: np.ndarray, idle: np.ndarray, body: np.ndarray) -> np.ndarr
 
 
 def _all_dofs(body: FreeBody, dim: int, count: int) -> np.ndarray:
-    """A vector that is not zero on the dofs of a body, (N,), nor along any direction in particular."""
+    """A vector without zeros on the dofs of a body, (N,), and without a preferred direction."""
     vector = np.zeros((count // dim, dim))
     vector[body.nodes] = np.random.default_rng(0).uniform(1.0, 2.0, (len(body.nodes), dim))
     return vector.ravel()
 
 
 def _check_resting(found: Iterable[FreeBody], problem: ContactProblem, resting: np.ndarray) -> None:
-    """Refuse motions, (N, l), that no contact resists and a load drives; warn of those that none drives."""
+    """Refuse motions, (N, l), without resistance of contact and with loads; warn of those without loads."""
     if not resting.shape[1]:
         return
-    # each by its own size: one that is small may have a large amplitude
+    # each relative to its magnitude: a small load may have a large amplitude
     loads = np.asarray(abs(problem.loads).sum(axis=0)).ravel()
     for motion in resting.T:
         texts = []
@@ -245,7 +245,7 @@ def _check_resting(found: Iterable[FreeBody], problem: ContactProblem, resting: 
 
 
 def described(body: FreeBody, ways: np.ndarray) -> str:
-    """What kind of motions combinations of those of a body are, (n, k): along axes, along directions, or turns."""
+    """Description of combinations of motions of a body, (n, k): along axes, along directions, or rotations."""
     dim = body.motions.shape[2]
     if len(body.motions) == 1:
         return "moves along axis 1"
@@ -259,27 +259,27 @@ def described(body: FreeBody, ways: np.ndarray) -> str:
 
 
 ALIKE = 1e-10
-"""Part of imposed values up to which a rigid motion has the same."""
+"""Relative difference from imposed values up to which a rigid motion has the same values."""
 
 
 def rigid_lifts(
     scene: Scene, lifts: csc_matrix, free: np.ndarray, points: np.ndarray, cell_nodes: np.ndarray
 ) -> csc_matrix:
-    """Lifts, (N, 1 + T), that are rigid motions of whole bodies where their imposed values are those of such motions.
+    """Replace lifts, (N, 1 + T), by rigid motions of whole bodies if these have the imposed values.
 
-    Each term is looked at by itself: of what it moves in a body, the rest that is imposed there stays. Bodies that flow
-    or change their shape keep their lifts.
+    Each term is checked separately: in a body that it moves, the other imposed dofs stay zero. Inelastic bodies and
+    bodies with a variable shape keep their lifts.
 
     Args:
         scene: the scene.
-        lifts: carried by the imposed dofs alone, (N, 1 + T).
+        lifts: nonzero on the imposed dofs alone, (N, 1 + T).
         free: dofs that are not imposed, (N,) bool.
         points: coordinates of the nodes, (nodes, dim).
         cell_nodes: nodes of each cell, (cells, n).
     """
     if scene.shapes or any(body.law is not None for body in scene.bodies):
         return lifts
-    part = hanging_together(len(points), cell_nodes)
+    part = components_of_nodes(len(points), cell_nodes)
     found = [lifts[:, [term]] for term in range(lifts.shape[1])]
     imposed = ~free.reshape(points.shape)
     for term in np.flatnonzero(np.diff(lifts.indptr)):
@@ -291,10 +291,10 @@ def rigid_lifts(
             held = imposed[nodes]
             wanted = values[nodes]
             ways = np.linalg.lstsq(motions[:, held].T, wanted[held], rcond=ALIKE)[0]
-            moved = np.tensordot(ways, motions, 1)
-            if np.abs(moved - wanted)[held].max() > ALIKE * np.abs(wanted).max():
+            rigid = np.tensordot(ways, motions, 1)
+            if np.abs(rigid - wanted)[held].max() > ALIKE * np.abs(wanted).max():
                 continue
-            moved[held] = wanted[held]
-            moving[nodes] = np.where(np.abs(moved) > ALIKE * np.abs(moved).max(), moved, 0.0)
+            rigid[held] = wanted[held]
+            moving[nodes] = np.where(np.abs(rigid) > ALIKE * np.abs(rigid).max(), rigid, 0.0)
         found[term] = csc_matrix(moving.reshape(-1, 1))
     return csc_matrix(hstack(found))

@@ -1,4 +1,4 @@
-"""Names of bodies and surfaces: what a mesh calls its tags, and which numbers a name stands for."""
+"""Names of bodies and surfaces in a mesh, and the numbers of their tags."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ Sets = Mapping[Tag, tuple[int, ...]]
 class TagNames:
     """Numbers by name, of the cells and of the facets of one mesh.
 
-    A name may stand for several numbers: where sets of a file overlap, what is in the same ones has one of its own.
+    A name may mean several numbers: if sets of a file overlap, each intersection has a separate number.
 
     Attributes:
-        cells, facets: numbers by name, and of those tags that are more than one number.
-        summary: contents of the file that the mesh was read from; empty of no file.
+        cells, facets: numbers by name, and those of tags with more than one number.
+        summary: contents of the file that the mesh was read from; empty without a file.
     """
 
     cells: Sets = field(default_factory=dict)
@@ -31,7 +31,7 @@ class TagNames:
 
     @classmethod
     def of(cls, groups: Any, dim: int, summary: Summary | None = None) -> TagNames:
-        """Of physical groups, ``{name: (dimension, number or numbers)}`` or such pairs, of a mesh of a dimension."""
+        """Names of physical groups, ``{name: (dimension, number or numbers)}`` or such pairs, of a mesh."""
         pairs = list(groups.items() if isinstance(groups, Mapping) else groups or ())
         cells, facets = (
             {name: _numbers(group[1]) for name, group in pairs if int(group[0]) == wanted} for wanted in (dim, dim - 1)
@@ -39,19 +39,19 @@ class TagNames:
         return cls(cells, facets, summary or Summary())
 
     def cell(self, tag: Tag) -> tuple[int, ...]:
-        """Numbers of a body; raises SceneError for a name that is not there."""
+        """Numbers of a body; raises SceneError for an unknown name."""
         return _found("body", tag, self.cells, "surface", self.facets, self.summary)
 
     def facet(self, tag: Tag) -> tuple[int, ...]:
-        """Numbers of a surface; raises SceneError for a name that is not there."""
+        """Numbers of a surface; raises SceneError for an unknown name."""
         return _found("surface", tag, self.facets, "body", self.cells, self.summary)
 
     def of_file(self, wanted: Iterable[Tag]) -> str:
-        """Lines below an error of tags that are missing: why they are, and what the file has; empty of no file."""
+        """Lines below an error of missing tags: the reason, and the contents of the file; empty without a file."""
         return _of_file(wanted, self.summary)
 
     def described(self, kind: str, numbers: Iterable[int]) -> str:
-        """Tags of a kind, ``cell`` or ``facet``, in words: numbers, and names where they have any."""
+        """Description of tags of a kind, ``cell`` or ``facet``: numbers, and names if they have any."""
         names: dict[int, list[str]] = {}
         for name, own in (self.cells if kind == "cell" else self.facets).items():
             for number in own if isinstance(name, str) else ():
@@ -65,13 +65,13 @@ def _numbers(given: Any) -> tuple[int, ...]:
 
 
 def _of_file(wanted: Iterable[Tag], summary: Summary) -> str:
-    """Why tags are no bodies or surfaces of a file, and its contents."""
+    """Reason why tags are not bodies or surfaces of a file, and its contents."""
     known = [f"{tag!r} is in the file: {summary.reasons[tag]}" for tag in wanted if tag in summary.reasons]
     return "".join(f"\n{line}" for line in (*known, summary.text() if summary.head else "") if line)
 
 
 def _found(kind: str, tag: Tag, there: Sets, other: str, others: Sets, summary: Summary) -> tuple[int, ...]:
-    """Numbers of a tag of a kind, where another kind of tags is beside it."""
+    """Numbers of a tag of a kind; errors mention tags of the other kind."""
     if tag in there:
         return there[tag]
     if not isinstance(tag, str):

@@ -1,4 +1,4 @@
-"""Outputs of a scene as plain data: what of them needs the mesh."""
+"""Outputs of a scene as arrays: the part that needs the mesh."""
 
 from __future__ import annotations
 
@@ -35,16 +35,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class Probe:
-    """What an output may ask of the finite element model; on several ranks all of them ask together.
+    """Interface of the finite element model for an output; calls are collective.
 
     Attributes:
         scene: the scene.
         problem: the contact problem.
-        base: the same on the mesh in which outputs find places and boxes: that of the middle of the box where a shape
-            depends on parameters, so that an output stays with its nodes and cells; ``problem`` elsewhere.
+        base: the problem on the mesh in which outputs find points and boxes: that of the middle of the box if a shape
+            depends on parameters, so that an output keeps its nodes and cells; otherwise ``problem``.
         contact_rows: B with the columns of imposed dofs, (N_lambda, N).
-        assembler: what loads may ask for.
-        nodes: numbers of the nodes of a body, by its cell tag; refuses tags that are not there.
+        assembler: interface of loads.
+        nodes: numbers of the nodes of a body, by its cell tag; refuses unknown tags.
         mises: von Mises' stress of the cells of a body within a box, given by its corners or None.
         energy: elastic energy.
     """
@@ -64,7 +64,7 @@ class Probe:
         return self.problem.block_size
 
     def conditions(self, output: Any) -> np.ndarray:
-        """Numbers of the conditions of pressures of the contact that an output names."""
+        """Numbers of the conditions of pressures of the contact of an output."""
         contacts = len(self.scene.contacts)
         if output.contact >= contacts:
             raise SceneError(
@@ -78,7 +78,7 @@ class Probe:
         return found
 
     def loaded(self, output: Any) -> tuple[np.ndarray, np.ndarray]:
-        """Conditions of a contact that have an area, and their areas."""
+        """Conditions of a contact with a positive area, and their areas."""
         conditions = self.conditions(output)
         conditions = conditions[self.problem.contact_areas[conditions] > 0]
         if not conditions.size:
@@ -86,7 +86,7 @@ class Probe:
         return conditions, self.problem.contact_areas[conditions]
 
     def sliding(self, output: Any) -> tuple[np.ndarray, Friction]:
-        """Contacts with friction, by their number there, of the pair that an output names, and the friction.
+        """Contacts with friction, by their number there, of the pair of an output, and the friction.
 
         Raises:
             SceneError: for a pair without friction.
@@ -101,10 +101,10 @@ class Probe:
         return own, friction
 
     def at_place(self, output: Any, points: np.ndarray) -> np.ndarray:
-        """Numbers of the points, (n, dim), of ``base`` nearest to the place of an output; several where they coincide.
+        """Numbers of the points, (n, dim), of ``base`` nearest to the place of an output; several if they coincide.
 
         Raises:
-            SceneError: for a place farther from all of them than a cell is long.
+            SceneError: for a place farther from all of them than the length of a cell.
         """
         dim = self.dimension
         place = np.array(output.place, dtype=float)
@@ -129,13 +129,13 @@ class Probe:
         return float(np.linalg.norm(np.ptp(nodes[at_node], axis=1), axis=1).max(initial=0.0))
 
     def terms(self, entries: np.ndarray) -> np.ndarray:
-        """Terms of θ that have entries, (1 + T,); all where a shape depends on parameters: others may elsewhere."""
+        """Terms of θ with entries, (1 + T,); all terms for variable shapes: others may have entries elsewhere."""
         return np.arange(entries.size) if self.base.reshaped is not None else np.flatnonzero(entries)
 
     def nodal_forces(self, output: Any) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
         """Conditions of a contact, positions of its first surface's nodes, and the forces on them.
 
-        These are -B^T λ on the body of the surface named first, the slave, friction included: (c,), (n, dim), sparse
+        These are -B^T λ on the body of the first surface, the slave, including friction: (c,), (n, dim), sparse
         (c, n dim).
         """
         self.conditions(output)
@@ -146,11 +146,11 @@ class Probe:
 
 
 SHAPES = 8
-"""Shapes whose outputs a full model keeps."""
+"""Number of shapes whose outputs a full model keeps."""
 
 
 class FullShapeFunctionals:
-    """Outputs of a full model whose mesh depends on parameters, prepared on the mesh as it is at a point.
+    """Outputs of a full model with variable shape, prepared on the mesh at a point.
 
     See :class:`~hhr_dolfinx.models.functionals.functional.ShapeFunctionals`.
 
@@ -158,7 +158,7 @@ class FullShapeFunctionals:
         full: the model; its problem is that of the middle of the box.
 
     Raises:
-        SceneError: for an output of what the model does not have.
+        SceneError: for an output that the model does not support.
     """
 
     def __init__(self, full: Any):
@@ -172,11 +172,11 @@ class FullShapeFunctionals:
         self.items = self.at(problem.middle).items
 
     def at(self, point: np.ndarray) -> Functionals:
-        """Those of the shape at a point, (P,)."""
+        """Outputs for the shape at a point, (P,)."""
         return self._prepared(np.ascontiguousarray(point[self.axes], dtype=float).tobytes())
 
     def _made(self, key: bytes) -> Functionals:
-        """At values of the parameters of the shape; the other parameters change no array of an output."""
+        """Outputs for values of the parameters of the shape; the other parameters do not change their arrays."""
         point = self._base.middle
         reshaped = self._base.reshaped
         point[self.axes] = np.frombuffer(key)
@@ -185,10 +185,10 @@ class FullShapeFunctionals:
 
 
 def functionals_of(full: Any) -> Functionals | FullShapeFunctionals:
-    """All outputs of a scene; on several ranks the same on each, and all of them ask together.
+    """All outputs of a scene; the same on all ranks. Collective.
 
     Raises:
-        SceneError: for an output of what the model does not have.
+        SceneError: for an output that the model does not support.
     """
     if full.problem.reshaped is not None:
         return FullShapeFunctionals(full)
@@ -201,7 +201,7 @@ def prepared_outputs(
     equilibrium: FullEquilibrium | None,
     base: ContactProblem,
 ) -> Functionals:
-    """The same of a mesh with its problem, of what flows on it, and of the mesh in which places are found."""
+    """Outputs on a mesh with its problem, its inelastic equilibrium, and the mesh in which places are found."""
     items = [
         output.prepared(probe_of(output, discretisation, problem, equilibrium, base))
         for output in discretisation.scene.outputs
@@ -219,7 +219,7 @@ def probe_of(
     gauss: FullEquilibrium | GaussModel | None,
     base: ContactProblem,
 ) -> Probe:
-    """What one output may ask; arguments as those of :func:`prepared_outputs`, of what flows the Gauss points only."""
+    """Interface for one output; arguments as in :func:`prepared_outputs`, or Gauss points without equilibrium."""
     return Probe(
         scene=discretisation.scene,
         problem=problem,
@@ -305,7 +305,7 @@ def _mises(
 
 
 def moving_cells(discretisation: DiscreteSpace, cells: np.ndarray, *, mean_dilatation: bool) -> MovingCells:
-    """Cells of a mesh that shapes move, as plain data; serial."""
+    """Cells of a mesh with variable shape, as arrays; serial."""
     mesh = discretisation.mesh
     scene = discretisation.scene
     reshaped = discretisation.reshaped
@@ -314,7 +314,7 @@ def moving_cells(discretisation: DiscreteSpace, cells: np.ndarray, *, mean_dilat
     space = discretisation.space
     middle = compat.interpolation_points(fem.functionspace(mesh, ("Discontinuous Lagrange", 0)).element)
     points, weights = compat.quadrature(kind, discretisation.gauss_degree)
-    # functions of the displacement are those of the geometry too, middles being where they are
+    # displacement and geometry have the same shape functions, with the same middles
     values, slopes = compat.shape_functions(kind, np.vstack([middle, points]), discretisation.order)
     nodes, cells_here = np.unique(space.dofmap.list[cells], return_inverse=True)
     cells_here = cells_here.reshape(len(cells), -1).astype(np.int64)
@@ -322,11 +322,11 @@ def moving_cells(discretisation: DiscreteSpace, cells: np.ndarray, *, mean_dilat
     of_geometry = np.full(nodes.size, -1)
     of_geometry[cells_here[:, : geometry.shape[1]]] = geometry
     moves = [np.isin(of_geometry, own) for own in reshaped.nodes]
-    given = [(shape, moved) for shape, moved in zip(scene.shapes, moves, strict=True) if moved.any()]
-    taken = slice(1, None) if mean_dilatation else slice(1, 1)
+    given = [(shape, mask) for shape, mask in zip(scene.shapes, moves, strict=True) if mask.any()]
+    selected = slice(1, None) if mean_dilatation else slice(1, 1)
     return MovingCells(
         shapes=tuple(shape for shape, _ in given),
-        moved=tuple(moved for _, moved in given),
+        moved=tuple(mask for _, mask in given),
         coordinates=coordinate_names(scene.hypothesis),
         parameters=scene.parameters.names,
         middles=reshaped.middles().among(nodes),
@@ -336,21 +336,21 @@ def moving_cells(discretisation: DiscreteSpace, cells: np.ndarray, *, mean_dilat
         values=values[0],
         slopes=slopes[0],
         weights=weights if mean_dilatation else np.zeros(0),
-        gauss_values=values[taken],
-        gauss_slopes=slopes[taken],
+        gauss_values=values[selected],
+        gauss_slopes=slopes[selected],
         axisymmetric=scene.hypothesis == "axisymmetric",
     )
 
 
 def moduli_of(body: Body, hypothesis: str) -> tuple[str, str]:
-    """λ' and μ' of a body as formulas of the parameters, see :func:`elasticity.isotropic_parts`."""
+    """λ' and μ' of a body as expressions of the parameters, see :func:`elasticity.isotropic_parts`."""
     young = _text(body.young)
     volume, shape = elasticity.unit_moduli(_text(body.poisson), hypothesis)
     return f"({young}) * ({volume})", f"({young}) * ({shape})"
 
 
 def _text(value: float | str) -> str:
-    """A number or a formula as a formula, without loss."""
+    """A number or an expression as an expression, without loss of digits."""
     return value if isinstance(value, str) else repr(float(value))
 
 
@@ -362,12 +362,12 @@ def _own_cells(discretisation: DiscreteSpace) -> int:
 def strains_of_cells(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> list[np.ndarray]:
     """Strain in the middles of cells of a body, its dofs, the factor of the modulus, and the volumes. Collective.
 
-    (c, components, k), (c, k), (c,), (c,); where the body takes the mean dilatation, so does its strain.
+    (c, components, k), (c, k), (c,), (c,); the strain has the mean dilatation of the cells if the body uses it.
 
     Args:
         discretisation: the mesh.
         cells: increasing, in the order of ``cell_nodes``, (c,).
-        place: of the body in the scene.
+        place: index of the body in the scene.
     """
     first = sum(discretisation.comm.allgather(_own_cells(discretisation))[: discretisation.comm.rank])
     own = cells[(cells >= first) & (cells < first + _own_cells(discretisation))] - first
@@ -375,7 +375,7 @@ def strains_of_cells(discretisation: DiscreteSpace, cells: np.ndarray, place: in
 
 
 def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> tuple[np.ndarray, ...]:
-    """The same of some cells of this rank."""
+    """The same arrays for some cells of this rank."""
     mesh = discretisation.mesh
     space = discretisation.space
     hypothesis = discretisation.scene.hypothesis
@@ -389,7 +389,7 @@ def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> 
     if discretisation.mean_dilatation[place]:
         from hhr_dolfinx.full_order.gauss_points import tabulated
 
-        # at each Gauss point the trace is its mean over the cell already
+        # the trace at each Gauss point is already its mean over the cell
         mean = tabulated(discretisation, cells).gradients[:, 0, :3].sum(axis=1)
         strain[:, :3] += ((mean - strain[:, :3].sum(axis=1)) / 3)[:, None]
     grading = np.ones(len(cells))
@@ -407,7 +407,7 @@ def _tabulated(discretisation: DiscreteSpace, cells: np.ndarray, place: int) -> 
 
 
 def _gathered(discretisation: DiscreteSpace, parts: tuple[np.ndarray, ...]) -> list[np.ndarray]:
-    """Arrays of the cells of all ranks, one behind another."""
+    """Arrays of the cells of all ranks, concatenated."""
     return [np.concatenate(part) for part in zip(*discretisation.comm.allgather(parts), strict=True)]
 
 
@@ -431,18 +431,18 @@ def _energy(
     moduli = tuple(f"({modulus.factor}) * ({modulus.rest})" for modulus in problem.moduli) or ("1",)
     stiffness = problem.stiffness_terms if problem.moduli else (problem.own_stiffness,)
     external = problem.external
-    moving = discretisation.reshaped is not None  # at another shape other terms may act
+    moving = discretisation.reshaped is not None  # other terms may act for another shape
     loaded = np.arange(external.shape[1]) if moving else np.flatnonzero(np.diff(external.indptr))
     lifted = np.flatnonzero(np.diff(problem.lifts.tocsc().indptr))
     lifts = problem.lifts.tocsc()[:, lifted]
-    pushed = [csc_matrix(problem.from_rows(csr_matrix(strained(part, lifts)))) for part in stiffness]
-    blocks = [external[:, loaded], *(masked(csc_matrix(part), problem.free) for part in pushed)]
+    pulled = [csc_matrix(problem.from_rows(csr_matrix(strained(part, lifts)))) for part in stiffness]
+    blocks = [external[:, loaded], *(masked(csc_matrix(part), problem.free) for part in pulled)]
     entries = hstack([csc_matrix(block) for block in blocks]).T.tocoo()
     own = (entries.tocsr() @ lifts).toarray()
     terms = np.concatenate([loaded, np.tile(lifted, len(stiffness))]).astype(np.int64)
     parts = np.concatenate([np.full(loaded.size, -1), np.repeat(np.arange(len(stiffness)), lifted.size)])
     matrix = terms.size, entries.row.astype(np.int64), entries.col.astype(np.int64), entries.data
-    squares = np.array([(lifts.T @ part).toarray() for part in pushed]).reshape(
+    squares = np.array([(lifts.T @ part).toarray() for part in pulled]).reshape(
         len(stiffness), lifted.size, lifted.size
     )
     gap_terms = loaded if moving else np.flatnonzero(problem.gaps.any(axis=0)).astype(np.int64)

@@ -1,4 +1,4 @@
-"""Bodies that flow on several ranks: each updates the material, and assembles, in some of the cells."""
+"""Inelastic bodies on several ranks: each updates the material, and assembles, in some of the cells."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class PointsOfRanks:
     Args:
         cells: number of all cells.
         per_cell: Gauss points of each.
-        comm: ranks that share the cells out, neighbours together.
+        comm: ranks between which the cells are distributed, neighbours to the same rank.
 
     Attributes:
         cells, points: those of this rank.
@@ -35,7 +35,7 @@ class PointsOfRanks:
         self._comm = comm
 
     def largest(self, value: float) -> float:
-        """See :class:`Points`; what is no number is the largest."""
+        """See :class:`Points`; NaN counts as the largest."""
         values = np.array(self._comm.allgather(float(value)))
         return float(values.max())
 
@@ -50,15 +50,16 @@ class PointsOfRanks:
     def agreed(self, work: Callable[[], Any]) -> Any:
         """See :class:`Points`.
 
-        A law may break off on one rank and be wrong on another: all end as one of them, lest some try again.
+        A law may stop with different errors on different ranks: all raise the same one, so that no rank tries again
+        alone.
         """
         found = failure = None
         try:
             found = work()
-        except BaseException as error:  # an interrupt too would leave the others waiting
+        except BaseException as error:  # after an interrupt too the other ranks would wait
             failure = error
-        told = self._comm.allgather(None if failure is None else (type(failure).__name__, str(failure)))
-        failed = [(rank, *words) for rank, words in enumerate(told) if words is not None]
+        failures = self._comm.allgather(None if failure is None else (type(failure).__name__, str(failure)))
+        failed = [(rank, *words) for rank, words in enumerate(failures) if words is not None]
         if not failed:
             return found
         rank, name, text = next((item for item in failed if item[1] != ConvergenceError.__name__), failed[0])
@@ -74,7 +75,7 @@ class PointsOfRanks:
 
     def worst(self, size: float, what: Any) -> Any:
         """See :class:`Points`."""
-        return max(self._comm.allgather((float(size), what)), key=lambda told: told[0])[1]
+        return max(self._comm.allgather((float(size), what)), key=lambda pair: pair[0])[1]
 
     def own(self, answer: Answer) -> Answer:
         """See :class:`Points`."""

@@ -1,4 +1,4 @@
-"""The contact problem on a mesh whose shape depends on parameters, assembled where it is asked for."""
+"""The contact problem on a mesh whose shape depends on parameters, assembled at each parameter."""
 
 from __future__ import annotations
 
@@ -21,27 +21,27 @@ from hhr_dolfinx.shapes import coordinate_names
 from hhr_dolfinx.warn import ignored
 
 CLOSE = 1e-9
-"""Part of the size of the mesh by which two maps of one node may differ."""
+"""Part of the size of the mesh up to which two maps of one node agree."""
 MOST_BYTES = 5e8
-"""Memory that problems of shapes asked for before may take."""
+"""Memory for problems of previous shapes."""
 TRIED = 32
-"""Points beside the corners of the box at which maps are tried."""
+"""Number of points, in addition to the corners of the box, at which maps are checked."""
 
 
 class Reshaped:
-    """Moves the mesh of a scene and assembles its problem anew; serial.
+    """Deforms the mesh of a scene and assembles its problem again; serial.
 
     Args:
-        discretisation: whose mesh is moved; it lies as in the middle of the box otherwise.
+        discretisation: owner of the mesh; outside of evaluations the mesh has the shape of the middle of the box.
 
     Attributes:
-        axes: places of the parameters that shapes name.
-        described: all formulas, for fingerprints.
-        reference: coordinates of the nodes of the geometry as the scene's mesh has them, (nodes, 3).
-        nodes: those that each shape moves, by number.
+        axes: indices of the parameters of shapes.
+        described: all expressions, for fingerprints.
+        reference: coordinates of the nodes of the geometry in the mesh of the scene, (nodes, 3).
+        nodes: numbers of the nodes that each shape moves.
 
     Raises:
-        SceneError: for maps that tear bodies apart or turn cells inside out somewhere in the box.
+        SceneError: for maps that tear bodies apart or invert cells somewhere in the parameter range.
     """
 
     def __init__(self, discretisation: Any):
@@ -68,26 +68,26 @@ class Reshaped:
     def coordinates(self, point: np.ndarray) -> np.ndarray:
         """Coordinates of the nodes of the geometry at a point, (nodes, 3)."""
         scene = self._owner.scene
-        moved = self.reference.copy()
+        coordinates = self.reference.copy()
         names = coordinate_names(scene.hypothesis)
         dim = self._owner.mesh.geometry.dim
         values = dict(zip(scene.parameters.names, point.tolist(), strict=True))
         size = np.ptp(self.reference, axis=0).max()
-        seen = np.zeros(len(moved), dtype=bool)
+        seen = np.zeros(len(coordinates), dtype=bool)
         for shape, nodes in zip(scene.shapes, self.nodes, strict=True):
             there = shape.moved(self.reference[nodes, :dim], names, values)
-            both = seen[nodes] & (np.abs(moved[nodes, :dim] - there).max(axis=1) > CLOSE * size)
+            both = seen[nodes] & (np.abs(coordinates[nodes, :dim] - there).max(axis=1) > CLOSE * size)
             if both.any():
                 raise SceneError(
                     f"the shape of body {shape.tag} tears it from its neighbour, at {self.reference[nodes][both][0]}: "
                     "two bodies that share nodes must move them alike"
                 )
-            moved[nodes, :dim] = there
+            coordinates[nodes, :dim] = there
             seen[nodes] = True
-        return moved
+        return coordinates
 
     def middles(self) -> Middles:
-        """Nodes that the geometry does not have: displacements of second order on cells of first."""
+        """Nodes that the geometry lacks: displacements of second order on cells of first order."""
         cells = self._owner.space.dofmap.list
         count = self._cells.shape[1]
         if count == cells.shape[1]:
@@ -103,7 +103,7 @@ class Reshaped:
 
     @contextmanager
     def at(self, point: np.ndarray) -> Iterator[None]:
-        """The mesh as it is at a point, for what is evaluated on it."""
+        """Context in which the mesh has the shape of a point."""
         geometry = self._owner.mesh.geometry
         with self._lock:
             before = geometry.x.copy()
@@ -117,33 +117,33 @@ class Reshaped:
         """The problem at a point, (P,), its conditions in the order of the base problem.
 
         Raises:
-            ShapeError: if other nodes are in contact there, or the line of a partial pressure has moved.
+            ShapeError: if other nodes are in contact there, or the boundary of a partial pressure is displaced.
         """
         return self._kept(point[list(self.axes)].tobytes())
 
     def attached(self, problem: ContactProblem) -> ContactProblem:
-        """The base problem, that of the middle of the box, which others are ordered like."""
+        """Attach the base problem, that of the middle of the box, whose order the others have."""
         self._base = replace(problem, reshaped=self)
         terms = sum(term.data.nbytes for term in problem.stiffness_terms) + problem.node_mass.data.nbytes
-        # grids of forces, fields and outputs ask for the same shapes, which take seconds to assemble and to pair
+        # tables of forces, fields and outputs use the same shapes, which take seconds to assemble and to pair
         self._kept = lru_cache(maxsize=max(1, int(MOST_BYTES / terms)))(self._assembled)
         return self._base
 
     def _assembled(self, key: bytes) -> ContactProblem:
-        """The problem at a shape; no other parameter changes it."""
+        """The problem for a shape; no other parameter changes it."""
         point = self._middle.copy()
         point[list(self.axes)] = np.frombuffer(key)
-        # between the points at which the box was tried a map may still fold
-        complaint = self._complaint(self.coordinates(point), point)
-        if complaint:
-            raise ShapeError(complaint)
-        with self.at(point), ignored(PairingWarning):  # said once, where the model was built
+        # between the checked points of the box a map may still fold
+        fault = self._fault(self.coordinates(point), point)
+        if fault:
+            raise ShapeError(fault)
+        with self.at(point), ignored(PairingWarning):  # the warning was shown when the model was built
             problem = self._owner.contact_problem(*self._owner.stiffness_terms())
         assert self._base is not None
         return self._ordered(problem, self._base, point)
 
     def _ordered(self, problem: ContactProblem, base: ContactProblem, point: np.ndarray) -> ContactProblem:
-        """Rows of a pairing may come in another order for another shape: they are known by their slave node."""
+        """Sort rows by their slave node: a pairing may order them differently for another shape."""
         keys = [np.lexsort((item.contact_slaves, item.contact_pairs)) for item in (base, problem)]
         pairs = zip(keys, (base, problem), strict=True)
         same = [np.column_stack([item.contact_slaves, item.contact_pairs])[key] for key, item in pairs]
@@ -153,8 +153,8 @@ class Reshaped:
                 "shape changes which surfaces face each other. Narrow the box, or tag surfaces that face in all of it"
             )
         for before, after in zip(base.amplitudes.nonaffine, problem.amplitudes.nonaffine, strict=True):
-            line, moved = (getattr(item, "positions", None) for item in (before, after))
-            if line is not None and moved is not None and not np.allclose(line, moved, rtol=1e-12):
+            line, other = (getattr(item, "positions", None) for item in (before, after))
+            if line is not None and other is not None and not np.allclose(line, other, rtol=1e-12):
                 raise ShapeError(
                     "the line of a partial pressure moves with the shape: press on a surface that does not, or on all"
                 )
@@ -169,29 +169,29 @@ class Reshaped:
             "contact_points",
             "contact_areas",
         )
-        taken = {name: getattr(problem, name)[order] for name in rows}
-        return replace(problem, **taken | {"gaps": np.asfortranarray(taken["gaps"])})
+        ordered = {name: getattr(problem, name)[order] for name in rows}
+        return replace(problem, **ordered | {"gaps": np.asfortranarray(ordered["gaps"])})
 
     def _check_box(self) -> None:
-        """Raise SceneError for maps that turn a cell inside out in a corner of the box or between."""
+        """Raise SceneError for maps that invert a cell in a corner of the box or between."""
         scene = self._owner.scene
         for point in box_samples(scene.parameters, TRIED):
             try:
-                moved = self.coordinates(point)
+                coordinates = self.coordinates(point)
             except ParameterError as error:
                 raise SceneError(
                     f"a shape of scene '{scene.name}' at {scene.parameters.described(point)}: {error}. Give the table "
                     "further points, or narrow the box"
                 ) from None
-            complaint = self._complaint(moved, point)
-            if complaint:
-                raise SceneError(complaint)
+            fault = self._fault(coordinates, point)
+            if fault:
+                raise SceneError(fault)
 
-    def _complaint(self, moved: np.ndarray, point: np.ndarray) -> str:
-        """What is wrong with the cells whose nodes lie at some coordinates at a point; empty if nothing."""
+    def _fault(self, coordinates: np.ndarray, point: np.ndarray) -> str:
+        """Message about invalid cells with nodes at some coordinates at a point; empty if all are valid."""
         scene = self._owner.scene
         dim = self._owner.mesh.geometry.dim
-        corners = moved[self._cells][:, :, :dim]
+        corners = coordinates[self._cells][:, :, :dim]
         where = scene.parameters.described(point)
         if not np.isfinite(corners).all():
             return f"a shape of scene '{scene.name}' is not finite at {where}: check its formulas"

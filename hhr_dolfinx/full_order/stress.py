@@ -19,8 +19,8 @@ if TYPE_CHECKING:
 def stress_in_cells(discretisation: DiscreteSpace, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
     """Stress of a displacement, (N,), in the middle of each cell, Kelvin's notation, (cells, 4), in space 6.
 
-    Cells come in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have its pressure, and loads
-    that are strains give no stress. What depends on parameters is that of a point, (P,); the mesh is taken as it lies.
+    Cells are in the order of ``ContactProblem.cell_nodes``. Bodies with a mean dilatation have its pressure, and loads
+    that are strains give no stress. Moduli are those of a point, (P,); the mesh has its current shape.
     """
     scene = discretisation.scene
     mesh = discretisation.mesh
@@ -45,7 +45,7 @@ def field_of(discretisation: DiscreteSpace, displacement: np.ndarray) -> fem.Fun
 
 
 def stress_in_body(discretisation: DiscreteSpace, place: int, field: fem.Function, point: np.ndarray) -> Expr:
-    """Stress of a body, by its place, in UFL, at a point of the parameters, (P,)."""
+    """Stress of a body, by its index, in UFL, at a point of the parameters, (P,)."""
     scene = discretisation.scene
     dilatation = None
     if discretisation.mean_dilatation[place]:
@@ -67,7 +67,7 @@ def stress_in_body(discretisation: DiscreteSpace, place: int, field: fem.Functio
 
 
 def _kelvin(tensors: np.ndarray, dim: int) -> np.ndarray:
-    """Symmetric tensors (n, 3, 3) as vectors whose product is that of the tensors, (n, 4), in space (n, 6)."""
+    """Symmetric tensors (n, 3, 3) as vectors with the same scalar product, (n, 4), in space (n, 6)."""
     pairs = [(0, 1)] if dim == 2 else [(0, 1), (0, 2), (1, 2)]
     shear = [np.sqrt(2) * tensors[:, i, j] for i, j in pairs]
     return np.stack([*(tensors[:, k, k] for k in range(3)), *shear], axis=1)

@@ -1,7 +1,7 @@
 """System of equations of a scene: K, loads, gaps and contact rows at any point of its parameters.
 
-Residents differ in how they obtain K: constant; a number times K of each body; a sum of parts that is factored;
-assembled again on another shape. A class of your own, ``Scene(system=...)``, adds another one.
+Subclasses differ in how they obtain K: constant; a multiple of K of each body; a sum of parts that is factored;
+assembled again for another shape. A user-defined class, ``Scene(system=...)``, adds another one.
 """
 
 from __future__ import annotations
@@ -29,15 +29,15 @@ if TYPE_CHECKING:
     Parts: TypeAlias = tuple[tuple[Modulus, ...], tuple[csr_matrix, ...]]
 
 DIFFERENCE = 1e-5
-"""Part of the box by which a mesh is moved to difference what is assembled on it: the error is its square, and below it
-round-off of the assembly grows."""
+"""Part of the box by which a mesh is displaced for finite differences: their error is its square, and for smaller ones
+round-off of the assembly dominates."""
 
 
 class Kernel(NamedTuple):
-    """Rigid motions R that contact alone holds, (N, r), what they take, G = B R, (m, r), and loads along them."""
+    """Rigid motions R that only contact prevents, (N, r), G = B R, (m, r), and loads along them."""
 
     motions: np.ndarray
-    taken: np.ndarray
+    contact_of_motions: np.ndarray
     loads: np.ndarray  # (r, 1 + T), the same for every stiffness
 
 
@@ -66,28 +66,28 @@ class SystemAt:
         stiffness = self.stiffness
         problem = self.problem
         free = stiffness.solve(self.loads)
-        moved = problem.contact_of_rows @ free
+        closed = problem.contact_of_rows @ free
         response = stiffness.response_to_forces
         if (rows := problem.spread).comm is not None:
             free = rows.whole(free)
-            moved = rows.sum(moved)
+            closed = rows.sum(closed)
             response = self._response
         floating = None if problem.rigid is None else self._floating(problem.rigid)
         changes = self._at_fixed_forces
-        return CondensedContact(stiffness.schur, self.gaps - moved, free, response, changes, True, floating, stiffness)
+        return CondensedContact(stiffness.schur, self.gaps - closed, free, response, changes, True, floating, stiffness)
 
     def _response(self, forces: np.ndarray) -> np.ndarray:
         return self.problem.spread.whole(self.stiffness.response_to_forces(forces))
 
     def _at_fixed_forces(self, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """K U' = -R', where R is the residual K U + B^T lambda - F; and the slack that goes with it."""
+        """K U' = -R', with the residual R = K U + B^T lambda - F; and the change of the slack."""
         left, slack = self.system.explicit(self.point, forces, unknown)
         with self.stiffness.held():
             found = np.stack([self.stiffness.solve(-column) for column in left.T], axis=1)
-        return slack - self.problem.moved(found), self.problem.spread.whole(found)
+        return slack - self.problem.contact_rows_times(found), self.problem.spread.whole(found)
 
     def _floating(self, motions: np.ndarray) -> Floating:
-        """The kernel at this point; lifts take no part, since a rigid motion does not strain."""
+        """The kernel at this point; lifts do not contribute, since rigid motions have no strain."""
         kernel = self.system.kernel
         assert kernel is not None
         acting, slopes = self.problem.amplitudes.slopes_at(self.point)
@@ -102,12 +102,13 @@ class System(ABC):
     Args:
         problem: of all points.
         middle: returns K in the middle of the box.
-        made: makes K of own rows of a matrix with the pattern of that one, (n, N), and a problem with rows of B.
+        made: makes K of local rows of a matrix with the same pattern, (n, N), and a problem with rows of B.
 
     Attributes:
         problem, middle, made: the same.
-        anew: whether K of another point is factored.
-        bodies: moduli of whole bodies, if nothing else of K varies: factors in the middle of the box serve all points.
+        anew: K of another point is factored.
+        bodies: moduli of whole bodies, if nothing else of K varies: factors of the middle of the box are used at all
+            points.
     """
 
     anew: bool = True
@@ -128,25 +129,25 @@ class System(ABC):
         """Equations at a point, (P,).
 
         Raises:
-            NotSolvableError: if K is singular there, or an elastic constant impossible.
+            NotSolvableError: if K is singular there, or an elastic constant inadmissible.
         """
-        theta = self.problem.amplitudes(point)  # first, since it refuses impossible constants
+        theta = self.problem.amplitudes(point)  # first, since it refuses inadmissible constants
         problem, stiffness, loads = self.equations(point, theta)
         return SystemAt(self, point, problem, stiffness, loads, problem.gaps @ theta)
 
     @abstractmethod
     def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
-        """The problem with rows and gaps, K, and own loads, (n,), at a point, (P,): all that systems differ in."""
+        """The problem with rows and gaps, K, and local loads, (n,), at a point, (P,): all differences of systems."""
 
     def parts(self) -> Parts | None:
-        """Weights and own rows of matrices whose sum K is, (own, N) each; without weights one constant matrix.
+        """Weights and local rows of matrices whose sum is K, (own, N) each; without weights one constant matrix.
 
-        None if K is no such sum. What reduces reads a system through its parts, and refuses one without.
+        None if K is not such a sum. Reductors read a system through its parts, and refuse one without.
         """
         return None
 
     def explicit(self, point: np.ndarray, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the residual, (n, P), and of the slack, (m, P), while unknown and forces stay."""
+        """Derivatives of the residual, (n, P), and of the slack, (m, P), at constant unknowns and forces."""
         problem = self.problem
         acting, slopes = problem.amplitudes.slopes_at(point)
         loads = problem.loads_of(problem.weights(point))
@@ -159,21 +160,24 @@ class System(ABC):
 
     @cached_property
     def kernel(self) -> Kernel | None:
-        """Rigid motions that contact alone holds; None without any."""
+        """Rigid motions that only contact prevents; None without any."""
         motions = self.problem.rigid
         if motions is None:
             return None
         return Kernel(motions, self.problem.contact @ motions, (self.problem.loads.T @ motions).T)
 
     def floating_on(self, stiffness: Stiffness) -> FloatingEqualities:
-        """Equality problems with the kernel on S; those of the last stiffness again for the same one."""
+        """Equality problems with the kernel on S; cached for the last stiffness."""
         from hhr_dolfinx.contact.floating import FloatingEqualities
 
         known = self._known_floating
         if known is None or known[0] is not stiffness:
             assert self.kernel is not None
-            # in one assignment, since several threads may ask
-            self._known_floating = known = stiffness, FloatingEqualities(stiffness.schur, self.kernel.taken)
+            # in one assignment: several threads may call this
+            self._known_floating = known = (
+                stiffness,
+                FloatingEqualities(stiffness.schur, self.kernel.contact_of_motions),
+            )
         return known[1]
 
 
@@ -186,7 +190,7 @@ class _OfParts(System):
 
 
 class ConstantSystem(_OfParts):
-    """Loads and gaps alone depend on parameters."""
+    """Only loads and gaps depend on parameters."""
 
     anew = False
 
@@ -200,7 +204,7 @@ class ConstantSystem(_OfParts):
 
 
 class ScaledSystem(_OfParts):
-    """Moduli of whole bodies: a number times K of each, and nothing is factored.
+    """Moduli of whole bodies: a multiple of K of each; nothing is factored.
 
     Args:
         bodies: these moduli.
@@ -220,11 +224,11 @@ class ScaledSystem(_OfParts):
         return problem, self.stiffness(point), problem.spread.of(problem.loads_at(point, theta))
 
     def stiffness(self, point: np.ndarray) -> Stiffness:
-        """K at a point, (P,): the last one again for the same moduli, so that an increment finds what is factored."""
+        """K at a point, (P,), cached for the same moduli, so that increments reuse factors."""
         scales = self.bodies.at(point)
         last = self._last
         if last is None or not np.array_equal(last[0], scales):
-            self._last = last = scales, self.middle().scaled(scales)  # in one assignment: several threads may ask
+            self._last = last = scales, self.middle().scaled(scales)  # in one assignment: several threads may call this
         return last[1]
 
 
@@ -234,19 +238,19 @@ class SummedSystem(_OfParts):
     _last: tuple[np.ndarray, Stiffness] | None = None
 
     def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
-        """See :class:`System`; along a path mostly loads change, and the last K serves again."""
+        """See :class:`System`; K is cached, since along a path usually only loads change."""
         problem = self.problem
         weights = problem.weights(point)
         last = self._last
         if last is None or not np.array_equal(last[0], weights):
-            self._last = None  # K may be as large as all else
+            self._last = None  # K may be larger than everything else
             stiffness = self.made(problem.stiffness_of(weights), problem)
             self._last = last = weights, stiffness
         return problem, last[1], problem.loads_of(weights)[problem.rows] @ theta
 
 
 class ReassembledSystem(_OfParts):
-    """Assembled on the mesh of each point, where rows and gaps differ too; ``problem.reshaped`` has its parts."""
+    """Assembled on the mesh of each point, with other rows and gaps; ``problem.reshaped`` has its parts."""
 
     def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
         """See :class:`System`."""
@@ -254,11 +258,11 @@ class ReassembledSystem(_OfParts):
         return problem, self.made(problem.own_stiffness, problem), problem.loads[problem.rows] @ theta
 
     def explicit(self, point: np.ndarray, forces: np.ndarray, unknown: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`System`; by central differences of what is assembled on meshes moved a little to either side."""
+        """See :class:`System`; by central differences of the equations on slightly displaced meshes."""
 
-        def residual_and_slack(moved: np.ndarray) -> np.ndarray:
-            problem = self.problem.at(moved)
-            theta = problem.amplitudes(moved)
+        def residual_and_slack(displaced: np.ndarray) -> np.ndarray:
+            problem = self.problem.at(displaced)
+            theta = problem.amplitudes(displaced)
             residual = problem.stiffness @ unknown + problem.contact.T @ forces - problem.loads @ theta
             return np.append(residual, problem.gaps @ theta - problem.contact @ unknown)
 
@@ -267,7 +271,7 @@ class ReassembledSystem(_OfParts):
 
 
 def system_of(problem: ContactProblem, given: Callable[..., Any] | None, *makers: Any) -> System:
-    """The system of a problem: the one place that asks what of it depends on parameters.
+    """The system of a problem: the only function that checks which of its data depend on parameters.
 
     Args:
         problem: the problem.
@@ -275,7 +279,7 @@ def system_of(problem: ContactProblem, given: Callable[..., Any] | None, *makers
         makers: ``middle`` and ``made`` of :class:`System`.
 
     Raises:
-        SceneError: if ``given`` makes no system.
+        SceneError: if ``given`` does not return a system.
     """
     if given is not None:
         found = given(problem, *makers)

@@ -1,7 +1,7 @@
 """Parts of a stiffness that depends on parameters: K(mu) = sum of moduli(mu) times matrices.
 
-Bodies whose elasticity is constant make one part with the weight 1; each other body makes one for its change of volume
-and one for its change of shape, or a single one where only its modulus varies.
+Bodies with constant elasticity make one part with the weight 1. Each other body makes one for its change of volume
+and one for its change of shape, or a single one if only its modulus varies.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 def stiffness_terms(discretisation: DiscreteSpace) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
-    """Own rows of the parts of K, of one pattern, and their moduli."""
+    """Local rows of the parts of K, with one pattern, and their moduli."""
     scene = discretisation.scene
     names = discretisation.scene.parameters.names
     parts = [part for place, body in enumerate(scene.bodies) for part in parts_of(body, place, scene.hypothesis)]
@@ -45,23 +45,23 @@ def stiffness_terms(discretisation: DiscreteSpace) -> tuple[tuple[csr_matrix, ..
         matrices.append(discretisation.own_rows(_assembled(discretisation, members)))
         moduli.append(Modulus(part.factor, part.rest, names))
     pattern = discretisation.common_pattern or CommonPattern(matrices)
-    if scene.shapes:  # which assemble again
+    if scene.shapes:  # matrices are assembled again
         discretisation.common_pattern = pattern
     return pattern.filled(matrices), tuple(moduli) if varying else ()
 
 
 class CommonPattern:
-    """Entries of several matrices of one mesh, zero where one has none; their sums are then sums of data.
+    """Union of the entries of several matrices of one mesh, with stored zeros; sums are then sums of data.
 
     Args:
-        matrices: by own rows, (own, N) each; what is brought to the pattern later has the patterns of these.
+        matrices: local rows, (own, N) each; matrices that are brought to the pattern later have the patterns of these.
     """
 
     def __init__(self, matrices: list[csr_matrix]):
-        # entries by true and false, whose sums and products keep their order: those of large matrices are slow to sort
+        # boolean entries, whose sums and products keep their order: entries of large matrices are slow to sort
         own = [csr_matrix((np.ones(item.nnz, bool), item.indices, item.indptr), shape=item.shape) for item in matrices]
         whole = reduce(add, own).astype(np.int32)
-        whole.data = np.arange(1, whole.nnz + 1, dtype=np.int32)  # their places: none is zero
+        whole.data = np.arange(1, whole.nnz + 1, dtype=np.int32)  # indices plus one: none is zero
         self._shape = whole.shape
         self._indptr = whole.indptr
         self._indices = whole.indices
@@ -78,7 +78,7 @@ class CommonPattern:
 
 
 def _assembled(discretisation: DiscreteSpace, members: list) -> PETSc.Mat:
-    """Stiffness of some bodies, given as places with the weights of their parts, in the pattern of the whole mesh."""
+    """Stiffness of some bodies, given as indices with the weights of their parts, in the pattern of the whole mesh."""
     matrix = discretisation.empty_matrix()
     ordinary = [item for item in members if not discretisation.mean_dilatation[item[0]]]
     if ordinary:
@@ -115,9 +115,9 @@ def stress_of(
     point: np.ndarray,
     eigenstrain: object = None,
 ) -> object:
-    """Stress of a body at a point of the parameters, (P,), in UFL; its constants are not compiled in.
+    """Stress of a body at a point of the parameters, (P,), in UFL; values of its constants are not compiled.
 
-    The graded strain gives way to what an ``eigenstrain``, graded too, leaves of it.
+    An ``eigenstrain``, times the grading, is subtracted from the graded strain.
     """
     names = discretisation.scene.parameters.names
     hypothesis = discretisation.scene.hypothesis

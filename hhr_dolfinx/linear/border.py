@@ -49,14 +49,14 @@ class Border:
         numbers: row numbers in the matrix, in the order of the border, (b,).
         place: index in this order of each row of the matrix; -1 outside of the border, (n,).
         parts: connected components of the border.
-        asked: indices in the border of the rows between which K^-1 is needed, by increasing row number.
+        inverted: indices in the border of the rows between which K^-1 is needed, by increasing row number.
         part_of: part to which each local row outside of the border is connected; -1 for none.
     """
 
     numbers: np.ndarray
     place: np.ndarray
     parts: tuple[Part, ...]
-    asked: np.ndarray
+    inverted: np.ndarray
     part_of: np.ndarray
 
 
@@ -72,13 +72,13 @@ def border_of(rows: csr_matrix, first: int, last: np.ndarray, comm: Comm) -> Bor
     common = np.setdiff1d(_coupled(rows, first, comm), last)
     ends = np.concatenate(comm.allgather(first + last))
     numbers = np.concatenate([*comm.allgather(first + common), ends])
-    asked = np.zeros(numbers.size, dtype=bool)
-    asked[numbers.size - ends.size :] = True
+    inverted = np.zeros(numbers.size, dtype=bool)
+    inverted[numbers.size - ends.size :] = True
     component, inside = _connected(rows, first, numbers, comm)
     names, part_of = np.unique(component, return_inverse=True)
-    order = np.lexsort([numbers, asked, part_of])
+    order = np.lexsort([numbers, inverted, part_of])
     numbers = numbers[order]
-    asked = asked[order]
+    inverted = inverted[order]
     part_of = part_of[order]
     known = np.append(names, -1)
     found = np.searchsorted(names, inside)
@@ -88,7 +88,7 @@ def border_of(rows: csr_matrix, first: int, last: np.ndarray, comm: Comm) -> Bor
     starts = np.searchsorted(part_of, np.arange(part_of.max(initial=-1) + 2))
     spans = [slice(int(one), int(other)) for one, other in pairwise(starts)]
     owners = _owners([span.stop - span.start for span in spans], comm.size)
-    counts = [int(np.count_nonzero(~asked[span])) for span in spans]
+    counts = [int(np.count_nonzero(~inverted[span])) for span in spans]
     parts = tuple(Part(*item) for item in zip(spans, counts, owners, strict=True))
     return Border(numbers, place, parts, place[ends], inside_of)
 
@@ -109,7 +109,7 @@ def _connected(rows: csr_matrix, first: int, border: np.ndarray, comm: Comm) -> 
     place = np.full(size, -1)
     place[border] = np.arange(border.size)
     here = place[first : first + own] >= 0
-    # own rows of the border hold nothing together here: their couplings do
+    # own rows of the border are not connected here: their couplings connect them
     inner = rows[~here]
     numbers = np.full(size, -1)
     numbers[first + np.flatnonzero(~here)] = np.arange(inner.shape[0])
@@ -122,11 +122,11 @@ def _connected(rows: csr_matrix, first: int, border: np.ndarray, comm: Comm) -> 
     between = place[edges.col] >= 0
     pairs = np.stack([place[first + np.flatnonzero(here)][edges.row[between]], place[edges.col[between]]])
     own_labels = int(labels.max(initial=-1)), labels[inner.shape[0] :]
-    told = comm.allgather((*own_labels, np.unique(pairs, axis=1)))
-    # what ranks say of the same rows is put together by a vertex for each label of each rank
+    received = comm.allgather((*own_labels, np.unique(pairs, axis=1)))
+    # labels of the same rows are merged by a vertex for each label of each rank
     ends = []
     bases = [border.size]
-    for highest, found, (one, other) in told:
+    for highest, found, (one, other) in received:
         ends += [(np.arange(border.size), bases[-1] + found), (one, other)]
         bases.append(bases[-1] + highest + 1)
     left, right = (np.concatenate(side) for side in zip(*ends, strict=True))
@@ -140,10 +140,10 @@ def _coupled(rows: csr_matrix, first: int, comm: Comm) -> np.ndarray:
     starts = np.array([*comm.allgather(first), rows.shape[1]])
     after = rows.indices >= first + rows.shape[0]
     of_row = np.repeat(np.arange(rows.shape[0]), np.diff(rows.indptr))
-    told = comm.gather((first + of_row[after], rows.indices[after]))
+    received = comm.gather((first + of_row[after], rows.indices[after]))
     covering = np.zeros(0, dtype=np.int64)
-    if told is not None:
-        for rank, (one, other) in enumerate(told):
+    if received is not None:
+        for rank, (one, other) in enumerate(received):
             for later in range(rank + 1, comm.size):
                 left = (other >= starts[later]) & (other < starts[later + 1])
                 left &= ~np.isin(one, covering) & ~np.isin(other, covering)
@@ -159,10 +159,10 @@ def _cover(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     lefts, left = np.unique(one, return_inverse=True)
     rights, right = np.unique(other, return_inverse=True)
     edges = csr_matrix((np.ones(left.size, dtype=bool), (left, right)), shape=(lefts.size, rights.size))
-    matched = maximum_bipartite_matching(edges, perm_type="column")  # the right one of each left one
+    matched = maximum_bipartite_matching(edges, perm_type="column")  # right vertex of each left one
     partner = np.full(rights.size, -1)
     partner[matched[matched >= 0]] = np.flatnonzero(matched >= 0)
-    # what alternating paths reach from the lefts that have no partner
+    # reached by alternating paths from left vertices without a partner
     reached = matched < 0
     front = reached.copy()
     met = np.zeros(rights.size, dtype=bool)

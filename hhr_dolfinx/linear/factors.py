@@ -85,7 +85,7 @@ class Factors:
                 return self._closed()
             if pc.getFactorSolverType() != "mumps" or pc.getFactorMatrix().getMumpsInfog(1) not in NO_ROOM:
                 return False
-            pc.reset()  # or nothing would be factored anew
+            pc.reset()  # otherwise PETSc would reuse the factors
             self._ksp.setOperators(self._matrix)
             self._prepare(room)
         return factorised(self._ksp) and self._closed()
@@ -116,7 +116,7 @@ class Factors:
         if self.low_rank is not None:
             pc.getFactorMatrix().setMumpsIcntl(35, 2)
             pc.getFactorMatrix().setMumpsCntl(7, self.low_rank)
-            if not self._inverted:  # others are made beside it: what MUMPS worked in is given back, as a smaller copy
+            if not self._inverted:  # other factors exist meanwhile: free the workspace
                 gives_back(pc.getFactorMatrix())
         if self.last is not None and not schur.eliminate_last(pc.getFactorMatrix(), self.last):
             self.last = None
@@ -198,10 +198,10 @@ class Factors:
         if comm.size > 1:
             first = self._matrix.getOwnershipRange()[0]
             own = columns.tocoo()
-            told = comm.gather((own.data, own.row + first, own.col))
+            received = comm.gather((own.data, own.row + first, own.col))
             columns = csc_matrix((size, 0))
-            if told is not None:
-                data, rows, places = (np.concatenate(part) for part in zip(*told, strict=True))
+            if received is not None:
+                data, rows, places = (np.concatenate(part) for part in zip(*received, strict=True))
                 columns = csc_matrix((data, (rows, places)), shape=(size, count))
         sizes = ((columns.shape[1], count), (size if comm.rank == 0 else 0, size))
         entries = columns.indptr, columns.indices, columns.data

@@ -133,13 +133,13 @@ class MatrixOfRows:
         assert rows.comm is not None
         self._comm = rows.comm
         first = rows.own.start
-        if not matrix.has_canonical_format:  # scipy would sort entries where they lie, which are those of the matrix
+        if not matrix.has_canonical_format:  # scipy would sort the entries of the argument in place
             matrix = matrix.copy()
             matrix.sum_duplicates()
         columns = np.unique(matrix.indices)
         needed = columns[(columns < first) | (columns >= rows.own.stop)]
         self._before = np.searchsorted(needed, first)
-        # in the order of their numbers, so that columns stay sorted
+        # sorted by number, so that columns remain sorted
         near = np.insert(needed, self._before, np.arange(first, rows.own.stop))
         places = np.searchsorted(near, matrix.indices).astype(matrix.indices.dtype)
         self._matrix = csr_matrix((matrix.data, places, matrix.indptr), shape=(matrix.shape[0], near.size))
@@ -147,9 +147,9 @@ class MatrixOfRows:
         owner = np.searchsorted(starts, needed, side="right") - 1
         wanted = [needed[owner == rank] for rank in range(self._comm.size)]
         self._received = np.array([part.size for part in wanted])
-        asked = self._comm.alltoall(wanted)
-        self._sent = np.array([part.size for part in asked])
-        self._given = np.concatenate(asked).astype(np.int64) - first
+        requested = self._comm.alltoall(wanted)
+        self._sent = np.array([part.size for part in requested])
+        self._given = np.concatenate(requested).astype(np.int64) - first
 
     def alike(self, matrix: csr_matrix) -> MatrixOfRows:
         """Local rows of another matrix, with entries at the same positions in the same order."""

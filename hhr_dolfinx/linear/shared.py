@@ -70,7 +70,7 @@ class SharedCholesky:
         self._factors.release()
 
     def holds(self, stiffness: csr_matrix) -> bool:
-        """Whether these are the factors of a matrix, (N, N), also where others had other ones made of the rows."""
+        """True for the factored matrix, (N, N); False if other users have replaced the shared factors."""
         return stiffness is self._factored and self._factors.holds(self._own)
 
     def refactor(self, stiffness: csr_matrix) -> None:

@@ -75,8 +75,8 @@ def singular_stiffness(scene: str) -> str:
     """Message for a singular stiffness; ``full_order.motions`` has excluded bodies with rigid-body motions."""
     return (
         f"the stiffness of scene '{scene}' is singular to round-off, though every body is held as a whole: look for "
-        "parts that hang together at single nodes or edges, E many powers of ten apart, nu next to 0.5, needle-like "
-        "cells"
+        "parts that are connected only at single nodes or edges, E many powers of ten apart, nu next to 0.5, "
+        "needle-like cells"
     )
 
 
@@ -121,7 +121,7 @@ class FreeCholesky:
         self._pattern: Pattern | None = None
         self.low_rank = low_rank
         self.last = None if last is None or last.size > MOST_LAST else last[free[last]]
-        if self.last is not None and self.last.size in (0, self._columns.size):  # nothing is last, or all is
+        if self.last is not None and self.last.size in (0, self._columns.size):  # no row is last, or every row
             self.last = None
         self.lock = RLock()
         self._released = False
@@ -165,7 +165,7 @@ class FreeCholesky:
         inside = inside[self._free][:, self._columns]
         half = self._ordering == "mumps" and self._comm.size == 1
         if half:
-            inside.data += 1  # a place 0 is kept
+            inside.data += 1  # keeps the index 0
             inside = triu(inside, format="csr")
             inside.data -= 1
         inside.sort_indices()
@@ -178,7 +178,7 @@ class FreeCholesky:
         return self._pattern
 
     def holds(self, stiffness: csr_matrix) -> bool:
-        """Whether these are the factors of a matrix."""
+        """True for the factored matrix."""
         return stiffness is self._factored
 
     def refactor(self, stiffness: csr_matrix) -> None:
@@ -193,7 +193,7 @@ class FreeCholesky:
                 self._factored = None
                 self._factors.replace(stiffness.data, partial(self._known_pattern, stiffness))
             if not self._factors.factor():
-                self.release()  # what refused once may refuse what is fine too
+                self.release()  # after a failure it may refuse regular matrices too
                 raise NotSolvableError(
                     f"the stiffness of the full model of scene '{self._scene}' is singular at this parameter or state: "
                     "where it flows, freely beyond its limit load, or the slope of a law is wrong. Take smaller steps, "
@@ -282,14 +282,14 @@ class FreeCholesky:
         rows = place[wanted[moving]]
         refining = refined and self.low_rank is not None
         most = REFINED_NUMBERS if refining else BLOCK_NUMBERS
-        each = self._columns.size / self._comm.size  # all ranks cut the same blocks
+        each = self._columns.size / self._comm.size  # the same blocks on all ranks
         block_size = max(min(BLOCK, int(most / each), count), 1)
         solutions = np.empty((own, block_size), order="F")
         for first in range(0, count, block_size):
             part = slice(first, min(first + block_size, count))
             width = part.stop - first
             some = columns[:, part]
-            if not self._comm.allreduce(some.nnz):  # which MUMPS calls an error
+            if not self._comm.allreduce(some.nnz):  # an error in MUMPS
                 yield part, np.zeros((wanted.size, width), order="F")
                 continue
             with self.lock:

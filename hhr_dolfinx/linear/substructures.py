@@ -52,7 +52,7 @@ class Substructures:
         self.low_rank = low_rank
         own = len(pattern.rows) - 1
         first = int(comm.exscan(own) or 0)
-        entries = np.arange(1, pattern.columns.size + 1, dtype=pattern.places.dtype)  # their places: none is zero
+        entries = np.arange(1, pattern.columns.size + 1, dtype=pattern.places.dtype)  # indices plus one: none is zero
         marks = csr_matrix((entries, pattern.columns, pattern.rows), shape=(own, comm.allreduce(own)))
         self._border = border_of(marks, first, last, comm)
         at = self._border.place[first : first + own]
@@ -88,7 +88,7 @@ class Substructures:
             if total is not None:
                 left[part] = total
         definite = True
-        for part in list(left):  # each rank its own, at the same time
+        for part in list(left):  # all ranks at the same time
             self._dense[part] = DenseFactors(left.pop(part), part.common)
             definite &= self._dense[part].definite
         return self._comm.allreduce(definite, MPI.LAND)
@@ -114,8 +114,8 @@ class Substructures:
         """Product rows K^-1 rows^T, (m, m), of rows, (m, n), on the last rows of all ranks. Collective."""
         found = np.zeros((rows.shape[0], rows.shape[0]))
         for part, factors in self._dense.items():
-            asked = self._border.asked
-            own = csr_matrix(rows[:, (asked >= part.rows.start) & (asked < part.rows.stop)])
+            inverted = self._border.inverted
+            own = csr_matrix(rows[:, (inverted >= part.rows.start) & (inverted < part.rows.stop)])
             if own.nnz:
                 add_between(own, factors.inverse(), found)
         self._comm.Allreduce(MPI.IN_PLACE, found)
@@ -148,15 +148,15 @@ class Substructures:
             if still is not None:
                 loads[inside.reach] -= inside.times(still)[inside.rows.size :]
         self._comm.Allreduce(MPI.IN_PLACE, loads)
-        moved = np.zeros_like(loads)
+        on_border = np.zeros_like(loads)
         for part, factors in self._dense.items():
-            moved[part.rows] = factors.solve(loads[part.rows])
-        self._comm.Allreduce(MPI.IN_PLACE, moved)
+            on_border[part.rows] = factors.solve(loads[part.rows])
+        self._comm.Allreduce(MPI.IN_PLACE, on_border)
         for inside in self._insides:
-            drawn = np.zeros((inside.rows.size + inside.reach.size, moved.shape[1]), order="F")
-            drawn[inside.rows.size :] = moved[inside.reach]
+            drawn = np.zeros((inside.rows.size + inside.reach.size, on_border.shape[1]), order="F")
+            drawn[inside.rows.size :] = on_border[inside.reach]
             solutions[inside.rows] -= inside.solved(inside.times(drawn)[: inside.rows.size])[: inside.rows.size]
-        solutions[self._edge] = moved[self._at]
+        solutions[self._edge] = on_border[self._at]
 
     def multiply(self, block: np.ndarray, image: np.ndarray) -> None:
         """Write the matrix times some columns, (own, k), into an array; both are in Fortran order. Collective."""

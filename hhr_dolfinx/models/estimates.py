@@ -1,17 +1,17 @@
-"""What is known of the errors of answers: of one, and of many at once.
+"""Errors of answers: estimates for one answer, and for many at once.
 
 Norms, with σ = λ / area the nodal pressure, zero of a condition without an area:
 
     displacement      (v^T K v)^1/2, energy
-    forces in energy  (λ^T S λ)^1/2, the energy of the displacement that forces make alone
+    forces in energy  (λ^T S λ)^1/2, the energy of the displacement of the forces alone
     forces            (λ^T λ)^1/2, Euclidean, of nodal forces
     pressure          max σ_i, the largest
 
-A relative error of forces and pressures is the error over the exact size, or over a thousandth of the largest one of
-training where the exact size is less: where contact is nearly lost a relative error means nothing.
+A relative error of forces and pressures is the error over the exact norm, or over a thousandth of the largest one in
+training if the exact norm is smaller: if contact is nearly lost a relative error is meaningless.
 
-``known_error`` says in one line which errors the answers of a model know, ``relative_error`` the one that is asked for.
-Both read what completes the answers, so that they serve all kinds of models.
+``known_error`` describes the errors that a model estimates in one line, ``relative_error`` returns a selected one.
+Both depend only on the fields of answers, so that they apply to all kinds of models.
 """
 
 from __future__ import annotations
@@ -27,40 +27,40 @@ from hhr_dolfinx.errors import NoBoundWarning, ParameterError
 from hhr_dolfinx.warn import warn
 
 NO_OUTPUTS: Mapping[str, float] = {}
-"""Of what has no outputs, or no estimates of them."""
+"""Outputs of a model without outputs, or without estimates of them."""
 NO_OUTPUTS_SHOWN: Mapping[str, str] = {}
-"""Heads of no outputs."""
+"""Column heads without outputs."""
 NUMBERS = tuple(
     "primal dual primal_relative dual_relative forces_euclid pressure forces_euclid_relative pressure_relative".split()
 )
-"""Numbers of an estimate that are not of outputs."""
+"""Attributes of an estimate that do not belong to outputs."""
 SHOWN = {
     "displacement": "primal_relative",
     "forces": "forces_euclid_relative",
     "pressure": "pressure_relative",
     "forces in energy": "dual_relative",
 }
-"""Relative errors by the names under which users read them."""
+"""Relative errors by their names for users."""
 STRESS = "indicator of the stress"
-"""Kind of the estimates of bodies that flow, which are silent on all else."""
+"""Kind of the estimates of inelastic bodies, which cover only the stress."""
 FORCES = "indicator of the forces"
-"""Kind of the estimates of hyper-reduced contact with friction, which are silent on all else."""
+"""Kind of the estimates of hyper-reduced contact with friction, which cover only forces."""
 
 
 class Estimate(NamedTuple):
-    """What is known of the error of an answer.
+    """Estimate of the error of an answer.
 
     Attributes:
-        kind: ``bound``, which no error exceeds: the error itself, up to round-off, where the stiffness is constant;
-            ``estimate``, the same as a bound but for an interpolation of which nothing is proved; ``indicator``, which
-            follows the error; :data:`STRESS`, which follows that of the stress alone, relative to the stress of its own
-            step; or :data:`FORCES`, likewise of the Euclidean norm of forces.
+        kind: ``bound``, which no error exceeds: the error itself, up to round-off, for a constant stiffness;
+            ``estimate``, a bound except for an interpolation without a proof; ``indicator``, which
+            follows the error; :data:`STRESS`, which follows that of the stress alone, relative to the stress of the
+            same step; or :data:`FORCES`, the same for the Euclidean norm of forces.
         primal: of the displacement in energy, (v^T K v)^1/2.
-        dual: of the contact forces in the S norm, (λ^T S λ)^1/2: the energy of the displacement that they make alone.
-            What an indicator says knows no units: this and all that is no relative error is infinite.
-        primal_relative, dual_relative: over the least that the exact answer can have in these norms; infinite where a
+        dual: of the contact forces in the S norm, (λ^T S λ)^1/2: the energy of the displacement of the forces alone.
+            Indicators have no units: this and all other absolute errors are then infinite.
+        primal_relative, dual_relative: over the smallest possible norm of the exact answer; infinite if a
             bound is larger than the answer itself.
-        outputs: errors of the outputs of the scene, by name; those of which nothing is known are left out, see
+        outputs: errors of the outputs of the scene, by name; outputs without an estimate are left out, see
             :mod:`hhr_dolfinx.models.bounds.output_difference`.
         forces_euclid: of the nodal contact forces in the Euclidean norm.
         pressure: the largest error of a nodal pressure.
@@ -81,21 +81,21 @@ class Estimate(NamedTuple):
 
     @classmethod
     def indicated(cls, value: float, kind: str = "indicator") -> Estimate:
-        """What an indicator says, in units of its own, taken as relative; of pressures it says nothing."""
+        """Estimate by an indicator, as a relative error; errors of pressures are infinite."""
         if kind == FORCES:
             return cls(kind, math.inf, math.inf, math.inf, math.inf, forces_euclid_relative=value)
-        # that of the stress follows nothing else: no number may stand where it is silent
+        # an indicator of the stress says nothing about forces: these errors are infinite
         forces = math.inf if kind == STRESS else value
         return cls(kind, math.inf, math.inf, value, value, forces_euclid_relative=forces)
 
     @classmethod
     def exact(cls, functionals: Any) -> Estimate:
-        """Of an answer without an error, with the outputs of a scene, or None."""
+        """Estimate of an answer without an error, with the outputs of a scene, or None."""
         items = () if functionals is None else functionals.items
         return cls("bound", 0.0, 0.0, 0.0, 0.0, {item.name: 0.0 for item in items}, 0.0, 0.0, 0.0, 0.0)
 
     def shown(self, outputs: Mapping[str, str] = NO_OUTPUTS_SHOWN) -> dict[str, float]:
-        """What a table says of the error, by the heads of :func:`columns`; NaN of outputs without a bound."""
+        """Row of a table, by the heads of :func:`columns`; NaN for outputs without a bound."""
         values = [float(getattr(self, name)) for name in shown_of(self.kind).values()]
         if not self.kind.startswith("indicator"):
             values += [self.outputs.get(name, math.nan) for name in outputs]
@@ -114,7 +114,7 @@ class Estimates:
         kind: see there.
         primal, dual, primal_relative, dual_relative, forces_euclid, pressure, forces_euclid_relative,
             pressure_relative: see there, (n,) each; NaN without an answer.
-        outputs_of: makes the bounds of the outputs of one answer, by its number; evaluated when they are read.
+        outputs_of: returns the bounds of the outputs of one answer, by its number; called when they are read.
     """
 
     kind: str
@@ -132,7 +132,7 @@ class Estimates:
     def by_blocks(
         cls, kind: str, solved: np.ndarray, together: int, bounded: Callable[[np.ndarray], Estimates]
     ) -> Estimates:
-        """Of those answers that there are, (n,) bool, so many rows at once; NaN elsewhere."""
+        """Estimates of the converged answers, (n,) bool, in blocks of rows; NaN for the others."""
         rows = np.flatnonzero(solved)
         numbers = np.full((len(NUMBERS), len(solved)), np.nan)
         for first in range(0, rows.size, together):
@@ -149,7 +149,7 @@ class Estimates:
         return Estimates, (self.kind, *self.numbers, bounds.__getitem__)
 
     def __getitem__(self, k: int) -> Estimate:
-        """That of one answer."""
+        """Estimate of one answer."""
         own = self.primal, self.dual, self.primal_relative, self.dual_relative
         further = self.forces_euclid, self.pressure, self.forces_euclid_relative, self.pressure_relative
         a, b, c, d, e, f, g, h = (float(values[k]) for values in (*own, *further))
@@ -157,12 +157,12 @@ class Estimates:
 
     @property
     def numbers(self) -> np.ndarray:
-        """All of them in the order of :data:`NUMBERS`, (8, n)."""
+        """All attributes in the order of :data:`NUMBERS`, (8, n)."""
         return np.array([getattr(self, name) for name in NUMBERS])
 
     @classmethod
     def of(cls, found: Sequence[Estimate | None]) -> Estimates | None:
-        """Of estimates found one by one; None where there are none."""
+        """Join estimates of single answers; None if there are none."""
         rows = [(np.arange(k, k + 1), one) for k, one in enumerate(found) if one is not None]
         kinds = {one.kind for _, one in rows}
         if not kinds:
@@ -172,7 +172,7 @@ class Estimates:
 
     @classmethod
     def joined(cls, parts: Sequence[tuple[np.ndarray, Estimates | None]], count: int) -> Estimates | None:
-        """Of parts of ``count`` answers, each with the places of its own; None where none has any."""
+        """Join estimates of parts of ``count`` answers, each with the indices of its answers; None without any."""
         known = [(rows, part) for rows, part in parts if part is not None]
         if not known:
             return None
@@ -186,7 +186,7 @@ class Estimates:
 
     @classmethod
     def _filled(cls, kinds: set[str], count: int, parts: Sequence[tuple[np.ndarray, Any]]) -> Estimates:
-        """Of numbers at some places, NaN elsewhere."""
+        """Estimates with attributes at some indices, NaN elsewhere."""
         numbers = np.full((len(NUMBERS), count), np.nan)
         for rows, part in parts:
             for row, name in zip(numbers, NUMBERS, strict=True):
@@ -195,7 +195,7 @@ class Estimates:
 
 
 def shown_of(kind: str) -> dict[str, str]:
-    """Names of the numbers that estimates of a kind show, by the heads of their columns."""
+    """Names of the attributes that estimates of a kind show, by the heads of their columns."""
     if kind == STRESS:
         return {STRESS: "primal_relative"}
     if kind == FORCES:
@@ -205,7 +205,7 @@ def shown_of(kind: str) -> dict[str, str]:
 
 
 def columns(kind: str, outputs: Mapping[str, str]) -> list[str]:
-    """Heads of the columns of a table for what is known of errors.
+    """Column heads of a table for the estimates.
 
     Args:
         kind: see :class:`Estimate`.
@@ -219,16 +219,16 @@ HOW = {
     "bound": "bound, proved",
     "estimate": "estimate, since the interpolation between parameters is observed and not proved",
 }
-"""Kinds of what is known, in words."""
+"""Descriptions of the kinds of estimates."""
 NOT_ASKED = "the recipe asks for none"
-"""Why there is no bound of what was built without one."""
+"""Reason for a missing bound in a model built without one."""
 NORMS = "the displacement in energy; nodal contact forces, Euclidean and in energy; pressures"
 ASKED = ("forces", "pressure", "displacement")
-"""Errors by which a model may fall back, beside those of outputs."""
+"""Errors that may trigger a fall-back, in addition to those of outputs."""
 
 
 def known_error(fields: Any) -> str:
-    """Which errors answers know that are completed by some fields, or why they know none.
+    """Description of the errors that are estimated for answers with some fields, or the reason why there are none.
 
     Args:
         fields: see :class:`~hhr_dolfinx.models.answer.Fields`.
@@ -258,7 +258,7 @@ def _outputs(fields: Any) -> tuple[list[str], list[str]]:
 
 
 def warn_unbounded(fields: Any) -> None:
-    """Warn where answers of a model that was asked for bounds know none: what is wrong there is silent."""
+    """Warn if bounds were requested and the model has none: its errors remain unknown."""
     why = fields.unbounded
     if why and why != NOT_ASKED and fields.bound is None:
         warn(
@@ -270,10 +270,10 @@ def warn_unbounded(fields: Any) -> None:
 
 
 def check_asked(fields: Any, of: Any) -> None:
-    """Check that an error may be asked for: None, one of :data:`ASKED`, or the name of an output with a bound.
+    """Check an error by its name: None, one of :data:`ASKED`, or the name of an output with a bound.
 
     Raises:
-        ParameterError: for another word, or an output without a bound, with the reason.
+        ParameterError: for another name, or an output without a bound, with the reason.
     """
     if fields.estimated == FORCES:
         check_of_friction(of)
@@ -289,7 +289,7 @@ def check_asked(fields: Any, of: Any) -> None:
 
 
 def check_of_friction(of: Any) -> None:
-    """Raise ParameterError for an error that the indicator of a hyper-reduced model with friction is silent on."""
+    """Raise ParameterError for an error that the indicator of a hyper-reduced model with friction does not cover."""
     if of != "forces":
         raise ParameterError(
             f"of = {of!r}: with friction a hyper-reduced model has an indicator of its forces, and nothing else is "
@@ -298,7 +298,7 @@ def check_of_friction(of: Any) -> None:
 
 
 def check_word(outputs: Sequence[str], of: Any) -> None:
-    """Raise ParameterError for what is neither None, nor one of :data:`ASKED`, nor the name of an output."""
+    """Raise ParameterError unless it is None, one of :data:`ASKED`, or the name of an output."""
     if of is not None and not (isinstance(of, str) and of in (*ASKED, *outputs)):
         raise ParameterError(
             f"of = {of!r} is no error that is known here: give {', '.join(repr(word) for word in (*ASKED, *outputs))}, "
@@ -307,21 +307,21 @@ def check_word(outputs: Sequence[str], of: Any) -> None:
 
 
 def relative_error(answer: Any, estimate: Estimate, of: str | None) -> float:
-    """What an estimate says of the error asked for, relative to the exact answer.
+    """The selected error of an estimate, relative to the exact answer.
 
     Args:
-        answer: which is read where an output is asked for.
+        answer: its value is the denominator for an output.
         estimate: of its error.
-        of: see :func:`check_asked`; None takes the larger one of displacement and forces, both in energy.
+        of: see :func:`check_asked`; None selects the larger one of displacement and forces, both in energy.
     """
     if of is None:
-        # of a NaN neither is larger
+        # with a NaN no comparison is true
         worst = (estimate.primal_relative, estimate.dual_relative)
         return math.nan if any(map(math.isnan, worst)) else max(worst)
     if of in SHOWN:
         return float(getattr(estimate, SHOWN[of]))
     error = estimate.outputs.get(of, math.inf)
-    if error == 0:  # of exact answers too, which have no bounds
+    if error == 0:  # for exact answers too, which have no bounds
         return 0.0
     if answer.fields.output_bound is None:
         return math.inf
@@ -330,12 +330,12 @@ def relative_error(answer: Any, estimate: Estimate, of: str | None) -> float:
 
 
 def relative_errors(many: Any, of: str | None, known: Estimates | None = None) -> np.ndarray | None:
-    """The same of many answers, (n,), NaN where nothing is known; None where nothing is of any.
+    """The selected error of many answers, (n,), NaN for those without an estimate; None if no answer has one.
 
     Args:
         many: see :class:`~hhr_dolfinx.models.answer.SeveralAnswers`.
         of: see :func:`check_asked`.
-        known: ``many.estimates()``, where it is at hand.
+        known: ``many.estimates()``, if it is already computed.
     """
     if of is not None and of not in SHOWN:
         singles = [(answer, answer.estimate()) for answer in many]

@@ -1,4 +1,4 @@
-"""What loads and contact forces make of the displacement, where the stiffness is constant."""
+"""Response of the displacement to loads and contact forces for a constant stiffness."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from hhr_dolfinx.declared import Floats
 
 @dataclass(frozen=True, eq=False)
 class FieldResponse:
-    """Coordinates of the displacement in columns C, X_F θ besides (N dofs, 1 + T terms, m conditions, c columns).
+    """Coordinates of the displacement in columns C, and X_F θ (N dofs, 1 + T terms, m conditions, c columns).
 
-    Forces are those of the contact problem on S from the statuses of an answer. Where contact alone holds bodies the
-    last columns of the displacement are their rigid motions R, whose coordinates are how far these are moved.
+    Forces solve the contact problem on S from the statuses of an answer. For bodies that only contact holds the
+    last columns of the displacement are their rigid motions R, whose coordinates are the amplitudes of these.
 
     Attributes:
-        loaded: K^-1 of some loads, (N, k), of which all are combinations.
-        loading: how much of each of these loads a term is, so that X_F is the product of both, sparse, (k, 1 + T).
-        onto: G, (c, m); None where the columns are those of K^-1 B^T.
+        loaded: K^-1 of some loads, (N, k), which span all loads.
+        loading: coefficients of each term in these loads, so that X_F is the product of both, sparse, (k, 1 + T).
+        onto: G, (c, m); None if the columns are those of K^-1 B^T.
     """
 
     loaded: Annotated[Floats, "N", "loads"]
@@ -30,11 +30,11 @@ class FieldResponse:
     onto: Annotated[Floats, "kept columns", "N_lambda"] | None = None
 
     def coordinates(self, there: Any, forces: np.ndarray) -> np.ndarray:
-        """Coordinates in the columns, (c,), of an answer whose forces are handed out, (m,).
+        """Coordinates in the columns, (c,), for an answer with returned forces, (m,).
 
         Args:
             there: the estimate at the answer.
-            forces: see above.
+            forces: returned ones, (m,).
         """
         exact = there.exact(forces[None])
         return np.concatenate([self._pressed(exact.forces[0]), exact.motions[0]])

@@ -1,4 +1,4 @@
-"""From the reduced answer to fields everywhere, thesis sections 1.4.6 and 6.2.3."""
+"""Fields on the whole mesh from a reduced answer, thesis sections 1.4.6 and 6.2.3."""
 
 from __future__ import annotations
 
@@ -45,12 +45,12 @@ class GappyField:
     fit: Annotated[Floats, "modes", "known values"]
 
     def __post_init__(self) -> None:
-        """Arrays lie as files keep them."""
+        """Copy arrays to the order of files."""
         lay_out(self)
 
     @classmethod
     def fitted(cls, modes: np.ndarray, inside: np.ndarray) -> GappyField:
-        """From modes and the numbers of the values that lie in the RID."""
+        """Field from modes and the numbers of the values in the RID."""
         return cls(modes, np.linalg.pinv(modes[inside]))
 
     def everywhere(self, inside: np.ndarray) -> np.ndarray:
@@ -60,12 +60,12 @@ class GappyField:
 
 @dataclass(frozen=True, eq=False)
 class FlowFields:
-    """What completes stress and plastic strain of bodies that flow.
+    """Reconstruction of stress and plastic strain of inelastic bodies.
 
     Attributes:
         points: numbers of the Gauss points of the RID in the full model.
-        stress: how the stress is completed, components of a point side by side.
-        cumulated: how the cumulated plastic strain is completed; None where nothing flowed in training.
+        stress: reconstruction of the stress, with adjacent components of each point.
+        cumulated: reconstruction of the cumulated plastic strain; None if it was zero in training.
         gauss_points: number of Gauss points of the full model.
     """
 
@@ -102,16 +102,16 @@ class FlowFields:
 
     @cached_property
     def _products(self) -> np.ndarray:
-        """Products of the modes of the stress on the values where laws are evaluated, (modes, modes)."""
+        """Gram matrix of the modes of the stress on the values at evaluated points, (modes, modes)."""
         components = len(self.stress.modes) // self.gauss_points
         shown = self.stress.modes.reshape(self.gauss_points, components, -1)[self.points]
         shown = shown.reshape(self.points.size * components, -1)
         return shown.T @ shown
 
     def unexplained(self, inside: np.ndarray) -> tuple[float, float]:
-        """|σ - Φ fit σ| and |σ| of the stress where laws are evaluated, (points, components), in the unit of stress.
+        """|σ - Φ fit σ| and |σ| of the stress at evaluated points, (points, components), in the unit of stress.
 
-        Half of the digits are lost in the difference, so that nothing below 1e-8 of the stress is told apart.
+        The difference loses half of the digits: values below 1e-8 of the stress are round-off.
         """
         stress = inside.ravel()
         amplitudes = self.stress.fit @ stress
@@ -119,10 +119,10 @@ class FlowFields:
         return math.sqrt(max(size - float(amplitudes @ (self._products @ amplitudes)), 0.0)), math.sqrt(size)
 
     def misfit(self, inside: np.ndarray) -> float:
-        """Part of the stress where laws are evaluated that no mode of training explains, from 0 to 1.
+        """Part of the stress at evaluated points that the training modes do not represent, from 0 to 1.
 
-        It follows the error of a step, see docs/bounds.md: the modes hold what training showed, the laws say what this
-        history did. 0 of bodies without stress; infinite of stress that is no number.
+        It follows the error of a step, see docs/bounds.md: the modes represent the training, the laws the present
+        load path. 0 for bodies without stress; infinite for a stress that is not finite.
         """
         return share_of_stress(*self.unexplained(inside))
 
@@ -142,26 +142,26 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
     Attributes:
         amplitudes: θ as a function of the parameters.
-        basis: columns that make the displacement, (N, c): V, whose coordinates are gamma, or C of a ``response``.
+        basis: columns of the displacement, (N, c): V, whose coordinates are gamma, or C of a ``response``.
         lifts: imposed displacements, sparse, (N, 1 + T).
         contact_basis: B times these columns, (N_lambda, c).
         gaps: D as terms of θ, (N_lambda, 1 + T).
         A_lambda: contact conditions of the RID.
-        force_snapshots: columns of S_lambda whose cone holds all of them, (N_lambda, S'); None where S, which the bound
-            knows, completes forces in their place.
-        gap_scale: length by which the gap of each condition is measured, so that (1.70) does not depend on units,
+        force_snapshots: columns of S_lambda whose cone contains all of them, (N_lambda, S'); None if S of the bound
+            completes forces instead.
+        gap_scale: length scale of the gap of each condition, so that (1.70) does not depend on units,
             (N_lambda,).
         dimension: components of the displacement at a node.
-        flow: what completes stress and plastic strain where bodies flow.
-        stress_of: stress of a displacement where nothing flows; None for a model from a file, which has no mesh.
-        indicator: estimates the error of an answer; None for none.
-        bound: bounds the error of an answer; None where its hypotheses fail.
-        functionals: outputs of the scene; None where it has none.
-        output_bound: estimates the errors of outputs, beside ``bound``; None without either.
-        unbounded: why there is no bound, where there is none.
-        response: makes the coordinates of forces on the whole surface where S and the response to loads are known; None
-            where they are gamma.
-        frictional: what completes forces and slip of contacts with friction; None without friction.
+        flow: reconstruction of stress and plastic strain of inelastic bodies.
+        stress_of: stress of a displacement of elastic bodies; None for a model from a file, which has no mesh.
+        indicator: estimates the error of an answer; None without one.
+        bound: bounds the error of an answer; None if its hypotheses are not satisfied.
+        functionals: outputs of the scene; None without outputs.
+        output_bound: estimates the errors of outputs, in addition to ``bound``; None without outputs or bound.
+        unbounded: reason for a missing bound.
+        response: coordinates of forces on the whole surface if S and the response to loads are known; None
+            if the coordinates are gamma.
+        frictional: reconstruction of forces and slip of contacts with friction; None without friction.
         full: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
     """
 
@@ -186,7 +186,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     full: Any = field(default=None, metadata=OF_THE_MESH)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Wrong conditions of the RID, and columns that are not those of what makes their coordinates."""
+        """Invalid conditions of the RID, and columns without matching coordinates."""
         if np.unique(self.A_lambda).size < self.A_lambda.size:
             yield "contact conditions of the RID are there twice: they are dependent"
         if not (self.gap_scale > 0).all():
@@ -212,15 +212,15 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return driven(self.gaps, theta) - unknown @ self.contact_basis.T
 
     def _coordinates(self, answer: Answer) -> np.ndarray:
-        """What the columns of the displacement are multiplied by, (c,): gamma, or made of all forces."""
+        """Coordinates of the columns of the displacement, (c,): gamma, or a function of all forces."""
         if self.response is None or not answer.converged:
             return answer.unknown if self.response is None else np.full(self.basis.shape[1], np.nan)
         there: Any = self._bound_at(answer)
         found = self.response.coordinates(there, there.completed(answer.multipliers[None], self._outside)[0])
-        return found if answer.undetermined is None else self._least_moved(answer, answer.undetermined, found)
+        return found if answer.undetermined is None else self._least_motion(answer, answer.undetermined, found)
 
-    def _least_moved(self, answer: Answer, undetermined: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
-        """Coordinates, (c,), of the field that moves as the answer does along motions that nothing determines.
+    def _least_motion(self, answer: Answer, undetermined: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
+        """Coordinates, (c,), of the field with the motion of the answer along undetermined motions.
 
         The first modes of gamma and the last columns of the displacement are the rigid motions, orthonormal.
         """
@@ -228,14 +228,16 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         along_columns, along_loads = self._along_motions
         r = len(along_columns)
         ways = undetermined[:r]
-        moved = along_columns @ coordinates + along_loads @ (self.response.loading @ self.amplitudes(answer.parameter))
+        motions = along_columns @ coordinates + along_loads @ (
+            self.response.loading @ self.amplitudes(answer.parameter)
+        )
         found = coordinates.copy()
-        found[-r:] += ways @ (ways.T @ (answer.unknown[:r] - moved))
+        found[-r:] += ways @ (ways.T @ (answer.unknown[:r] - motions))
         return found
 
     @cached_property
     def _along_motions(self) -> tuple[np.ndarray, np.ndarray]:
-        """What columns and loads move along the rigid motions, (r, c) and (r, k)."""
+        """Components of columns and loads along the rigid motions, (r, c) and (r, k)."""
         bound: Any = self.bound
         assert self.response is not None
         motions = self.basis[:, -bound.taken.shape[1] :].T
@@ -244,39 +246,39 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     @cached_property
     def _lifted(self) -> tuple[np.ndarray, np.ndarray]:
         """Terms with a lift, which are affine and so the first of θ, and their columns; sparse ones take 5 us."""
-        moved = np.flatnonzero(np.diff(self.lifts.tocsc().indptr))
-        return moved, self.lifts[:, moved].toarray(order="F")
+        lifted = np.flatnonzero(np.diff(self.lifts.tocsc().indptr))
+        return lifted, self.lifts[:, lifted].toarray(order="F")
 
     @cached_property
     def _parts(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Conditions outside the RID, and the snapshots cut into what is fitted and what is penalised there."""
+        """Conditions outside the RID, and the snapshots split into the fitted and the penalised part."""
         assert self.force_snapshots is not None
         outside = np.setdiff1d(np.arange(len(self.gaps)), self.A_lambda)
         return outside, self.force_snapshots[self.A_lambda], self.force_snapshots[outside]
 
     @cached_property
     def _outside(self) -> Any:
-        """What completes forces by S."""
+        """Partition with free conditions outside the RID, if S is known."""
         assert self.bound is not None
         return self.bound.prepared(self.A_lambda)
 
     def displacement(self, answer: Answer) -> np.ndarray:
-        """Displacement V gamma + lift, thesis (1.69), or of loads and forces, see ``response``, (N,)."""
+        """Displacement V gamma + lift, thesis (1.69), or a function of loads and forces, see ``response``, (N,)."""
         field = self.basis @ self._coordinates(answer)
         if self.response is not None:
             field += self.response.loaded @ (self.response.loading @ self.amplitudes(answer.parameter))
-        moved, columns = self._lifted
-        if moved.size:
-            field += columns @ self.amplitudes(answer.parameter).values[moved]
+        lifted, columns = self._lifted
+        if lifted.size:
+            field += columns @ self.amplitudes(answer.parameter).values[lifted]
         return field
 
     def forces(self, answer: Answer) -> np.ndarray:
-        """Contact forces on all conditions, (N_lambda,): the model's own inside the RID.
+        """Contact forces on all conditions, (N_lambda,): those of the model inside the RID.
 
-        Where S is known those outside close the gaps that are left, a small contact problem. Else it is (1.70)-(1.71):
-        non-negative combinations of training forces are fitted to the forces inside the RID, and penalised outside
-        where the reconstructed gap is open; inside, forces at open gaps are 0 already. With friction they are fitted by
-        modes, as tangential forces have any sign.
+        If S is known the forces outside close the remaining gaps, a small contact problem. Otherwise (1.70)-(1.71) is
+        used: non-negative combinations of training forces are fitted to the forces inside the RID, and penalised
+        outside where the reconstructed gap is open; inside, forces at open gaps are 0 already. With friction they are
+        fitted by modes, as tangential forces have any sign.
         """
         if not answer.converged:
             return np.full(len(self.gaps), np.nan)
@@ -295,7 +297,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
     def _fitted(self, answer: Answer) -> _Fit:
         """The fit of (1.70)."""
-        from scipy.optimize import nnls  # loading a model takes less without, and few answers need it
+        from scipy.optimize import nnls  # imported here: loading a model is faster without, and few answers need it
 
         outside, fitted, penalised = self._parts
         theta = self.amplitudes(answer.parameter)
@@ -310,7 +312,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return _Fit(weights, matrix, target, open_gap)
 
     def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:
-        """Derivatives of all forces, (N_lambda, P), while the same training forces are combined.
+        """Derivatives of all forces, (N_lambda, P), with a constant set of combined training forces.
 
         The weights solve a least-squares problem whose matrix M changes with the open gaps: M^T M w' = M'^T (t - M w)
         + M^T (t' - M' w).
@@ -356,7 +358,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         )
 
     def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in Kelvin's notation, at Gauss points where bodies flow, else in cell middles.
+        """Stress in Kelvin's notation, at Gauss points of inelastic bodies, else in cell middles.
 
         Raises:
             HHRError: for an elastic model from a file, whose stress needs the mesh.
@@ -371,15 +373,15 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return self.stress_of(self.displacement(answer), answer.parameter)
 
     def plastic_strain(self, answer: Answer) -> np.ndarray:
-        """Cumulated plastic strain at all Gauss points; empty where nothing flows."""
+        """Cumulated plastic strain at all Gauss points; empty for elastic bodies."""
         if answer.gauss is None or self.flow is None:
             return np.zeros(0)
         return self.flow.plastic_strain_everywhere(answer.gauss.state.cumulated)
 
     def estimate(self, answer: Answer) -> Estimate | None:
-        """The difference to the exact answer where S is known, or the bound where it is interpolated.
+        """Difference from the exact answer if S is known, or the bound if it is interpolated.
 
-        Else what an indicator says: one of the recipe, or that of bodies that flow; None without either.
+        Otherwise the estimate of an indicator: that of the recipe, or that of inelastic bodies; None without either.
         """
         if not answer.converged:
             return None
@@ -401,13 +403,13 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return found._replace(outputs=self.output_bound.errors(self, answer, forces[0], exact.forces[0]))
 
     def rubbed(self, answer: Answer) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Forces in the RID, slack of all conditions, and the scale of gaps: what an indicator of forces asks."""
+        """Forces in the RID, slack of all conditions, and the scale of gaps: input of an indicator of forces."""
         theta = self.amplitudes(answer.parameter)
         slack = self._slack(theta, answer.unknown[None])[0]
         return answer.multipliers, slack, self.gap_scale
 
     def estimates(self, many: ManyAnswers) -> Estimates | None:
-        """Those of many answers at once; None where they are made one by one."""
+        """Estimates of many answers at once; None if they are made one by one."""
         bound = self.bound
         if bound is None or bound.together == 1 or self.force_snapshots is not None:
             return None
@@ -430,7 +432,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return replace(found, outputs_of=outputs_of)
 
     def _indicated(self, answer: Answer) -> Estimate | None:
-        """What an indicator says: a user's own, that of contact with friction, or of bodies that flow."""
+        """Estimate of an indicator: a user-defined one, that of frictional contact, or of inelastic bodies."""
         if self.indicator is not None:
             return Estimate.indicated(self.indicator(answer))
         if self.frictional is not None and self.flow is None:

@@ -1,6 +1,6 @@
-"""From snapshots to a reduced model that can be trusted: one list of stages, whatever the bodies do.
+"""From snapshots to a reduced model with a trust check: one list of stages for all kinds of bodies.
 
-Stages that a scene does not need are left out and listed with the reason.
+Stages that a scene does not need are skipped and listed with the reason.
 """
 
 from __future__ import annotations
@@ -46,25 +46,25 @@ if TYPE_CHECKING:
 
 
 FURTHER = Enrich(2.0)
-"""Enrichment of the usual recipe with friction where its own leaves contact rows dependent: friction alone then holds a
-body, and forces that stick need modes without its rigid motions."""
+"""Enrichment of the usual recipe with friction if its usual enrichment leaves contact rows dependent: only friction
+then holds a body, and forces of sticking contacts need modes without its rigid motions."""
 
 
 @dataclass(frozen=True)
 class OfflineRecord:
-    """How a reduced model was made, and what was found out about it.
+    """Offline record of a reduced model: its recipe, its dimensions and the results of the checks.
 
     Attributes:
-        recipe: how it was to be reduced.
-        layers: layers of cells of the RID, by which it may have grown.
-        basis: V, (N, ell), own rows of it where ranks build together.
+        recipe: the recipe.
+        layers: layers of cells of the RID, possibly more than in the recipe.
+        basis: V, (N, ell), local rows of it if the build is distributed.
         sets: index sets of the RID.
         stability: constants of the elastic projection.
-        enrichment: how the basis was enriched.
-        tangent_margin: smallest real part of the eigenvalues of the projected tangents; None where they were not
-            looked at.
-        comparison: what users get beside answers that are known; None if the check was left out.
-        log: times of the stages, what was left out, attempts that were refused.
+        enrichment: the enrichment of the basis.
+        tangent_margin: smallest real part of the eigenvalues of the projected tangents; None if they were not
+            computed.
+        comparison: errors against known answers; None if the check was skipped.
+        log: times of the stages, skipped stages, refused attempts.
     """
 
     recipe: Recipe
@@ -80,19 +80,19 @@ class OfflineRecord:
 
 @dataclass(frozen=True)
 class _Offline:
-    """What all attempts share.
+    """Data that all attempts share.
 
     Attributes:
         full: the full model.
-        snapshots, held_out: its answers, trained on and kept out of training.
-        recipe: how to reduce.
+        snapshots, held_out: its answers, for training and for validation.
+        recipe: the recipe.
         basis: before enrichment, (own, ell).
-        nodes: that make the RID.
+        nodes: nodes from which the RID is made.
         constants: of the full model.
-        completion: of the answers.
-        states: tangents at training states and the stiffness they make.
-        log: told of every stage.
-        announce: of each stage that begins.
+        completion: reconstruction of answers.
+        states: tangents at training states and their stiffness.
+        log: records every stage.
+        announce: called with each stage that begins.
     """
 
     full: Any
@@ -109,7 +109,7 @@ class _Offline:
 
 
 def usual_recipe(full: Any) -> Recipe:
-    """The recipe that a scene gets by default."""
+    """The default recipe of a scene."""
     if full.equilibrium is not None:
         return Recipe.flowing()
     return Recipe() if full.problem.friction is None else Recipe.with_friction()
@@ -117,15 +117,15 @@ def usual_recipe(full: Any) -> Recipe:
 
 @runtime_checkable
 class Reductor(Protocol):
-    """A way to reduce of your own: what makes a model of answers of the full one."""
+    """A user-defined reduction: it makes a model from answers of the full one."""
 
     def reduced(self, full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> AnsweringModel:
         """A model of the same scene.
 
         Args:
             full: the full model, with all rows.
-            snapshots: what to train on: answers at single parameters, or histories.
-            held_out: answers kept out of training, for a check; None where there are none.
+            snapshots: training answers at single parameters, or load paths.
+            held_out: validation answers, for a check; None without any.
         """
 
 
@@ -138,32 +138,32 @@ def build(
 ) -> Any:
     """Build an HHR model that passes the trust check, thesis sections 1.4.2-1.4.6 and 6.2.3.
 
-    A :class:`Reductor` in the place of a recipe makes a model of another kind from the same answers, as
+    A :class:`Reductor` instead of a recipe makes a model of another kind from the same answers, as
     :class:`~hhr_dolfinx.reduction.condense.Condensation` and
     :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings` do.
 
-    A model that fails is built again with one more layer of cells, up to ``recipe.domain.most_layers``. Under flow a
-    RID that is too small for its modes makes the projected consistent tangent indefinite: steps then fail, or converge
-    to a wrong path with the smallest residuals, and the elastic operator shows nothing of it.
+    A model that fails is built again with one more layer of cells, up to ``recipe.domain.most_layers``. For inelastic
+    bodies a RID that is too small for its modes makes the projected consistent tangent indefinite: steps then fail, or
+    converge to a wrong path with very small residuals, and the elastic operator shows no sign of it.
 
     Args:
-        full: the full model, of which only arrays are used. Ranks that have one together build together, each with its
-            own rows; where that is not built in all of them get all rows, which the log tells.
-        snapshots: what to train on: answers at single parameters, or histories.
-        recipe: how to reduce, a recipe or a reductor; None takes the usual one, :class:`Recipe` or, where bodies flow,
+        full: the full model, of which only arrays are used. A distributed model is reduced on all ranks, each with its
+            local rows; if that is not supported all ranks get all rows, which the log records.
+        snapshots: training answers at single parameters, or load paths.
+        recipe: a recipe or a reductor; None means the default, :class:`Recipe` or, for inelastic bodies,
             ``Recipe.flowing()``.
-        held_out: answers kept out of training, for the trust check; without them training answers are compared, and a
-            warning says so.
-        announce: called with each stage that begins; what it raises stops the build.
+        held_out: validation answers for the trust check; without them training answers are compared, and a
+            warning is given.
+        announce: called with each stage that begins; an exception from it stops the build.
 
     Raises:
-        ReductionError: for snapshots or recipes no model can be built from.
+        ReductionError: for snapshots or recipes from which no model can be built.
         NotSolvableError: if K~ is singular or the contact rows are dependent, (1.67).
         UnstableModelError: if the trust check still refuses the model at ``most_layers``.
 
     Warns:
-        StabilityWarning: if the trust check doubts it, or no training answer has contact or flow.
-        UncheckedWarning: if it was not compared with answers kept out of training.
+        StabilityWarning: if a check is close to its limit, or no training answer has contact or inelastic strain.
+        UncheckedWarning: if the model was not compared with validation answers.
     """
     given: Any = full
     if not (isinstance(given, AnsweringModel) and given.of_full_order):
@@ -203,12 +203,12 @@ def _of_recipe(
 
 
 def not_by_rows(problem: ContactProblem, snapshots: SnapshotSet | None = None, recipe: Recipe | None = None) -> str:
-    """Why ranks that have some rows each do not reduce a problem so, with snapshots or a recipe; empty where they do.
+    """Reason why a distributed problem is not reduced by rows, with snapshots or a recipe; empty if it is.
 
-    What is decomposed, projected, enriched and bounded takes sums over the ranks alone.
+    Decomposition, projection, enrichment and bounds use only sums over the ranks.
     """
     if problem.friction is not None:
-        return "contacts rub"
+        return "frictional contact"
     if snapshots is not None and snapshots.histories:
         return "it is trained on histories"
     if recipe is not None and not recipe.by_rows:
@@ -217,7 +217,7 @@ def not_by_rows(problem: ContactProblem, snapshots: SnapshotSet | None = None, r
 
 
 def everywhere(full: Any, *sets: SnapshotSet | None) -> tuple[Any, ...]:
-    """A full model and its answers, of which each rank has some rows, with all rows on each. Collective."""
+    """Gather a distributed full model and its answers, so that each rank has all rows. Collective."""
     problem = full.problem
     if problem.comm is None:
         return full, *sets
@@ -249,7 +249,7 @@ def _built(
         completion = Completion.of(full.problem, snapshots)
     states = _tangents(full, snapshots, recipe, log, announce)
     if recipe.indicator is None and (full.problem.friction is None or full.equilibrium is not None):
-        log.skip("indicator", "no estimate of the error of each answer was asked for")
+        log.skip("indicator", "no estimate of the error of each answer was requested")
     shared = _Offline(full, snapshots, held_out, recipe, basis, nodes, constants, completion, states, log, announce)
     return first_trusted(lambda layers: _attempt(shared, layers), recipe.domain.layers, recipe.domain.most_layers, log)
 
@@ -257,9 +257,9 @@ def _built(
 def _tangents(
     full: Any, snapshots: SnapshotSet, recipe: Recipe, log: StageLog, announce: Announce
 ) -> list[tuple[np.ndarray, Any]]:
-    """Tangents at training states and the stiffness they make; none where nothing flows, or they were not asked for."""
+    """Tangents at training states and their stiffness; empty for elastic bodies, or if they were not requested."""
     if full.equilibrium is None or recipe.tangents is None:
-        why = "nothing flows: the elastic operator is the tangent" if full.equilibrium is None else "not asked for"
+        why = "elastic bodies: the elastic operator is the tangent" if full.equilibrium is None else "not requested"
         log.skip("tangents", why)
         return []
     from hhr_dolfinx.reduction.flow import training_tangents
@@ -269,7 +269,7 @@ def _tangents(
 
 
 def sizes(full: Any, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
-    """Modes and contact conditions of the model that a recipe makes, before anything is projected.
+    """Numbers of modes and contact conditions of the model of a recipe, before anything is projected.
 
     Raises:
         ReductionError: see :func:`build`.
@@ -284,7 +284,7 @@ def sizes(full: Any, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
 
 
 def _of_scene(full: Any, reductor: Reductor, made: Any) -> AnsweringModel:
-    """What a reductor made, if it is a model of the scene of the full one.
+    """The result of a reductor, if it is a model of the scene of the full one.
 
     Raises:
         ReductionError: if it is not.
@@ -302,7 +302,7 @@ def _of_scene(full: Any, reductor: Reductor, made: Any) -> AnsweringModel:
 
 
 def _check_given(full, snapshots, recipe, held_out) -> None:
-    """Raise ReductionError for what is no recipe, and for solutions of another problem."""
+    """Raise ReductionError for an invalid recipe, and for solutions of another problem."""
     if isinstance(recipe, type):
         raise ReductionError(f"{recipe.__name__} is a class, give a value of it: {recipe.__name__}(...)")
     if not isinstance(recipe, Recipe):
@@ -334,7 +334,7 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
 
 
 def _attempt(shared: _Offline, layers: int) -> ReducedModel:
-    """One attempt with a fixed number of layers."""
+    """One attempt with a constant number of layers."""
     full = shared.full
     recipe = shared.recipe
     log = shared.log
@@ -372,7 +372,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
 
 
 def _assessed(shared: _Offline, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem) -> Stability:
-    """Constants of a projection that may be used."""
+    """Constants of an admissible projection."""
     problem = shared.full.problem
     rows = _distinct(problem, sets)
     stability = assess(problem, shared.constants, basis, rows, _rows_of(reduced, problem, sets))
@@ -385,7 +385,7 @@ def _assessed(shared: _Offline, basis: np.ndarray, sets: IndexSets, reduced: Red
 
 
 def _fields(shared: _Offline, basis: np.ndarray, sets: IndexSets, flow: ReducedFlow | None) -> Reconstruction:
-    """What completes answers, with bounds where they are proved."""
+    """Reconstruction of answers, with bounds if they are proved."""
     full = shared.full
     recipe = shared.recipe
     log = shared.log
@@ -422,7 +422,7 @@ def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets) -> ReducedFlo
 
 
 def _starts_along(model: ReducedModel) -> LinearStarts:
-    """Starts of a model whose answers are not tabulated; the module is loaded where there is one."""
+    """Starts of a model without tabulated answers; the module is loaded only for such a model."""
     from hhr_dolfinx.reduction.starts import linear_starts
 
     inner: Any = model.eliminated
@@ -430,7 +430,7 @@ def _starts_along(model: ReducedModel) -> LinearStarts:
 
 
 def _eliminated_between(model: ReducedModel, log: StageLog) -> ReducedModel:
-    """A model whose K~ depends on parameters, eliminated between few of them; statuses start along derivatives."""
+    """A model whose K~ depends on parameters, interpolated between few of them; statuses start along derivatives."""
     from hhr_dolfinx.reduction.interpolate_reduced import interpolated_reduction
     from hhr_dolfinx.reduction.starts import linear_starts
 
@@ -438,19 +438,19 @@ def _eliminated_between(model: ReducedModel, log: StageLog) -> ReducedModel:
         log.skip("interpolation", "contact alone holds bodies: K~ is factored for each query")
         return model
     if model.friction is not None:
-        log.skip("interpolation", "contacts rub: K~ is factored once for all increments of a path")
+        log.skip("interpolation", "frictional contact: K~ is factored once for all increments of a path")
         return model
     compliances, _ = interpolated_reduction(model.problem, model.fields.amplitudes, model.parameters)
     if compliances is None:
         log.skip("interpolation", "K~^-1 is no smooth function of the parameters: it is factored for each query")
         return model
-    assert model.known is not None  # of a model in which nothing flows
+    assert model.known is not None  # true for elastic bodies
     known = linear_starts(compliances, model.known.points, model.problem.pairs)
     return model.changed(compliances=compliances, known=known)
 
 
 def _distinct(problem: ContactProblem, sets: IndexSets) -> IndexSets:
-    """A RID without the conditions that others say too, of which no basis makes independent ones."""
+    """A RID without conditions that others repeat, whose rows are dependent for any basis."""
     return replace(sets, A_lambda=sets.A_lambda[problem.distinct[sets.A_lambda]])
 
 
@@ -463,20 +463,20 @@ def _rows_of(reduced: ReducedProblem, problem: ContactProblem, sets: IndexSets) 
 
 
 def _enriched(shared: _Offline, sets: IndexSets) -> Enrichment:
-    """The enriched basis, or the basis as it is where no enrichment was asked for."""
+    """The enriched basis, or the given one without a requested enrichment."""
     step = shared.recipe.enrichment
     problem = shared.full.problem
     rows = _distinct(problem, sets)
     enrichment = enrich(problem, shared.basis, rows, np.inf if step is None else step.kappa_max)
     if step is None:
-        shared.log.skip("enrichment", "not asked for")
+        shared.log.skip("enrichment", "not requested")
     else:
         record_enrichment(enrichment, step.kappa_max, shared.log)
     return enrichment
 
 
 def _checked_margin(shared: _Offline, model: ReducedModel, layers: int) -> float | None:
-    """Smallest tangent margin at training states; 1, that of the elastic operator, where nothing flowed."""
+    """Smallest tangent margin at training states; 1, that of the elastic operator, if all states are elastic."""
     if model.equilibrium is None or shared.recipe.tangents is None:
         return None
     from hhr_dolfinx.reduction.flow import check_margin
@@ -486,9 +486,9 @@ def _checked_margin(shared: _Offline, model: ReducedModel, layers: int) -> float
 
 
 def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None, TrainedRange | TrainedPaths | None]:
-    """What users get beside answers held out, or else beside training, and what the model was trained on.
+    """Errors against validation answers, or else against training, and the training range.
 
-    How a model of histories looks inside its training shows only when it has solved those that are known.
+    The training range of a model of load paths is known only after it has solved the known paths.
     """
     full = shared.full
     snapshots = shared.snapshots

@@ -1,4 +1,4 @@
-"""What a reduced model needs to answer with whole fields, thesis section 1.4.6, and the bounds of their errors."""
+"""Reconstruction of whole fields from reduced answers, thesis section 1.4.6, and the bounds of their errors."""
 
 from __future__ import annotations
 
@@ -31,20 +31,20 @@ STRESS = 1e-9
 PLASTIC_STRAIN = 1e-6
 """Part of the squared training fields that the modes for stress and for cumulated plastic strain leave out."""
 FORCES = 1e-6
-"""Part of the squared training forces that modes of forces leave out, where friction gives them any sign."""
+"""Part of the squared training forces that modes of forces leave out, for friction, which gives them any sign."""
 IN_THE_CONE = 1e-3
 """Relative distance from the cone of the other snapshots below which a force snapshot is left out: the fraction of the
-largest force below which a relative force error means nothing."""
+largest force below which a relative force error is meaningless."""
 
 
 @dataclass(frozen=True)
 class Completion:
-    """What completes answers, as far as it depends on training alone, computed once for all attempts.
+    """Reconstruction data that depend on training alone, computed once for all attempts.
 
     Attributes:
         forces: of training, (N_lambda, S).
-        gap_scale: length by which gaps are measured, (N_lambda,).
-        stress, plastic_strain: POD modes of the fields of Gauss points; None where nothing flows, or flowed.
+        gap_scale: length scale of gaps, (N_lambda,).
+        stress, plastic_strain: POD modes of the fields of Gauss points; None if they are zero.
     """
 
     forces: np.ndarray
@@ -54,7 +54,7 @@ class Completion:
 
     @classmethod
     def of(cls, problem: ContactProblem, snapshots: SnapshotSet) -> Completion:
-        """Of training answers."""
+        """Data from training answers."""
         scale = _gap_scale(problem, snapshots)
         if not snapshots.states:
             return cls(snapshots.forces, scale)
@@ -66,7 +66,7 @@ class Completion:
 
     @cached_property
     def rays(self) -> np.ndarray:
-        """Training forces whose cone holds all of them, see (1.70), (N_lambda, S')."""
+        """Training forces whose cone contains all of them, see (1.70), (N_lambda, S')."""
         return spanning_rays(self.forces, IN_THE_CONE)
 
     @cached_property
@@ -83,16 +83,16 @@ class Completion:
         *,
         cone: bool = True,
     ) -> Reconstruction:
-        """What one reduced model hands out fields with; without the ``cone`` of (1.70) a bound completes forces.
+        """Fields of one reduced model; without the ``cone`` of (1.70) a bound completes forces.
 
-        From here on all ranks have all rows of its columns, (N, c): each answers by itself.
+        The result has all rows of the columns, (N, c), on all ranks: each evaluates by itself.
         """
         return Reconstruction(
             amplitudes=problem.amplitudes,
             basis=problem.spread.whole(basis),
             lifts=problem.lifts,
-            contact_basis=problem.moved(basis),
-            gaps=problem.gaps + 0.0,  # files keep zeros with a sign
+            contact_basis=problem.contact_rows_times(basis),
+            gaps=problem.gaps + 0.0,  # files keep the sign of zeros
             A_lambda=sets.A_lambda,
             force_snapshots=self.rays if cone else None,
             gap_scale=self.gap_scale,
@@ -101,7 +101,7 @@ class Completion:
         )
 
     def _flow_fields(self, flow: ReducedFlow) -> FlowFields:
-        """How stress and cumulated plastic strain are completed from the Gauss points of the RID (section 6.2.3)."""
+        """Reconstruction of stress and cumulated plastic strain from the Gauss points of the RID (section 6.2.3)."""
         if self.stress is None:
             raise ReductionError("these snapshots hold no stress: give histories of a scene whose bodies flow")
         components = flow.material.components
@@ -112,11 +112,11 @@ class Completion:
 
 
 def spanning_rays(columns: np.ndarray, tolerance: float) -> np.ndarray:
-    """Some of non-negative columns, (m, S), whose non-negative combinations reach all of them, (m, S').
+    """Select non-negative columns, (m, S), whose non-negative combinations contain all of them, (m, S').
 
     Linear independence is not enough for (1.70): a snapshot that is a difference of others lies outside their cone.
-    The most independent columns come first; what lies outside their cone joins them, half at a time. A distance from
-    the cone up to ``tolerance``, relative to the length of a column, counts as inside.
+    The most independent columns come first; half of the columns outside their cone are added at a time. A distance from
+    the cone up to ``tolerance``, relative to the norm of a column, counts as inside.
     """
     lengths = np.linalg.norm(columns, axis=0)
     left = np.flatnonzero(lengths > 0)
@@ -138,22 +138,22 @@ def spanning_rays(columns: np.ndarray, tolerance: float) -> np.ndarray:
 
 
 def _distance(cone: np.ndarray, ray: np.ndarray) -> float:
-    """Distance of a ray from a cone; infinite where the search for it does not settle: then the ray joins the cone."""
+    """Distance of a ray from a cone; infinite if the search does not converge: the ray is then added to the cone."""
     try:
-        # three rounds for each ray, scipy's own limit, are too few beside hundreds of rays that are nearly parallel
+        # scipy's limit of three rounds for each ray is too small for hundreds of nearly parallel rays
         return float(nnls(cone, ray, maxiter=30 * cone.shape[1])[1])
     except RuntimeError:
         return math.inf
 
 
 def _gap_scale(problem, snapshots) -> np.ndarray:
-    """Length by which gaps of each contact pair are measured, (N_lambda,).
+    """Length scale of the gaps of each contact pair, (N_lambda,).
 
-    The largest gap or relative motion of its bodies, not the largest slack: where contact never opens in training the
-    slack is round-off, and gaps measured by it would all count as open.
+    The largest gap or relative motion of its bodies, not the largest slack: if contact never opens in training the
+    slack is round-off, and relative to it all gaps would count as open.
     """
     gaps = problem.amplitudes.sum_columns(problem.gaps, snapshots.points)
-    sizes = np.maximum(np.abs(gaps), np.abs(problem.moved(snapshots.displacements))).max(axis=1)
+    sizes = np.maximum(np.abs(gaps), np.abs(problem.contact_rows_times(snapshots.displacements))).max(axis=1)
     scale = np.ones(sizes.size)
     for pair in np.unique(problem.contact_pairs):
         inside = problem.contact_pairs == pair
@@ -161,17 +161,17 @@ def _gap_scale(problem, snapshots) -> np.ndarray:
     return scale
 
 
-OF_FRICTION = "contacts rub, and how far reduced increments are off is not bounded"
+OF_FRICTION = "frictional contact: the error of reduced increments has no bound"
 
 
 class Bounding(NamedTuple):
-    """Bounds of errors, and the displacement that they are of.
+    """Bounds of errors, and the displacement to which they apply.
 
     Attributes:
-        bound: None where there is none.
-        columns: those that make the displacement, (own, c).
-        response: makes their coordinates of forces; None where these are gamma.
-        unbounded: why there is no bound; empty where there is one.
+        bound: None without a bound.
+        columns: columns of the displacement, (own, c).
+        response: maps forces to their coordinates; None if these are gamma.
+        unbounded: reason for a missing bound; empty with a bound.
     """
 
     bound: Bound | None
@@ -188,7 +188,7 @@ def bound_of(
     log: StageLog,
     announce: Announce = unannounced,
 ) -> Bounding:
-    """Bounds for a recipe, with a basis, (own, ell); none where not asked for or not proved, as the log says too."""
+    """Bounds for a recipe, with a basis, (own, ell); None if not requested or not proved, with a log entry."""
     if not recipe.bound or recipe.indicator is not None:
         return Bounding(None, basis, unbounded=NOT_ASKED)
     if full.problem.friction is not None:
@@ -200,7 +200,7 @@ def bound_of(
                 from hhr_dolfinx.reduction.varying_bound import varying_bound
 
                 return Bounding(varying_bound(full, basis, forces, announce=announce), basis)
-            if recipe.cone:  # forces outside the RID are then those of training
+            if recipe.cone:  # forces outside the RID are then combinations of training forces
                 return Bounding(exact_difference(full, basis, forces), basis)
             made = field_response(full, forces, basis.shape[1])
             whole = replace(made.response, loaded=full.problem.spread.whole(made.response.loaded))

@@ -1,4 +1,4 @@
-"""Bounds of errors where the stiffness or the shape depends on parameters, offline."""
+"""Bounds of errors if the stiffness or the shape depends on parameters, offline."""
 
 from __future__ import annotations
 
@@ -29,27 +29,27 @@ from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.timing import Announce, unannounced
 
 GRID = GridSettings(1e-9, 150)
-"""How far S and its energies are interpolated: displacements are resolved up to the root of it."""
+"""Interpolation of S and its energies: displacements are resolved up to the root of its tolerance."""
 PROVED = 1e-5
-"""ε up to which a proof is worth its name; what interpolates worse is far better than what is proved of it."""
+"""ε up to which a proof is useful; interpolations with a larger ε are far better than their proof."""
 NOISE = 1e-9
 """Part of S, and of energies, that is round-off of soft directions."""
 PROBES = 6
 POWERS = 3
 CERTAIN = 10 * math.sqrt(2 / math.pi)
 PLACES_OF_FACTORS = 256
-"""Random forces under which S is held against solutions, powers of its error, how certain that makes a norm, see
+"""Random forces for the comparison of S with solutions, powers of its error, the certainty of the norm, see
 :func:`probed`, and points at which factors of its parts are compared."""
 MEASURED = 16
-"""Loads, the largest ones, of whose energies round-off is measured."""
+"""Number of loads, the largest ones, whose energies determine round-off."""
 OBSERVED = 10.0
 PLACES = 3
 LARGEST = 1e-3
-"""Errors over the largest seen at so many random places, where nothing is proved; and where there is no bound."""
+"""Factor on the largest error at so many random points, without a proof; error above which there is no bound."""
 
 
 class Between(NamedTuple):
-    """What bounds of all models of one full model need between parameters, see :class:`VaryingBound`."""
+    """Interpolated arrays that all bounds of a full model share, see :class:`VaryingBound`."""
 
     compliances: Compliances
     energies: tuple[PartEnergy, ...]
@@ -62,14 +62,14 @@ _KNOWN: WeakKeyDictionary[Any, Between | BoundError] = WeakKeyDictionary()
 
 
 def between(full: Any, solvers: Sequence[Solver] | None = None, announce: Announce = unannounced) -> Between:
-    """What bounds of all models of a full model share, or why there are none: solved for once, and kept as long as it.
+    """Arrays that all bounds of a full model share, or the reason why there are none; computed once and cached.
 
     Raises:
         BoundError: with the hypothesis that fails.
     """
     check_hypotheses(full)
     if full not in _KNOWN:
-        # K^-1 of each component takes all rows; what is made of it is as large as the surface
+        # K^-1 of each component needs all rows; the results are as large as the surface
         whole = full if full.problem.comm is None else full.gathered()
         try:
             _KNOWN[full] = _between(whole, solvers or solvers_of(whole), announce)
@@ -90,9 +90,9 @@ def varying_bound(
 ) -> VaryingBound:
     """Bounds for answers with a basis, (own, ell), of a full model whose stiffness depends on parameters.
 
-    What does not depend on the basis is that of :func:`between`. Of forces of
-    training, (N_lambda, S), a thousandth is what relative errors are taken over at least. ``solvers`` of its components
-    may be given that know some points already.
+    Arrays that do not depend on the basis are those of :func:`between`. Relative errors use at least a thousandth of
+    the largest training force, (N_lambda, S), as the denominator. ``solvers`` of the components that have some points
+    already may be passed.
 
     Raises:
         BoundError: with the hypothesis that fails.
@@ -106,7 +106,7 @@ def varying_bound(
 
 
 def _between(full: Any, solvers: Sequence[Solver], announce: Announce) -> Between:
-    """Solve for it."""
+    """Compute the shared arrays."""
     problem: ContactProblem = full.problem
     components = [solver.component for solver in solvers]
     held = sum(int(component.dofs.sum()) for component in components)
@@ -125,7 +125,7 @@ def _between(full: Any, solvers: Sequence[Solver], announce: Announce) -> Betwee
     errors = [OF_ENERGY, *(_round_off(solver) for solver in solvers)]
     proved = problem.reshaped is None
     for solver, part, energy, kind in zip(energetic, compliances.parts, energies, kinds, strict=True):
-        if not part.interpolant.axes.size:  # nothing but an exact factor changes it
+        if not part.interpolant.axes.size:  # only an exact factor changes it
             continue
         seen = _seen(solver, part, energy)
         sure = _proved(part, kind)
@@ -142,10 +142,10 @@ def _between(full: Any, solvers: Sequence[Solver], announce: Announce) -> Betwee
 
 
 def _round_off(solver: Solver) -> float:
-    """Part of the energy of loads on a component that is round-off, most where a body is slender.
+    """Part of the energy of loads on a component that is round-off, largest for slender bodies.
 
-    It is what products with K lose, however x was solved for: |K x| of a body that bends is far below |K| |x|. Errors
-    of rows are independent of each other, so that their squares add up (N. J. Higham, Accuracy and Stability of
+    It is the error of products with K, for any solution x: |K x| of a bent body is far below |K| |x|. Errors
+    of rows are independent of each other, so that their squares are added (N. J. Higham, Accuracy and Stability of
     Numerical Algorithms, 2002, section 2.8).
     """
     middle = solver.problem.middle
@@ -161,7 +161,7 @@ def _round_off(solver: Solver) -> float:
 
 
 def _areas(problem: ContactProblem) -> Interpolant | None:
-    """Tributary areas between shapes; None where they do not change."""
+    """Tributary areas between shapes; None if they are constant."""
     if problem.reshaped is None:
         return None
     axes = np.array(problem.reshaped.axes, dtype=np.int64)
@@ -173,7 +173,7 @@ def _areas(problem: ContactProblem) -> Interpolant | None:
 
 
 def _check_resolved(error: float) -> None:
-    """Raise BoundError where what is interpolated is too far off for a bound; of itself, in the order of energies."""
+    """Raise BoundError if the interpolation is too inaccurate for a bound; relative, in the order of energies."""
     if error <= LARGEST:
         return
     off = f"{error:.2g} of itself" if error < 1 else "more than itself"
@@ -185,9 +185,9 @@ def _check_resolved(error: float) -> None:
 
 
 def _stiffness_of(component: Component, problem: ContactProblem) -> PartStiffness | None:
-    """How the stiffness of a part depends on its only parameter; None where nothing is proved.
+    """Dependence of the stiffness of a part on its only parameter; None if nothing is proved.
 
-    A lift moves with K, not with K^-1.
+    A lift scales with K, not with K^-1.
     """
     part = component.part
     moduli = component.moduli
@@ -201,7 +201,7 @@ def _stiffness_of(component: Component, problem: ContactProblem) -> PartStiffnes
 
 
 def _proved(part: Compliance, kind: PartStiffness | None) -> float | None:
-    """ε of a part, None where it is not proved, or too large to be worth it."""
+    """ε of a part, None if it is not proved, or too large."""
     if kind is None:
         return None
     error = kind.error(len(part.interpolant.levels))
@@ -209,7 +209,7 @@ def _proved(part: Compliance, kind: PartStiffness | None) -> float | None:
 
 
 def _seen(solver: EnergySolver, part: Compliance, energy: PartEnergy) -> float:
-    """Largest error of a part at random places, in the order of energies."""
+    """Largest error of a part at random points, in the order of energies."""
     space = solver.solver.problem.parameters
     worst = 0.0
     for point in space.random(PLACES if part.interpolant.axes.size else 1, seed=PLACES):
@@ -233,7 +233,7 @@ class _Probe(NamedTuple):
 
     Attributes:
         solver: of the component.
-        conditions: that act on it, (m_c,).
+        conditions: conditions on its dofs, (m_c,).
         rows: B on its dofs, (m_c, N).
         modes: of S_c, (r, m_c, m_c), which may take a tenth of all memory: there is no other copy.
         weights: S_c in the middle of the box along them, (r,).
@@ -247,7 +247,7 @@ class _Probe(NamedTuple):
 
     @classmethod
     def of(cls, solver: Solver, part: Compliance, problem: ContactProblem) -> _Probe:
-        """Of a part."""
+        """Data of a part."""
         rows = csr_matrix(problem.contact[part.conditions].multiply(solver.component.dofs))
         middle = problem.middle
         count = part.conditions.size
@@ -260,7 +260,7 @@ class _Probe(NamedTuple):
 
 
 def _largest_images(probes: Sequence[_Probe], lower: np.ndarray, problem: ContactProblem) -> float:
-    """Sum of what powers of A say of the norm of each; of several components at once, which one solution serves."""
+    """Sum of the norm estimates of each, by powers of A; several components share a solution."""
     solver = probes[0].solver
     middle = problem.middle
     images = [np.random.default_rng(PROBES).standard_normal((len(lower), PROBES)) for _ in probes]
@@ -269,28 +269,28 @@ def _largest_images(probes: Sequence[_Probe], lower: np.ndarray, problem: Contac
             solve_triangular(lower, image, lower=True, trans="T")[probe.conditions]
             for probe, image in zip(probes, images, strict=True)
         ]
-        pushed = csc_matrix(sum(probe.rows.T @ own for probe, own in zip(probes, forces, strict=True)))
+        loads = csc_matrix(sum(probe.rows.T @ own for probe, own in zip(probes, forces, strict=True)))
         every = solver.serves_all
-        moved = solver.solved_everywhere(middle, pushed) if every else solver.solved_columns(problem, middle, pushed)
+        responses = solver.solved_everywhere(middle, loads) if every else solver.solved_columns(problem, middle, loads)
         for place, (probe, own) in enumerate(zip(probes, forces, strict=True)):
             off = np.zeros(images[place].shape)
-            off[probe.conditions] = probe.slack(own) - probe.rows @ moved
+            off[probe.conditions] = probe.slack(own) - probe.rows @ responses
             images[place] = solve_triangular(lower, off, lower=True)
     return sum((CERTAIN * float(np.linalg.norm(image, axis=0).max())) ** (1 / POWERS) for image in images)
 
 
 def probed(solvers: Sequence[Solver], compliances: Compliances, problem: ContactProblem) -> float:
-    """What solutions tell of the error of S under random forces, in the order of energies, at the worst of the box.
+    """Error of S against solutions with random forces, in the order of energies, at the worst point of the box.
 
-    Of parts that do not depend on more than a factor: it is round-off, or what compressed factors leave out. The error
-    E_c of each is measured beside S = L L^T in the middle of the box, A = L^-1 E_c L^-T, by a few powers of A that are
-    multiplied with random vectors: with a probability of 1 - 10^-PROBES the norm of a matrix is at most the largest of
-    their images times 10 (2/π)^1/2 (N. Halko, P.-G. Martinsson and J. Tropp, SIAM Review 53, 2011, lemma 4.1), and
-    that of A at most the root of it. As S is the sum of its parts the error of each counts as much as the softest part
-    counts more than the stiffest one, beside the middle of the box.
+    For parts that only have a variable factor: the error is round-off, or due to compressed factors. The error
+    E_c of each is measured relative to S = L L^T in the middle of the box, A = L^-1 E_c L^-T, by a few powers of A that
+    are multiplied with random vectors: with a probability of 1 - 10^-PROBES the norm of a matrix is at most the largest
+    of their images times 10 (2/π)^1/2 (N. Halko, P.-G. Martinsson and J. Tropp, SIAM Review 53, 2011, lemma 4.1), and
+    that of A at most the root of it. As S is the sum of its parts the error of each is multiplied by the ratio of the
+    softest part to the stiffest one, relative to the middle of the box.
     """
     middle = problem.middle
-    schur = compliances.stiffness(middle).schur.T  # symmetric; LAPACK takes columns as they lie
+    schur = compliances.stiffness(middle).schur.T  # symmetric; LAPACK uses Fortran order
     schur[np.diag_indices(len(schur))] += NOISE * schur.diagonal().mean()
     lower = cholesky(schur, lower=True, overwrite_a=True)  # S may be as large as a tenth of all memory
     del schur
@@ -310,13 +310,13 @@ def probed(solvers: Sequence[Solver], compliances: Compliances, problem: Contact
 
 
 def _sizes(energies: np.ndarray) -> np.ndarray:
-    """Square roots of the diagonal; what has hardly any energy counts with a part of the largest."""
+    """Square roots of the diagonal; very small energies are replaced by a part of the largest."""
     own = np.maximum(energies.diagonal(), 0.0)
     return np.sqrt(own + NOISE * own.max(initial=0.0) + np.finfo(float).tiny)
 
 
 def _whole(problem: ContactProblem, basis: np.ndarray) -> ReducedProblem | InterpolatedProblem:
-    """Galerkin's projection on the whole mesh, all conditions among its rows."""
+    """Galerkin projection on the whole mesh, with all conditions among its rows."""
     every = np.flatnonzero(problem.free)
     conditions = np.arange(len(problem.gaps))
     cells = np.arange(len(problem.cell_nodes))
@@ -327,7 +327,7 @@ def _whole(problem: ContactProblem, basis: np.ndarray) -> ReducedProblem | Inter
 
 
 class EnergySolver:
-    """Solves for energies beside what one component leaves of itself.
+    """Solver for one component that returns its energies too.
 
     Args:
         solver: of the component.
@@ -349,7 +349,7 @@ class EnergySolver:
         body = self.component.body
         factor = part.factor_at(point)
         loads = self.solver.acting(problem)
-        # loads move a body the more the softer it is, lifts by themselves
+        # load terms scale with the root of the compliance, lift terms with that of the stiffness
         scales = np.append(np.full(part.forced.size, factor**0.5), np.full(part.lifted.size, factor**-0.5))
         work = scales[:, None] * self.solver.work(point) * scales
         own = csc_matrix(problem.lifts[:, part.lifted])[body]

@@ -1,1 +1,1 @@
-"""Bounds of errors, evaluated; what they need is made in certify and reduction."""
+"""Evaluation of error bounds; their arrays are computed in certify and reduction."""

@@ -1,7 +1,7 @@
-"""Norms of errors, and what the fields of a model ask of its bound.
+"""Norms of errors, and the interface of bounds.
 
-Where the stiffness is constant the bound of an error is the error: :mod:`hhr_dolfinx.models.bounds.difference`. Where S
-is interpolated it is :mod:`hhr_dolfinx.models.bounds.varying_bound`.
+For a constant stiffness the bound of an error is the error: :mod:`hhr_dolfinx.models.bounds.difference`. For an
+interpolated S it is :mod:`hhr_dolfinx.models.bounds.varying_bound`.
 """
 
 from __future__ import annotations
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.gradient import Gradient
 
 ROUND_OFF = 1e-10
-"""Part of an answer that is round-off of the exact one too: nothing is known to be nearer."""
+"""Part of an answer that is round-off of the exact one too: smaller errors are unknown."""
 CANCELLED = 1e-3
-"""Round-off of fields that cancel, over the round-off of what is left."""
+"""Round-off of fields that cancel, over the round-off of the remainder."""
 
 
 @dataclass(frozen=True)
 class ForceScale:
-    """What contact forces are measured by (m conditions).
+    """Scales of contact forces (m conditions).
 
     Attributes:
-        areas: tributary area of each condition, by which a nodal force is a pressure, (m,); that of one without an
-            area is zero, and so is its pressure; of answers on their own shapes (n, m).
-        least: S norm, Euclidean norm and peak pressure below which relative errors are taken over these, (3,).
+        areas: tributary area of each condition, which turns a nodal force into a pressure, (m,); a condition without an
+            area has zero pressure; for answers on different shapes (n, m).
+        least: S norm, Euclidean norm and peak pressure that relative errors use at least as the denominator, (3,).
     """
 
     areas: np.ndarray
@@ -44,17 +44,17 @@ class ForceScale:
         return np.divide(1.0, self.areas, out=np.zeros(self.areas.shape), where=self.areas > 0)
 
     def peak(self, forces: np.ndarray) -> np.ndarray:
-        """Largest pressure of forces that are not negative, (..., m): (...,)."""
+        """Largest pressure of non-negative forces, (..., m): (...,)."""
         return np.maximum.reduce(forces * self.per_area, axis=-1, initial=0.0)
 
 
 def estimates_of(kind: str, errors: np.ndarray, least: np.ndarray) -> Estimates:
-    """Estimates of n answers; a relative error is infinite where the exact answer may be nothing and the error is not.
+    """Estimates of n answers; a relative error is infinite if the exact answer may be zero and the error is not.
 
     Args:
         kind: see :class:`~hhr_dolfinx.models.estimates.Estimate`.
         errors: of displacement and forces in energy, of forces in the Euclidean norm, and of pressures, (4, n).
-        least: sizes over which they are taken, in the same norms, (4, n).
+        least: denominators of relative errors, in the same norms, (4, n).
     """
     with np.errstate(divide="ignore", invalid="ignore"):
         shares = np.where(errors == 0, 0.0, errors / np.maximum(least, 0.0))
@@ -68,7 +68,7 @@ def lengths(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def driven(matrix: np.ndarray, theta: Any) -> np.ndarray:
-    """Columns of a matrix, (k, 1 + T), for θ of each answer, (n, 1 + T) or one Theta: (n, k)."""
+    """Columns of a matrix, (k, 1 + T), times θ of each answer, (n, 1 + T) or one Theta: (n, k)."""
     return (matrix @ theta)[None] if isinstance(theta, Theta) else np.asarray(theta @ matrix.T)
 
 
@@ -76,32 +76,32 @@ class BoundThere(Protocol):
     """A bound at the parameters of n answers (m conditions, ell modes)."""
 
     def slack(self, forces: np.ndarray) -> np.ndarray:
-        """Slack of the fields in equilibrium with forces, (n, m) each."""
+        """Slack of the fields in equilibrium with forces, (n, m)."""
 
     def completed(self, own: np.ndarray, outside: Any) -> np.ndarray:
-        """Forces on all conditions, (n, m), from those inside, (n, k), by what :meth:`Bound.prepared` returned.
+        """Forces on all conditions, (n, m), from those inside, (n, k), by the result of :meth:`Bound.prepared`.
 
-        The others close their gaps.
+        The other forces close their gaps.
         """
 
     def force_changes(self, forces: np.ndarray, outside: Any, gradient: Gradient, changes: np.ndarray) -> np.ndarray:
-        """Derivatives of completed forces, (m,), of one answer, (m, P), while the statuses stay.
+        """Derivatives of completed forces, (m,), of one answer, (m, P), at constant statuses.
 
         ``gradient`` has those of the forces inside, ``changes`` are those of θ, (1 + T, P).
         """
 
     def of(self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]) -> Estimates:
-        """Errors of fields of γ, (n, ell), whose slack is (n, m), and of forces that are handed out, (n, m)."""
+        """Errors of fields of γ, (n, ell), with slack (n, m), and of the returned forces, (n, m)."""
 
 
 class Bound(Protocol):
-    """What bounds the errors of the answers of a model.
+    """Bound of the errors of a model's answers.
 
     Attributes:
-        together: answers that are bounded at once, so that what is made on the way stays small.
+        together: number of answers per evaluation, so that intermediate arrays stay small.
         kind: see :class:`Estimate`.
-        schur: S, in the middle of the box where it varies, (m, m).
-        free_slack: slack without contact forces: as terms of θ, (m, 1 + T), or in the middle of the box where S
+        schur: S, in the middle of the box if it varies, (m, m).
+        free_slack: slack without contact forces: as terms of θ, (m, 1 + T), or in the middle of the box if S
             varies, (m,).
     """
 
@@ -118,7 +118,7 @@ class Bound(Protocol):
     def free_slack(self) -> np.ndarray: ...  # noqa: D102
 
     def prepared(self, inside: np.ndarray) -> Any:
-        """What completes forces of the conditions ``inside``."""
+        """Data that complete forces from those of the conditions ``inside``."""
 
     def at(self, points: np.ndarray, theta: Any) -> BoundThere:
-        """At the parameters of some answers, (n, P), of θ, (n, 1 + T), sparse or not; or one Theta for one."""
+        """Bound at the parameters of some answers, (n, P), with θ, (n, 1 + T), sparse or not; or one Theta for one."""

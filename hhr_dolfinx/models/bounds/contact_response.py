@@ -1,8 +1,8 @@
-"""What contact conditions do to each other through the bodies, S = B K^-1 B^T, where it is known at a parameter.
+"""Response of contact conditions to each other through the bodies, S = B K^-1 B^T, if it is known at a parameter.
 
-Forces λ then make the slack free + S λ of the field in equilibrium with them, whatever model they come from: all that
-is asked here has the size of the contact surface. Several answers at once, (n, m), share the factors of S where their
-statuses are the same.
+Forces λ give the slack free + S λ of the field in equilibrium with them, for any model: all arrays here have the size
+of the contact surface. Several answers at once, (n, m), share the factors of S if their statuses
+are the same.
 """
 
 from __future__ import annotations
@@ -19,12 +19,12 @@ from hhr_dolfinx.plain import Rebuilt
 
 
 class Outside(NamedTuple):
-    """Contact conditions whose forces are not given, beside those whose are (k and m - k of m conditions).
+    """Partition of the contact conditions into given and free ones (k and m - k of m conditions).
 
     Attributes:
-        inside, outside: places of those that are given, (k,), and of the others, (m - k,).
-        equalities: equality problems on S of the others.
-        columns: S by which those given open and close the others, (k, m - k).
+        inside, outside: indices of the given conditions, (k,), and of the free ones, (m - k,).
+        equalities: equality problems on S of the free ones.
+        columns: response of the free conditions to the given forces, (k, m - k).
     """
 
     inside: np.ndarray
@@ -33,10 +33,10 @@ class Outside(NamedTuple):
     columns: np.ndarray
 
     def completed(self, own: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """All forces, (n, m): the others close their gaps, each a small contact problem.
+        """All forces, (n, m): the free ones close their gaps, in a small contact problem for each answer.
 
         Args:
-            own: the forces given, (n, k).
+            own: the given forces, (n, k).
             free: slack without forces, (n, m).
         """
         forces = np.zeros(free.shape)
@@ -49,12 +49,12 @@ class Outside(NamedTuple):
         return forces
 
     def changes(self, forces: np.ndarray, own: np.ndarray, free: np.ndarray) -> np.ndarray:
-        """Derivatives of all forces along some parameters, (m, P), while the statuses stay.
+        """Derivatives of all forces along some parameters, (m, P), at constant statuses.
 
         Args:
             forces: completed ones, (m,).
-            own: derivatives of the forces given, (k, P).
-            free: those of the slack without forces, (m, P).
+            own: derivatives of the given forces, (k, P).
+            free: derivatives of the slack without forces, (m, P).
         """
         found = np.zeros(free.shape)
         found[self.inside] = own
@@ -76,7 +76,7 @@ class ContactResponse(Rebuilt):
     schur: np.ndarray
 
     def outside(self, inside: np.ndarray, outside: np.ndarray | None = None) -> Outside:
-        """What conditions do to each other where the forces of some, ``inside``, are given; the others if known."""
+        """Partition with given forces of the conditions ``inside``; the others may be passed if they are known."""
         if outside is None:
             outside = np.setdiff1d(np.arange(len(self.schur)), inside, assume_unique=True)
         if not outside.size:
@@ -90,12 +90,12 @@ class ContactResponse(Rebuilt):
         return SchurEqualities.symmetric(self.schur)
 
     def settled(self, forces: np.ndarray, free: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Forces that solve the contact problem on S, (n, m), and whether the search for them settled, (n,) bool.
+        """Forces that solve the contact problem on S, (n, m), and True for those that converged, (n,) bool.
 
-        It starts from the statuses of given forces, which stay where it does not settle.
+        The search starts from the statuses of given forces, which remain if it does not converge.
 
         Args:
-            forces: not negative, (n, m).
+            forces: non-negative, (n, m).
             free: slack without forces, (n, m).
         """
         found = np.empty(forces.shape)

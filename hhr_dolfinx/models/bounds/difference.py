@@ -1,15 +1,15 @@
-"""Errors of answers where the stiffness is constant: their difference to the exact answer.
+"""Errors of answers for a constant stiffness: their difference from the exact answer.
 
-S = B K^-1 B^T is known there, and so are the exact forces Λ: the solution of the contact problem on S, found from the
-statuses of an answer at the cost of a few equality problems. The exact field is u0 θ - K^-1 B^T Λ, u0 of loads and
-imposed displacements. What the field of an answer leaves out of it is a field of forces alone, whose energy is their
-S norm; or, of modes V, a combination of columns that are written in directions of unit energy, as a Gram matrix in
-their place would lose half of the digits.
+S = B K^-1 B^T is then known, and so are the exact forces Λ: the solution of the contact problem on S, found from the
+statuses of an answer at the cost of a few equality problems. The exact field is u0 θ - K^-1 B^T Λ, with u0 the field of
+loads and imposed displacements. The difference of the field of an answer is a field of forces alone, whose energy is
+their S norm; or, for modes V, a combination of columns expressed in directions of unit energy, since a Gram matrix
+would lose half of the digits.
 
-Where contact alone holds bodies let R be their rigid motions, on which K is singular, and G = B R. K is factored with
-as many dofs pinned as there are motions. Forces that balance the loads, G^T λ = driving, leave nothing on the pins, so
-that S and the field of the pinned bodies are right up to a motion R q, which the contact problem finds beside Λ, see
-:mod:`hhr_dolfinx.contact.floating`. Energy knows no rigid motion, nor does an estimate.
+For bodies that only contact holds let R be their rigid motions, on which K is singular, and G = B R. K is factored with
+as many dofs pinned as there are motions. Forces that balance the loads, G^T λ = driving, have no reaction on the pins,
+so that S and the field of the pinned bodies are correct up to a motion R q, which the contact problem determines with
+Λ, see :mod:`hhr_dolfinx.contact.floating`. Energies and estimates do not depend on rigid motions.
 """
 
 from __future__ import annotations
@@ -34,13 +34,13 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.gradient import Gradient
 
 SQUARES = 1e-14
-"""Part of squares that is round-off of their difference."""
+"""Part of squares up to which their difference is round-off."""
 
 
 class Exact(NamedTuple):
-    """Exact forces of n answers, (n, m), the rigid motions with them, (n, r), and whether they were found, (n,) bool.
+    """Exact forces of n answers, (n, m), their rigid motions, (n, r), and True for those that were found, (n,) bool.
 
-    Where they were not, the forces are those of the answer.
+    For the others, the forces are those of the answer.
     """
 
     forces: np.ndarray
@@ -48,17 +48,17 @@ class Exact(NamedTuple):
     found: np.ndarray
 
 
-def definite(schur: np.ndarray, taken: np.ndarray) -> np.ndarray:
-    """S + G M G^T, (m, m), which is S on differences of balanced forces, and definite where S is on these.
+def definite(schur: np.ndarray, contact_of_motions: np.ndarray) -> np.ndarray:
+    """S + G M G^T, (m, m), equal to S on differences of balanced forces, and definite if S is on these.
 
-    Motions count as much as a force on one condition, where they move the conditions most.
+    Motions are scaled like a force on one condition, at the condition with the largest effect.
 
     Args:
         schur: S, (m, m).
-        taken: G, (m, r), no column of which is zero; r = 0 where all bodies are held.
+        contact_of_motions: G = B R, (m, r), without zero columns; r = 0 if all bodies are held.
     """
-    scale = schur.diagonal().mean() / np.abs(taken).max(axis=0) ** 2
-    return schur + (taken * scale) @ taken.T
+    scale = schur.diagonal().mean() / np.abs(contact_of_motions).max(axis=0) ** 2
+    return schur + (contact_of_motions * scale) @ contact_of_motions.T
 
 
 @dataclass(frozen=True)
@@ -68,17 +68,17 @@ class ExactDifference(Rebuilt):
     Attributes:
         free_slack: gaps - B K^-1 loads, (m, 1 + T).
         schur: S, (m, m).
-        taken: G, (m, r); r = 0 where all bodies are held.
+        taken: G = B R, (m, r); r = 0 if all bodies are held.
         driving: loads along the motions, (r, 1 + T).
         given: u0 in directions of unit energy, (1 + T, 1 + T).
         cross: (K^-1 B^T)^T K u0, (m, 1 + T).
         lifting: energy norms of imposed displacements, whose round-off u0 has, (1 + T,).
         areas, least: see :class:`~hhr_dolfinx.models.bounds.bound.ForceScale`.
-        kept: what the columns of a displacement that forces make keep of K^-1 B^T, orthonormal after L, the factor of
-            :func:`definite`, (m, c); no columns where they keep all of it; None where the columns are V.
-        modes: V in directions of unit energy, of which the first m are those of K^-1 B^T, (k', ell); None where the
+        kept: projection of K^-1 B^T on the columns of a displacement as a function of forces, orthonormal after L, the
+            factor of :func:`definite`, (m, c); no columns if they span all of it; None if the columns are V.
+        modes: V in directions of unit energy, of which the first m are those of K^-1 B^T, (k', ell); None if the
             columns are not V.
-        loads: K^-1 loads in the same directions and more, (k'', 1 + T); None likewise.
+        loads: K^-1 loads in the same directions and more, (k'', 1 + T); None if the columns are not V.
     """
 
     free_slack: Annotated[Floats, "N_lambda", "terms"]
@@ -97,7 +97,7 @@ class ExactDifference(Rebuilt):
     kind = "bound"
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """An S that is none, motions that move nothing, and a displacement that is not told."""
+        """Invalid S, motions without effect, and missing data of the displacement."""
         if not ((self.areas >= 0).all() and (self.least >= 0).all()):
             yield "areas, or least sizes of forces, of its estimate are negative"
         if not self.taken.any(axis=0).all():
@@ -127,7 +127,7 @@ class ExactDifference(Rebuilt):
 
     @cached_property
     def response(self) -> ContactResponse:
-        """S."""
+        """S and its equality problems."""
         return ContactResponse(self.schur)
 
     @cached_property
@@ -137,12 +137,12 @@ class ExactDifference(Rebuilt):
 
     @cached_property
     def lifts(self) -> np.ndarray:
-        """Energy norms of imposed displacements, each in a row of its own, (l, 1 + T)."""
+        """Energy norms of imposed displacements, each in a separate row, (l, 1 + T)."""
         return np.diag(self.lifting)[self.lifting > 0]
 
     @cached_property
     def scale(self) -> ForceScale:
-        """What forces are measured by."""
+        """Scales of contact forces."""
         return ForceScale(self.areas, self.least)
 
     @cached_property
@@ -151,7 +151,7 @@ class ExactDifference(Rebuilt):
         return np.linalg.qr(self.taken)[0]
 
     def prepared(self, inside: np.ndarray) -> Outside:
-        """See :class:`~hhr_dolfinx.models.bounds.bound.Bound`; all conditions that hold bodies are inside."""
+        """See :class:`~hhr_dolfinx.models.bounds.bound.Bound`; all conditions that hold bodies must be inside."""
         return self.response.outside(inside)
 
     def at(self, points: np.ndarray, theta: Any) -> DifferenceThere:
@@ -159,15 +159,11 @@ class ExactDifference(Rebuilt):
         return DifferenceThere(self, theta, driven(self.free_slack, theta))
 
     def size(self, forces: np.ndarray) -> np.ndarray:
-        """S norms of forces, (n, m): (n,)."""
+        """S norms of forces, (..., m): (...,)."""
         return lengths(forces, forces @ self.schur)
 
-    def sizes(self, forces: np.ndarray) -> np.ndarray:
-        """The same, Euclidean norms and largest pressures: (3, n)."""
-        return np.array((self.size(forces), lengths(forces, forces), self.scale.peak(np.abs(forces))))
-
     def left_out(self, unknown: np.ndarray, exact: np.ndarray, theta: Any) -> np.ndarray:
-        """Energy norms of the fields handed out less the exact ones, of γ, (n, ell), and exact forces, (n, m): (n,)."""
+        """Energy norms of the returned fields less the exact ones, for γ, (n, ell), and exact forces, (n, m): (n,)."""
         pressed = exact @ self.lower
         if self.modes is not None and self.loads is not None:
             off = driven(self.loads, theta)
@@ -177,11 +173,14 @@ class ExactDifference(Rebuilt):
         if self.kept is None or not self.kept.shape[1]:
             return np.zeros(len(exact))
         rest = pressed - (pressed @ self.kept) @ self.kept.T
+        if not self.taken.shape[1]:
+            return lengths(rest, rest)
+        # S is less than what L is the factor of
         return self.size(solve_triangular(self.lower, rest.T, lower=True, trans="T").T)
 
 
 class DifferenceThere(NamedTuple):
-    """See :class:`~hhr_dolfinx.models.bounds.bound.BoundThere`; of one answer where contact alone holds bodies.
+    """See :class:`~hhr_dolfinx.models.bounds.bound.BoundThere`; one answer for bodies that only contact holds.
 
     Attributes:
         owner: the arrays.
@@ -194,11 +193,11 @@ class DifferenceThere(NamedTuple):
     free: np.ndarray
 
     def slack(self, forces: np.ndarray) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.models.bounds.bound.BoundThere`; of pinned bodies."""
+        """See :class:`~hhr_dolfinx.models.bounds.bound.BoundThere`; for pinned bodies."""
         return self.free + forces @ self.owner.schur
 
     def completed(self, own: np.ndarray, outside: Outside) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.models.bounds.bound.BoundThere`; no motion opens the gaps outside."""
+        """See :class:`~hhr_dolfinx.models.bounds.bound.BoundThere`; gaps outside are not opened by motions."""
         return outside.completed(own, self.free)
 
     def force_changes(
@@ -208,7 +207,7 @@ class DifferenceThere(NamedTuple):
         return outside.changes(forces, gradient.multipliers, self.owner.free_slack @ changes)
 
     def exact(self, forces: np.ndarray) -> Exact:
-        """Exact forces and motions, from the statuses of forces that are handed out, (n, m)."""
+        """Exact forces and motions, from the statuses of the returned forces, (n, m)."""
         owner = self.owner
         if not owner.taken.shape[1]:
             found, settled = owner.response.settled(forces, self.free)
@@ -219,7 +218,7 @@ class DifferenceThere(NamedTuple):
         better = np.maximum(statuses.forces, 0.0)
         if statuses.status is Status.CONVERGED and owner.floating.balanced(better, driving).all():
             return Exact(better[None], motions[None], np.ones(1, dtype=bool))
-        # motions that close the gaps as well as they can
+        # least-squares motions that close the gaps
         opened = self.slack(forces)[0]
         motions = np.linalg.lstsq(owner.taken[touching], opened[touching], rcond=None)[0]
         return Exact(forces, motions[None], np.zeros(1, dtype=bool))
@@ -227,11 +226,11 @@ class DifferenceThere(NamedTuple):
     def exact_changes(
         self, forces: np.ndarray, of_forces: Callable[[], np.ndarray], of_theta: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Derivatives of the exact forces and motions of one answer, (m, P) and (r, P), while the statuses stay.
+        """Derivatives of the exact forces and motions of one answer, (m, P) and (r, P), at constant statuses.
 
         Args:
-            forces: as they are handed out, (m,).
-            of_forces: makes their derivatives, (m, P).
+            forces: returned ones, (m,).
+            of_forces: returns their derivatives, (m, P).
             of_theta: derivatives of θ, (1 + T, P).
         """
         owner = self.owner
@@ -247,23 +246,25 @@ class DifferenceThere(NamedTuple):
         return owner.response.outside(none).changes(found, free[:0], free), motions
 
     def of(self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]) -> Estimates:
-        """See :class:`~hhr_dolfinx.models.bounds.bound.BoundThere`: differences, and the round-off of these.
+        """See :class:`~hhr_dolfinx.models.bounds.bound.BoundThere`: differences, plus their round-off.
 
-        Where the exact answer was not found they are infinite.
+        They are infinite if the exact answer was not found.
         """
         owner = self.owner
         exact, _, found = self.exact(forces)
-        size = owner.sizes(exact)
+        # products of many rows at once: each call has an overhead
+        every = np.array((exact, forces - exact, forces))
+        norms = np.array((owner.size(every), lengths(every, every), owner.scale.peak(np.abs(every))))
+        size, off, handed = np.moveaxis(norms, 1, 0)
         given, lifted = (driven(part, self.theta) for part in (owner.given, owner.lifts))
         parts = np.hypot(lengths(given, given), size[0])
         pulled = np.sum(driven(owner.cross, self.theta) * exact, axis=1)
         energy = np.sqrt(np.maximum((1 - SQUARES) * parts**2 - 2 * pulled, 0.0))
-        errors = np.array((owner.left_out(unknown, exact, self.theta), *owner.sizes(forces - exact)))
-        round_off = ROUND_OFF * np.array(
-            (energy + CANCELLED * (parts + lengths(lifted, lifted)), *(size + owner.sizes(forces)))
-        )
-        # in energy the part of forces that balances itself is measured: the rest would depend on the pins
-        size[0] = owner.size(exact - (exact @ owner.balancing) @ owner.balancing.T)
-        least = np.concatenate([[0.0], owner.least])[:, None]
-        over = np.maximum(np.array((energy, *size)) - round_off, least)
+        errors = np.vstack((owner.left_out(unknown, exact, self.theta), off))
+        round_off = ROUND_OFF * np.vstack((energy + CANCELLED * (parts + lengths(lifted, lifted)), size + handed))
+        sizes = np.vstack((energy, size))
+        if owner.taken.shape[1]:
+            # the energy of the self-balancing part of forces: that of the rest would depend on the pins
+            sizes[1] = owner.size(exact - (exact @ owner.balancing) @ owner.balancing.T)
+        over = np.maximum(sizes - round_off, np.append(0.0, owner.least)[:, None])
         return estimates_of(owner.kind, np.where(found, errors + round_off, np.inf), over)

@@ -1,12 +1,12 @@
-"""What S is at least where it depends on parameters, so that bounds need no factor of S at each of them.
+"""Lower bounds of an S that depends on parameters, so that bounds need no factor of S at each of them.
 
-S is the sum of what connected components c of a scene have of it, S_c, and beside the middle of the box
+S is the sum of the contributions S_c of connected components c of a scene, and relative to the middle of the box
 
     S_c(mu) >= a_c(mu) S_c(middle),  a_c(mu) = E_c(middle) / E_c(mu) (1 + sum_k min eig of d_k S_c(middle)^-1 M_ck),
 
-d_k being how far the components along the modes M_ck of its interpolation are off those of the middle. With any weights
+with d_k the components along the modes M_ck of its interpolation less those of the middle. For any weights
 w > 0, S(mu) >= min_c (a_c(mu) / w_c) sum_c w_c S_c(middle): sums whose weights are powers of a number are factored
-once, and each point takes that of the powers next to its a_c.
+once, and each point uses the powers next to its a_c.
 """
 
 from __future__ import annotations
@@ -25,30 +25,30 @@ from hhr_dolfinx.models.bounds.contact_response import ContactResponse
 from hhr_dolfinx.models.eliminations.interpolated import Compliance, Compliances, ManyContacts
 
 STEP = math.log(1.1)
-"""Of logarithms of weights: bounds of forces are at most the root of its half wider than with weights of each point."""
+"""Step of logarithms of weights: bounds are wider than with exact weights by at most the root of half a step."""
 KEPT = 64
 KEPT_BYTES = 64 * 2**20
-"""Factors that are kept, of the weights asked for last: so many at most, and so many bytes unless one takes more."""
+"""Number and memory of kept factors, for the most recently used weights; a single factor may take more memory."""
 FACTORED = 1500
-"""Conditions up to which weights have steps; beyond, those of the middle serve all points: a factor took a second."""
+"""Conditions up to which weights have steps; beyond, those of the middle are used: a factor took a second."""
 WITH_MODES = 400
-"""Conditions up to which modes of the interpolation are measured; beyond, their eigenvalues take a minute."""
+"""Conditions up to which modes of the interpolation are evaluated; beyond, their eigenvalues take a minute."""
 NOTHING = 1e-10
-"""Part of the largest eigenvalue of S_c below which it is nothing: conditions may depend on each other on a body."""
+"""Part of the largest eigenvalue of S_c up to which one counts as zero: conditions on a body may be dependent."""
 SOLVED = 1e-11
-"""Part of what forces push that they may leave open and need not be solved for again: it is bounded as they stand."""
+"""Part of S times the forces up to which residuals are not solved for again: they are bounded instead."""
 LEAST = 0.2
-"""Part of S_c(middle) that S_c must be at least: where modes add up to more a point has a factor of its own."""
+"""Smallest part of S_c(middle) that bounds S_c: if the modes sum to more, a point has its exact factor."""
 
 
 class Share(NamedTuple):
-    """What S_c is made of in the middle of the box, and what modes may take from it.
+    """S_c in the middle of the box, and the extremes of its modes.
 
     Attributes:
         compliance: 1 / E_c there.
         along: components along the modes there, (r,).
-        extremes: least and largest eigenvalue of S_c(middle)^-1 M_ck, (r, 2), where S_c is not zero; infinite ones
-            where a mode is not zero elsewhere.
+        extremes: smallest and largest eigenvalue of S_c(middle)^-1 M_ck, (r, 2), where S_c is not zero; infinite
+            if a mode is not zero elsewhere.
     """
 
     compliance: float
@@ -57,7 +57,7 @@ class Share(NamedTuple):
 
     @classmethod
     def of(cls, part: Compliance, middle: np.ndarray) -> Share:
-        """Of one part; nothing is measured where it has no axis, along which its modes change."""
+        """Data of one part; without an axis, along which modes change, there are no eigenvalues."""
         along = part.interpolant.along_modes(middle)
         extremes = np.zeros((along.size, 2))
         if part.interpolant.axes.size:
@@ -72,7 +72,7 @@ class Share(NamedTuple):
         return cls(part.compliance(middle), along, extremes)
 
     def least(self, along: np.ndarray, compliances: np.ndarray) -> np.ndarray:
-        """a_c at components along the modes, (n, r), and compliances, (n,): (n,); zero where it may be small."""
+        """a_c at components along the modes, (n, r), and compliances, (n,): (n,); zero if it may be too small."""
         if not self.extremes.any():
             return compliances / self.compliance
         off = along - self.along
@@ -83,12 +83,12 @@ class Share(NamedTuple):
 
 @dataclass(frozen=True)
 class FactoredResponse(ContactResponse):
-    """S and a factor of what it is at least (m conditions).
+    """S and a factor of a lower bound of S (m conditions).
 
     Attributes:
-        lower: Cholesky factor of S, (m, m); or L of a matrix which times ``least`` is at most S.
-        least: see there; 1 for the factor of S itself.
-        known: :func:`amplified_by` L; None where it is not known yet.
+        lower: Cholesky factor of S, (m, m); or L with ``least`` L L^T <= S.
+        least: see above; 1 for the factor of S itself.
+        known: :func:`amplified_by` L; None until it is known.
     """
 
     lower: np.ndarray
@@ -97,13 +97,13 @@ class FactoredResponse(ContactResponse):
 
     @cached_property
     def amplified(self) -> tuple[float, np.ndarray]:
-        """The most that forces of S norm 1 have in the Euclidean norm, and at each condition, (m,)."""
+        """Largest Euclidean norm of forces of S norm 1, and largest force at each condition, (m,)."""
         longest, sizes = amplified_by(self.lower) if self.known is None else self.known
         scale = math.sqrt(self.least)
         return longest / scale, sizes / scale
 
     def off(self, slack: np.ndarray, forces: np.ndarray) -> float:
-        """|r|_{S^-1} of a slack and forces, (m,) each: r is the slack where there is a force, or it is negative."""
+        """|r|_{S^-1} of a slack and forces, (m,) each: r is the slack at nonzero forces or if negative, else 0."""
         left = np.where((forces > 0) | (slack < 0), slack, 0.0)
         if not left.any():
             return 0.0
@@ -112,9 +112,9 @@ class FactoredResponse(ContactResponse):
 
 
 def amplified_by(lower: np.ndarray) -> tuple[float, np.ndarray]:
-    """The most that x with |L^T x| = 1 has in the Euclidean norm, and in each place, (m,).
+    """Largest Euclidean norm of x with |L^T x| = 1, and largest absolute value of each entry, (m,).
 
-    Of the second ((L L^T)^-1)_ii^1/2 is the exact value. The first, |L^-1|, is at most the Frobenius norm, and at most
+    The second is exactly ((L L^T)^-1)_ii^1/2. The first, |L^-1|, is at most the Frobenius norm, and at most
     the root of the largest column sum times the largest row sum.
     """
     inverse = dtrtri(lower, lower=1)[0]
@@ -126,10 +126,10 @@ def amplified_by(lower: np.ndarray) -> tuple[float, np.ndarray]:
 
 @dataclass(frozen=True)
 class ManyResponses:
-    """S of several answers, each its own (n answers, m conditions).
+    """S of several answers at different parameters (n answers, m conditions).
 
     Attributes:
-        each: of each.
+        each: S of each answer.
         schur: S, (n, m, m).
     """
 
@@ -145,26 +145,26 @@ class ManyResponses:
         found = [one.amplified for one in self.each]
         return np.array([longest for longest, _ in found]), np.array([sizes for _, sizes in found])
 
-    def pushed(self, forces: np.ndarray) -> np.ndarray:
+    def schur_times(self, forces: np.ndarray) -> np.ndarray:
         """S times forces, (n, m) each."""
         return (forces[:, None] @ self.schur)[:, 0]
 
-    def settled(self, forces: np.ndarray, free: np.ndarray, pushed: np.ndarray) -> tuple[np.ndarray, ...]:
+    def settled(self, forces: np.ndarray, free: np.ndarray, schur_times_forces: np.ndarray) -> tuple[np.ndarray, ...]:
         """Forces that solve the contact problem on S, S times them, (n, m) each, and their error in the S norm, (n,).
 
-        The search starts from the statuses of given forces, which stay where it does not settle. Gaps that are closed
-        count as closed: round-off there is bounded by the sizes of the answers.
+        The search starts from the statuses of given forces, which remain if it does not converge. Closed gaps
+        count as closed: their round-off is bounded by the sizes of the answers.
 
         Args:
-            forces: not negative, (n, m).
+            forces: non-negative, (n, m).
             free: slack without forces, (n, m).
-            pushed: S times the forces, (n, m).
+            schur_times_forces: S times the forces, (n, m).
         """
-        touching = self.schur.diagonal(axis1=1, axis2=2) * forces > free + pushed
+        touching = self.schur.diagonal(axis1=1, axis2=2) * forces > free + schur_times_forces
         found = forces.copy()
-        slack = free + pushed
+        slack = free + schur_times_forces
         wrong = np.where(forces > 0, np.abs(slack), np.maximum(-slack, 0.0)).max(axis=1, initial=0.0)
-        solved = wrong <= SOLVED * np.abs(pushed).max(axis=1, initial=0.0)
+        solved = wrong <= SOLVED * np.abs(schur_times_forces).max(axis=1, initial=0.0)
         closed = np.zeros(len(forces), dtype=bool)
         for k in np.flatnonzero(~solved):
             schur = self.schur[k]
@@ -173,28 +173,28 @@ class ManyResponses:
             if closed[k]:
                 found[k] = alone.forces
         better = np.maximum(found, 0.0)
-        less = self.pushed(better)
-        slack = free + less
-        # a force that was cut off leaves gaps open elsewhere
+        schur_times_better = self.schur_times(better)
+        slack = free + schur_times_better
+        # forces cut off at zero leave gaps open elsewhere
         closed &= found.min(axis=1) >= 0
         slack[(better > 0) & closed[:, None]] = 0.0
         off = np.zeros(len(found))
         rows = np.flatnonzero(~(closed & (slack.min(axis=1) >= 0)))
         off[rows] = self.off(slack[rows], better[rows], rows)
-        return better, less, off
+        return better, schur_times_better, off
 
     def off(self, slack: np.ndarray, forces: np.ndarray, rows: np.ndarray) -> np.ndarray:
-        """Norms of residuals of some answers, by their numbers, (k,)."""
+        """S^-1 norms of residuals of some answers, by their numbers, (k,)."""
         return np.array([self.each[k].off(slack[i], forces[i]) for i, k in enumerate(rows)])
 
 
 def _alone(schur: np.ndarray) -> FactoredResponse:
-    """S with a factor of its own."""
+    """S with its exact factor."""
     return FactoredResponse(schur, cholesky(schur, lower=True))
 
 
 class LeastResponse:
-    """Bounds S from below by few matrices that are factored.
+    """Bounds S from below by few factored matrices.
 
     Args:
         compliances: S.
@@ -209,10 +209,10 @@ class LeastResponse:
         self._factored = lru_cache(maxsize=int(min(max(fitting, 1), KEPT)))(self._made)
 
     def at(self, found: ManyContacts) -> ManyResponses:
-        """S of some points with factors of what they are at least, or of themselves.
+        """S of some points with factors of lower bounds, or exact factors.
 
         Raises:
-            LinAlgError: where one is not definite.
+            LinAlgError: if one is not definite.
         """
         conditions = found.schur.shape[1]
         if any(part.interpolant.axes.size for part in self.compliances.parts) and conditions > WITH_MODES:
@@ -238,10 +238,10 @@ class LeastResponse:
         return [Share.of(part, self.middle) for part in self.compliances.parts]
 
     def _made(self, steps: tuple[int, ...]) -> tuple[np.ndarray, tuple[float, np.ndarray]]:
-        """Cholesky factor of a sum with weights of so many steps, and what it amplifies."""
+        """Cholesky factor of a sum with weights of so many steps, and its :func:`amplified_by`."""
         schur = np.zeros((len(self.compliances.gaps),) * 2)
         for part, share, step in zip(self.compliances.parts, self._shares, steps, strict=True):
             schur[part.block] += part.schur(math.exp(STEP * step) * share.compliance * share.along)
-        # symmetric, and as large as a hundredth of all memory: LAPACK takes it as it lies
+        # symmetric, and as large as a hundredth of all memory: LAPACK works in place
         lower = cholesky(schur.T, lower=True, overwrite_a=True)
         return lower, amplified_by(lower)

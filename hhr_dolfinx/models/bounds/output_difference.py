@@ -1,4 +1,4 @@
-"""Errors of outputs where the stiffness is constant: outputs of an answer less those of the exact one.
+"""Errors of outputs for a constant stiffness: outputs of an answer less those of the exact one.
 
 The exact state is that of :mod:`hhr_dolfinx.models.bounds.difference`: rows of outputs times the exact field are rows
 times K^-1 loads and the lift, less rows times K^-1 B^T Λ, all of them as small as the contact surface.
@@ -19,23 +19,23 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
 
 MOST_ENTRIES = 4_000_000
-"""Rows of an output times contact conditions up to which it is read at the exact state: 32 MB."""
+"""Entries of an output times contact conditions up to which its exact value is computed: 32 MB."""
 
 
 def is_read(item: Functional, conditions: int) -> bool:
-    """Whether an output is read at the exact state, given the number of contact conditions."""
+    """True if the exact value of an output is computed, given the number of contact conditions."""
     return item.count * conditions <= MOST_ENTRIES
 
 
 @dataclass(frozen=True)
 class OutputDifference:
-    """Arrays of the exact state, as outputs read it (n outputs, m conditions, 1 + T terms).
+    """Arrays of the exact outputs (n outputs, m conditions, 1 + T terms).
 
     Attributes:
-        free: rows of the outputs that are read there, times the displacement without contact forces, (K', 1 + T).
+        free: rows of these outputs times the displacement without contact forces, (K', 1 + T).
         pressed: the same rows times K^-1 B^T, (K', m).
-        least: a thousandth of the largest absolute value in training of each output, over which a relative error is
-            taken at least, (n,).
+        least: a thousandth of the largest absolute value in training of each output, the smallest denominator of a
+            relative error, (n,).
     """
 
     free: Annotated[Floats, "output rows", "terms"]
@@ -43,27 +43,27 @@ class OutputDifference:
     least: Annotated[Floats, "outputs"]
 
     def knows(self, item: Functional) -> bool:
-        """Whether an output has an estimate."""
+        """True if an output has an estimate."""
         return is_read(item, self.pressed.shape[1])
 
     def least_of(self, functionals: Any, name: str) -> float:
-        """The least size of an output by its name."""
+        """Smallest denominator for an output by its name."""
         return float(self.least[[item.name for item in functionals.items].index(name)])
 
     def fits(self, functionals: Any) -> bool:
-        """Whether these may be estimates of some outputs: sizes, and least ones that are not negative."""
+        """True if these can be estimates of some outputs: sizes agree, and no smallest denominator is negative."""
         rows = sum(item.count for item in functionals.items if self.knows(item))
         return (
             len(self.free) == rows and self.least.shape == (len(functionals.items),) and bool((self.least >= 0).all())
         )
 
     def errors(self, fields: Any, answer: Answer, forces: np.ndarray, exact: np.ndarray) -> dict[str, float]:
-        """Differences at an answer, with the round-off of what is subtracted, by the names of the outputs.
+        """Differences for an answer, with the round-off of the subtraction, by the names of the outputs.
 
         Args:
-            fields: what completes it, a :class:`~hhr_dolfinx.models.reconstruct.Reconstruction`.
+            fields: fields of the answer, a :class:`~hhr_dolfinx.models.reconstruct.Reconstruction`.
             answer: one that converged.
-            forces: as they are handed out, (m,).
+            forces: returned ones, (m,).
             exact: exact ones, (m,).
         """
         functionals: Functionals = fields.functionals

@@ -1,19 +1,19 @@
-"""Bounds of errors where the stiffness or the shape depends on parameters: what they need is interpolated.
+"""Bounds of errors if the stiffness or the shape depends on parameters: their arrays are interpolated.
 
-With f = loads θ - B^T λ the field in equilibrium with forces λ is K^-1 f, and what bounds need of it has the size of
+With f = loads θ - B^T λ the field in equilibrium with forces λ is K^-1 f. Bounds need arrays with the size of
 the contact surface: S, the slack, and its energy f^T K^-1 f. All are blocks of one matrix P^T K^-1 P, P = (loads, B^T),
-which condensation interpolates between few parameters (:mod:`hhr_dolfinx.models.eliminations.interpolated`). A reduced
-field V γ is off by
+which condensation interpolates between few parameters (:mod:`hhr_dolfinx.models.eliminations.interpolated`). The
+error of a reduced field V γ is
 
     |V γ - K^-1 f|_K^2 = γ^T V^T K V γ - 2 γ^T V^T f + f^T K^-1 f,
 
-whose first terms are small matrices. Its root resolves what is above the root of the error of the interpolation.
-docs/bounds.md says where that error is proved; elsewhere the estimate is called one.
+whose first terms are small matrices. Its root is meaningful above the root of the error of the interpolation.
+docs/bounds.md states when that error is proved; otherwise the result is called an estimate.
 
-Forces are off the exact ones as those of the contact problem on S, found from the statuses of the answer, tell. With
+The error of forces follows from the solution of the contact problem on S, found from the statuses of the answer. With
 the field u in equilibrium with any λ >= 0, its slack s, and r = s where λ > 0 or s < 0, else 0, the exact (U, Λ) has
-|λ - Λ|_S = |u - U|_K <= |r|_{S^-1}. Another field, of the slack ŝ with its r̂, that is off from u by a in energy has an
-error of at most a + |r|_{S^-1}, and x^2 <= a x + |λ - Λ|_S |r̂|_{S^-1} of it: docs/bounds.md has the proof.
+|λ - Λ|_S = |u - U|_K <= |r|_{S^-1}. Another field, with the slack ŝ and its r̂, and the difference a from u in energy,
+has an error x of at most a + |r|_{S^-1}, and x^2 <= a x + |λ - Λ|_S |r̂|_{S^-1}: docs/bounds.md has the proof.
 """
 
 from __future__ import annotations
@@ -43,17 +43,17 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.gradient import Gradient
 
 OF_ENERGY = 1e-13
-"""Part of an energy that is round-off of the sums it is made of."""
+"""Part of an energy that is round-off of its sums."""
 NOTHING = 0.01
-"""Part of the bound of a field that a bound of forces adds without being worth a second look."""
+"""Part of the bound of a field up to which the bound of its forces is not improved."""
 
 
 @dataclass(frozen=True)
 class PartEnergy:
-    """Energies of one part of a scene for the factor 1, along the modes of its compliance.
+    """Energies of one part of a scene for the factor 1, as modes of its compliance.
 
     Attributes:
-        work: modes of P^T K^-1 P, where P are the terms forced and, behind them, K lift of those lifted, (r, T, T).
+        work: modes of P^T K^-1 P, where P are the terms with forces, followed by K lift of those with lifts, (r, T, T).
         lifted: modes of lift^T K lift, (r, T_L, T_L).
     """
 
@@ -67,13 +67,13 @@ class VaryingBound(Rebuilt):
 
     Attributes:
         compliances: S and the free slack of all conditions.
-        energies: of its parts.
-        whole: V^T K V, V^T loads and all else of the reduced basis on the whole mesh.
-        inexact: relative error of what is interpolated, in the order of energies.
-        proved: whether that is more than what was observed.
+        energies: energies of its parts.
+        whole: V^T K V, V^T loads and the other arrays of the reduced basis on the whole mesh.
+        inexact: relative error of the interpolation, in the order of energies.
+        proved: that error is proved, not only observed.
         middle: of the box, (P,).
         areas, least: see :class:`~hhr_dolfinx.models.bounds.bound.ForceScale`; S is that of the middle.
-        reshaped_areas: areas where they change with the shape of the bodies; None where they do not.
+        reshaped_areas: areas if they change with the shape of the bodies; None otherwise.
     """
 
     compliances: Compliances
@@ -87,7 +87,7 @@ class VaryingBound(Rebuilt):
     reshaped_areas: Interpolant | None = None
 
     def __post_init__(self) -> None:
-        """Refuse an impossible error."""
+        """Refuse an invalid error."""
         if not (is_number(self.inexact) and 0 <= self.inexact < 1 and isinstance(self.proved, bool)):
             raise BoundError(
                 f"inexact = {self.inexact!r} of a bound must be a part of energies, proved = {self.proved!r}"
@@ -95,16 +95,16 @@ class VaryingBound(Rebuilt):
 
     @property
     def kind(self) -> str:
-        """A bound, or an estimate where the interpolation is not proved."""
+        """A bound, or an estimate if the interpolation is not proved."""
         return "bound" if self.proved else "estimate"
 
     @cached_property
     def _scale(self) -> ForceScale:
-        """What forces are measured by, in the middle of the box."""
+        """Scales of contact forces in the middle of the box."""
         return ForceScale(self.areas, self.least)
 
     def scale_at(self, points: np.ndarray) -> ForceScale:
-        """What forces are measured by at some points, (n, P)."""
+        """Scales of contact forces at some points, (n, P)."""
         if self.reshaped_areas is None:
             return self._scale
         areas = self.reshaped_areas.many_along_modes(points) @ self.reshaped_areas.modes.T
@@ -121,7 +121,7 @@ class VaryingBound(Rebuilt):
         return self.compliances(self.middle).schur
 
     def prepared(self, inside: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See :class:`Bound`: S is not known yet, but which conditions are inside and outside."""
+        """See :class:`Bound`: indices of the conditions inside and outside; S is not known yet."""
         return inside, np.setdiff1d(np.arange(self.areas.size), inside, assume_unique=True)
 
     def at(self, points: np.ndarray, theta: Any) -> VaryingThere:
@@ -143,7 +143,7 @@ class VaryingBound(Rebuilt):
 
     @cached_property
     def _least(self) -> LeastResponse:
-        """Bounds S from below."""
+        """Lower bounds of S."""
         return LeastResponse(self.compliances, self.middle)
 
     def slack_of(self, unknown: np.ndarray, points: np.ndarray, theta: np.ndarray) -> np.ndarray:
@@ -188,7 +188,7 @@ class VaryingBound(Rebuilt):
 
 
 def _field(problem: ReducedProblem, gamma: np.ndarray, theta: np.ndarray) -> tuple[float, float, np.ndarray]:
-    """The same of one, on its own problem of constant stiffness."""
+    """The same arrays for one answer, on a problem of constant stiffness."""
     return float(gamma @ problem.stiffness @ gamma), float(gamma @ problem.loads @ theta), problem.contact_trial @ gamma
 
 
@@ -196,18 +196,18 @@ class _Energies(NamedTuple):
     """Energies of fields in equilibrium, (n,) each.
 
     Attributes:
-        moved: of what is free to move, f^T K^-1 f.
-        size: of all of it, the lift with it.
-        scale: of the sums that make them, of which part is round-off.
+        homogeneous: of the part that vanishes on imposed dofs, f^T K^-1 f.
+        size: of the whole field, including the lift.
+        scale: of the sums of their terms, which determines round-off.
     """
 
-    moved: np.ndarray
+    homogeneous: np.ndarray
     size: np.ndarray
     scale: np.ndarray
 
 
 def _acting(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Places of terms that act in each of some rows, (n, T), as many for each as any has, and their weights, (n, k)."""
+    """Indices of nonzero terms in each of some rows, (n, T), padded to the same number, and their weights, (n, k)."""
     count = int(np.count_nonzero(weights, axis=1).max(initial=0))
     used = np.argsort(weights == 0, axis=1, kind="stable")[:, :count]
     return used, np.take_along_axis(weights, used, 1)
@@ -217,9 +217,9 @@ class VaryingThere(NamedTuple):
     """See :class:`hhr_dolfinx.models.bounds.bound.BoundThere`.
 
     Attributes:
-        owner: what is interpolated.
+        owner: the interpolated arrays.
         found: S and the free slack at each point.
-        response: S with what it is at least.
+        response: S with its lower bounds.
     """
 
     owner: VaryingBound
@@ -228,7 +228,7 @@ class VaryingThere(NamedTuple):
 
     def slack(self, forces: np.ndarray) -> np.ndarray:
         """See :class:`BoundThere`."""
-        return self.found.free_slack + self.response.pushed(forces)
+        return self.found.free_slack + self.response.schur_times(forces)
 
     def completed(self, own: np.ndarray, outside: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
         """See :class:`BoundThere`."""
@@ -252,9 +252,9 @@ class VaryingThere(NamedTuple):
         def fields(better: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
             pulled = loaded - np.sum(better * pressed, axis=1)
             energies = self._energies(better)
-            noise = inexact * energies.moved + OF_ENERGY * (own + 2 * np.abs(pulled) + energies.scale)
-            left = np.maximum(own - 2 * pulled + energies.moved, 0.0) + noise
-            return np.sqrt(left), np.sqrt(energies.size), np.sqrt(energies.moved)
+            noise = inexact * energies.homogeneous + OF_ENERGY * (own + 2 * np.abs(pulled) + energies.scale)
+            left = np.maximum(own - 2 * pulled + energies.homogeneous, 0.0) + noise
+            return np.sqrt(left), np.sqrt(energies.size), np.sqrt(energies.homogeneous)
 
         return self._bounded(forces, slack, fields)
 
@@ -266,26 +266,26 @@ class VaryingThere(NamedTuple):
     ) -> Estimates:
         """Bounds of displacements and forces.
 
-        Any forces may stand in the proof, and those of the contact problem on S are the exact ones up to round-off and
-        to what S is off by, δ in the S norm: errors are differences to them. An error e of the rest has
+        The proof holds for any forces. Those of the contact problem on S are the exact ones up to round-off and
+        the error of S, δ in the S norm: errors are differences from them. A remaining error e has
         |e| <= |L^-1| δ and |e_i| <= (S^-1)_ii^1/2 δ.
 
         Args:
-            forces: not negative, (n, m).
-            slack: makes that of the fields, (n, m).
-            fields: maps forces, (n, m), to how far the fields are off those in equilibrium with them, to the energy
-                norms of the fields, and of those in equilibrium, (n,) each.
+            forces: non-negative, (n, m).
+            slack: returns that of the fields, (n, m).
+            fields: maps forces, (n, m), to the differences of the fields from those in equilibrium with the forces, to
+                the energy norms of the fields, and to those in equilibrium, (n,) each.
         """
         response = self.response
         inexact = self.owner.inexact
         scale = self.owner.scale_at(self.found.points)
-        pushed = response.pushed(forces)
-        better, less, nearer = response.settled(forces, self.found.free_slack, pushed)
+        product = response.schur_times(forces)
+        better, less, nearer = response.settled(forces, self.found.free_slack, product)
         off = forces - better
         unbalanced, size, balanced = fields(better)
-        # products of many rows at once: each call has an overhead
+        # one product for many rows: each call has an overhead
         one = np.array((forces, better, off, off, better))
-        other = np.array((pushed, less, pushed - less, off, better))
+        other = np.array((product, less, product - less, off, better))
         sizes, exact, apart, apart_euclid, exact_euclid = lengths(one, other)
         noise = max(inexact, ROUND_OFF) * (sizes + exact + balanced)
         primal = unbalanced + nearer
@@ -293,7 +293,7 @@ class VaryingThere(NamedTuple):
             alone = unbalanced[rows]
             left = response.off(slack()[rows], better[rows], rows)
             primal[rows] = np.minimum(primal[rows], (alone + np.sqrt(alone**2 + 4 * nearer[rows] * left)) / 2)
-        # S and its inverse are right to a factor of 1 + ε or 1 - ε
+        # S and its inverse are accurate to a factor of 1 + ε or 1 - ε
         wider = 1 + 2 * inexact
         longest, most = response.amplified
         amplified = np.array((np.ones_like(longest), longest, (most * scale.per_area).max(axis=-1)))
@@ -305,19 +305,19 @@ class VaryingThere(NamedTuple):
         return estimates_of(self.owner.kind, np.array((primal, *errors)), np.array((size - primal, *least)))
 
     def _energies(self, forces: np.ndarray) -> _Energies:
-        """Of the fields in equilibrium with forces, (n, m)."""
+        """Energies of the fields in equilibrium with forces, (n, m)."""
         found = self.found
         driven, held, lifted = np.zeros((3, len(forces)))
         for energy, part, along, sizes in zip(
             self.owner.energies, found.owner.parts, found.along, found.compliances, strict=True
         ):
-            # of a lift L forces feel -K L, and K is as much larger as K^-1 is smaller
+            # the force of a lift L is -K L, and K scales inversely to K^-1
             roots = np.sqrt(sizes)[:, None]
             weights = found.theta[:, part.terms]
             lifts = np.arange(weights.shape[1]) >= part.forced.size
             weights = np.where(lifts, -weights / roots, weights * roots)
             used, acting = _acting(weights)
-            # of hundreds of columns of a partial pressure three act; mode by mode, so that little is taken out at once
+            # of hundreds of columns of a partial pressure three act; mode by mode, to limit memory
             pairs = used[:, :, None], used[:, None, :]
             work = sum(share[:, None, None] * mode[pairs] for share, mode in zip(along.T, energy.work, strict=True))
             done = np.einsum("nst,nt->ns", work, acting)
@@ -325,12 +325,14 @@ class VaryingThere(NamedTuple):
             held -= np.sum(acting * lifts[used] * done, axis=1)
             if part.lifted.size:
                 lifting = found.theta[:, part.lifted]
-                moved = np.einsum("nr,tmr,nm->nt", along, part.columns[part.forced.size :], forces[:, part.where])
-                held -= np.sum(lifting * moved, axis=1)
+                lift_work = np.einsum("nr,tmr,nm->nt", along, part.columns[part.forced.size :], forces[:, part.where])
+                held -= np.sum(lifting * lift_work, axis=1)
                 own = weights[:, lifts]
                 lifted += np.einsum("ns,nr,rst,nt->n", own, along, energy.lifted, own, optimize=True)
         closed = found.owner.many_driven(found.points, found.theta) - found.free_slack
         pulled = np.sum(closed * forces, axis=1)
-        pushed = np.sum(self.response.pushed(forces) * forces, axis=1)
-        moved = np.maximum(driven - 2 * pulled + pushed, 0.0)
-        return _Energies(moved, np.maximum(moved + 2 * held + lifted, 0.0), driven + 2 * np.abs(pulled) + pushed)
+        work_of_forces = np.sum(self.response.schur_times(forces) * forces, axis=1)
+        homogeneous = np.maximum(driven - 2 * pulled + work_of_forces, 0.0)
+        return _Energies(
+            homogeneous, np.maximum(homogeneous + 2 * held + lifted, 0.0), driven + 2 * np.abs(pulled) + work_of_forces
+        )

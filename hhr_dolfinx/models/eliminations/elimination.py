@@ -181,13 +181,13 @@ def _floating_answer(
     unknown = contact.unknown(found.forces) + floating.modes @ motions
     if found.status is not Status.CONVERGED:
         return found_as(found, point, unknown, fields)
-    slack = free_slack + contact.schur @ found.forces - equalities.taken @ motions
+    slack = free_slack + contact.schur @ found.forces - equalities.contact_of_motions @ motions
     left = open_motions(equalities, found.forces, free_slack, slack, floating.modes.T @ unknown)
     if left is None:
         answer = found_as(found, point, unknown, fields)
     else:
         unknown = unknown + floating.modes @ left.shift
-        slack = slack - equalities.taken @ left.shift
+        slack = slack - equalities.contact_of_motions @ left.shift
         found = found._replace(active=found.active & ~left.opened)
         answer = found_as(found, point, unknown, fields)._replace(undetermined=floating.modes @ left.ways)
     if not gradient:

@@ -135,7 +135,7 @@ class Slider:
         """Solve one increment; it may not converge."""
         time, point, weights = target
         contact = self._contact_at(point)
-        of_motions = None if contact.floating is None else contact.floating.equalities.taken
+        of_motions = None if contact.floating is None else contact.floating.equalities.contact_of_motions
         if self._sliding is None or self._sliding.given is not contact.schur:
             self._sliding = SlidingContact(contact.schur, self.friction, of_motions)
         slack = contact.free_slack.copy()
@@ -173,7 +173,7 @@ class Slider:
         if floating is not None:
             driving = floating.drift(found.forces, unknown) * target.weights
         forces, motions = self._sliding.changes(given, found, slack, (bounds[0], bounds[1]), driving)
-        slack = slack + self._sliding.schur @ forces - self._sliding.taken @ motions
+        slack = slack + self._sliding.schur @ forces - self._sliding.contact_of_motions @ motions
         slack[found.active] = 0.0
         of_unknown = of_unknown - contact.pushed(forces)
         if floating is not None:

@@ -325,8 +325,8 @@ def _check_same_scene(reduced: Any, bound: Any, full: Any) -> None:
         found = bound.at(point[None], reduced.fields.amplitudes(point)).slack(answer.forces()[None])[0]
         slack = gaps - problem.contact @ answer.unknown
         if problem.rigid is not None:  # S does not include rigid motions
-            of_motions = full.system.kernel.taken
-            slack = slack + of_motions @ np.linalg.lstsq(of_motions, found - slack, rcond=None)[0]
+            contact_of_motions = full.system.kernel.contact_of_motions
+            slack = slack + contact_of_motions @ np.linalg.lstsq(contact_of_motions, found - slack, rcond=None)[0]
         # relative to displacements: if all conditions are active, slack and gaps may be round-off
         if np.abs(found - slack).max() > ALIKE * max(np.abs(gaps).max(), np.abs(answer.unknown).max()):
             raise ReductionError(

@@ -13,7 +13,7 @@ from parts import sliding_punch_study as study
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
-from hhr_dolfinx.models.histories.repairing import RepairingSlider
+from hhr_dolfinx.plugins.sliding.repairing import RepairingSlider
 
 CELLS = 60
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-    from hhr_dolfinx.models.histories.repairing import RepairingSlider, SlidingPair
+    from hhr_dolfinx.plugins.sliding.repairing import RepairingSlider, SlidingPair
 
 ADVICE = {
     Status.SINGULAR: "rows are dependent where the surfaces have come to, or friction is too large",
@@ -26,7 +26,7 @@ ADVICE = {
 
 
 class SlidingModel(KeptModel):
-    """Model for paths with sliding of any length; see :mod:`hhr_dolfinx.models.histories.repairing`.
+    """Model for paths with sliding of any length; see :mod:`hhr_dolfinx.plugins.sliding.repairing`.
 
     Forces of an answer are nodal ones, on all dofs of the surfaces, and so are its ``multipliers``. Its ``slip`` has
     pressures, slip, wear and sticking of the slave nodes.
@@ -98,7 +98,7 @@ class SlidingModel(KeptModel):
                 "derivatives of bodies that slide past their mesh are not built in: pairings change along a path. Take "
                 "differences of answers"
             )
-        from hhr_dolfinx.models.histories.repairing import RepairingSlider
+        from hhr_dolfinx.plugins.sliding.repairing import RepairingSlider
 
         return RepairingSlider(self, exactly=settings.time_tolerance is not None)
 

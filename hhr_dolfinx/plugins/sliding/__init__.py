@@ -1,0 +1,12 @@
+"""Surfaces that slide by any length: contact rows are paired again in each increment."""
+
+from hhr_dolfinx.registry import Plugin
+
+PLUGIN = Plugin(
+    name="sliding",
+    public={"hhr_dolfinx.plugins.sliding.slide": "slide"},
+    classes={
+        "hhr_dolfinx.plugins.sliding.model": "SlidingModel",
+        "hhr_dolfinx.plugins.sliding.repairing": "SlidingPair",
+    },
+)
