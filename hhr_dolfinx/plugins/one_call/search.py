@@ -269,10 +269,8 @@ def reduce(
         full = _full_model(scene)
         _check_paths(full, paths)
         target = Target.checked(error, of, full)
-        if fallback and len(target.of) > 1:
-            raise NotOfferedError(
-                f"a model falls back by one error, and not by {', '.join(target.of)}: give one as of="
-            )
+        if fallback and len(norms := target.of) > 1:
+            raise NotOfferedError(f"a model falls back by one error, and not by {', '.join(norms)}: give one as of=")
         kept = None if folder is None else _free_folder(folder, full.scene.name)
         store = None if kept is None else SnapshotStore(kept / "snapshots", full)
     shown = ShareLines(partial(print, file=sys.stderr, flush=True)) if progress is None else progress
