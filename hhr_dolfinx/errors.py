@@ -61,6 +61,10 @@ class ConvergenceError(HHRError):
     """The statuses did not converge; no solution is returned."""
 
 
+class ConformanceError(HHRError, AssertionError):
+    """A user-defined part breaks the contract of its seam, which a check of ``hhr_dolfinx.testing`` tells."""
+
+
 class RankError(HHRError):
     """Another rank failed with an error that is not one of this package."""
 

@@ -5,13 +5,14 @@ from dataclasses import dataclass
 import numpy as np
 from toy_elimination import DenseElimination
 
+from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.exact import ExactFields
 
 
 @dataclass(frozen=True)
 class DenseCondensation:
-    """Exact where the stiffness is constant, and as slow to build as it is short.
+    """Exact where the stiffness is constant, refused elsewhere, and as slow to build as it is short.
 
     Attributes:
         most: dofs beyond which it refuses.
@@ -21,6 +22,8 @@ class DenseCondensation:
 
     def reduced(self, full, snapshots, held_out):
         problem, free = full.problem, np.flatnonzero(full.problem.free)
+        if problem.varies or problem.friction is not None:
+            raise NotOfferedError("this condensation is exact for constant stiffness without friction only")
         if free.size > self.most:
             raise ValueError(f"{free.size} dofs are more than {self.most}")
         inverse = np.zeros((problem.free.size,) * 2)

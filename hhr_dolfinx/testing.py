@@ -1,0 +1,380 @@
+"""Conformance checks: each holds a part that you wrote to the contract of its seam, on two small pressed blocks.
+
+A check takes the part, or a function without arguments that makes it, and raises :class:`ConformanceError` with one
+sentence that says what is wrong and what to do. The blocks need no optional package. Parts refer to them by the tags
+below, to contact 0, and to the parameters of :data:`BOX` or to your own, which you give by name with their bounds. No
+check proves that a part models what you mean: write tests of your own for that.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import fields, is_dataclass, replace
+from functools import wraps
+from inspect import signature
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from types import FunctionType
+from typing import Any, TypeVar
+
+import numpy as np
+from scipy.sparse import csc_matrix, hstack
+
+from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
+from hhr_dolfinx.body import Body
+from hhr_dolfinx.errors import ConformanceError, HHRError, NotOfferedError, PairingWarning
+from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.geometries import two_blocks
+from hhr_dolfinx.loads import Pressure
+from hhr_dolfinx.materials.update import Group, Material, flow_of
+from hhr_dolfinx.online.model_file import load_model, save_model
+from hhr_dolfinx.pairings.node_to_node import NodeToNode
+from hhr_dolfinx.pairings.surface import mean_normal
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plain import as_plain, by_name, restored
+from hhr_dolfinx.reduction.build import build
+from hhr_dolfinx.scene import Displacement, Opening, Scene
+from hhr_dolfinx.snapshots.records import compute_snapshots
+from hhr_dolfinx.study.condensing import condense
+from hhr_dolfinx.warn import ignored
+
+LOWER_BODY, UPPER_BODY = two_blocks.FIRST, two_blocks.SECOND
+LOWER_SURFACE, UPPER_SURFACE = two_blocks.side(LOWER_BODY, 1, True), two_blocks.side(UPPER_BODY, 1, False)
+FLANK = two_blocks.side(UPPER_BODY, 0, True)
+"""Tags of the blocks 1 <= x <= 2 below and above y = 1, of their surfaces there, and of the upper side at x = 2."""
+BOX = {"push": (0.005, 0.06), "slide": (-0.02, 0.02), "load": (0.0, 0.1), "gap": (0.0, 0.03)}
+"""Bounds of the motion of the top down and aside, of the pressure on the flank, and of the opening of the contact."""
+STEP, ROUND_OFF, OF_FUNCTIONS, OF_ANSWERS = 1e-5, 1e-8, 1e-6, 1e-5
+"""Step of differences over the box or the size of a block, and relative errors: of exact answers, for cond(K) < 1e4; of
+differences of smooth functions; and of those of answers, whose round-off is larger."""
+Bounds = Mapping[str, tuple[float, float]]
+WRONG = {
+    "file": "a copy from a file answers otherwise: keep all that it needs in its fields",
+    "nodes": "rows or `slaves` name nodes that are on none of its surfaces: take `surface.nodes`",
+    "rows": "each condition needs a place, (m, 2), an area >= 0 and a row that is not zero, the same at every call",
+    "gap": "gap {} grows by {:.6g} per unit that surface {} moves outward, and its row says {:.6g}: correct one",
+    "patch": "forces of the size of `areas` are off a uniform pressure by {:.3g}: correct areas or rows (patch test)",
+    "partner": "rows see displacements that touching bodies share: pair each slave with the place where it lies",
+    "idle": "nothing flows under strains of {:g} with young = {:g}: give check_law both in its units",
+    "alone": "flow at one point depends on other points: compute each entry of the arrays by itself",
+    "zero": "it flows without stress: return 0 where the trial stress is 0",
+    "slope": "its slope is {:.6g} at the trial stress {:.6g}, and differences give {:.6g}: return the derivative",
+    "softens": "its slope is outside 0 to 1 / (3 mu), so that stress falls as strain grows: leave softening out",
+    "rated": "it declares rated = False and depends on dt: leave that declaration out",
+    "surface": "stress ends above its surface, since a second return flows on: solve for the surface at the step's end",
+    "force": "it has no force anywhere in the box: check tag, direction and amplitude",
+    "sum": "its forces sum up to {} on one mesh and to {} on a finer one: integrate a density, do not load each node",
+    "derivative": "`derivative` of its amplitude is not what differences give: correct it, or leave it out",
+    "name": "its functional is {} in {!r}, and the output {} in {!r}: hand name and unit on",
+    "value": "its values at points of the box are {}: return a finite number that depends on the answer",
+    "condensed": "a condensed model has other values than the full one: declare `uses_forces` and all rows it reads",
+    "slopes": "its derivatives are {}, and differences of its value give {}: correct `slopes`",
+    "schur": "K or S = B K^-1 B^T is not symmetric, or S not that of K: make K by `made`, of a symmetric matrix",
+    "explicit": "`explicit` is not the derivative of `equations` along {}: differentiate all that depends on it there",
+    "point": "a point has other equations after another one: make new arrays for each point",
+    "parts": "parts() with their weights do not add up to K: return all of them, or None",
+    "reduced": "it has no parts() and is reduced all the same: leave `problem` as it is given",
+    "answer": "its model {} and is off by {:.3g} at {}: claim less, or refuse the scene",
+    "bound": "its model is off by more than its bound at {}: call that an estimate, or correct it",
+    "gradient": "the gradient of its forces is not what differences give: correct it, or refuse gradients",
+}
+"""What a check says of a part: what is wrong, and what to do."""
+Check = TypeVar("Check", bound=Callable[..., None])
+
+
+def _blaming(check: Check) -> Check:
+    """Make the part, and name it if its code, or a check of the package on it, raises anything."""
+
+    @wraps(check)
+    def checked(part: Any, *given: Any, **settings: Any) -> None:
+        made = part() if isinstance(part, FunctionType) and not signature(part).parameters else part
+        name = getattr(made, "__name__", type(made).__name__)
+        try:
+            check(made, *given, **settings)
+        except ConformanceError as error:
+            raise ConformanceError(f"{name}: {error}") from None
+        except Exception as error:  # code of anybody
+            raise ConformanceError(f"{name}: {type(error).__name__}: {error}") from error
+
+    return checked  # type: ignore[return-value]
+
+
+def _require(fits: Any, wrong: str, *given: Any) -> None:
+    if not fits:
+        raise ConformanceError(WRONG[wrong].format(*given))
+
+
+def pressed_blocks(parameters: Bounds | None = None, *, cells: int = 4, **changes: Any) -> Scene:
+    """Blocks of so many cells per axis: the lower one is clamped, the upper one pushed down, slid, and pressed aside.
+
+    ``parameters`` are added to :data:`BOX`, and ``changes`` replace parts of the scene.
+    """
+    box = {**BOX, **(parameters or {})}
+    first, second = (((1.0, low), (2.0, low + 1.0), (cells, cells)) for low in (0.0, 1.0))
+    clamped, top = two_blocks.side(LOWER_BODY, 1, False), two_blocks.side(UPPER_BODY, 1, True)
+    moved = [Displacement(top, k, Amplitude(slopes=slope)) for k, slope in enumerate(({"slide": 1.0}, {"push": -1.0}))]
+    given: dict[str, Any] = {
+        "name": "pressed_blocks",
+        "geometry": lambda comm: two_blocks.two_blocks(comm, first=first, second=second),
+        "hypothesis": "plane_strain",
+        "bodies": (Body(LOWER_BODY, 2.0, 0.3), Body(UPPER_BODY, 5.0, 0.3)),
+        "contacts": (NodeToNode(LOWER_SURFACE, UPPER_SURFACE, (0.0, 1.0)),),
+        "displacements": (*Displacement.clamp(clamped, 2), *moved),
+        "loads": (Pressure(FLANK, Amplitude(slopes={"load": 1.0})),),
+        "openings": (Opening(0, Amplitude(slopes={"gap": 1.0})),),
+        "parameters": ParameterSpace(tuple(box), *zip(*box.values(), strict=True)),
+    }
+    return Scene(**given | changes)
+
+
+@_blaming
+def check_pairing(pairing: Any) -> None:
+    """Check a pairing of :data:`LOWER_SURFACE`, :data:`UPPER_SURFACE` or both: rows, gaps, and the patch test.
+
+    The patch test needs uniform gaps. A gap to an obstacle may be a given number, which no motion changes.
+    """
+    space = Discretisation(pressed_blocks(contacts=(pairing,)))
+    surfaces = [space.surface(tag) for tag in pairing.tags]
+    rows, again = space.contact_rows()[0], pairing.rows(surfaces, space.size)
+    nodes = np.concatenate([surface.nodes for surface in surfaces])
+    _require(np.isin([*rows.slaves, *(rows.matrix.indices // 2)], nodes).all(), "nodes")
+    right = np.shape(rows.points) == (rows.gap.size, 2) and np.min(rows.areas) >= 0 and np.any(rows.areas)
+    right = right and abs(rows.matrix).sum(axis=1).min() > 0
+    same = np.array_equal(rows.gap, again.gap) and abs(rows.matrix - again.matrix).max() == 0
+    _require(right and same, "rows")
+    for place, surface in enumerate(surfaces):
+        normal, motion, gaps = mean_normal(surface), np.zeros((space.size // 2, 2)), []
+        motion[surface.nodes] = normal
+        for step in (-STEP, STEP):
+            moved = replace(surface, points=surface.points + step * normal)
+            with ignored(PairingWarning):
+                gaps.append(pairing.rows([*surfaces[:place], moved, *surfaces[place + 1 :]], space.size).gap)
+        if len(surfaces) > 1 or not np.array_equal(*gaps):  # not a given number
+            found, expected = (gaps[1] - gaps[0]) / (2 * STEP), -(rows.matrix @ motion.ravel())
+            worst = int(np.abs(found - expected).argmax())
+            right = abs(found - expected)[worst] <= OF_FUNCTIONS
+            _require(right, "gap", worst, found[worst], surface.tag, expected[worst])
+    if np.ptp(rows.gap) > ROUND_OFF:
+        return
+    pressures = [Pressure(tag, Amplitude(1.0)) for tag in pairing.tags]
+    uniform = sum(load.terms(space.assembler(load))[0].columns for load in pressures)
+    off = np.abs(rows.matrix.T @ rows.areas + uniform).max() / rows.areas.max()
+    _require(off <= ROUND_OFF, "patch", off)
+    if len(surfaces) == 2 and np.abs(rows.gap).max() <= ROUND_OFF:
+        places = np.zeros((space.size // 2, 2))
+        for surface in surfaces:
+            places[surface.nodes] = surface.points
+        # x and y times each unit vector: all linear fields are sums of them
+        seen = rows.matrix @ np.hstack([np.kron(column[:, None], np.eye(2)) for column in places.T])
+        _require(np.abs(seen).max() <= ROUND_OFF, "partner")
+
+
+@_blaming
+def check_law(law: Any, *, young: float = 200.0, poisson: float = 0.3, strain: float = 0.02, dt: float = 0.1) -> None:
+    """Check a law of an inelastic body, for moduli, strains and a time step at which it flows.
+
+    One that declares ``rated = False`` does not depend on dt, and returns to its surface or below.
+    """
+    random, mu = np.random.default_rng(0), young / (2 + 2 * poisson)
+    material = Material([Group(np.arange(60), young, poisson, law)], 4)
+    state, path = material.at_rest(), np.zeros((60, 4))
+    for _ in range(8):
+        path = path + strain / 4 * random.standard_normal(path.shape)
+        state = material.update(path, state, dt, tangent=False).state  # refuses flow that does not dissipate
+    _require(state.cumulated.any(), "idle", strain, young)
+    trial, old = 2 * mu * strain * 10 ** random.uniform(-1, 0.5, 60), state.cumulated
+    flow = amount, slope = flow_of(law, trial, old, mu, dt)
+    alone = np.hstack([flow_of(law, trial[k : k + 1], old[k : k + 1], mu, dt) for k in range(60)])
+    _require(np.allclose(alone, flow, rtol=1e-12, atol=0), "alone")
+    _require(not flow_of(law, np.zeros(60), old, mu, dt)[0].any(), "zero")
+    low, high = (flow_of(law, trial * (1 + step), old, mu, dt)[0] for step in (-STEP, STEP))
+    found = (high - low) / (2 * STEP * trial)
+    wrong = np.where((low > 0) == (high > 0), np.abs(slope - found), 0.0)  # not where flow begins
+    worst = int(wrong.argmax())
+    right = wrong[worst] <= OF_FUNCTIONS * np.abs(found).max()
+    _require(right, "slope", slope[worst], trial[worst], found[worst])
+    _require(slope.min() >= 0 and 3 * mu * slope.max() <= 1 + ROUND_OFF, "softens")
+    if not getattr(law, "rated", True):
+        _require(np.array_equal(amount, flow_of(law, trial, old, mu, 7 * dt)[0]), "rated")
+        further = flow_of(law, trial - 3 * mu * amount, old + amount, mu, dt)[0]
+        _require((3 * mu * further <= ROUND_OFF * trial).all(), "surface")
+    _require(np.array_equal(flow_of(_from_file(law), trial, old, mu, dt), flow), "file")
+
+
+@_blaming
+def check_load(load: Any, parameters: Bounds | None = None) -> None:
+    """Check a load on tags of the blocks: its forces on two meshes, its amplitudes, their derivatives and files."""
+    sums = []
+
+    def force(point: np.ndarray) -> np.ndarray:
+        return columns @ amplitudes(point)
+
+    for cells in (4, 8):
+        scene = pressed_blocks(parameters, cells=cells, loads=(load,))
+        space = Discretisation(scene)
+        terms = space.load_terms()
+        columns = csc_matrix(hstack([csc_matrix((space.size, 1)), *(term.columns for term in terms)]))
+        amplitudes = Amplitudes.collect([term.amplitude for term in terms], scene.parameters)
+        points = scene.parameters.random(6, 0)
+        sums.append(np.array([force(point).reshape(-1, 2).sum(axis=0) for point in points]))
+    size = max(np.abs(force(point)).sum() for point in points)
+    _require(size > 0, "force")
+    _require(np.abs(sums[1] - sums[0]).max() <= 0.01 * size, "sum", sums[0][0], sums[1][0])
+    for point in points:
+        acting, slopes = amplitudes.slopes_at(point)
+        expected = scene.parameters.differences(force, point, STEP)
+        _require(_near(columns[:, acting] @ slopes, expected, OF_FUNCTIONS), "derivative")
+    for amplitude in amplitudes.nonaffine:
+        kept = _from_file(amplitude)
+        _require(all(np.array_equal(kept(point), amplitude(point)) for point in points), "file")
+
+
+@_blaming
+def check_output(output: Any, parameters: Bounds | None = None) -> None:
+    """Check an output of contact 0 or of the blocks: value, slopes and unit, in a condensed model and a file too."""
+
+    def value(model: Any, point: np.ndarray) -> float:
+        return model.outputs(point)[output.name]
+
+    full = FullOrderModel(pressed_blocks(parameters, outputs=(output,)))
+    (item,) = full.functionals.items
+    same = (item.name, item.unit) == (output.name, output.unit)
+    _require(same, "name", item.name, item.unit, output.name, output.unit)
+    points, space = full.parameters.random(12, 0), full.parameters  # the sixth opens the contact
+    values = [value(full, point) for point in points]
+    _require(np.isfinite(values).all() and np.ptp(values) > 1e-12, "value", values)
+    condensed = condense(full)
+    found = [value(condensed, point) for point in points]
+    _require(_near(found, values, ROUND_OFF), "condensed")
+    for point in points[:6] if item.differentiable else ():
+        answer: Any = full.outputs(point, gradient=True)
+        slopes = answer.gradient[output.name]
+        expected = space.differences(lambda moved: np.array([value(full, moved)]), point, STEP)[0]
+        # over the box, beside the round-off of values; at kinks there are two slopes
+        widths, size = np.subtract(space.upper, space.lower), np.abs(values).max()
+        right = answer.one_sided or _near([*slopes * widths, size], [*expected * widths, size], OF_ANSWERS)
+        _require(right, "slopes", slopes, expected)
+    kept = _saved(condensed, _classes(item))
+    _require([value(kept, point) for point in points] == found, "file")
+
+
+@_blaming
+def check_system(system: Callable[..., Any], parameters: Bounds | None = None) -> None:
+    """Check what makes a System of the blocks, ``Scene(system=...)``; without parts, reductions refuse it by name."""
+
+    def respond(point: np.ndarray) -> np.ndarray:  # displacement and slack at fixed forces
+        at = full.system.at(point)
+        unknown = at.stiffness.solve(at.loads) - at.stiffness.response_to_forces(forces)
+        return np.append(unknown, at.gaps - at.problem.contact @ unknown)
+
+    full = FullOrderModel(pressed_blocks(parameters, system=system))
+    points, random, free = full.parameters.random(4, 0), np.random.default_rng(0), full.problem.free
+    forces, tried = random.standard_normal(full.conditions), random.standard_normal(free.size) * free
+    for point in points:
+        at, parts = full.system.at(point), full.system.parts()
+        schur, solved = at.stiffness.schur, at.stiffness.solve(tried)
+        own = at.problem.contact @ at.stiffness.response_to_forces(np.eye(len(schur)))
+        matrix = getattr(at.stiffness, "matrix", schur)  # factors read one half of it
+        symmetric = abs(matrix - matrix.T).max() <= ROUND_OFF * abs(matrix).max()
+        _require(symmetric and _near(schur, schur.T, ROUND_OFF) and _near(own, schur, ROUND_OFF), "schur")
+        _, again = full.system.at(full.problem.middle), full.system.at(point)
+        same = np.array_equal(at.loads, again.loads) and np.array_equal(solved, again.stiffness.solve(tried))
+        _require(same, "point")
+        unknown = respond(point)[: free.size]
+        left, slack = full.system.explicit(point, forces, unknown)
+        changes = np.stack([at.stiffness.solve(-column) for column in left.T], axis=1)
+        found = np.vstack([changes, slack - at.problem.contact @ changes])
+        expected = full.parameters.differences(respond, point, STEP)
+        for place, name in enumerate(full.parameters.names):
+            _require(_near(found[:, place], expected[:, place], OF_ANSWERS), "explicit", name)
+        if parts is not None:
+            weights = [modulus.value(point) for modulus in parts[0]] or [1.0]
+            product = sum(weight * (part @ tried) for weight, part in zip(weights, parts[1], strict=True))
+            _require(_near(at.stiffness.solve(product * free), tried, ROUND_OFF), "parts")
+    for reduced in (condense, lambda full: build(full, compute_snapshots(full, points))) if parts is None else ():
+        try:
+            reduced(full)
+        except NotOfferedError:
+            continue
+        _require(False, "reduced")
+
+
+@_blaming
+def check_reductor(reductor: Any, known: Iterable[type] = (), *, tolerance: float = 0.05) -> None:
+    """Check a way to reduce, on blocks of constant stiffness and on blocks whose modulus is a parameter.
+
+    Its model agrees with full answers that were held out: to round-off if it calls itself exact, else to ``tolerance``,
+    and within its bounds if it has any. It may refuse files, gradients and the varying modulus, with an error of the
+    package. ``known`` are your classes that its files hold, see :func:`hhr_dolfinx.load_model`.
+    """
+    bodies = Body(LOWER_BODY, "young", 0.3), Body(UPPER_BODY, 5.0, 0.3)
+    for scene in (pressed_blocks(), pressed_blocks({"young": (1.0, 4.0)}, bodies=bodies)):
+        full = FullOrderModel(scene)
+        sets = [compute_snapshots(full, full.parameters.random(count, seed)) for count, seed in ((24, 0), (4, 1))]
+        try:
+            model = build(full, sets[0], reductor, sets[1])
+        except HHRError:
+            if full.problem.varies:
+                continue
+            raise
+        _check_answers(full, model, tolerance)
+        try:
+            kept = _saved(model, known)
+        except NotOfferedError:
+            continue
+        pairs = [[one.solve(point, outside="ignore") for one in (model, kept)] for point in sets[1].points]
+        arrays = [[np.append(one.forces(), one.unknown) for one in pair] for pair in pairs]
+        _require(all(np.array_equal(*pair) for pair in arrays), "file")
+
+
+def _check_answers(full: Any, model: Any, tolerance: float) -> None:
+    """Compare answers, bounds and gradients of the forces at points that were not trained on."""
+
+    def forces(point: np.ndarray) -> np.ndarray:
+        return model.solve(point, outside="ignore").multipliers
+
+    pairs = [(full.solve(point), model.solve(point, outside="ignore")) for point in full.parameters.random(8, 1)]
+    both = [[(one.forces(), one.displacement()) for one in pair] for pair in pairs]
+    sizes = [max(np.linalg.norm(there[k]) for there, _ in both) for k in (0, 1)]
+    limit = ROUND_OFF if model.fields.exact else tolerance
+    claim = "calls itself exact" if model.fields.exact else f"promises {tolerance:g}"
+    for (there, here), (exact, reduced) in zip(pairs, both, strict=True):
+        off = [reduced[k] - exact[k] for k in (0, 1)]
+        error = max(float(np.linalg.norm(off[k]) / sizes[k]) for k in (0, 1))
+        place = full.parameters.described(there.parameter)
+        _require(error <= limit, "answer", claim, error, place)
+        if (bound := here.estimate()) is not None and bound.kind == "bound":
+            energy = np.sqrt(max(off[1] @ (full.problem.at(there.parameter).stiffness @ off[1]), 0.0))
+            held = np.linalg.norm(off[0]) <= bound.forces_euclid + ROUND_OFF * sizes[0]
+            _require(held and energy <= bound.primal + ROUND_OFF * sizes[0], "bound", place)
+        try:
+            found = model.solve(there.parameter, gradient=True, outside="ignore").gradient
+        except NotOfferedError:
+            continue
+        expected = full.parameters.differences(forces, there.parameter, STEP)
+        _require(found.one_sided or _near(found.multipliers, expected, OF_ANSWERS), "gradient")
+
+
+def _near(found: Any, expected: Any, tolerance: float) -> bool:
+    """True if arrays agree relative to the largest entry."""
+    return bool(np.abs(np.subtract(found, expected)).max() <= tolerance * np.abs(expected).max() + 1e-14)
+
+
+def _classes(value: Any) -> set[type]:
+    """Classes of a dataclass and of all in it."""
+    if is_dataclass(value):
+        return {type(value)}.union(*(_classes(getattr(value, item.name)) for item in fields(value)))
+    return set().union(*map(_classes, value)) if isinstance(value, tuple) else set()
+
+
+def _from_file(value: Any) -> Any:
+    """The value as a file would restore it."""
+    return restored(*as_plain(value), by_name(_classes(value)))
+
+
+def _saved(model: Any, known: Iterable[type]) -> Any:
+    """The model as its file restores it."""
+    with TemporaryDirectory() as folder:
+        save_model(Path(folder) / "model.npz", model)
+        return load_model(Path(folder) / "model.npz", list(known))
