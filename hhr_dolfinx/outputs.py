@@ -22,10 +22,106 @@ from hhr_dolfinx.parameters import Tag, as_tuple, check_tag, is_number, is_whole
 if TYPE_CHECKING:
     import ufl
 
+    from hhr_dolfinx.contact.friction import Friction
+    from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.loads import Assembler
 
 _NOWHERE = np.zeros(0, dtype=np.int64)
 _NOTHING = np.zeros(0)
+
+
+class TaggedBody(Protocol):
+    """A body of the scene."""
+
+    @property
+    def tag(self) -> Tag:
+        """Tag of its cells."""
+
+
+class ProbedScene(Protocol):
+    """The scene, as outputs read it."""
+
+    @property
+    def hypothesis(self) -> str:
+        """``plane_strain``, ``plane_stress``, ``axisymmetric`` or ``solid``."""
+
+    @property
+    def bodies(self) -> Sequence[TaggedBody]:
+        """Its bodies."""
+
+
+class ContactOutput(Protocol):
+    """An output of a contact: its name, and the index of the pair in ``Scene.contacts``."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+
+    @property
+    def contact(self) -> int: ...  # noqa: D102
+
+
+class PlacedOutput(Protocol):
+    """An output at a place: its name, and the coordinates of the place."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+
+    @property
+    def place(self) -> Sequence[float]: ...  # noqa: D102
+
+
+class ModelProbe(Protocol):
+    """What an output may read of the finite element model: :class:`hhr_dolfinx.full_order.outputs.Probe`."""
+
+    @property
+    def scene(self) -> ProbedScene:
+        """The scene."""
+
+    @property
+    def problem(self) -> ContactProblem:
+        """The contact problem."""
+
+    @property
+    def base(self) -> ContactProblem:
+        """The same on the mesh in which outputs find places and boxes."""
+
+    @property
+    def assembler(self) -> Assembler:
+        """Assembler of forms, the one of loads."""
+
+    @property
+    def dimension(self) -> int:
+        """Components of a displacement."""
+
+    @property
+    def nodes(self) -> Callable[[Tag], np.ndarray]:
+        """Numbers of the nodes of a body, by its cell tag."""
+
+    @property
+    def mises(self) -> Callable[[VonMises], Functional]:
+        """Von Mises' stress of the cells of a body."""
+
+    @property
+    def energy(self) -> Callable[[ElasticEnergy], Functional]:
+        """Elastic energy."""
+
+    def conditions(self, output: ContactOutput) -> np.ndarray:
+        """Conditions of pressures of the contact of an output, (c,)."""
+
+    def loaded(self, output: ContactOutput) -> tuple[np.ndarray, np.ndarray]:
+        """Conditions of this contact that have an area, and their areas, (c,) each."""
+
+    def sliding(self, output: ContactOutput) -> tuple[np.ndarray, Friction]:
+        """Frictional contacts of the pair of an output, by their number in the friction, and the friction."""
+
+    def at_place(self, output: PlacedOutput, points: np.ndarray) -> np.ndarray:
+        """Numbers of the points, (n, dim), of ``base`` nearest to the place of an output."""
+
+    def terms(self, entries: np.ndarray) -> np.ndarray:
+        """Terms of θ that have entries, (1 + T,)."""
+
+    def nodal_forces(self, output: ContactOutput) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
+        """Conditions, nodes and nodal forces of a contact: (c,), (n, dim), sparse (c, n dim)."""
 
 
 class Output(Protocol):
@@ -94,7 +190,7 @@ class _OfContact(_Output):
 class LargestPressure(_OfContact):
     """Largest contact pressure of a contact: force over tributary area."""
 
-    def prepared(self, probe: Any) -> Functional:
+    def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         return Largest(self.name, self.unit, *_no_rows(), *probe.loaded(self))
 
@@ -112,7 +208,7 @@ class ContactForce(_OfContact):
 
     direction: tuple[float, ...]
 
-    def prepared(self, probe: Any) -> Functional:
+    def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         conditions, points, forces = probe.nodal_forces(self)
         along = np.tile(_unit(self, "direction", probe.dimension), len(points))
@@ -133,7 +229,7 @@ class ContactMoment(_OfContact):
     about: tuple[float, ...]
     axis: tuple[float, ...] | None = None
 
-    def prepared(self, probe: Any) -> Functional:
+    def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         if probe.scene.hypothesis == "axisymmetric":
             raise SceneError(
@@ -171,7 +267,7 @@ class Torque(_OfContact):
         if not is_number(self.friction) or self.friction < 0:
             raise SceneError(f"output '{self.name}': the friction {self.friction!r} must be a number, not negative")
 
-    def prepared(self, probe: Any) -> Functional:
+    def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         conditions = probe.conditions(self)
         dim = probe.dimension
@@ -203,7 +299,7 @@ class FrictionForce(_OfContact):
 
     direction: tuple[float, ...]
 
-    def prepared(self, probe: Any) -> Functional:
+    def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         _, friction = probe.sliding(self)
         conditions, points, forces = probe.nodal_forces(self)
@@ -216,7 +312,7 @@ class FrictionForce(_OfContact):
 class LargestSlip(_OfContact):
     """Largest accumulated slip of a node of a contact."""
 
-    def prepared(self, probe: Any) -> Functional:
+    def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         return _remembered(self, probe, "path", largest=True)
 
@@ -225,7 +321,7 @@ class LargestSlip(_OfContact):
 class DissipatedWork(_OfContact):
     """Accumulated energy dissipated by friction of a contact."""
 
-    def prepared(self, probe: Any) -> Functional:
+    def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         return _remembered(self, probe, "work", largest=False)
 
@@ -247,7 +343,7 @@ class LargestWear(_OfContact):
         if not is_number(self.constant) or self.constant < 0:
             raise SceneError(f"output '{self.name}': the constant {self.constant!r} must be a number, not negative")
 
-    def prepared(self, probe: Any) -> Functional:
+    def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         return _remembered(self, probe, "wear", largest=True, factor=float(self.constant))
 
@@ -258,7 +354,7 @@ class StickArea(_OfContact):
 
     sticks: ClassVar[bool] = True
 
-    def prepared(self, probe: Any) -> Functional:
+    def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         from hhr_dolfinx.models.functionals.friction import StatusArea
 
@@ -273,7 +369,9 @@ class SlipArea(StickArea):
     sticks: ClassVar[bool] = False
 
 
-def _remembered(output: Any, probe: Any, quantity: str, *, largest: bool, factor: float = 1.0) -> Functional:
+def _remembered(
+    output: _OfContact, probe: ModelProbe, quantity: str, *, largest: bool, factor: float = 1.0
+) -> Functional:
     """Functional of an accumulated quantity of friction in the contact of an output."""
     from hhr_dolfinx.models.functionals.friction import Remembered
 
@@ -289,7 +387,7 @@ class ContactWidth(_OfContact):
     a cell; its derivatives are zero except for those of the shape of the cells.
     """
 
-    def prepared(self, probe: Any) -> Functional:
+    def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         conditions, areas = probe.loaded(self)
         return Loaded(self.name, self.unit, *_no_rows(), conditions, areas, 0.0, 1.0)
@@ -299,7 +397,7 @@ class ContactWidth(_OfContact):
 class LostContact(_OfContact):
     """Fraction of the area of a contact that is not under load, from 0 to 1; see :class:`ContactWidth`."""
 
-    def prepared(self, probe: Any) -> Functional:
+    def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         conditions, areas = probe.loaded(self)
         return Loaded(self.name, self.unit, *_no_rows(), conditions, areas, 1.0, -1.0 / float(areas.sum()))
@@ -317,7 +415,7 @@ class GapAt(_OfContact):
 
     place: tuple[float, ...]
 
-    def prepared(self, probe: Any) -> Functional:
+    def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         conditions = probe.conditions(self)
         problem = probe.problem
@@ -350,7 +448,7 @@ class DisplacementAt(_Output):
         if not is_whole(self.component, 0) or self.component > 2:
             raise SceneError(f"output '{self.name}': the component {self.component!r} must be 0, 1 or 2")
 
-    def prepared(self, probe: Any) -> Functional:
+    def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         problem = probe.problem
         dim = probe.dimension
@@ -401,7 +499,7 @@ class VonMises(_Output):
                 raise SceneError(f"output '{self.name}': where = {self.where!r} must be two corners, (lower, upper)")
             object.__setattr__(self, "where", tuple(box))
 
-    def prepared(self, probe: Any) -> Functional:
+    def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         return probe.mises(self)
 
@@ -413,7 +511,7 @@ class ElasticEnergy(_Output):
     In a reduced model it has the errors of forces and displacement.
     """
 
-    def prepared(self, probe: Any) -> Functional:
+    def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         return probe.energy(self)
 
@@ -435,13 +533,13 @@ class LinearForm(_Output):
         if not callable(self.form):
             raise SceneError(f"output '{self.name}': the form {self.form!r} must be a function of an Assembler")
 
-    def prepared(self, probe: Any) -> Functional:
+    def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         vector = probe.assembler.vector(self.form(probe.assembler))
         return Linear.of(self.name, self.unit, row=csr_matrix(vector[None]))
 
 
-def _place(output: Any, name: str, dim: int) -> np.ndarray:
+def _place(output: _Output, name: str, dim: int) -> np.ndarray:
     """A vector of an output, (dim,)."""
     value = getattr(output, name)
     if value is None or len(value) != dim:
@@ -449,7 +547,7 @@ def _place(output: Any, name: str, dim: int) -> np.ndarray:
     return np.array(value)
 
 
-def _unit(output: Any, name: str, dim: int) -> np.ndarray:
+def _unit(output: _Output, name: str, dim: int) -> np.ndarray:
     """A vector of an output, normalised to length 1."""
     vector = _place(output, name, dim)
     length = np.linalg.norm(vector)

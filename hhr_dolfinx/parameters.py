@@ -12,6 +12,11 @@ import numpy as np
 
 from hhr_dolfinx.errors import ParameterError, SceneError
 
+PointLike = float | Sequence[float] | Mapping[str, float] | np.ndarray
+"""A point of the box as users give it: a number, a sequence, or a mapping by name."""
+PointsLike = Sequence[float] | Sequence[Sequence[float]] | np.ndarray
+"""Several points of the box: one row each, (S, P); with one parameter also (S,)."""
+
 LINE = 2001
 """Points along a parameter at which formulas are checked: a spike a thousandth of the box wide has two of them."""
 
@@ -142,7 +147,7 @@ class ParameterSpace:
         """Middle of the box, (P,), a new array."""
         return np.mean([self.lower, self.upper], axis=0)
 
-    def point(self, mu: Any) -> np.ndarray:
+    def point(self, mu: PointLike) -> np.ndarray:
         """Convert a number, a sequence or a mapping by name to a checked point, (P,).
 
         Raises:
@@ -195,7 +200,7 @@ class ParameterSpace:
         """A point in words, for messages."""
         return ", ".join(f"{name} = {value:g}" for name, value in zip(self.names, point, strict=True))
 
-    def points(self, table: Any) -> np.ndarray:
+    def points(self, table: PointsLike) -> np.ndarray:
         """Convert a table with one row per point to checked points, (S, P); with one parameter also (S,).
 
         Raises:

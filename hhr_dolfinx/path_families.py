@@ -190,7 +190,7 @@ class PathFamily:
             ParameterError: as :meth:`path`, and for other objects.
         """
         with _naming(self._title):
-            table = drawn
+            table: Any = drawn
             if isinstance(drawn, Sampling) and not isinstance(drawn, type):
                 table = drawn.points(self.own)
             points = self.own.points(table)

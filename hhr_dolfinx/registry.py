@@ -12,11 +12,15 @@ import importlib
 import importlib.metadata
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
+from pathlib import Path
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 from hhr_dolfinx.errors import PluginWarning, SceneError
 from hhr_dolfinx.warn import warn
+
+if TYPE_CHECKING:
+    from mpi4py.MPI import Comm
 
 GROUP = "hhr_dolfinx.plugins"
 """Group of entry points of plug-ins."""
@@ -134,7 +138,15 @@ def listed(what: str) -> list[Any]:
     return [load(place) for plugin in installed().values() for place in getattr(plugin, what)]
 
 
-def write_companions(full: Any, folder: Any) -> None:
+class ModelOnRanks(Protocol):
+    """A full model, whose ranks write together. The core does not say what else a companion reads of it."""
+
+    @property
+    def comm(self) -> Comm:
+        """Its ranks."""
+
+
+def write_companions(full: ModelOnRanks, folder: Path) -> None:
     """Write the files of plug-ins next to a model in a folder. Collective over the ranks of the full model."""
     for write in listed("companions"):
         write(full, folder)

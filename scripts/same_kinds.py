@@ -506,6 +506,13 @@ def _outputs(answer: Any) -> Any:
     return {"values": dict(found.items()), "gradient": dict(own), "one sided": found.one_sided}
 
 
+def _columns(found: Any) -> list[Any]:
+    """Columns of a table that some kinds of models have: which model answered, whether the full one did."""
+    if hasattr(found, "columns"):
+        return list(found.columns.values())
+    return [column for column in (found.fell_back, found.model) if column is not None]
+
+
 ANSWER: dict[str, Callable[[Any], Any]] = {
     "unknown": lambda answer: answer.unknown,
     "multipliers": lambda answer: answer.multipliers,
@@ -534,6 +541,15 @@ MANY: dict[str, Callable[[Any], Any]] = {
     "forces": lambda many: many.forces(),
     "outputs": lambda many: many.outputs(),
     "estimates": lambda many: many.estimates(),
+}
+TABLE: dict[str, Callable[[Any], Any]] = {
+    "status": lambda found: found.status,
+    "forces": lambda found: found.forces,
+    "outputs": lambda found: found.outputs,
+    "estimates": lambda found: found.estimates,
+    "largest displacement": lambda found: found.largest_displacement,
+    "total force": lambda found: found.total_force,
+    "columns": _columns,
 }
 HISTORY: dict[str, Callable[[Any], Any]] = {
     "cuts": lambda history: history.cuts,
@@ -625,7 +641,7 @@ def dump_kind(record: Record, name: str, counts: Counts) -> None:
     with record.of(f"{name}/table", counts):
         table = np.vstack([points[:2], np.full((1, points.shape[1]), np.nan)])
         found = hhr.answer_points(model, table, outside="ignore", displacement=True)
-        record.put(f"{name}/table", found)
+        record.read(f"{name}/table", TABLE, found)
     dump_history(record, f"{name}/march", lambda: model.march(path_of(model, kind), QUIET), counts)
     if inelastic_bodies:
         settings = hhr.MarchSettings(**TIGHT, gradient=True)

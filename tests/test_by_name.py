@@ -120,17 +120,16 @@ def test_a_plug_in_of_another_package_registers_as_ours_do(installed, tmp_path):
         "from hhr_dolfinx.online.model_file import Kinds\n"
         "from contact_toys.parts import Newtonian, Ramp\n"
         "assert hhr.Newtonian is Newtonian is Kinds()['Newtonian'] and 'Newtonian' in hhr.__all__\n"
-        "assert find('pairings', 'Slope') is Ramp and names('pairings')['Slope'] == 'contact_toys'"
+        "assert find('pairings', 'Slope') is Ramp and names('pairings')['Slope'] == 'contact_toys'\n"
+        "from pathlib import Path; from types import SimpleNamespace; from hhr_dolfinx.registry import listed\n"
+        "(write,) = [one for one in listed('companions') if one.__name__ == 'write_note']\n"
+        "write(SimpleNamespace(comm=SimpleNamespace(rank=0), scene=SimpleNamespace(name='slab')), Path())\n"
     )
-    found = run(installed, "-c", program)
+    found = run(installed, "-c", program, cwd=tmp_path)
     assert found.returncode == 0, found.stderr
     said = hhr_command(installed, tmp_path, "slabs")
     assert said.returncode == 0 and said.stdout == "a slab is 3.0 wide\n"
-    made = hhr_command(
-        installed, tmp_path, "train", "slab_on_ramp", "--sobol", "4", "--model", "condensed", "--out", "x"
-    )
-    assert made.returncode == 0, made.stderr
-    assert (tmp_path / "x" / "note.txt").read_text() == "slab_on_ramp"
+    assert (tmp_path / "note.txt").read_text() == "slab"
 
 
 def test_the_command_knows_installed_scenes(installed, tmp_path):

@@ -58,6 +58,11 @@ OF_CONTRACT = tuple(
 LOCAL = ("local pellet",) if present("local") else ()
 PELLET = ("pellet", *LOCAL, "condensed pellet", "flowing pellet")
 ALL = (*OF_CONTRACT, *PELLET)
+QUICK = {
+    "exact condensation", "interpolated condensation, moduli", "HHR, constant", "HHR, moduli", "condensed, flowing",
+    "exact condensation, friction", "HHR, floating", *PELLET,
+}  # fmt: skip
+KINDS = [pytest.param(kind, marks=() if kind in QUICK else pytest.mark.slow) for kind in ALL]
 QUIET = hhr.MarchSettings(outside="ignore")
 OUTPUTS = (
     hhr.LargestPressure("peak", 0, unit="MPa"),
@@ -66,32 +71,52 @@ OUTPUTS = (
 )
 
 
+class Made(dict):
+    """What is made when somebody asks for it first."""
+
+    def __init__(self, make):
+        super().__init__()
+        self.make = make
+
+    def __missing__(self, kind):
+        self[kind] = found = self.make(kind)
+        return found
+
+
 @pytest.fixture(scope="module")
 def models():
     """One model of each kind: those of the contract, and pellets with pressures on parts of lines, laws, outputs."""
-    training = pellet_training()
-    whole = hhr.build(training.full_order, training.snapshots, hhr.Recipe().as_it_is())
-    parts = [*pellet_models(training), *parts_of(training, [(2.0, 6.1)])]
-    tree = LOCAL and choice([(1, CUT, 1, 2), (-1, 0), (0, 100.0, 3, 4), (-1, 2), (-1, 1)], (5.0, 0.4))
-    full = hhr.FullOrderModel(pellet(outputs=OUTPUTS))
-    known = hhr.SnapshotSet.of_histories([full.march(heated(*item)) for item in ((5.0, 160e3), (12.0, 220e3))])
-    found = {kind: contract.model_of(kind) for kind in OF_CONTRACT}
-    return found | {
-        "pellet": whole,
-        **{name: hhr.LocalModels(parts, tree) for name in LOCAL},
-        "condensed pellet": condense_flow(full, known, CorrectionSettings(attempts=1, trust=None)),
-        "flowing pellet": flowing.flowing_reduction(flowing.flowing_full()),
-    }
+    pellets = Made(lambda name: pellet_training())
+
+    def made(kind):
+        if kind in OF_CONTRACT:
+            return contract.model_of(kind)
+        if kind == "flowing pellet":
+            return flowing.flowing_reduction(flowing.flowing_full())
+        if kind == "condensed pellet":
+            full = hhr.FullOrderModel(pellet(outputs=OUTPUTS))
+            known = hhr.SnapshotSet.of_histories([full.march(heated(*item)) for item in ((5.0, 160e3), (12.0, 220e3))])
+            return condense_flow(full, known, CorrectionSettings(attempts=1, trust=None))
+        training = pellets["one"]
+        if kind == "pellet":
+            return hhr.build(training.full_order, training.snapshots, hhr.Recipe().as_it_is())
+        tree = choice([(1, CUT, 1, 2), (-1, 0), (0, 100.0, 3, 4), (-1, 2), (-1, 1)], (5.0, 0.4))
+        return hhr.LocalModels([*pellet_models(training), *parts_of(training, [(2.0, 6.1)])], tree)
+
+    return Made(made)
 
 
 @pytest.fixture(scope="module")
 def kept(models, tmp_path_factory):
     """Their files by kind."""
     folder = tmp_path_factory.mktemp("kept")
-    files = {kind: folder / f"{number}.npz" for number, kind in enumerate(models)}
-    for kind, model in models.items():
-        hhr.save_model(files[kind], model)
-    return files
+
+    def saved(kind):
+        path = folder / f"{ALL.index(kind)}.npz"
+        hhr.save_model(path, models[kind])
+        return path
+
+    return Made(saved)
 
 
 @pytest.fixture
@@ -149,7 +174,7 @@ def same_library(model):
 # ---------------------------------------------------------------- what comes back
 
 
-@pytest.mark.parametrize("kind", ALL)
+@pytest.mark.parametrize("kind", KINDS)
 def test_a_model_comes_back_to_the_last_bit(kind, models, kept):
     """Its answers, and every array and number that it is made of; written again it is the same."""
     model, stored = models[kind], hhr.load_model(kept[kind])
@@ -161,14 +186,14 @@ def test_a_model_comes_back_to_the_last_bit(kind, models, kept):
         assert found.dtype == others[name].dtype and found.tobytes("K") == others[name].tobytes("K"), name
 
 
-@pytest.mark.parametrize("kind", ALL)
+@pytest.mark.parametrize("kind", KINDS)
 def test_copies_answer_alike(kind, models):
     for copied in (copy.deepcopy, lambda model: pickle.loads(pickle.dumps(model))):
         again = copied(models[kind])
         assert bits(again) == bits(models[kind]) and again.offline is None
 
 
-@pytest.mark.parametrize("kind", ALL)
+@pytest.mark.parametrize("kind", KINDS)
 def test_arrays_lie_as_files_keep_them(kind, models):
     """Else sums of a model that was read run in another order than those of the one that was written."""
     found = arrays_of(models[kind].for_file())
@@ -215,7 +240,7 @@ assert not heavy, heavy
 @pytest.mark.parametrize("petsc", ["there", "missing"])
 def test_another_process_answers_without_dolfinx(petsc, kept, models):
     """To the last bit, whether PETSc is there or not: it is not loaded."""
-    names = json.dumps({kind: str(path) for kind, path in kept.items()})
+    names = json.dumps({kind: str(kept[kind]) for kind in ALL})
     run = subprocess.run([sys.executable, "-c", ALONE, petsc, names], capture_output=True, text=True, timeout=WAIT)
     assert run.returncode == 0, run.stderr[-2000:]
     lines = [json.loads(line) for line in run.stdout.splitlines()]
@@ -569,7 +594,7 @@ def damaged(arrays):
                 yield name, f"index {number}", np.where(np.arange(found.size).reshape(found.shape) == 0, number, found)
 
 
-@pytest.mark.parametrize("kind", ALL)
+@pytest.mark.parametrize("kind", KINDS)
 def test_arrays_that_were_damaged_are_refused(kind, models):
     """Whatever is done to them: by what classes declare, by what they say of themselves, or by a first answer."""
     tree, arrays = as_plain(models[kind].for_file())
@@ -602,7 +627,7 @@ JUNK = (None, "text", -1, 1e300, [], [1, 2], {}, TOY, {"kind": "Popen", "fields"
         {"sparse": "csc", "shape": [1, 1]}, {"array": ["x"]})  # fmt: skip
 
 
-@pytest.mark.parametrize("kind", ALL)
+@pytest.mark.parametrize("kind", KINDS)
 def test_junk_in_the_tree_is_refused_or_of_the_declared_type(kind, models):
     tree, arrays = as_plain(models[kind].for_file())
     dice, places = np.random.default_rng(1), list(places_in(tree))

@@ -13,6 +13,8 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 
 if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
     from hhr_dolfinx.models.answer import History
 
 FORCE_FLOOR = 1e-3
@@ -160,7 +162,9 @@ def mass_norm(problem: ContactProblem, field: np.ndarray) -> float:
     return float(np.sqrt(max(square, 0.0)))
 
 
-def relative_error(approximation: np.ndarray, reference: np.ndarray, gram: Any = None, floor: float = 0.0) -> float:
+def relative_error(
+    approximation: np.ndarray, reference: np.ndarray, gram: csr_matrix | None = None, floor: float = 0.0
+) -> float:
     """Error ``|a - r| / max(|r|, floor)`` in the norm of ``gram``, (3.6)-(3.8); Euclidean if None.
 
     If both the reference and the floor are zero the error is 0 for an exact answer and infinite otherwise.
@@ -188,7 +192,7 @@ def summary(values: Any) -> dict:
     return {"median": float(median), "p95": float(p95), "max": float(values.max()), "n": int(values.size)}
 
 
-def norm(vector: np.ndarray, gram: Any = None) -> float:
+def norm(vector: np.ndarray, gram: csr_matrix | None = None) -> float:
     """Norm of a vector by a Gram matrix, Euclidean if None."""
     if gram is not None and gram.shape[0] != vector.size:
         raise SceneError(

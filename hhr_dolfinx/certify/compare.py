@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -23,6 +23,10 @@ from hhr_dolfinx.models.answer import Answer, GaussState, History, Model
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings, told_once
 from hhr_dolfinx.trained import Signs
 from hhr_dolfinx.warn import ignored
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+
 
 ONE_ANSWER = 1e-6
 """Relative difference of forces from two starts above which a parameter has two solutions."""
@@ -59,7 +63,7 @@ class Comparison:
         return cls(list(labels), *(np.array(column) for column in errors))
 
 
-def compare_points(full: Any, model: Model, solutions: Solutions, floor: float) -> Comparison:
+def compare_points(full: FullModel, model: Model, solutions: Solutions, floor: float) -> Comparison:
     """Errors of fields and forces everywhere at known solutions.
 
     A point that fails has infinite errors, and so does the force if two starts lead to two solutions. ``floor`` is
@@ -117,7 +121,7 @@ def retraced(model: Model, exact: History) -> History:
 
 
 def compare_histories(
-    full: Any, model: Model, histories: dict[str, History], floor: float
+    full: FullModel, model: Model, histories: dict[str, History], floor: float
 ) -> tuple[Comparison, dict[str, list[Signs]]]:
     """Errors of known load paths, by label, solved by a model, and the signs of its steps by the same labels.
 
@@ -140,7 +144,7 @@ def compare_histories(
     return Comparison.of(rows), signs
 
 
-def largest_errors(full: Any, found: History, exact: History, floor: float) -> tuple[float, float]:
+def largest_errors(full: FullModel, found: History, exact: History, floor: float) -> tuple[float, float]:
     """Largest errors of the displacement (L2) and of the forces everywhere over their largest norm in the load path."""
     mass = full.problem.mass
     pairs = list(zip(found.answers, exact.answers, strict=True))
@@ -169,7 +173,7 @@ def _state_errors(found: History, exact: History) -> tuple[float, float]:
     return float(stress), float(plastic)
 
 
-def residuals_of(full: Any, answer: Answer) -> Residuals:
+def residuals_of(full: FullModel, answer: Answer) -> Residuals:
     """Residuals of a returned answer: equilibrium, for inelastic bodies that of the whole stress, gaps, signs."""
     problem = full.problem
     equilibrium = full.equilibrium
@@ -177,6 +181,7 @@ def residuals_of(full: Any, answer: Answer) -> Residuals:
     forces = answer.forces()
     if answer.gauss is None:
         return contact_residuals(problem.at(answer.parameter), answer.displacement(), forces, theta)
+    assert equilibrium is not None
     left, sizes = equilibrium.residual(answer.unknown, GaussState(answer.stress(), answer.gauss.state), theta)
     residual = (left - equilibrium.contact_load(forces)) * problem.free
     imbalance = float(np.linalg.norm(residual) / (np.linalg.norm(sizes) or 1.0))
@@ -184,7 +189,7 @@ def residuals_of(full: Any, answer: Answer) -> Residuals:
     return Residuals(imbalance, *slack_residuals(problem, homogeneous, forces, theta))
 
 
-def largest_motion(full: Any, training: Solutions) -> float:
+def largest_motion(full: FullModel, training: Solutions) -> float:
     """Largest gap or relative motion of contact surfaces in training."""
     problem = full.problem
     gaps = problem.amplitudes.sum_columns(problem.gaps, training.points)

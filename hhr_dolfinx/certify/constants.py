@@ -11,7 +11,7 @@ from __future__ import annotations
 import logging
 import math
 from dataclasses import asdict, dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -21,6 +21,10 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.certify.eigenvalues import DENSE, extreme_eigenvalue
 from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+
 
 logger = logging.getLogger(__name__)
 
@@ -96,7 +100,7 @@ class FullConstants:
     energy: float
 
     @classmethod
-    def of(cls, full: Any) -> FullConstants:
+    def of(cls, full: FullModel) -> FullConstants:
         """Constants of a full model, computed once and cached with it.
 
         They are only reported: if one is not found it is NaN, and the model is built.
@@ -111,7 +115,7 @@ class FullConstants:
         return _KNOWN[full]
 
 
-_KNOWN: WeakKeyDictionary[Any, FullConstants] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[FullModel, FullConstants] = WeakKeyDictionary()
 
 
 def smallest_singular_value(rows: csr_matrix) -> float:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -15,8 +15,10 @@ from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.bounds.difference import ExactDifference, definite
 from hhr_dolfinx.models.field_response import FieldResponse
+from hhr_dolfinx.models.full import FullModel, plain_outputs
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.certify.accuracy import Solutions
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.models.bounds.output_difference import OutputDifference
 
@@ -29,7 +31,7 @@ MOST_READ = 50
 """Number of training answers whose outputs are read."""
 
 
-def exact_difference(full: Any, basis: np.ndarray, forces: np.ndarray | None = None) -> ExactDifference:
+def exact_difference(full: FullModel, basis: np.ndarray, forces: np.ndarray | None = None) -> ExactDifference:
     """Exact differences for answers with a basis, (own rows, ell), of a full model whose bodies are held.
 
     Relative errors use at least a thousandth of the largest training force, (N_lambda, S), as the denominator.
@@ -43,7 +45,7 @@ def exact_difference(full: Any, basis: np.ndarray, forces: np.ndarray | None = N
     return ExactDifference(**arrays, modes=modes, loads=loads)
 
 
-def exact_arrays(full: Any, forces: np.ndarray | None) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def exact_arrays(full: FullModel, forces: np.ndarray | None) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Cholesky factor of S, and arrays of the exact answer, see :class:`ExactDifference`; ``forces`` as above.
 
     Raises:
@@ -55,9 +57,9 @@ def exact_arrays(full: Any, forces: np.ndarray | None) -> tuple[np.ndarray, dict
         raise BoundError("the stiffness depends on parameters, and so does the S of the exact answer")
     schur = (full.schur + full.schur.T) / 2
     terms = full.per_load.shape[1]
-    held = problem.rigid is None
+    kernel = full.system.kernel
     contact_of_motions = (
-        np.zeros((len(schur), 0)) if held else np.ascontiguousarray(full.system.kernel.contact_of_motions)
+        np.zeros((len(schur), 0)) if kernel is None else np.ascontiguousarray(kernel.contact_of_motions)
     )
     least = least_sizes(problem, schur, forces)
     if forces is not None:  # energies are those of the self-balancing part of forces
@@ -77,7 +79,7 @@ def exact_arrays(full: Any, forces: np.ndarray | None) -> tuple[np.ndarray, dict
         "free_slack": np.asfortranarray(problem.gaps - problem.contact_rows_times(full.per_load)),
         "schur": schur,
         "taken": contact_of_motions,
-        "driving": np.zeros((0, terms)) if held else np.asfortranarray(full.system.kernel.loads),
+        "driving": np.zeros((0, terms)) if kernel is None else np.asfortranarray(kernel.loads),
         "given": np.asfortranarray(np.sqrt(np.maximum(values, 0.0))[:, None] * ways.T),
         "cross": np.asfortranarray(cross),
         "lifting": energies(problem, lifts),
@@ -98,7 +100,7 @@ def factor_of(schur: np.ndarray) -> np.ndarray:
         raise BoundError("rows of B are dependent, so that forces are not unique: no error of them is known") from None
 
 
-def check_hypotheses(full: Any, *, floating: bool = False) -> None:
+def check_hypotheses(full: FullModel, *, floating: bool = False) -> None:
     """Refuse models without known errors, and bodies that only contact holds unless ``floating`` is set.
 
     Raises:
@@ -122,7 +124,7 @@ def check_hypotheses(full: Any, *, floating: bool = False) -> None:
         raise BoundError(f"K is not symmetric, by {skew / size:.1e} of its entries: it has no energy")
 
 
-def unit_energy(full: Any, lower: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def unit_energy(full: FullModel, lower: np.ndarray, basis: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Columns of V, (own rows, ell), and of K^-1 loads in directions of unit energy, see :class:`ExactDifference`.
 
     The first are X L^-T, with X = K^-1 B^T and X^T K X = S = L L^T. The components along them are L^-1 X^T K times a
@@ -183,7 +185,7 @@ class MadeOfForces(NamedTuple):
     bound: ExactDifference
 
 
-def field_response(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
+def field_response(full: FullModel, forces: np.ndarray, most: int) -> MadeOfForces:
     """The displacement as a function of loads and contact forces, with at most as many columns as a model has modes.
 
     All columns of K^-1 B^T if these are few enough. Otherwise the leading directions, in energy, of the response to
@@ -206,7 +208,7 @@ def field_response(full: Any, forces: np.ndarray, most: int) -> MadeOfForces:
     return MadeOfForces(FieldResponse(*load_response(full), onto), np.asfortranarray(columns), difference)
 
 
-def load_response(full: Any) -> tuple[np.ndarray, csc_matrix]:
+def load_response(full: FullModel) -> tuple[np.ndarray, csc_matrix]:
     """K^-1 loads, (own, 1 + T), as a product of few columns, (own, k), and a sparse matrix, (k, 1 + T).
 
     The columns belong to the nonzero terms, or to the loaded dofs if there are fewer of these, as for a pressure up to
@@ -224,7 +226,7 @@ def load_response(full: Any) -> tuple[np.ndarray, csc_matrix]:
 
 
 def columns_of_forces(
-    full: Any, lower: np.ndarray, forces: np.ndarray, most: int
+    full: FullModel, lower: np.ndarray, forces: np.ndarray, most: int
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | None]:
     """Basis of the displacements of forces: all of K^-1 B^T, or combinations of it if these are too many.
 
@@ -260,7 +262,7 @@ def leading(columns: np.ndarray, lower: np.ndarray, count: int) -> np.ndarray:
     return np.hstack([own, svd(rest)[0][:, : count - own.shape[1]]])
 
 
-def output_difference(full: Any, training: Any = None) -> OutputDifference:
+def output_difference(full: FullModel, training: Solutions | None = None) -> OutputDifference:
     """Outputs of the exact answers of a full model that has outputs, whose stiffness is constant.
 
     ``training`` are snapshots, whose outputs set the scale.
@@ -269,15 +271,18 @@ def output_difference(full: Any, training: Any = None) -> OutputDifference:
 
     problem = full.problem
     size = problem.free.size
-    read = [item.matrix(size) for item in full.functionals.items if is_read(item, len(problem.gaps))]
+    outputs = plain_outputs(full)
+    assert outputs is not None
+    read = [item.matrix(size) for item in outputs.items if is_read(item, len(problem.gaps))]
     rows = csr_matrix(vstack([csr_matrix((0, size)), *read]))
     loaded = problem.spread.sum(rows.tocsc()[:, problem.rows] @ full.per_load)
     free = np.asfortranarray(loaded + (rows @ problem.lifts).toarray())
     return OutputDifference(free, np.asfortranarray(full.pressed(rows)), _least_outputs(full, training))
 
 
-def _least_outputs(full: Any, training: Any) -> np.ndarray:
+def _least_outputs(full: FullModel, training: Solutions | None) -> np.ndarray:
     """A thousandth of the largest absolute value of each output in some training answers; zero without any, (n,)."""
+    assert full.functionals is not None
     if training is None:
         return np.zeros(len(full.functionals.items))
     answers = []

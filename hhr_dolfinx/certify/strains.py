@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -14,13 +14,18 @@ from hhr_dolfinx.models.histories.small_strains import LARGE, MOST, spread_strai
 from hhr_dolfinx.models.strains import StrainOperators
 from hhr_dolfinx.warn import ignored, warn
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.models.model import AnsweringModel
+
+
 CORNERS = 16
 """Largest number of corners of the box in which strains of a model are checked."""
 TOGETHER = 50
 """Answers whose strains are computed at once; distributed ones need all values of one on each rank meanwhile."""
 
 
-def check_small_strains(full: Any, *sets: Solutions | None) -> None:
+def check_small_strains(full: FullModel, *sets: Solutions | None) -> None:
     """Check strains and rotations of answers of a full model at single parameters.
 
     Strains of load paths are checked step by step; their rotations are not.
@@ -36,7 +41,7 @@ def check_small_strains(full: Any, *sets: Solutions | None) -> None:
         _check(full, given)
 
 
-def look_at_corners(full: Any, model: Any) -> None:
+def look_at_corners(full: FullModel, model: AnsweringModel) -> None:
     """Warn of large strains and rotations of a model in corners of its parameter range.
 
     A model of contact forces alone has no displacement, and is not checked.
@@ -49,7 +54,7 @@ def look_at_corners(full: Any, model: Any) -> None:
         return
 
 
-def check_corners(full: Any, model: Any) -> None:
+def check_corners(full: FullModel, model: AnsweringModel) -> None:
     """Check strains and rotations of a model's answers in corners of the parameter range, where loads are largest.
 
     Raises, warns: see :func:`check_small_strains`.
@@ -79,7 +84,7 @@ class _Answers(NamedTuple):
     displacements: np.ndarray
 
 
-def _check(full: Any, given: Sequence[Any]) -> None:
+def _check(full: FullModel, given: Sequence[Any]) -> None:
     """See :func:`check_small_strains`."""
     problem = full.problem
     points = np.concatenate([item.points for item in given])

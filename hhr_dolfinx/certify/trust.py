@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, fields
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import csr_matrix, diags, triu
@@ -37,6 +37,10 @@ from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import Known, Signs, TrainedPaths
 from hhr_dolfinx.warn import collected, repeat, warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+
 
 EMPTY = 1.5
 """Distance from the training, over that between training points, above which a region counts as empty."""
@@ -309,7 +313,7 @@ def check_door(trained: TrainedPaths, limits: TrustLimits) -> None:
         )
 
 
-def warn_of_training(full: Any, snapshots: Solutions, held_out: Solutions | None) -> None:
+def warn_of_training(full: FullModel, snapshots: Solutions, held_out: Solutions | None) -> None:
     """Warn in advance of deficits in training and validation that no check of the model can find."""
     flows = full.equilibrium is not None
     if not (flows or full.problem.friction):  # each step of an elastic load path is a point like any other
@@ -321,7 +325,7 @@ def warn_of_training(full: Any, snapshots: Solutions, held_out: Solutions | None
             "loads, or train where bodies touch",
             TrainingWarning,
         )
-    if flows and full.equilibrium.material.flows and not snapshots.flowed:
+    if full.equilibrium is not None and full.equilibrium.material.flows and not snapshots.flowed:
         _warn(
             "no body flows in any training history though some could: tangents under flow were not checked, and a "
             "history that flows is outside what was trained. Train at higher loads, or leave the laws out",
@@ -412,7 +416,7 @@ TRAINED = "trained history"
 
 
 def checked_histories(
-    full: Any,
+    full: FullModel,
     model: Model,
     snapshots: Solutions,
     held_out: Solutions | None,
@@ -434,6 +438,7 @@ def checked_histories(
         return None, None
     paths = [history.path for history in snapshots.histories]
     known = Known(signs, [_onset(model, path) for path in paths], largest_motion(full, snapshots))
+    assert full.equilibrium is not None
     trained = TrainedPaths.of(paths, full.parameters, known, full.equilibrium.material.rated)
     if limits is not None:
         check_door(trained, limits)
@@ -441,7 +446,7 @@ def checked_histories(
 
 
 def compared_histories(
-    full: Any,
+    full: FullModel,
     model: Model,
     snapshots: Solutions,
     held_out: Solutions | None,

@@ -23,7 +23,7 @@ from scipy.sparse.csgraph import connected_components
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.linear.rows import MatrixOfRows, Rows
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace, PointLike
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -273,7 +273,7 @@ class ContactProblem:
         """Numbers of the conditions of pressures of a contact pair, by its index in the scene."""
         return np.flatnonzero((self.contact_pairs == place) & self.pressing)
 
-    def at(self, mu: Any) -> ContactProblem:
+    def at(self, mu: PointLike) -> ContactProblem:
         """The problem with the constant stiffness of one parameter; the problem itself if nothing varies."""
         if not self.varies:
             return self
@@ -368,7 +368,7 @@ class ContactProblem:
         """Dofs per node; the dofs of node n are ``block_size * n + component``."""
         return self.free.size // self.points.shape[0]
 
-    def theta(self, mu: Any) -> Theta:
+    def theta(self, mu: PointLike) -> Theta:
         """θ at a parameter given as a number, a sequence or a mapping; see :meth:`ParameterSpace.point`."""
         return self.amplitudes(self.parameters.point(mu))
 

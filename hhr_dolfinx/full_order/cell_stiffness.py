@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
@@ -15,6 +15,7 @@ from hhr_dolfinx.formulas import Modulus
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discretisation import Discretisation
+    from hhr_dolfinx.full_order.full import FullOrderModel
 
 
 @dataclass(frozen=True)
@@ -32,7 +33,7 @@ class CellStiffness:
     moduli: tuple[Modulus, ...]
 
     @classmethod
-    def of(cls, full: Any, cells: np.ndarray) -> CellStiffness:
+    def of(cls, full: FullOrderModel, cells: np.ndarray) -> CellStiffness:
         """K of some cells of a full model, in the order of ``ContactProblem.cell_nodes``. Collective."""
         part = _of_cells(full.discretisation, cells)
         return cls(part, *_terms(part))

@@ -6,7 +6,7 @@ from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 from threading import RLock
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from mpi4py import MPI
@@ -17,7 +17,7 @@ from hhr_dolfinx import ranks
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.contact.stiffness import FactorStore, LazyStiffness, Stiffness
+from hhr_dolfinx.contact.stiffness import FactorStore, LazyStiffness, ScaledStiffness, Stiffness
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.gauss_points import material_at, stiffness_parts, strain_operator
@@ -35,6 +35,7 @@ from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
+    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
 
 
@@ -96,7 +97,7 @@ class FullEquilibrium:
     trained = None
     together: Points = ALL_HERE
 
-    def __init__(self, full: Any, gauss: GaussModel):
+    def __init__(self, full: FullModel, gauss: GaussModel):
         problem = full.problem
         self.fields = self._full = full
         self.problem = problem
@@ -119,7 +120,7 @@ class FullEquilibrium:
         self._transposed = problem.contact.T.tocsr()
         self._lifted = bool(problem.lifts.nnz)
         self.eigenstrains = csc_matrix((self.points.size * self.operator.components, problem.amplitudes.firsts[-1]))
-        if any(hasattr(load, "eigenstrain_of") for load in full.scene.loads):
+        if any(hasattr(load, "eigenstrain_of") for load in gauss.discretisation.scene.loads):
             from hhr_dolfinx.full_order.gauss_points import at_gauss_points
 
             self.eigenstrains = at_gauss_points(gauss.discretisation, problem, self.operator)
@@ -205,6 +206,7 @@ class FullEquilibrium:
         if full.system.bodies is None:
             return self._lazy(matrix, full.store, moduli)
         scaled = full.system.stiffness(point)
+        assert isinstance(scaled, ScaledStiffness)
         given = self.problem, self._pairs, scaled, scaled.equalities
         return _SparseLinearisation(*given, lambda forces: self._response_to_forces(forces) / scaled.own, moduli)
 

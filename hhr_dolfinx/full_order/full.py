@@ -15,7 +15,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status
-from hhr_dolfinx.contact.problem import masked
+from hhr_dolfinx.contact.problem import ContactProblem, masked
 from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.checks import check_regular
@@ -23,7 +23,7 @@ from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.system import system_of
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path
-from hhr_dolfinx.models.eliminations.elimination import answer_of
+from hhr_dolfinx.models.eliminations.elimination import CondensedContact, answer_of
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings, checked_path, solve_along
@@ -32,14 +32,15 @@ from hhr_dolfinx.models.strains import StrainGuard
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.full_order.outputs import FullShapeFunctionals
     from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.linear.shared import SharedCholesky
-    from hhr_dolfinx.models.eliminations.elimination import CondensedContact
+    from hhr_dolfinx.models.answer import CheckedStart
+    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.functionals.functional import Functionals
+    from hhr_dolfinx.parameters import PointLike
 
 _log = logging.getLogger(__name__)
 
@@ -102,7 +103,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
             else:
                 discretisation = Discretisation(scene, comm)
                 self._factor(discretisation, *discretisation.stiffness_terms())
-            self.functionals: Any = self._prepared_outputs()  # for variable shapes those of a shape
+            self.functionals = self._prepared_outputs()
         self.strains = StrainGuard(self.problem, axisymmetric=scene.hypothesis == "axisymmetric")
 
     def _build_flowing(self) -> None:
@@ -117,7 +118,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
             return None
         from hhr_dolfinx.full_order.outputs import functionals_of
 
-        return functionals_of(self)
+        return functionals_of(self.discretisation, self.problem, self.equilibrium)
 
     def _factor(
         self, discretisation: Discretisation, stiffness: tuple[csr_matrix, ...], moduli: tuple[Modulus, ...] = ()
@@ -327,7 +328,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         rows = stiffness, problem.held, problem.rows, self.scene.name, ordering, self.comm
         return FreeCholesky(*rows, low_rank=low_rank, last=last)
 
-    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """Answer a point; a full model has no nearest statuses: ``nearest`` starts from the sign of the free slack."""
         at = self.system.at(point)
         start = None if isinstance(start, str) else start
@@ -405,7 +406,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """The model itself; see :class:`~hhr_dolfinx.models.answer.ModelFields`."""
         return self
 
-    def areas(self, mu: Any) -> np.ndarray:
+    def areas(self, mu: PointLike) -> np.ndarray:
         """Tributary areas of the contact conditions at a parameter, on which shapes may depend, (N_lambda,)."""
         shaped = self.problem.reshaped
         return (self.problem if shaped is None else shaped(self.parameters.point(mu))).contact_areas
@@ -414,7 +415,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""
         return {"scene": f"scene '{self.scene.name}'", **super().facts()}
 
-    def stress_of(self, displacement: np.ndarray, mu: Any = None) -> np.ndarray:
+    def stress_of(self, displacement: np.ndarray, mu: PointLike | None = None) -> np.ndarray:
         """Elastic stress of a displacement (N,) in the middle of each cell, Kelvin's notation, (cells, components).
 
         Moduli are those of ``mu``; None means the middle of the box.
@@ -449,3 +450,10 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """Derivatives of all forces and of the displacement."""
         assert answer.gradient is not None
         return answer.gradient.multipliers, answer.gradient.unknown + self.problem.lifts @ changes
+
+
+if TYPE_CHECKING:
+
+    def _is_full_model(model: FullOrderModel) -> FullModel:
+        """Hold the class to the interface of modules that must not import it."""
+        return model

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, fields
 from functools import lru_cache, partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 import ufl
@@ -20,7 +20,7 @@ from hhr_dolfinx.forms.return_mapping import strain_vector
 from hhr_dolfinx.models.functionals.cells import MovingCells
 from hhr_dolfinx.models.functionals.functional import Functional, Functionals
 from hhr_dolfinx.models.functionals.kinds import Energy, FlowMises, Mises, MovingMises
-from hhr_dolfinx.outputs import ElasticEnergy, Output, VonMises
+from hhr_dolfinx.outputs import ContactOutput, ElasticEnergy, ModelProbe, Output, VonMises
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.shapes import coordinate_names
 
@@ -30,6 +30,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
     from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel
     from hhr_dolfinx.loads import Assembler
+    from hhr_dolfinx.outputs import PlacedOutput
     from hhr_dolfinx.scene import Scene
 
 
@@ -63,7 +64,7 @@ class Probe:
         """Components of a displacement."""
         return self.problem.block_size
 
-    def conditions(self, output: Any) -> np.ndarray:
+    def conditions(self, output: ContactOutput) -> np.ndarray:
         """Numbers of the conditions of pressures of the contact of an output."""
         contacts = len(self.scene.contacts)
         if output.contact >= contacts:
@@ -77,7 +78,7 @@ class Probe:
             )
         return found
 
-    def loaded(self, output: Any) -> tuple[np.ndarray, np.ndarray]:
+    def loaded(self, output: ContactOutput) -> tuple[np.ndarray, np.ndarray]:
         """Conditions of a contact with a positive area, and their areas."""
         conditions = self.conditions(output)
         conditions = conditions[self.problem.contact_areas[conditions] > 0]
@@ -85,7 +86,7 @@ class Probe:
             raise SceneError(f"output '{output.name}': no condition of contact {output.contact} has an area")
         return conditions, self.problem.contact_areas[conditions]
 
-    def sliding(self, output: Any) -> tuple[np.ndarray, Friction]:
+    def sliding(self, output: ContactOutput) -> tuple[np.ndarray, Friction]:
         """Contacts with friction, by their number there, of the pair of an output, and the friction.
 
         Raises:
@@ -100,7 +101,7 @@ class Probe:
             )
         return own, friction
 
-    def at_place(self, output: Any, points: np.ndarray) -> np.ndarray:
+    def at_place(self, output: PlacedOutput, points: np.ndarray) -> np.ndarray:
         """Numbers of the points, (n, dim), of ``base`` nearest to the place of an output; several if they coincide.
 
         Raises:
@@ -132,7 +133,7 @@ class Probe:
         """Terms of θ with entries, (1 + T,); all terms for variable shapes: others may have entries elsewhere."""
         return np.arange(entries.size) if self.base.reshaped is not None else np.flatnonzero(entries)
 
-    def nodal_forces(self, output: Any) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
+    def nodal_forces(self, output: ContactOutput) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
         """Conditions of a contact, positions of its first surface's nodes, and the forces on them.
 
         These are -B^T λ on the body of the first surface, the slave, including friction: (c,), (n, dim), sparse
@@ -145,6 +146,13 @@ class Probe:
         return conditions, surface.points, csr_matrix(-self.contact_rows[conditions][:, dofs])
 
 
+if TYPE_CHECKING:
+
+    def _is_model_probe(probe: Probe) -> ModelProbe:
+        """Hold the class to the interface that outputs are written for."""
+        return probe
+
+
 SHAPES = 8
 """Number of shapes whose outputs a full model keeps."""
 
@@ -155,18 +163,18 @@ class FullShapeFunctionals:
     See :class:`~hhr_dolfinx.models.functionals.functional.ShapeFunctionals`.
 
     Args:
-        full: the model; its problem is that of the middle of the box.
+        discretisation: mesh and forms.
+        problem: that of the middle of the box.
 
     Raises:
         SceneError: for an output that the model does not support.
     """
 
-    def __init__(self, full: Any):
-        problem = full.problem
+    def __init__(self, discretisation: DiscreteSpace, problem: ContactProblem):
         self.axes = np.array(problem.reshaped.axes, dtype=np.int64)
         self.parameters = problem.parameters
         self.amplitudes = problem.amplitudes
-        self._discretisation = full.discretisation
+        self._discretisation = discretisation
         self._base = problem
         self._prepared = lru_cache(maxsize=SHAPES)(self._made)
         self.items = self.at(problem.middle).items
@@ -184,15 +192,17 @@ class FullShapeFunctionals:
             return prepared_outputs(self._discretisation, reshaped(point), None, self._base)
 
 
-def functionals_of(full: Any) -> Functionals | FullShapeFunctionals:
+def functionals_of(
+    discretisation: DiscreteSpace, problem: ContactProblem, equilibrium: FullEquilibrium | None
+) -> Functionals | FullShapeFunctionals:
     """All outputs of a scene; the same on all ranks. Collective.
 
     Raises:
         SceneError: for an output that the model does not support.
     """
-    if full.problem.reshaped is not None:
-        return FullShapeFunctionals(full)
-    return prepared_outputs(full.discretisation, full.problem, full.equilibrium, full.problem)
+    if problem.reshaped is not None:
+        return FullShapeFunctionals(discretisation, problem)
+    return prepared_outputs(discretisation, problem, equilibrium, problem)
 
 
 def prepared_outputs(

@@ -135,6 +135,10 @@ class System(ABC):
         problem, stiffness, loads = self.equations(point, theta)
         return SystemAt(self, point, problem, stiffness, loads, problem.gaps @ theta)
 
+    def stiffness(self, point: np.ndarray) -> Stiffness:
+        """K at a point, (P,)."""
+        return self.at(point).stiffness
+
     @abstractmethod
     def equations(self, point: np.ndarray, theta: Theta) -> tuple[ContactProblem, Stiffness, np.ndarray]:
         """The problem with rows and gaps, K, and local loads, (n,), at a point, (P,): all differences of systems."""

@@ -22,17 +22,35 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.estimates import Estimate, Estimates
     from hhr_dolfinx.models.functionals.functional import Outputs
     from hhr_dolfinx.models.gradient import Gradient
+    from hhr_dolfinx.parameters import PointLike
 
 Path = list[tuple[float, np.ndarray]]
 """Times in seconds and parameters, (P,), the first ones at rest."""
+
+
+Start = str | np.ndarray | Sequence[bool] | None
+"""Start of a search: ``nearest``, one bool for each condition of the model, or None for the signs of the free slack."""
+CheckedStart = str | np.ndarray | None
+"""The same with statuses as an array of bool, one for each condition."""
+
+
+class Meshed(Protocol):
+    """Full model as answers use it: pressures and pictures need its mesh."""
+
+    def areas(self, mu: PointLike) -> np.ndarray:
+        """Tributary areas of the contact conditions at a parameter, (N_lambda,)."""
 
 
 class Fields(Protocol):
     """Completion of an answer: computes fields on the whole mesh from the unknown of a model."""
 
     @property
-    def full(self) -> Any:
+    def full(self) -> Meshed | None:
         """The full model, which has the mesh; None if it is not available."""
+
+    @property
+    def unbounded(self) -> str:
+        """Reason why errors are not estimated; empty if they are."""
 
     def displacement(self, answer: Answer) -> np.ndarray:
         """Displacement, lift included, (N,)."""
@@ -75,8 +93,12 @@ class ModelFields:
     frictional: Any = None
     functionals: Any = None
     unbounded: str = ""
-    full: Any = None
     exact: ClassVar[bool] = False
+
+    @property
+    def full(self) -> Meshed | None:
+        """See above."""
+        return None
 
     @property
     def estimated(self) -> str:
@@ -194,7 +216,7 @@ class Answer(NamedTuple):
         """Nodal contact forces on the whole contact surface, (N_lambda,)."""
         return self.fields.forces(self)
 
-    def pressure(self, full: Any = None) -> np.ndarray:
+    def pressure(self, full: Meshed | None = None) -> np.ndarray:
         """Contact pressure at each condition of the whole surface: nodal forces over tributary areas, (N_lambda,).
 
         Tangential conditions of friction have tractions. Conditions without an area are NaN.
@@ -208,7 +230,7 @@ class Answer(NamedTuple):
         areas = self._meshed(full, "pressures need the areas of the contact conditions").areas(self.parameter)
         return np.divide(self.forces(), areas, out=np.full(len(areas), np.nan), where=areas > 0)
 
-    def plot(self, path: Any = None, full: Any = None) -> Any:
+    def plot(self, path: Any = None, full: Meshed | None = None) -> Any:
         """Picture of the contact pressure and of the deformed bodies, as a figure of matplotlib.
 
         Args:
@@ -221,7 +243,7 @@ class Answer(NamedTuple):
         """
         return drawn(self, path, self._meshed(full, "a picture needs the mesh"))
 
-    def _meshed(self, full: Any, why: str) -> Any:
+    def _meshed(self, full: Meshed | None, why: str) -> Meshed:
         found = self.fields.full if full is None else full
         if found is None:
             raise NotOfferedError(
@@ -438,9 +460,9 @@ class Model(Protocol):
 
     def solve(
         self,
-        mu: Any,
+        mu: PointLike,
         *,
-        start: Any = "nearest",
+        start: Start = "nearest",
         raise_on_failure: bool = True,
         outside: str = USUAL,
         gradient: bool = False,

@@ -16,11 +16,11 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs, Status
 from hhr_dolfinx.declared import Integers
-from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers, outcome
+from hhr_dolfinx.models.answer import Answer, CheckedStart, Fields, SeveralAnswers, outcome
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, answer_of, differentiated
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace, PointsLike
 from hhr_dolfinx.trained import USUAL, TrainedRange
 
 if TYPE_CHECKING:
@@ -76,7 +76,7 @@ class CondensedModel(KeptModel):
         self._m = known.active.shape[1]
         self._regions = eliminated.table_of(known) if friction is None else None
 
-    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """From the critical region of the nearest statuses if it holds there; else by the active set."""
         if isinstance(start, str):
             known = None if self._regions is None else self._regions.answer(point, self.fields)
@@ -89,7 +89,7 @@ class CondensedModel(KeptModel):
         """See :class:`AnsweringModel`."""
         return self.eliminated.along_path()
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
+    def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
         """Answer many parameters, (n, P), as :meth:`solve` does, to round-off; faster per point the more there are.
 
         Args:

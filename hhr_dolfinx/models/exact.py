@@ -14,7 +14,7 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import NotOfferedError
-from hhr_dolfinx.models.answer import Answer, ElasticFields
+from hhr_dolfinx.models.answer import Answer, ElasticFields, Meshed
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
@@ -83,7 +83,7 @@ class ExactFields(_Exact):
     floats: bool = False
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     functionals: Functionals | None = None
-    full: Any = field(default=None, metadata=OF_THE_MESH)
+    full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
     @property
     def conditions(self) -> int:
@@ -134,7 +134,7 @@ class SolvedFields(_Exact):
     pushed: Callable[[np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     functionals: Functionals | None = None
-    full: Any = field(default=None, metadata=OF_THE_MESH)
+    full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
     @property
     def conditions(self) -> int:

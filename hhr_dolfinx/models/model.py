@@ -21,7 +21,17 @@ from hhr_dolfinx.errors import (
     ParameterError,
     UndeterminedWarning,
 )
-from hhr_dolfinx.models.answer import Answer, History, Path, SeveralAnswers, one_by_one, outcome, unanswered
+from hhr_dolfinx.models.answer import (
+    Answer,
+    CheckedStart,
+    History,
+    Path,
+    SeveralAnswers,
+    Start,
+    one_by_one,
+    outcome,
+    unanswered,
+)
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import checked_path, one_step, refuse_gradient, solve_along
 from hhr_dolfinx.models.shown import MOST, Shown, counted
@@ -34,7 +44,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.functionals.functional import Outputs
     from hhr_dolfinx.models.histories.sliding import Slider
-    from hhr_dolfinx.parameters import ParameterSpace
+    from hhr_dolfinx.parameters import ParameterSpace, PointLike, PointsLike
 
 
 ROWS = 1000
@@ -43,7 +53,7 @@ NEAREST = "nearest"
 """Default start of the search."""
 
 
-def checked_start(start: Any, conditions: int) -> Any:
+def checked_start(start: Start, conditions: int) -> CheckedStart:
     """Check the start of a search: ``nearest``, None, or statuses.
 
     Raises:
@@ -164,9 +174,9 @@ class AnsweringModel(Shown):
 
     def solve(
         self,
-        mu: Any,
+        mu: PointLike,
         *,
-        start: Any = NEAREST,
+        start: Start = NEAREST,
         raise_on_failure: bool = True,
         outside: str = USUAL,
         gradient: bool = False,
@@ -179,8 +189,7 @@ class AnsweringModel(Shown):
         """
         point = self.parameters.point(mu)
         outside = self._checked_outside(outside)
-        if start is not NEAREST:
-            start = self._checked_start(start)
+        checked = NEAREST if start is NEAREST else self._checked_start(start)
         if step and (self.equilibrium is None or step.keys() != {"duration"}):
             raise NotOfferedError(f"solve knows no {', '.join(step)} here: only bodies that flow take a duration")
         if self.equilibrium is not None:
@@ -192,7 +201,7 @@ class AnsweringModel(Shown):
             return proportional(self, point, raise_on_failure, outside, gradient)
         self.check_range(point, outside)
         try:
-            answer = self._answered(point, start, outside, gradient)
+            answer = self._answered(point, checked, outside, gradient)
         except OutsideTrainingError:  # refuse it whatever fails; one of several models may raise it
             raise
         except (NotSolvableError, ParameterError):
@@ -240,7 +249,7 @@ class AnsweringModel(Shown):
 
         return Slider(self, settings.gradient)
 
-    def coupling(self, mu: Any) -> float:
+    def coupling(self, mu: PointLike) -> float:
         """Strength of the coupling of pressures and slip by friction: below one, each increment has one answer.
 
         From one on there may be several, and the search finds one of them; see :mod:`hhr_dolfinx.contact.uniqueness`.
@@ -257,7 +266,7 @@ class AnsweringModel(Shown):
         coefficient, _ = self.friction.bounds(point)
         return np.nan if contact.floating is not None else coupling(contact.schur, self.friction, coefficient)
 
-    def uniqueness(self, mu: Any) -> str:
+    def uniqueness(self, mu: PointLike) -> str:
         """Uniqueness of increments with friction at a parameter, by :meth:`coupling`.
 
         Returns:
@@ -269,7 +278,7 @@ class AnsweringModel(Shown):
             return "unknown"
         return "one answer" if coupling < 1 else "several answers possible"
 
-    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """Answer to a checked point, (P,), converged or not, from a checked start."""
         raise NotImplementedError
 
@@ -292,11 +301,11 @@ class AnsweringModel(Shown):
         check_outside(outside)
         return outside
 
-    def _checked_start(self, start: Any) -> Any:
+    def _checked_start(self, start: Start) -> CheckedStart:
         """Checked start of the search."""
         return checked_start(start, self.own_conditions)
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
+    def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
         """Answer many parameters, (n, P), one by one; models of inelastic bodies make one step from rest for each."""
         outside = self._checked_outside(outside)
         return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
@@ -311,7 +320,7 @@ class AnsweringModel(Shown):
 
         return march(self.equilibrium, checked_path(self.parameters, path), settings)
 
-    def outputs(self, mu: Any, *, gradient: bool = False, **how: Any) -> Outputs:
+    def outputs(self, mu: PointLike, *, gradient: bool = False, **how: Any) -> Outputs:
         """Outputs of the scene at one parameter; ``how`` are further arguments of :meth:`solve`.
 
         Raises:

@@ -16,8 +16,8 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
 from hhr_dolfinx.linear.layout import lay_out
-from hhr_dolfinx.models.answer import Answer, ModelFields
-from hhr_dolfinx.models.bounds.bound import Bound, BoundThere, driven
+from hhr_dolfinx.models.answer import Answer, Meshed, ModelFields
+from hhr_dolfinx.models.bounds.bound import Bound, BoundThere, Thetas, driven
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.estimates import FORCES, NO_OUTPUTS, STRESS, Estimate, Estimates
 from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
@@ -183,7 +183,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     unbounded: str = ""
     response: FieldResponse | None = None
     frictional: FrictionalFields | None = None
-    full: Any = field(default=None, metadata=OF_THE_MESH)
+    full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Invalid conditions of the RID, and columns without matching coordinates."""
@@ -207,7 +207,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         """Number of conditions on the whole contact surface, N_lambda."""
         return len(self.gaps)
 
-    def _slack(self, theta: Any, unknown: np.ndarray) -> np.ndarray:
+    def _slack(self, theta: Thetas, unknown: np.ndarray) -> np.ndarray:
         """Slack of fields, (n, N_lambda), of modes, (n, ell), and θ of each."""
         return driven(self.gaps, theta) - unknown @ self.contact_basis.T
 

@@ -15,7 +15,7 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ReductionError, SingularError
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, dense_factors
-from hhr_dolfinx.models.answer import Answer, SeveralAnswers
+from hhr_dolfinx.models.answer import Answer, CheckedStart, SeveralAnswers
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, Responses
@@ -23,7 +23,7 @@ from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace, PointsLike
 from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
@@ -150,12 +150,12 @@ class ReducedModel(KeptModel):
         """Rebuild from a file, with LAPACK's factors, so that answers are the same on all machines."""
         return cls(**parts, factorise=LapackLU)
 
-    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """By the model without gamma."""
         assert self.eliminated is not None
         return self.eliminated._answered(point, start, outside, gradient)
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
+    def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
         """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`; inelastic models one by one."""
         if self.eliminated is None or self.friction is not None:
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)

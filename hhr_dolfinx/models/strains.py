@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -14,6 +14,10 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SmallStrainWarning
 from hhr_dolfinx.models.histories.small_strains import LARGE, MOST, large_rotation, large_strain, spread_strain
 from hhr_dolfinx.warn import warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Answer
+
 
 CELLS = 20_000
 """Most cells whose strains are evaluated: they estimate the largest hundredth as well as all cells."""
@@ -83,7 +87,7 @@ class StrainGuard:
         """Strains and rotations of cells of the mesh."""
         return StrainOperators.of(self._problem, axisymmetric=self._axisymmetric)
 
-    def look(self, answer: Any) -> None:
+    def look(self, answer: Answer) -> None:
         """Check an :class:`~hhr_dolfinx.models.answer.Answer` of the full model.
 
         Warns:

@@ -20,7 +20,7 @@ from hhr_dolfinx.models.estimates import Estimate, columns, shown_of
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.shown import counted, line, table
 from hhr_dolfinx.one_thread import one_thread
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace, PointsLike
 from hhr_dolfinx.trained import TrainedRange, check_outside
 
 if TYPE_CHECKING:
@@ -269,7 +269,7 @@ class Query:
         return float(np.linalg.norm(answer.displacement().reshape(-1, self.model.dimension), axis=1).max())
 
 
-def _table(points: Any, space: ParameterSpace) -> np.ndarray:
+def _table(points: PointsLike, space: ParameterSpace) -> np.ndarray:
     """Points as a table of numbers."""
     try:
         table = np.array(points, dtype=float)

@@ -27,6 +27,7 @@ from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ReductionError
 from hhr_dolfinx.models.bounds.difference import ExactDifference
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.estimates import known_error, warn_unbounded
+from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
@@ -95,7 +96,7 @@ class _Offline:
         announce: called with each stage that begins.
     """
 
-    full: Any
+    full: FullModel
     snapshots: SnapshotSet
     held_out: SnapshotSet | None
     recipe: Recipe
@@ -108,7 +109,7 @@ class _Offline:
     announce: Announce
 
 
-def usual_recipe(full: Any) -> Recipe:
+def usual_recipe(full: FullModel) -> Recipe:
     """The default recipe of a scene."""
     if full.equilibrium is not None:
         return Recipe.flowing()
@@ -119,7 +120,7 @@ def usual_recipe(full: Any) -> Recipe:
 class Reductor(Protocol):
     """A user-defined reduction: it makes a model from answers of the full one."""
 
-    def reduced(self, full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> AnsweringModel:
+    def reduced(self, full: FullModel, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> AnsweringModel:
         """A model of the same scene.
 
         Args:
@@ -130,7 +131,7 @@ class Reductor(Protocol):
 
 
 def build(
-    full: Any,
+    full: FullModel,
     snapshots: SnapshotSet,
     recipe: Any = None,
     held_out: SnapshotSet | None = None,
@@ -183,7 +184,7 @@ def build(
 
 
 def _of_recipe(
-    full: Any,
+    full: FullModel,
     snapshots: SnapshotSet,
     recipe: Recipe,
     held_out: SnapshotSet | None,
@@ -216,7 +217,7 @@ def not_by_rows(problem: ContactProblem, snapshots: SnapshotSet | None = None, r
     return ""
 
 
-def everywhere(full: Any, *sets: SnapshotSet | None) -> tuple[Any, ...]:
+def everywhere(full: FullModel, *sets: SnapshotSet | None) -> tuple[Any, ...]:
     """Gather a distributed full model and its answers, so that each rank has all rows. Collective."""
     problem = full.problem
     if problem.comm is None:
@@ -225,7 +226,7 @@ def everywhere(full: Any, *sets: SnapshotSet | None) -> tuple[Any, ...]:
 
 
 def _built(
-    full: Any,
+    full: FullModel,
     snapshots: SnapshotSet,
     recipe: Recipe,
     held_out: SnapshotSet | None,
@@ -255,7 +256,7 @@ def _built(
 
 
 def _tangents(
-    full: Any, snapshots: SnapshotSet, recipe: Recipe, log: StageLog, announce: Announce
+    full: FullModel, snapshots: SnapshotSet, recipe: Recipe, log: StageLog, announce: Announce
 ) -> list[tuple[np.ndarray, Any]]:
     """Tangents at training states and their stiffness; empty for elastic bodies, or if they were not requested."""
     if full.equilibrium is None or recipe.tangents is None:
@@ -268,7 +269,7 @@ def _tangents(
         return training_tangents(full.equilibrium, snapshots, recipe.tangents.states)
 
 
-def sizes(full: Any, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
+def sizes(full: FullModel, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
     """Numbers of modes and contact conditions of the model of a recipe, before anything is projected.
 
     Raises:
@@ -283,7 +284,7 @@ def sizes(full: Any, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
     return enrich(problem, basis, sets, kappa_max).basis.shape[1], sets.A_lambda.size
 
 
-def _of_scene(full: Any, reductor: Reductor, made: Any) -> AnsweringModel:
+def _of_scene(full: FullModel, reductor: Reductor, made: Any) -> AnsweringModel:
     """The result of a reductor, if it is a model of the scene of the full one.
 
     Raises:
@@ -397,7 +398,7 @@ def _fields(shared: _Offline, basis: np.ndarray, sets: IndexSets, flow: ReducedF
         cone = (recipe.cone or bound is None) and problem.friction is None
         fields = shared.completion.reconstruction(problem, bounding.columns, sets, flow, cone=cone)
         fields = replace(fields, bound=bound, unbounded=bounding.unbounded, stress_of=full.stress_of, full=full)
-        fields = replace(fields, functionals=full.functionals, response=response)
+        fields = replace(fields, functionals=plain_outputs(full), response=response)
         if recipe.indicator is not None:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
         if problem.friction is not None:
@@ -418,6 +419,7 @@ def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets) -> ReducedFlo
     from hhr_dolfinx.reduction.flow import project_flow
 
     with shared.log.stage("projection", shared.announce):
+        assert shared.full.equilibrium is not None
         return project_flow(shared.full.equilibrium, basis, sets)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy import linalg
@@ -24,6 +24,7 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.field_response import FieldResponse
+    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.histories.reduced_flow import ReducedFlow
 
 
@@ -181,7 +182,7 @@ class Bounding(NamedTuple):
 
 
 def bound_of(
-    full: Any,
+    full: FullModel,
     recipe: Recipe,
     snapshots: SnapshotSet,
     basis: np.ndarray,

@@ -6,7 +6,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import count
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, spmatrix
@@ -21,6 +21,10 @@ from hhr_dolfinx.models.eliminations.interpolation import FIRST_LEVELS, GrownGri
 from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, grown
 from hhr_dolfinx.snapshots.arrays import ArrayStore
 from hhr_dolfinx.timing import Announce, unannounced
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+
 
 LARGE = 1e5
 """Number of dofs above which recomputed factors of a component take less of its time than of the memory."""
@@ -138,7 +142,7 @@ class Solver:
         store: keeps solutions for another run; None keeps them in memory alone.
     """
 
-    def __init__(self, full: Any, component: Component, store: ArrayStore | None = None):
+    def __init__(self, full: FullModel, component: Component, store: ArrayStore | None = None):
         self.problem: ContactProblem = full.problem
         self.component = component
         self._full = full
@@ -261,7 +265,7 @@ class Solver:
         problem = self.with_stiffness(point)
         drawn = csc_matrix(problem.own_stiffness @ problem.lifts[:, self.component.part.lifted])
         if self.serves_all:
-            drawn *= self._full.system.bodies.at(point)[self.component.number]
+            drawn *= self._scale(point)
         return self.solved_columns(problem, point, drawn)
 
     def release(self) -> None:
@@ -287,6 +291,12 @@ class Solver:
         """True if its factors are those of all components: one solution serves them all."""
         return self._full.system.bodies is not None
 
+    def _scale(self, point: np.ndarray) -> float:
+        """K of the component at a point over K in the middle of the box."""
+        bodies = self._full.system.bodies
+        assert bodies is not None
+        return float(bodies.at(point)[self.component.number])
+
     def solved_everywhere(self, point: np.ndarray, columns: spmatrix) -> np.ndarray:
         """K^-1 of all components at a point times columns, (N, k), if the factors serve all of them."""
         return self._full.system.stiffness(point).columns(columns)
@@ -297,7 +307,7 @@ class Solver:
             with self._factors.of(problem.own_stiffness) as factors:
                 return factors.solve_columns(columns)
         dofs = self.component.dofs
-        scale = self._full.system.bodies.at(point)[self.component.number]
+        scale = self._scale(point)
         return self._full.stiffness.columns(csc_matrix(diags(dofs / scale) @ columns))
 
     def _factored(self, matrix: csr_matrix) -> FreeCholesky | SharedCholesky:
@@ -312,11 +322,13 @@ class Solver:
         name = full.scene.name
         if full.comm.size > 1:
             given = matrix, dofs, name, full.comm
-            return SharedCholesky.of(*given, low_rank=low_rank, last=last, rows=full.store.first.rows)
+            first = full.store.first
+            assert isinstance(first, SharedCholesky)
+            return SharedCholesky.of(*given, low_rank=low_rank, last=last, rows=first.rows)
         how = slice(0, problem.free.size), name, full.block_ordering, full.comm
         return FreeCholesky(matrix, dofs, *how, low_rank=low_rank, last=last)
 
 
-def solvers_of(full: Any, store: ArrayStore | None = None) -> list[Solver]:
+def solvers_of(full: FullModel, store: ArrayStore | None = None) -> list[Solver]:
     """Solvers of all components of a full model, with the store that keeps their solutions."""
     return [Solver(full, component, store) for component in components_of(full.problem)]

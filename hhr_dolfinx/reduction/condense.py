@@ -8,7 +8,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import Any
+from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -25,6 +25,7 @@ from hhr_dolfinx.models.eliminations.interpolated import Compliances, Interpolat
 from hhr_dolfinx.models.eliminations.interpolation import GrownGrid
 from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
 from hhr_dolfinx.models.estimates import NOT_ASKED, known_error, warn_unbounded
+from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.components import Solver, interpolated_compliances, solvers_of
 from hhr_dolfinx.reduction.interpolate import DEFAULT_GRID, GridSettings
@@ -39,6 +40,11 @@ from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.warn import warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.functionals.functional import Functionals, ShapeFunctionals
+    from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
+
 
 STARTS = 256
 FEWEST_STARTS = 32
@@ -103,13 +109,13 @@ class Condensation:
     settings: GridSettings | None = None
     bound: bool = True
 
-    def reduced(self, full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None = None) -> CondensedModel:
+    def reduced(self, full: FullModel, snapshots: SnapshotSet, held_out: SnapshotSet | None = None) -> CondensedModel:
         """See :func:`condense`."""
         return condense(full, snapshots, self.settings, held_out, bound=self.bound)
 
 
 def condense(
-    full: Any,
+    full: FullModel,
     snapshots: SnapshotSet | None,
     settings: GridSettings | None = None,
     held_out: SnapshotSet | None = None,
@@ -171,7 +177,7 @@ def condense(
 
 
 def _compared(
-    full: Any, model: CondensedModel, snapshots: SnapshotSet | None, held_out: SnapshotSet | None, log: StageLog
+    full: FullModel, model: CondensedModel, snapshots: SnapshotSet | None, held_out: SnapshotSet | None, log: StageLog
 ) -> Comparison | None:
     """Comparison with answers held out; None without any."""
     if held_out is None or snapshots is None:
@@ -197,7 +203,7 @@ def _starts(problem: ContactProblem) -> np.ndarray:
     return Sobol(min(STARTS, max(FEWEST_STARTS, 2**room))).points(problem.parameters)
 
 
-def _warn_of_budget(full: Any, grids: list[GrownGrid], settings: GridSettings) -> None:
+def _warn_of_budget(full: FullModel, grids: list[GrownGrid], settings: GridSettings) -> None:
     """Warn of a grid that spent its budget before it converged."""
     worst = max((grid.surplus for grid in grids), default=0.0)
     if worst > settings.tolerance:
@@ -233,19 +239,25 @@ def _warn_of_untouched(snapshots: SnapshotSet | None, solvers: list[Solver]) -> 
         )
 
 
-def _no_fields(full: Any, settings: GridSettings) -> InterpolatedFields:
+def _outputs(full: FullModel, basis: np.ndarray, settings: GridSettings) -> Functionals | ReshapedFunctionals | None:
+    """Outputs for displacements in a basis, (N, ell)."""
+    if full.problem.reshaped is None:
+        return plain_outputs(full)
+    prepared = cast("ShapeFunctionals | None", full.functionals)
+    return None if prepared is None else reshaped_functionals(prepared, full.problem, basis, settings)
+
+
+def _no_fields(full: FullModel, settings: GridSettings) -> InterpolatedFields:
     """Outputs of forces alone, without displacement."""
     problem = full.problem
-    functionals = full.functionals
     basis = np.zeros((problem.free.size, 0))
-    if problem.reshaped is not None and functionals is not None:
-        functionals = reshaped_functionals(functionals, problem, basis, settings)
+    functionals = _outputs(full, basis, settings)
     return InterpolatedFields(
         problem.amplitudes, basis, problem.lifts, None, problem.block_size, None, functionals=functionals, full=full
     )
 
 
-def _fields(full: Any, seen: list[np.ndarray], settings: GridSettings) -> InterpolatedFields:
+def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> InterpolatedFields:
     """Galerkin's method on the span of displacements, (N, k) each, body by body; the list is emptied."""
     problem: ContactProblem = full.problem
     displacements = seen[0] if len(seen) == 1 else np.column_stack(seen)
@@ -263,15 +275,12 @@ def _fields(full: Any, seen: list[np.ndarray], settings: GridSettings) -> Interp
     else:
         interpolated = interpolated_problem(problem, basis, sets, settings)
         galerkin = ReshapedElimination(interpolated, problem.amplitudes, problem.parameters)
-    functionals = full.functionals
-    if problem.reshaped is not None and functionals is not None:
-        functionals = reshaped_functionals(functionals, problem, basis, settings)
-    rest = galerkin, problem.block_size, full.stress_of, functionals
+    rest = galerkin, problem.block_size, full.stress_of, _outputs(full, basis, settings)
     return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest, full=full)
 
 
 def _compliances(
-    full: Any, solvers: list[Solver], settings: GridSettings, log: StageLog, announce: Announce
+    full: FullModel, solvers: list[Solver], settings: GridSettings, log: StageLog, announce: Announce
 ) -> tuple[Compliances, list[GrownGrid]]:
     """Compliances of all components, with a warning if a grid spent its budget."""
     with log.stage("compliances", announce):
@@ -280,7 +289,7 @@ def _compliances(
     return found, grids
 
 
-def _unbounded(full: Any, log: StageLog, solvers: list[Solver], announce: Announce) -> bool:
+def _unbounded(full: FullModel, log: StageLog, solvers: list[Solver], announce: Announce) -> bool:
     """True if the errors of a model have no bound, whatever its fields."""
     if full.problem.friction is not None:
         return True
@@ -294,7 +303,7 @@ def _unbounded(full: Any, log: StageLog, solvers: list[Solver], announce: Announ
 
 
 def _bounded(
-    full: Any,
+    full: FullModel,
     fields: InterpolatedFields,
     forces: np.ndarray,
     log: StageLog,
@@ -403,7 +412,7 @@ def _fields_along(
     return [fields]
 
 
-def _check_given(full: Any, snapshots: SnapshotSet | None) -> None:
+def _check_given(full: FullModel, snapshots: SnapshotSet | None) -> None:
     """Raise ReductionError for a scene unsuitable for interpolated condensation, and for snapshots of another one."""
     problem: ContactProblem = full.problem
     problem.require_parts("condensation")

@@ -24,6 +24,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError, ReductionError, UnstableModelError
 from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.materials.update import Group
+from hhr_dolfinx.models.full import FullModel, MeshEquilibrium, plain_outputs
 from hhr_dolfinx.models.histories.condensed_fields import CondensedFlowFields, PlasticFields
 from hhr_dolfinx.models.histories.condensed_flow import CondensedFlow, CondensedFlowModel
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
@@ -37,7 +38,6 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.warn import collected, repeat
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.models.answer import Answer
 
 
@@ -52,7 +52,7 @@ ALIKE_MODES = 1e-4
 
 
 def correction_strain(
-    full: Any, elastic: ElasticResponse, answer: Answer, correction: np.ndarray, strain: StrainAt
+    full: FullModel, elastic: ElasticResponse, answer: Answer, correction: np.ndarray, strain: StrainAt
 ) -> np.ndarray:
     """Strain ε_c of the correction of a full answer, (p, c), with that of the change of contact forces.
 
@@ -61,6 +61,7 @@ def correction_strain(
     problem = full.problem
     if problem.friction is not None:
         return strain.of(correction)
+    assert full.equilibrium is not None
     equilibrium = full.equilibrium.at(answer.parameter)
     theta = problem.amplitudes(answer.parameter)
     scale = elastic.factors.compliances(answer.parameter)[elastic.parts]
@@ -85,9 +86,10 @@ class FlowingDomain:
     deviators: np.ndarray
 
     @classmethod
-    def of(cls, full: Any, basis: np.ndarray, answers: Sequence[Answer], sizes: np.ndarray) -> FlowingDomain:
+    def of(cls, full: FullModel, basis: np.ndarray, answers: Sequence[Answer], sizes: np.ndarray) -> FlowingDomain:
         """Domain of training answers with corrections of given energy norms."""
         equilibrium = full.equilibrium
+        assert equilibrium is not None
         largest = np.zeros(equilibrium.material.gauss_points)
         for answer, size in zip(answers, sizes, strict=True):
             largest = np.maximum(largest, np.abs(answer.state().state.plastic).max(axis=1) / size)
@@ -98,13 +100,14 @@ class FlowingDomain:
 
     def stressed(
         self,
-        full: Any,
+        full: FullModel,
         elastic: ElasticResponse,
         answers: Sequence[Answer],
         corrections: np.ndarray,
         sizes: np.ndarray,
     ) -> np.ndarray:
         """ε_p - dev ε_c at training states, over the energy norms of their corrections, (S, p c)."""
+        assert full.equilibrium is not None
         there = StrainAt(full.equilibrium.operator, self.points)
         found = np.empty((len(answers), self.deviators[:, :, 0].size))
         for k, (answer, correction) in enumerate(zip(answers, corrections.T, strict=True)):
@@ -259,7 +262,9 @@ class CorrectionSettings:
             if not (is_whole(value, 1) or (value is None and unbounded)):
                 raise ReductionError(f"{name} = {value!r} must be a whole number from 1" + ", or None" * unbounded)
 
-    def reduced(self, full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None = None) -> CondensedFlowModel:
+    def reduced(
+        self, full: FullModel, snapshots: SnapshotSet, held_out: SnapshotSet | None = None
+    ) -> CondensedFlowModel:
         """See :func:`condense_flow`."""
         return condense_flow(full, snapshots, self, held_out)
 
@@ -289,7 +294,7 @@ class CorrectionRecord:
 
 
 def condense_flow(
-    full: Any,
+    full: FullModel,
     snapshots: SnapshotSet,
     settings: CorrectionSettings | None = None,
     held_out: SnapshotSet | None = None,
@@ -342,7 +347,7 @@ def condense_flow(
 class _Shared:
     """Data that all attempts share."""
 
-    full: Any
+    full: FullModel
     snapshots: SnapshotSet
     held_out: SnapshotSet | None
     elastic: ElasticResponse
@@ -408,11 +413,12 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
             "may turn their sign: allow more points (most_points), or a smaller stability"
         )
     with log.stage("online_arrays", shared.announce):
+        assert full.equilibrium is not None
         flow = _online(full, elastic, basis, domain, cubature, answers)
         problem = full.problem
         fields = CondensedFlowFields(
             problem.amplitudes, elastic.factors, elastic.parts, basis, elastic.per_force, elastic.forced,
-            elastic.given, problem.block_size, shared.fields.on(flow.points, full.equilibrium), full.functionals,
+            elastic.given, problem.block_size, shared.fields.on(flow.points, full.equilibrium), plain_outputs(full),
             problem.friction, full,
         )  # fmt: skip
         model = CondensedFlowModel(flow, full.parameters, fields)
@@ -429,7 +435,7 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
 
 
 def _online(
-    full: Any,
+    full: FullModel,
     elastic: ElasticResponse,
     basis: np.ndarray,
     domain: FlowingDomain,
@@ -438,6 +444,7 @@ def _online(
 ) -> CondensedFlow:
     """Arrays of a step, on the points of the cubature."""
     equilibrium = full.equilibrium
+    assert equilibrium is not None
     problem = full.problem
     points, weights = _watched(domain, cubature, answers)
     groups, order = _by_body(equilibrium.material.groups, points)
@@ -544,10 +551,11 @@ class _FieldModes:
     moduli: np.ndarray
 
     @classmethod
-    def of(cls, full: Any, snapshots: SnapshotSet) -> _FieldModes:
+    def of(cls, full: FullModel, snapshots: SnapshotSet) -> _FieldModes:
         """Modes of training histories."""
         problem = full.problem
         equilibrium = full.equilibrium
+        assert equilibrium is not None
         states = [item.state for item in snapshots.states]
         flowed = np.flatnonzero(np.any([state.cumulated > 0 for state in states], axis=0))
         plastic = state_modes([state.plastic[flowed].ravel() for state in states], LEFT_OUT["plastic"])
@@ -561,7 +569,7 @@ class _FieldModes:
         cumulated = state_modes([state.cumulated[flowed] for state in states], LEFT_OUT["cumulated"])
         return cls(flowed, plastic, cumulated, displacements, np.stack([elastic[:, 0, 1], elastic[:, -1, -1]], axis=1))
 
-    def on(self, points: np.ndarray, equilibrium: FullEquilibrium) -> PlasticFields:
+    def on(self, points: np.ndarray, equilibrium: MeshEquilibrium) -> PlasticFields:
         """Completion of fields from some points."""
         rows = np.searchsorted(self.flowed, points)
         components = equilibrium.operator.components

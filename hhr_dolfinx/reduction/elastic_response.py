@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -14,6 +14,7 @@ from hhr_dolfinx.models.histories.condensed_fields import PartFactors
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.models.full import FullModel
 
 
 @dataclass(frozen=True)
@@ -34,7 +35,7 @@ class ElasticResponse:
         return answer.unknown - elastic - (self.given @ theta - problem.lifts @ theta)
 
 
-def elastic_response(full: Any) -> ElasticResponse:
+def elastic_response(full: FullModel) -> ElasticResponse:
     """Compute the elastic response in blocks, with the factors of the full model."""
     problem: ContactProblem = full.problem
     parts, factors = parts_of(problem)
@@ -45,9 +46,10 @@ def elastic_response(full: Any) -> ElasticResponse:
     return ElasticResponse(forced, imposed + problem.lifts.toarray(), full.per_force, parts, factors)
 
 
-def _eigenforces(full: Any) -> csc_matrix:
+def _eigenforces(full: FullModel) -> csc_matrix:
     """Forces on free dofs of strains without stress in the middle of the box, sparse, (N, 1 + T)."""
     equilibrium = full.equilibrium
+    assert equilibrium is not None
     problem = full.problem
     elastic = equilibrium.material.moduli_at(problem.middle).elastic
     forces = np.zeros(problem.loads.shape)

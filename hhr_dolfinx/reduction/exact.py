@@ -9,15 +9,15 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
 from hhr_dolfinx.models.eliminations.elimination import Responses
 from hhr_dolfinx.models.exact import ExactFields, SolvedFields
+from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.starts import KnownStatuses
 
 
-def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
+def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
     """Eliminate everything but the contact forces exactly; for constant stiffness only.
 
     The answer is that of the full model, to round-off. Where the full model has no room for the columns of K^-1 B^T, or
@@ -58,7 +58,7 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
         free_slack=problem.gaps - problem.contact @ free,
         schur=full.schur,
     )
-    outputs: Any = full.functionals  # of one mesh: a scene with shapes was refused above
+    outputs = plain_outputs(full)
     floats = problem.rigid is not None
     size = problem.block_size
     if not (kept or floats):
@@ -73,10 +73,10 @@ def exact_condensation(full: FullOrderModel, known: KnownStatuses, *, field: boo
     return CondensedModel(problem.parameters, eliminated, known, fields, problem.contact_pairs, friction=friction)
 
 
-def _solved_fields(full: FullOrderModel, free: np.ndarray) -> SolvedFields:
+def _solved_fields(full: FullModel, free: np.ndarray) -> SolvedFields:
     """Fields of a full model that keeps no columns, from K^-1 loads, (N, 1 + T)."""
     problem = full.problem
-    outputs: Any = full.functionals
+    outputs = plain_outputs(full)
     rows = csr_matrix((0, problem.free.size)) if outputs is None else csr_matrix(outputs.rows)
     read = rows if full.has_room(rows.shape[0]) else rows[:0]
     return SolvedFields(

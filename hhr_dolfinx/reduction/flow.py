@@ -17,11 +17,11 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.elastic_response import elastic_response
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.full_order.flow import FullEquilibrium
+    from hhr_dolfinx.models.full import FullModel, MeshEquilibrium
     from hhr_dolfinx.snapshots.records import SnapshotSet
 
 
-def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
+def project_flow(full: MeshEquilibrium, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
     """Gauss points, laws and modes, (N, ell), of the cells that act on A, (6.17)."""
     problem = full.problem
     operator = full.operator
@@ -50,7 +50,7 @@ def rows_of(points: np.ndarray, components: int) -> np.ndarray:
     return (points[:, None] * components + np.arange(components)).ravel()
 
 
-def training_tangents(full: FullEquilibrium, snapshots: SnapshotSet, count: int) -> list[tuple[np.ndarray, csr_matrix]]:
+def training_tangents(full: MeshEquilibrium, snapshots: SnapshotSet, count: int) -> list[tuple[np.ndarray, csr_matrix]]:
     """Tangents and stiffness of the full model at some training states of each history, the last one among them.
 
     Laws and elasticity have their constants at the parameter of each state.
@@ -109,7 +109,7 @@ def _margin(whole: np.ndarray, projected: np.ndarray) -> float:
         ) from error
 
 
-def force_correction(full: Any) -> ForceCorrection:
+def force_correction(full: FullModel) -> ForceCorrection:
     """Correction of forces for any model of a scene of inelastic bodies, see :mod:`models.histories.force_correction`.
 
     Raises:

@@ -7,7 +7,7 @@ that small states count like large ones.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
@@ -17,11 +17,13 @@ from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.linear.rows import Rows
 
 if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
     from hhr_dolfinx.reduction.elastic_response import ElasticResponse
 
 
 def pod(
-    snapshots: np.ndarray, tolerance: float, gram: Any = None, rows: Rows | None = None
+    snapshots: np.ndarray, tolerance: float, gram: csr_matrix | None = None, rows: Rows | None = None
 ) -> tuple[np.ndarray, np.ndarray]:
     """Leading left singular vectors that leave out less than ``tolerance`` of the squared sum, (1.53).
 
@@ -61,7 +63,7 @@ def pod(
     return np.ascontiguousarray(chosen), values
 
 
-def _decomposed(snapshots: np.ndarray, gram: Any, rows: Rows) -> tuple[np.ndarray, np.ndarray, float]:
+def _decomposed(snapshots: np.ndarray, gram: csr_matrix | None, rows: Rows) -> tuple[np.ndarray, np.ndarray, float]:
     """Left singular vectors, singular values, and the relative size below which these are round-off.
 
     With a Gram matrix by the method of snapshots, whose squares lose half of the digits.

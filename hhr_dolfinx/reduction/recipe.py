@@ -31,6 +31,7 @@ from hhr_dolfinx.snapshots.records import SnapshotSet
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
+    from scipy.sparse import csr_matrix
 
 MOST_LAYERS = 1000
 """Layers of cells that cover any mesh of this package."""
@@ -41,7 +42,7 @@ def _weights(sizes: np.ndarray) -> np.ndarray:
     return np.where(sizes > 0, 1 / np.where(sizes > 0, sizes, 1), 1)
 
 
-def _sizes(columns: np.ndarray, gram: Any, rows: Rows) -> np.ndarray:
+def _sizes(columns: np.ndarray, gram: csr_matrix | None, rows: Rows) -> np.ndarray:
     """Norm of each column, (k,), by a Gram matrix; None is the Euclidean norm."""
     if gram is None:
         return rows.norms(columns)
@@ -178,7 +179,9 @@ class Pod(_Truncated):
         """True if it can work on local rows of the displacements."""
         return True
 
-    def _of_body(self, dofs: np.ndarray, columns: np.ndarray, weights: np.ndarray | None, gram: Any) -> np.ndarray:
+    def _of_body(
+        self, dofs: np.ndarray, columns: np.ndarray, weights: np.ndarray | None, gram: csr_matrix | None
+    ) -> np.ndarray:
         """Modes of one body on its dofs, (own dofs, k)."""
         own = columns[dofs]
         if weights is not None:

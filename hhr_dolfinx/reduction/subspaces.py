@@ -8,12 +8,16 @@ small angles are computed from sines, which are accurate to round-off.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from scipy import linalg
 
 from hhr_dolfinx.errors import ReductionError
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
 
 ORTHONORMAL = 1e-8
 """Largest entry of V^T V - I of a basis that counts as orthonormal."""
@@ -35,7 +39,7 @@ class ChordalBounds(NamedTuple):
     distance: float
 
 
-def coordinates(columns: np.ndarray, gram: Any = None) -> np.ndarray:
+def coordinates(columns: np.ndarray, gram: csr_matrix | None = None) -> np.ndarray:
     """Columns in an orthonormal basis of their span: fewer numbers, the same lengths and products.
 
     Args:
@@ -61,7 +65,7 @@ def coordinates(columns: np.ndarray, gram: Any = None) -> np.ndarray:
     return np.sqrt(np.maximum(squares, 0.0))[:, None] * (axes.T @ triangle)
 
 
-def principal_angles(one: np.ndarray, other: np.ndarray, gram: Any = None) -> np.ndarray:
+def principal_angles(one: np.ndarray, other: np.ndarray, gram: csr_matrix | None = None) -> np.ndarray:
     """Principal angles of the spans of two orthonormal bases, (2.131), (4.3).
 
     Args:
@@ -83,7 +87,7 @@ def principal_angles(one: np.ndarray, other: np.ndarray, gram: Any = None) -> np
     return np.where(cosines**2 > 0.5, np.arcsin(np.minimum(sines, 1.0)), np.arccos(np.minimum(cosines, 1.0)))
 
 
-def chordal_distance(one: np.ndarray, other: np.ndarray, gram: Any = None) -> float:
+def chordal_distance(one: np.ndarray, other: np.ndarray, gram: csr_matrix | None = None) -> float:
     """Chordal distance of the spans of two orthonormal bases, (2.131): |sin(theta)|_F.
 
     If dimensions differ, each surplus one counts as a right angle, as in (4.2). See :func:`principal_angles`.
@@ -92,7 +96,7 @@ def chordal_distance(one: np.ndarray, other: np.ndarray, gram: Any = None) -> fl
     return float(np.sqrt(abs(one.shape[1] - other.shape[1]) + sines @ sines))
 
 
-def grassmann_distance(one: np.ndarray, other: np.ndarray, gram: Any = None) -> float:
+def grassmann_distance(one: np.ndarray, other: np.ndarray, gram: csr_matrix | None = None) -> float:
     """Grassmann distance of the spans of two orthonormal bases, (4.2), whose dimensions may differ.
 
     In radians: the root of the sum of squares of the principal angles, and of a right angle for each dimension that
@@ -102,7 +106,7 @@ def grassmann_distance(one: np.ndarray, other: np.ndarray, gram: Any = None) -> 
     return float(np.sqrt(abs(one.shape[1] - other.shape[1]) * np.pi**2 / 4 + angles @ angles))
 
 
-def basis_distances(bases: Sequence[np.ndarray], gram: Any = None) -> np.ndarray:
+def basis_distances(bases: Sequence[np.ndarray], gram: csr_matrix | None = None) -> np.ndarray:
     """Dissimilarity of local bases, (4.1): the Grassmann distance of each pair.
 
     With many bases, give them in common :func:`coordinates`: their products take the time.
@@ -125,7 +129,7 @@ def basis_distances(bases: Sequence[np.ndarray], gram: Any = None) -> np.ndarray
     return _distances(padded, counts)
 
 
-def snapshot_distances(columns: np.ndarray, gram: Any = None) -> np.ndarray:
+def snapshot_distances(columns: np.ndarray, gram: csr_matrix | None = None) -> np.ndarray:
     """Dissimilarity of snapshots, (4.4): the angle between the lines that they span.
 
     The printed (4.4) has arccos(S_i^T S_j), which puts a snapshot and its opposite pi apart. (4.2), of which it is
@@ -155,7 +159,7 @@ def snapshot_distances(columns: np.ndarray, gram: Any = None) -> np.ndarray:
 
 
 def theorem_9(
-    exact: np.ndarray, reduced: np.ndarray, weights: np.ndarray, factor: float = 1.0, gram: Any = None
+    exact: np.ndarray, reduced: np.ndarray, weights: np.ndarray, factor: float = 1.0, gram: csr_matrix | None = None
 ) -> ChordalBounds:
     """Right sides of theorem 9: the distance of a reduced answer from the exact one, by the angles of their spaces.
 
@@ -228,7 +232,7 @@ def _from_sines(padded: np.ndarray, one: np.ndarray, other: np.ndarray) -> np.nd
     return np.concatenate(found)
 
 
-def _together(bases: dict[str, np.ndarray], gram: Any) -> list[np.ndarray]:
+def _together(bases: dict[str, np.ndarray], gram: csr_matrix | None) -> list[np.ndarray]:
     """Bases by their names in common coordinates, checked to be orthonormal."""
     if not bases:
         raise ReductionError("no basis is given: distances are those of at least one")

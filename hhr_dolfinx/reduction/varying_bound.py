@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -27,6 +27,10 @@ from hhr_dolfinx.reduction.interpolate import GridSettings, grown
 from hhr_dolfinx.reduction.interpolate_reduced import SHAPE_GRID, interpolated_problem
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.timing import Announce, unannounced
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+
 
 GRID = GridSettings(1e-9, 150)
 """Interpolation of S and its energies: displacements are resolved up to the root of its tolerance."""
@@ -58,10 +62,10 @@ class Between(NamedTuple):
     areas: Interpolant | None
 
 
-_KNOWN: WeakKeyDictionary[Any, Between | BoundError] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[FullModel, Between | BoundError] = WeakKeyDictionary()
 
 
-def between(full: Any, solvers: Sequence[Solver] | None = None, announce: Announce = unannounced) -> Between:
+def between(full: FullModel, solvers: Sequence[Solver] | None = None, announce: Announce = unannounced) -> Between:
     """Arrays that all bounds of a full model share, or the reason why there are none; computed once and cached.
 
     Raises:
@@ -82,7 +86,7 @@ def between(full: Any, solvers: Sequence[Solver] | None = None, announce: Announ
 
 
 def varying_bound(
-    full: Any,
+    full: FullModel,
     basis: np.ndarray,
     forces: np.ndarray | None = None,
     solvers: Sequence[Solver] | None = None,
@@ -105,7 +109,7 @@ def varying_bound(
     )
 
 
-def _between(full: Any, solvers: Sequence[Solver], announce: Announce) -> Between:
+def _between(full: FullModel, solvers: Sequence[Solver], announce: Announce) -> Between:
     """Compute the shared arrays."""
     problem: ContactProblem = full.problem
     components = [solver.component for solver in solvers]

@@ -30,7 +30,8 @@ from hhr_dolfinx.warn import warn
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
-    from hhr_dolfinx.parameters import ParameterSpace
+    from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.parameters import ParameterSpace, PointsLike
     from hhr_dolfinx.snapshots.store import SnapshotStore
 
 
@@ -277,8 +278,8 @@ class SnapshotSet(Shown):
 
 
 def compute_snapshots(
-    full: Any,
-    queries: Any,
+    full: FullModel,
+    queries: PointsLike | Sequence[Path],
     progress: Progress = iter,
     store: SnapshotStore | None = None,
     settings: MarchSettings = DEFAULT_MARCH,
@@ -304,7 +305,12 @@ def compute_snapshots(
 
 
 def _solved(
-    full: Any, queries: Any, progress: Progress, store: SnapshotStore | None, settings: MarchSettings, lost: Lost | None
+    full: FullModel,
+    queries: Any,
+    progress: Progress,
+    store: SnapshotStore | None,
+    settings: MarchSettings,
+    lost: Lost | None,
 ) -> SnapshotSet | None:
     """Answers to the queries; None if none has an answer."""
     if not _are_paths(queries):
@@ -342,10 +348,10 @@ def _are_paths(queries: Any) -> bool:
 
 
 def _answers(
-    full: Any, points: np.ndarray, progress: Progress, store: SnapshotStore | None, lost: Lost | None
+    full: FullModel, points: np.ndarray, progress: Progress, store: SnapshotStore | None, lost: Lost | None
 ) -> Iterator[Answer]:
     """Answers at some points."""
-    start: Any = "nearest"
+    start: str | np.ndarray = "nearest"
     for point in progress(points):
         answer = _stored(full, store, point)
         if answer is None:
@@ -360,7 +366,7 @@ def _answers(
         _log.debug("answer at %s: %d iterations", point, answer.iterations)
 
 
-def _stored(full: Any, store: SnapshotStore | None, point: np.ndarray) -> Answer | None:
+def _stored(full: FullModel, store: SnapshotStore | None, point: np.ndarray) -> Answer | None:
     """Stored answer at a point, or None; one rank reads it, and all ranks check its residual."""
     if store is None:
         return None
@@ -372,7 +378,7 @@ def _stored(full: Any, store: SnapshotStore | None, point: np.ndarray) -> Answer
 
 
 def _histories(
-    full: Any,
+    full: FullModel,
     paths: Sequence[Path],
     progress: Progress,
     store: SnapshotStore | None,
@@ -393,7 +399,7 @@ def _histories(
             yield history
 
 
-def _kept_history(full: Any, path: Path, store: SnapshotStore, settings: MarchSettings) -> History:
+def _kept_history(full: FullModel, path: Path, store: SnapshotStore, settings: MarchSettings) -> History:
     """History continued after its stored steps; if several ranks solve it, one of them reads and writes these."""
     kept = store.steps(path, settings)
     if full.comm.size == 1:
@@ -405,7 +411,7 @@ def _kept_history(full: Any, path: Path, store: SnapshotStore, settings: MarchSe
 
 
 def spread_snapshots(
-    full: Any,
+    full: FullModel,
     queries: Any,
     comm: Comm,
     progress: Progress = iter,

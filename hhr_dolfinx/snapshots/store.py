@@ -38,6 +38,7 @@ from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.update import Group
+    from hhr_dolfinx.models.full import FullModel
 
 
 DEEPEST = 50
@@ -235,7 +236,7 @@ class SnapshotStore:
         FileError: if the folder cannot be made.
     """
 
-    def __init__(self, folder: str | Path, full: Any):
+    def __init__(self, folder: str | Path, full: FullModel):
         self._full = full
         self._problem = full.problem
         self._fingerprint = _digest_of(full)  # collective, before anything that may fail on one rank
@@ -381,6 +382,7 @@ class SnapshotStore:
         iterations = 0
         steps: dict[str, Any] = {}
         if "stress" in arrays:
+            assert self._full.equilibrium is not None
             state = self._full.equilibrium.material.at_rest()
             state = state._replace(plastic=arrays["plastic"], cumulated=arrays["cumulated"])
             gauss = GaussState(arrays["stress"], state)
@@ -407,6 +409,7 @@ class SnapshotStore:
         if answer.gauss is None:
             problem = self._problem.at(answer.parameter)
             return max(astuple(contact_residuals(problem, answer.displacement(), answer.forces(), theta)))
+        assert self._full.equilibrium is not None
         signs = self._full.equilibrium.signs(answer)
         _, pull = slack_residuals(self._problem, answer.unknown, answer.multipliers, theta)
         return max(pull, signs.imbalance / (max(signs.size, forces) or 1.0))
@@ -476,7 +479,7 @@ class KeptSteps:
         self._store._save(answer, self._queries[self._count])
 
 
-def _digest_of(full: Any) -> bytes:
+def _digest_of(full: FullModel) -> bytes:
     """Fingerprint of every bit of a problem and its laws, and of the version of the package that solves it.
 
     The bounds of the parameters are left out: a wider box finds the solutions of a narrower one. Non-affine amplitudes

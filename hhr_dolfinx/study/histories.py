@@ -255,7 +255,12 @@ def measure_histories(
 
 
 def _runs(
-    full: Any, models: Mapping[str, Any], tests: Mapping[Any, Path], ways: Any, settings: Any, progress: Progress
+    full: FullOrderModel,
+    models: Mapping[str, Any],
+    tests: Mapping[Any, Path],
+    ways: Any,
+    settings: Any,
+    progress: Progress,
 ) -> tuple[dict[Any, Path], list[Run], dict[str, list[Run]]]:
     """Paths that the full model solves, by label, and histories along them: of the full model, and of each model."""
     exact: list[Run] = []

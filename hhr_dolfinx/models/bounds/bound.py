@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
 
 import numpy as np
 
@@ -17,6 +17,8 @@ from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.models.estimates import Estimates
 
 if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
     from hhr_dolfinx.models.gradient import Gradient
 
 ROUND_OFF = 1e-10
@@ -67,7 +69,11 @@ def lengths(one: np.ndarray, other: np.ndarray) -> np.ndarray:
     return np.sqrt(np.maximum((one[..., None, :] @ other[..., None])[..., 0, 0], 0.0))
 
 
-def driven(matrix: np.ndarray, theta: Any) -> np.ndarray:
+Thetas: TypeAlias = "Theta | np.ndarray | csr_matrix"
+"""θ of n answers, (n, 1 + T), sparse or not; or one Theta for one answer."""
+
+
+def driven(matrix: np.ndarray, theta: Thetas) -> np.ndarray:
     """Columns of a matrix, (k, 1 + T), times θ of each answer, (n, 1 + T) or one Theta: (n, k)."""
     return (matrix @ theta)[None] if isinstance(theta, Theta) else np.asarray(theta @ matrix.T)
 
@@ -120,5 +126,5 @@ class Bound(Protocol):
     def prepared(self, inside: np.ndarray) -> Any:
         """Data that complete forces from those of the conditions ``inside``."""
 
-    def at(self, points: np.ndarray, theta: Any) -> BoundThere:
+    def at(self, points: np.ndarray, theta: Thetas) -> BoundThere:
         """Bound at the parameters of some answers, (n, P), with θ, (n, 1 + T), sparse or not; or one Theta for one."""

@@ -17,7 +17,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
@@ -25,7 +25,7 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.floating import FloatingEqualities, floating_set
 from hhr_dolfinx.declared import Floats
-from hhr_dolfinx.models.bounds.bound import CANCELLED, ROUND_OFF, ForceScale, driven, estimates_of, lengths
+from hhr_dolfinx.models.bounds.bound import CANCELLED, ROUND_OFF, ForceScale, Thetas, driven, estimates_of, lengths
 from hhr_dolfinx.models.bounds.contact_response import ContactResponse, Outside
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.plain import Rebuilt
@@ -154,7 +154,7 @@ class ExactDifference(Rebuilt):
         """See :class:`~hhr_dolfinx.models.bounds.bound.Bound`; all conditions that hold bodies must be inside."""
         return self.response.outside(inside)
 
-    def at(self, points: np.ndarray, theta: Any) -> DifferenceThere:
+    def at(self, points: np.ndarray, theta: Thetas) -> DifferenceThere:
         """See :class:`~hhr_dolfinx.models.bounds.bound.Bound`."""
         return DifferenceThere(self, theta, driven(self.free_slack, theta))
 
@@ -162,7 +162,7 @@ class ExactDifference(Rebuilt):
         """S norms of forces, (..., m): (...,)."""
         return lengths(forces, forces @ self.schur)
 
-    def left_out(self, unknown: np.ndarray, exact: np.ndarray, theta: Any) -> np.ndarray:
+    def left_out(self, unknown: np.ndarray, exact: np.ndarray, theta: Thetas) -> np.ndarray:
         """Energy norms of the returned fields less the exact ones, for γ, (n, ell), and exact forces, (n, m): (n,)."""
         pressed = exact @ self.lower
         if self.modes is not None and self.loads is not None:
@@ -189,7 +189,7 @@ class DifferenceThere(NamedTuple):
     """
 
     owner: ExactDifference
-    theta: Any
+    theta: Thetas
     free: np.ndarray
 
     def slack(self, forces: np.ndarray) -> np.ndarray:

@@ -21,14 +21,14 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple
+from typing import TYPE_CHECKING, Annotated, NamedTuple
 
 import numpy as np
 from scipy.linalg import LinAlgError
 
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import BoundError, ConvergenceError
-from hhr_dolfinx.models.bounds.bound import ROUND_OFF, ForceScale, estimates_of, lengths
+from hhr_dolfinx.models.bounds.bound import ROUND_OFF, ForceScale, Thetas, estimates_of, lengths
 from hhr_dolfinx.models.bounds.least_response import LeastResponse, ManyResponses
 from hhr_dolfinx.models.eliminations.block import Block, blocks_of
 from hhr_dolfinx.models.eliminations.interpolated import Compliances, ManyContacts
@@ -124,7 +124,7 @@ class VaryingBound(Rebuilt):
         """See :class:`Bound`: indices of the conditions inside and outside; S is not known yet."""
         return inside, np.setdiff1d(np.arange(self.areas.size), inside, assume_unique=True)
 
-    def at(self, points: np.ndarray, theta: Any) -> VaryingThere:
+    def at(self, points: np.ndarray, theta: Thetas) -> VaryingThere:
         """See :class:`Bound`."""
         found = self.compliances.many(points)
         try:

@@ -20,7 +20,7 @@ from hhr_dolfinx.contact.active_set import SchurEqualities
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError
 from hhr_dolfinx.linear.dense import LapackLU
-from hhr_dolfinx.models.answer import Answer, ElasticFields, SeveralAnswers, unanswered
+from hhr_dolfinx.models.answer import Answer, ElasticFields, Meshed, SeveralAnswers, unanswered
 from hhr_dolfinx.models.bounds.bound import Bound
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination
@@ -466,7 +466,7 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
     functionals: Functionals | ReshapedFunctionals | None = None
     bound: FieldBound | None = None
     unbounded: str = ""
-    full: Any = field(default=None, metadata=OF_THE_MESH)
+    full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """The bound; None without one, or without a solution."""

@@ -17,10 +17,10 @@ from scipy.sparse import csc_matrix, csr_matrix, diags
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers
-from hhr_dolfinx.formulas import check_over_box
+from hhr_dolfinx.formulas import Modulus, check_over_box
 from hhr_dolfinx.linear.layout import lay_out
 from hhr_dolfinx.materials.strain import StrainOperator
-from hhr_dolfinx.models.answer import Answer, ModelFields
+from hhr_dolfinx.models.answer import Answer, Meshed, ModelFields
 from hhr_dolfinx.models.estimates import STRESS, Estimate
 from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.parameters import ParameterSpace
@@ -29,7 +29,6 @@ from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Friction
-    from hhr_dolfinx.formulas import Modulus
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals.functional import Functionals
@@ -176,7 +175,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
     flow: PlasticFields
     functionals: Functionals | None = None
     friction: Friction | None = None
-    full: Any = field(default=None, metadata=OF_THE_MESH)
+    full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
     @property
     def conditions(self) -> int:

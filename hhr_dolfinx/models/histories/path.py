@@ -12,7 +12,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, NotSolvableError, ParameterError, SceneError
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Model, Path
 from hhr_dolfinx.models.histories.equilibrium import Equilibrium, MarchSettings
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace, PointLike
 
 
 def check_settings(settings: Any) -> None:
@@ -96,7 +96,7 @@ def solve_along(
     """
     check_settings(settings)
     history = History(*path[0])
-    start: Any = "nearest"
+    start: str | np.ndarray = "nearest"
     try:
         for number, (time, point) in enumerate(path[1:]):
             if number < len(known):
@@ -126,7 +126,7 @@ def refuse_gradient(wanted: bool) -> None:
 
 
 def one_step(
-    model: Any, mu: Any, raise_on_failure: bool = True, outside: str = "warn", duration: float = 1.0
+    model: Any, mu: PointLike, raise_on_failure: bool = True, outside: str = "warn", duration: float = 1.0
 ) -> Answer:
     """Answer of a model of inelastic bodies: one step from rest, where the box is nearest to zero, with its elasticity.
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy.sparse import bmat, csr_matrix
@@ -13,6 +13,9 @@ from hhr_dolfinx.errors import NotOfferedError, SceneError, SingularError
 from hhr_dolfinx.full_order.full import FULL_ORDER_ADVICE, FullOrderModel
 from hhr_dolfinx.models.answer import Answer, found_as
 from hhr_dolfinx.models.model import AnsweringModel
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import CheckedStart
 
 
 class NaiveFullOrder(AnsweringModel):
@@ -48,7 +51,7 @@ class NaiveFullOrder(AnsweringModel):
         """Sizes of answers of the full model."""
         return self._full.sizes
 
-    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """Assemble and factor everything for this point."""
         if gradient:
             raise NotOfferedError("the naive baseline has no gradient: ask the full model")
@@ -80,7 +83,7 @@ class NaiveFullOrder(AnsweringModel):
 
         if start is None or isinstance(start, str):
             _, free_slack = saddle_point(np.zeros(gaps.size, dtype=bool), None)
-            start = free_slack < 0
+            start = np.asarray(free_slack < 0)
         found = active_set(saddle_point, gaps, start, pairs=Pairs.of(problem.contact_pairs))
         unknown = np.zeros(problem.free.size)
         unknown[free] = last["free"]

@@ -7,7 +7,7 @@ value and a name. For each function a number states the request, by its bits: 1 
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -21,6 +21,12 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.plugins.doors.function import OutputFunction
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import AnsweringModel
+
+    pass
+
 
 VALUE = 1
 GRADIENT = 2
@@ -41,7 +47,7 @@ class Request(NamedTuple):
     along: list[int]
 
 
-def answer_dakota(model: Any, parameters: str | Path, results: str | Path) -> None:
+def answer_dakota(model: AnsweringModel, parameters: str | Path, results: str | Path) -> None:
     """Read a request of Dakota from a file, and write the results to another file, in one piece.
 
     Variables of Dakota have the names of parameters, and its functions those of outputs. ``_`` may replace a space,

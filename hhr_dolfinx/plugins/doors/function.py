@@ -2,11 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.errors import NotOfferedError
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import AnsweringModel
 
 
 class OutputFunction:
@@ -25,7 +28,7 @@ class OutputFunction:
         NotOfferedError: for a model of a scene without outputs.
     """
 
-    def __init__(self, model: Any, outside: str = "refuse"):
+    def __init__(self, model: AnsweringModel, outside: str = "refuse"):
         functionals = model.fields.functionals
         if functionals is None:
             raise NotOfferedError(
@@ -60,4 +63,5 @@ class OutputFunction:
     def jacobian(self, point: Any) -> np.ndarray:
         """Derivatives of the outputs along the parameters at a point, (P,): (K, P)."""
         found = self.model.outputs(np.asarray(point, dtype=float), gradient=True, outside=self.outside).gradient
+        assert found is not None
         return np.array([found[name] for name in self.outputs])

@@ -2,18 +2,22 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.plugins.doors.function import OutputFunction
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import AnsweringModel
+
+
 with extra("doors", "a function of OpenTURNS"):
     import openturns
 
 
-def openturns_function(model: Any, outside: str = "refuse") -> Any:
+def openturns_function(model: AnsweringModel, outside: str = "refuse") -> Any:
     """The outputs of a scene as an ``openturns.Function`` of its parameters.
 
     Args:

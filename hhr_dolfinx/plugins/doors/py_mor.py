@@ -7,13 +7,19 @@ derivatives, ``solution_error_estimate`` the bound of the displacement in the en
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.plugins.doors.function import OutputFunction
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.models.model import AnsweringModel
+
 
 with extra("doors", "a model of pyMOR"):
     from pymor.models.interface import Model, OutputDMuResult
@@ -32,7 +38,7 @@ class PyMORModel(Model):
         BoundError: if an error estimate is requested and the model has none.
     """
 
-    def __init__(self, model: Any, name: str = "contact", outside: str = "refuse"):
+    def __init__(self, model: AnsweringModel, name: str = "contact", outside: str = "refuse"):
         super().__init__(name=name)
         self.model = model
         self.outside = outside  # pyMOR requires all arguments as attributes
@@ -42,7 +48,7 @@ class PyMORModel(Model):
         self.solution_space = NumpyVectorSpace(model.solve(space.middle, outside="ignore").displacement().size)
         self.dim_output = len(self.function.outputs)
 
-    def _compute(self, quantities: set[Any], data: dict[Any, Any], mu: Any) -> None:
+    def _compute(self, quantities: set[Any], data: dict[Any, Any], mu: Mapping[str, np.ndarray]) -> None:
         """Compute the requested quantities from one answer."""
         point = np.array([mu[name][0] for name in self.function.names])
         how: dict[str, Any] = {"gradient": "output_d_mu" in quantities, "outside": self.outside}
@@ -54,6 +60,7 @@ class PyMORModel(Model):
         if "output" in quantities:
             data["output"] = np.array([[found[name]] for name in names])
         if "output_d_mu" in quantities:
+            assert found.gradient is not None
             slopes = np.array([found.gradient[name] for name in names])
             columns = enumerate(self.function.names)
             data["output_d_mu"] = OutputDMuResult({(name, 0): slopes[:, [k]] for k, name in columns})
@@ -62,7 +69,7 @@ class PyMORModel(Model):
         quantities -= {"solution", "output", "output_d_mu", "solution_error_estimate", "output_error_estimate"}
         super()._compute(quantities, data, mu)
 
-    def _estimate(self, answer: Any, data: dict[Any, Any]) -> None:
+    def _estimate(self, answer: Answer, data: dict[Any, Any]) -> None:
         """Compute error estimates; infinite for an output without one."""
         known = answer.estimate()
         if known is None:

@@ -6,12 +6,16 @@ The input is one array, the parameters; the output is one array, the outputs of 
 from __future__ import annotations
 
 from types import ModuleType
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.plugins.doors.function import OutputFunction
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import AnsweringModel
+
 
 with extra("doors", "a Tesseract"):
     from pydantic import Field, create_model, field_validator
@@ -25,7 +29,7 @@ Arrays = dict[str, Any]
 class Endpoints:
     """Endpoints of the Tesseract of a model; see :func:`tesseract_api`."""
 
-    def __init__(self, model: Any):
+    def __init__(self, model: AnsweringModel):
         self.function = OutputFunction(model)
         counts = len(self.function.names), len(self.function.outputs)
         descriptions = ", ".join(self.function.names), ", ".join(self.function.outputs)
@@ -74,7 +78,7 @@ class Endpoints:
         return self.function.jacobian(np.asarray(getattr(inputs, IN)))
 
 
-def tesseract_api(model: Any) -> ModuleType:
+def tesseract_api(model: AnsweringModel) -> ModuleType:
     """API of a model as a module, for ``Tesseract.from_tesseract_api``.
 
     ``tesseract build`` requires a file ``tesseract_api.py`` of three lines::

@@ -13,13 +13,17 @@ import socket
 from collections.abc import Callable, Mapping
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.errors import FileError, HHRError, NotOfferedError, ParameterError
 from hhr_dolfinx.plugins.doors.function import OutputFunction
 from hhr_dolfinx.version import __version__
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import AnsweringModel
+
 
 VERSION = 1.0
 """Version of the protocol."""
@@ -53,7 +57,7 @@ class Protocol:
         name: of the model, for clients.
     """
 
-    def __init__(self, model: Any, name: str = NAME):
+    def __init__(self, model: AnsweringModel, name: str = NAME):
         self.name = name
         self.function = OutputFunction(model)
         # answers of inelastic bodies depend on a path, and have no derivatives
@@ -282,7 +286,7 @@ class Server(ThreadingHTTPServer):
         128  # parallel chains connect at the same time; more than Python's default of five would be refused
     )
 
-    def __init__(self, model: Any, host: str = "127.0.0.1", port: int = 4242, name: str = NAME):
+    def __init__(self, model: AnsweringModel, host: str = "127.0.0.1", port: int = 4242, name: str = NAME):
         self.protocol = Protocol(model, name)
         self.address_family = socket.AF_INET6 if ":" in host else socket.AF_INET
         try:

@@ -21,6 +21,7 @@ from hhr_dolfinx.geometries.cells import CORNERS, EDGES, FACES, TENSOR
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discretisation import Discretisation
+    from hhr_dolfinx.parameters import PointLike
 
 PENALTY = 100.0
 """Normal penalty stiffness times the length of a facet, over the largest Young's modulus."""
@@ -40,7 +41,7 @@ _ELEMENTS_OF_SECOND_ORDER = {
 }
 
 
-def write_deck(path: Path, discretisation: Discretisation, mu: Any) -> None:
+def write_deck(path: Path, discretisation: Discretisation, mu: PointLike) -> None:
     """Write the deck of a scene at a parameter.
 
     Raises:

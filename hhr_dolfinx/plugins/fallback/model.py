@@ -16,7 +16,14 @@ from hhr_dolfinx.errors import (
     ParameterError,
     ReductionError,
 )
-from hhr_dolfinx.models.answer import Answer, History, ListedAnswers, ModelFields, Path, SeveralAnswers
+from hhr_dolfinx.models.answer import (
+    Answer,
+    History,
+    ListedAnswers,
+    ModelFields,
+    Path,
+    SeveralAnswers,
+)
 from hhr_dolfinx.models.estimates import FORCES, check_asked, known_error, relative_error, relative_errors
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings
@@ -26,7 +33,10 @@ from hhr_dolfinx.trained import USUAL
 from hhr_dolfinx.warn import collected, repeat
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.models.answer import CheckedStart, Start
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
+    from hhr_dolfinx.parameters import PointsLike
 
 _log = logging.getLogger(__name__)
 
@@ -74,7 +84,7 @@ class FallbackModel(AnsweringModel):
     def __init__(
         self,
         reduced: Any,
-        full: Any,
+        full: FullOrderModel,
         tolerance: float = 0.01,
         *,
         of: str | None = None,
@@ -137,7 +147,7 @@ class FallbackModel(AnsweringModel):
         """True if the full model computed an answer."""
         return answer.fields is self.full
 
-    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """Answer of the reduced model if its error is small, else of the full one."""
         answer = self._reduced_answer(point, start, outside, gradient)
         self.asked += 1
@@ -189,7 +199,7 @@ class FallbackModel(AnsweringModel):
         """See :class:`AnsweringModel`; those of the full model."""
         return self.full.contacts()
 
-    def _checked_start(self, start: Any) -> Any:
+    def _checked_start(self, start: Start) -> CheckedStart:
         """Start as the reduced model checks it."""
         return self.reduced._checked_start(self._own_start(start))
 
@@ -198,7 +208,7 @@ class FallbackModel(AnsweringModel):
         """Sizes of answers of the full model."""
         return self.full.sizes
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
+    def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
         """Answer many parameters, (n, P), at once by the reduced model, those with a large error by the full one."""
         from hhr_dolfinx.models.many import PartedAnswers
 
@@ -221,7 +231,7 @@ class FallbackModel(AnsweringModel):
         parts += [(np.flatnonzero(~good), ListedAnswers(exact))] if exact else []
         return PartedAnswers.of(parts, np.where(good, 0, 1))
 
-    def _reduced_answer(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer | None:
+    def _reduced_answer(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer | None:
         """Answer of the reduced model; None if it has none, for any reason."""
         try:
             return self.reduced.solve(point, start=start, raise_on_failure=False, outside=outside, gradient=gradient)
@@ -243,7 +253,7 @@ class FallbackModel(AnsweringModel):
             _log.info("the full model is asked: %s", error)
             return False
 
-    def _own_start(self, start: Any) -> Any:
+    def _own_start(self, start: Start) -> Start:
         """Initial statuses for the reduced model; nearest ones if those of an answer of the full model are too many."""
         sizes = np.shape(start) if isinstance(start, np.ndarray) else None
         too_many = sizes == (self.full.conditions,) != (self.reduced.own_conditions,)
@@ -261,13 +271,13 @@ def check_allowance(tolerance: Any) -> None:
         raise ParameterError(f"tolerance = {tolerance!r} must be a positive number, such as 0.01")
 
 
-def _remedy(full: Any) -> str:
+def _remedy(full: FullOrderModel) -> str:
     """Sentence with the scene of the full model and the model that is needed."""
     name = full.scene.name
     return f". It is of scene '{name}': give the FullOrderModel of the scene that was trained, or train this one"
 
 
-def _check_alike(reduced: Any, full: Any) -> None:
+def _check_alike(reduced: Any, full: FullOrderModel) -> None:
     """Check that a reduced model has a bound, and that the full one is of the same scene: box, S and an answer.
 
     Raises:
@@ -293,7 +303,7 @@ def _check_alike(reduced: Any, full: Any) -> None:
         _check_same_scene(reduced, bound, full)
 
 
-def _check_same_friction(reduced: Any, full: Any) -> None:
+def _check_same_friction(reduced: Any, full: FullOrderModel) -> None:
     """Raise ReductionError unless a reduced model with friction was built from this full model."""
     from hhr_dolfinx.models.frictional_fields import mark_of
 
@@ -313,7 +323,7 @@ def _check_same_friction(reduced: Any, full: Any) -> None:
         )
 
 
-def _check_same_scene(reduced: Any, bound: Any, full: Any) -> None:
+def _check_same_scene(reduced: Any, bound: Any, full: FullOrderModel) -> None:
     """Raise ReductionError unless S and an answer of the full model agree with the reduced one."""
     if bound.schur.shape != full.schur.shape or np.abs(bound.schur - full.schur).max() > ALIKE * full.schur.max():
         raise ReductionError(f"the full model is that of another scene or mesh: its stiffness differs{_remedy(full)}")
@@ -324,8 +334,9 @@ def _check_same_scene(reduced: Any, bound: Any, full: Any) -> None:
         gaps = problem.gaps @ problem.theta(point)
         found = bound.at(point[None], reduced.fields.amplitudes(point)).slack(answer.forces()[None])[0]
         slack = gaps - problem.contact @ answer.unknown
-        if problem.rigid is not None:  # S does not include rigid motions
-            contact_of_motions = full.system.kernel.contact_of_motions
+        kernel = full.system.kernel
+        if kernel is not None:  # S does not include rigid motions
+            contact_of_motions = kernel.contact_of_motions
             slack = slack + contact_of_motions @ np.linalg.lstsq(contact_of_motions, found - slack, rcond=None)[0]
         # relative to displacements: if all conditions are active, slack and gaps may be round-off
         if np.abs(found - slack).max() > ALIKE * max(np.abs(gaps).max(), np.abs(answer.unknown).max()):

@@ -31,13 +31,14 @@ from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Pod, Recipe
 from hhr_dolfinx.sampling import Lattice, Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet
-from hhr_dolfinx.snapshots.store import digest_of_values
+from hhr_dolfinx.snapshots.store import SnapshotStore, digest_of_values
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
-    from hhr_dolfinx.snapshots.store import SnapshotStore
+    from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.models.model import AnsweringModel
 
 
 _log = logging.getLogger(__name__)
@@ -155,7 +156,7 @@ class Greedy:
 
     def grown(
         self,
-        full: Any,
+        full: FullOrderModel,
         solve: Callable[[Any], SnapshotSet],
         comm: Comm,
         progress: Callable[[Any], Any] = iter,
@@ -213,7 +214,7 @@ class Greedy:
             )
         return known, Choice(points, tuple(rounds), self._recipe(full))
 
-    def _samplings(self, full: Any) -> tuple[Any, Any]:
+    def _samplings(self, full: FullOrderModel) -> tuple[Any, Any]:
         """Samplings of the first points, and of the candidates."""
         start: Any = Lattice(20)
         candidates: Any = Lattice(1000)
@@ -222,7 +223,7 @@ class Greedy:
             candidates = Sobol(2048, seed=5)
         return start if self.start is None else self.start, candidates if self.candidates is None else self.candidates
 
-    def _recipe(self, full: Any) -> Recipe:
+    def _recipe(self, full: FullOrderModel) -> Recipe:
         """Recipe of the models on the way."""
         if self.recipe is not None:
             return self.recipe
@@ -234,12 +235,14 @@ class Greedy:
         """Queries of the full model."""
         return points if self.family is None else self.family.paths(points)
 
-    def _score(self, full: Any) -> Score:
+    def _score(self, full: FullOrderModel) -> Score:
         """The indicator, with all that needs no reduced model computed."""
         usual = ForceError() if self.family is None else LargestEstimate()
         return (usual if self.indicator is None else self.indicator).prepared(full)
 
-    def _errors(self, full: Any, known: SnapshotSet, candidates: np.ndarray, score: Score, comm: Comm) -> np.ndarray:
+    def _errors(
+        self, full: FullOrderModel, known: SnapshotSet, candidates: np.ndarray, score: Score, comm: Comm
+    ) -> np.ndarray:
         """Indicators of a model of the present answers, (n, k)."""
         recipe = self._recipe(full).as_it_is()
         mine = np.array_split(candidates, comm.size)[comm.rank]
@@ -256,14 +259,14 @@ class Greedy:
                 found[~np.isfinite(found).all(axis=1)] = UNKNOWN / np.sqrt(found.shape[1])
         return np.concatenate([part for part in comm.allgather(found) if len(part)])
 
-    def _answers(self, model: Any, points: np.ndarray) -> list[Any]:
+    def _answers(self, model: AnsweringModel, points: np.ndarray) -> list[Any]:
         """Answers or histories of a reduced model; None for a history that it cannot complete."""
         if self.family is None:
             return list(model.solve_many(points, outside="ignore", raise_on_failure=False)) if len(points) else []
         return [_marched(model, path) for path in self.family.paths(points)] if len(points) else []
 
 
-def _marched(model: Any, path: Any) -> Any:
+def _marched(model: AnsweringModel, path: Any) -> Any:
     from hhr_dolfinx.models.histories.equilibrium import MarchSettings, told_once
 
     try:

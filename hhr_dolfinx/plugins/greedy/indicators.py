@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from mpi4py import MPI
@@ -26,6 +26,11 @@ from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.models.reduced import ReducedModel
+
+
 Score = Callable[[Any, SnapshotSet, Sequence[Any]], np.ndarray]
 """Maps a reduced model, the answers it was built from, and some of its answers to indicators, (n,) or (n, k)."""
 
@@ -36,7 +41,7 @@ NO_ANSWER = np.inf
 class GreedyIndicator(Protocol):
     """Estimate of the errors of answers."""
 
-    def prepared(self, full: Any) -> Score:
+    def prepared(self, full: FullOrderModel) -> Score:
         """Prepare the indicator: compute all that does not depend on a reduced model.
 
         Raises:
@@ -44,7 +49,7 @@ class GreedyIndicator(Protocol):
         """
 
 
-def _refuse_flow(full: Any, name: str) -> None:
+def _refuse_flow(full: FullOrderModel, name: str) -> None:
     if full.equilibrium is not None:
         raise StudyError(
             f"bodies of scene '{full.scene.name}' flow, and {name} judges single answers of elastic ones: take "
@@ -60,19 +65,19 @@ class LargestEstimate:
     part of its stress that no mode of training explains; it follows the error of the stress, see docs/bounds.md.
     """
 
-    def prepared(self, full: Any) -> Score:
+    def prepared(self, full: FullOrderModel) -> Score:
         """See :class:`GreedyIndicator`."""
 
-        def score(model: Any, known: SnapshotSet, answers: Sequence[Answer | History | None]) -> np.ndarray:
+        def score(model: ReducedModel, known: SnapshotSet, answers: Sequence[Answer | History | None]) -> np.ndarray:
             return np.array([NO_ANSWER if item is None else self._of(item, full) for item in answers])
 
         return score
 
-    def _of(self, item: Answer | History, full: Any) -> float:
+    def _of(self, item: Answer | History, full: FullOrderModel) -> float:
         answers = item.answers if isinstance(item, History) else [item]
         return max(self._of_answer(answer, full) for answer in answers)
 
-    def _of_answer(self, answer: Answer, full: Any) -> float:
+    def _of_answer(self, answer: Answer, full: FullOrderModel) -> float:
         if not answer.converged:
             return NO_ANSWER
         estimate = answer.estimate()
@@ -97,7 +102,7 @@ class ForceError:
 
     settings: Any = None
 
-    def prepared(self, full: Any) -> Score:
+    def prepared(self, full: FullOrderModel) -> Score:
         """See :class:`GreedyIndicator`."""
         _refuse_flow(full, "ForceError()")
         if full.problem.varies and full.problem.pins is not None:
@@ -109,7 +114,7 @@ class ForceError:
         condensed: list[Any] = []
         exact: dict[bytes, np.ndarray] = {}
 
-        def score(model: Any, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
+        def score(model: ReducedModel, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
             if not condensed:
                 condensed.append(self._condensed(full, known))
             floor = force_floor(full.problem, known)
@@ -127,7 +132,7 @@ class ForceError:
 
         return score
 
-    def _condensed(self, full: Any, known: SnapshotSet) -> Any:
+    def _condensed(self, full: FullOrderModel, known: SnapshotSet) -> Any:
         if not full.problem.varies:
             from hhr_dolfinx.reduction.exact import exact_condensation
 
@@ -156,11 +161,11 @@ class Eta:
     zero; here only the conditions of the RID are solved for.
     """
 
-    def prepared(self, full: Any) -> Score:
+    def prepared(self, full: FullOrderModel) -> Score:
         """See :class:`GreedyIndicator`."""
         _refuse_flow(full, "Eta()")
 
-        def score(model: Any, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
+        def score(model: ReducedModel, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
             floor = force_floor(full.problem, known)
             domain = _Domain(full.problem, model.offline.sets)
             interface = _interpolated(full.problem, known, answers, domain.interface)
@@ -187,11 +192,11 @@ class Eta2:
     :class:`Eta`.
     """
 
-    def prepared(self, full: Any) -> Score:
+    def prepared(self, full: FullOrderModel) -> Score:
         """See :class:`GreedyIndicator`."""
         _refuse_flow(full, "Eta2()")
 
-        def score(model: Any, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
+        def score(model: ReducedModel, known: SnapshotSet, answers: Sequence[Answer]) -> np.ndarray:
             domain = _Domain(full.problem, model.offline.sets)
             interface = _interpolated(full.problem, known, answers, domain.interface)
             stiffness = CellStiffness.of(full, model.offline.sets.cells)

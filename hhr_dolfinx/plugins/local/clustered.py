@@ -34,6 +34,7 @@ from hhr_dolfinx.trained import TrainedRange
 from hhr_dolfinx.warn import collected, warn
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.study.training.answers import TrainingAnswers
 
 Progress = Callable[[Iterable], Iterable]
@@ -151,7 +152,7 @@ class Clusters:
         return together(models, choice.reaching(self.strip * width), snapshots, record)
 
     def _best(
-        self, full: Any, snapshots: SnapshotSet, held_out: SnapshotSet | None, recipe: Recipe, points: np.ndarray
+        self, full: FullModel, snapshots: SnapshotSet, held_out: SnapshotSet | None, recipe: Recipe, points: np.ndarray
     ) -> tuple[ReducedModel, np.ndarray, list[str]]:
         """Model of a cluster, estimates of its forces at points of its region, and warnings of its check."""
         floor = least_forces(full, snapshots)
@@ -182,7 +183,7 @@ class Clusters:
             if most is not None and found > most:
                 raise StudyError(f"{found} {what}, and not {most} at most: give a larger tolerance, or more clusters")
 
-    def _on_grid(self, snapshots: SnapshotSet, full: Any) -> tuple[Choice, list[np.ndarray]] | None:
+    def _on_grid(self, snapshots: SnapshotSet, full: FullModel) -> tuple[Choice, list[np.ndarray]] | None:
         """Partition of a regular grid, and the snapshots of each cluster; None if the points are no grid."""
         from hhr_dolfinx.plugins.local.clusters import cell_labels, grid_cells, tree_of_cells
 
@@ -194,7 +195,7 @@ class Clusters:
         choice = tree_of_cells(cells, found.labels)
         return choice, [found.snapshots(number) for number in range(self.count)]
 
-    def _anywhere(self, snapshots: SnapshotSet, full: Any, width: np.ndarray) -> tuple[Choice, list[np.ndarray]]:
+    def _anywhere(self, snapshots: SnapshotSet, full: FullModel, width: np.ndarray) -> tuple[Choice, list[np.ndarray]]:
         """Partition by a forest, and the snapshots of each cluster with those near its borders."""
         from hhr_dolfinx.plugins.local.clusters import forest_tree, snapshot_labels
 
@@ -284,7 +285,7 @@ def _alike(models: list[ReducedModel]) -> list[Any]:
 
 
 def built(
-    full: Any, snapshots: SnapshotSet, recipe: Recipe, held_out: SnapshotSet | None
+    full: FullModel, snapshots: SnapshotSet, recipe: Recipe, held_out: SnapshotSet | None
 ) -> tuple[ReducedModel, list[str]]:
     """Model of some snapshots, and warnings of its check, which are raised only for models that are kept."""
     with collected() as caught:
@@ -304,7 +305,7 @@ def p95(errors: np.ndarray) -> float:
     return summary(errors)["p95"] if errors.size else float("nan")
 
 
-def least_forces(full: Any, snapshots: SnapshotSet) -> float:
+def least_forces(full: FullModel, snapshots: SnapshotSet) -> float:
     """A thousandth of the largest training forces in the S norm, in the middle of the box."""
     return float(least_sizes(full.problem, full.schur, snapshots.forces)[0])
 

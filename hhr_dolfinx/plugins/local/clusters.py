@@ -9,7 +9,7 @@ Cuts through the box then separate the labelled points: they select the local mo
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -20,6 +20,10 @@ from hhr_dolfinx.parameters import ParameterSpace, is_whole
 from hhr_dolfinx.plugins.local.models import LEAF, Choice
 from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.subspaces import basis_distances, coordinates, snapshot_distances
+
+if TYPE_CHECKING:
+    from scipy.sparse import csr_matrix
+
 
 STARTS = 5
 """Random starts of k-medoids, in addition to a greedy one; the best result counts."""
@@ -116,7 +120,13 @@ def cell_bases(columns: np.ndarray, corners: np.ndarray, tolerance: float) -> li
 
 
 def cell_labels(
-    points: np.ndarray, columns: np.ndarray, count: int, *, tolerance: float = 1e-8, seed: int = 1, gram: Any = None
+    points: np.ndarray,
+    columns: np.ndarray,
+    count: int,
+    *,
+    tolerance: float = 1e-8,
+    seed: int = 1,
+    gram: csr_matrix | None = None,
 ) -> CellClusters:
     """Cluster cells of a regular grid whose snapshots span similar spaces, section 4.2.1.
 
@@ -143,7 +153,7 @@ def cell_labels(
     return CellClusters(grid, medoids(dissimilarity, count, seed), dissimilarity)
 
 
-def snapshot_labels(columns: np.ndarray, count: int, *, seed: int = 1, gram: Any = None) -> np.ndarray:
+def snapshot_labels(columns: np.ndarray, count: int, *, seed: int = 1, gram: csr_matrix | None = None) -> np.ndarray:
     """Cluster snapshots that point in similar directions, section 4.2.2.
 
     Args:

@@ -20,11 +20,11 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.answer import Answer, CheckedStart
 from hhr_dolfinx.models.model import KeptModel, checked_start
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ADVICE, ReducedModel
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace, PointsLike
 from hhr_dolfinx.trained import USUAL, TrainedRange
 
 if TYPE_CHECKING:
@@ -228,7 +228,7 @@ class LocalModels(SeveralModels):
         _check_alike(self.models, choice)
         self.parameters: ParameterSpace = self.models[0].parameters
 
-    def _answered(self, point: np.ndarray, start: Any, outside: str, gradient: bool) -> Answer:
+    def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """By the model of the part; statuses of another model are replaced by the nearest training statuses."""
         number, other = self.choice.candidates(point.tolist())
         if other != LEAF:
@@ -250,7 +250,7 @@ class LocalModels(SeveralModels):
         """Sizes of answers of the first model."""
         return self.models[0].sizes
 
-    def _checked_start(self, start: Any) -> Any:
+    def _checked_start(self, start: Any) -> CheckedStart:
         """Statuses of any of the models, checked."""
         sizes = [model.own_conditions for model in self.models]
         given = np.shape(start)[0] if np.ndim(start) == 1 else 0
@@ -284,7 +284,7 @@ class LocalModels(SeveralModels):
             less = (second < first) | ((second == first) & less)
         return np.where(less, two, one)
 
-    def _own_start(self, number: int, start: Any) -> Any:
+    def _own_start(self, number: int, start: np.ndarray) -> str | np.ndarray:
         """Statuses to start from; those of another model, as along a path, become the nearest training statuses."""
         statuses = np.asarray(start)
         sizes = [len(model.problem.gaps) for model in self.models]
@@ -292,7 +292,7 @@ class LocalModels(SeveralModels):
         # statuses of no model are refused by the model itself
         return "nearest" if foreign and statuses.size in sizes else start
 
-    def solve_many(self, points: Any, *, raise_on_failure: bool = True, outside: str = USUAL) -> PartedAnswers:
+    def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> PartedAnswers:
         """Answer many parameters, (n, P), one batch per model, see :meth:`CondensedModel.solve_many`."""
         from hhr_dolfinx.models.many import PartedAnswers
 

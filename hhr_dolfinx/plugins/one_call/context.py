@@ -20,6 +20,7 @@ from hhr_dolfinx.errors import (
     SmallStrainWarning,
 )
 from hhr_dolfinx.models.answer import Answer, History
+from hhr_dolfinx.models.answer import Path as AnswerPath
 from hhr_dolfinx.plugins.one_call.target import Budget, Errors, Exact, Target
 from hhr_dolfinx.plugins.one_call.workers import Workers
 from hhr_dolfinx.sampling import Sobol
@@ -29,6 +30,8 @@ from hhr_dolfinx.timing import Announce, StageLog, Stopwatch
 from hhr_dolfinx.warn import ignored, warn
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.models.model import AnsweringModel
     from hhr_dolfinx.path_families import PathFamily
     from hhr_dolfinx.snapshots.arrays import ArrayStore
 
@@ -82,7 +85,7 @@ class SearchContext:
         batches: seconds of full answers, as many at once as there are ranks.
     """
 
-    full: Any
+    full: FullOrderModel
     workers: Workers
     target: Target
     budget: Budget
@@ -167,7 +170,7 @@ class SearchContext:
         kept = "" if self.checking else f", beside {_about(seconds - self.deadline)} s that are kept back for a check"
         return f"{_about(left)} of the {seconds:g} s of the budget are left{kept}"
 
-    def check_affordable(self, questions: Any, what: str, besides: int = 0) -> None:
+    def check_affordable(self, questions: np.ndarray | Sequence[AnswerPath], what: str, besides: int = 0) -> None:
         """Raise BudgetSpentError if answers that are not yet solved, and ``besides`` more, exceed the budget."""
         count = len({_key(question) for question in questions} - self._known.keys())
         answers = self.budget.full_answers
@@ -252,7 +255,7 @@ class SearchContext:
                 stacklevel=3,
             )
 
-    def errors_of(self, model: Any, exact: Iterable[Exact]) -> np.ndarray:
+    def errors_of(self, model: AnsweringModel, exact: Iterable[Exact]) -> np.ndarray:
         """Errors of a model at exact answers, (n, norms of the target); infinite if it has no answer."""
         rows = []
         with ignored(OutsideTrainingWarning):
@@ -264,7 +267,9 @@ class SearchContext:
                 rows.append(self.errors.of(answers, item))
         return np.array(rows)
 
-    def _answers(self, questions: Any, label: str, lost: Lost) -> Iterator[Answer | History]:
+    def _answers(
+        self, questions: np.ndarray | Sequence[AnswerPath], label: str, lost: Lost
+    ) -> Iterator[Answer | History]:
         """Exact answers; queries without one are reported to ``lost``."""
         self.announce(self._planned(label, questions), 0.0)
         for place, question in enumerate(questions):
@@ -276,13 +281,13 @@ class SearchContext:
             if found is not None:
                 yield found
 
-    def _planned(self, label: str, questions: Any) -> str:
+    def _planned(self, label: str, questions: np.ndarray | Sequence[AnswerPath]) -> str:
         """A stage of full answers with their number, and their expected time if it is known."""
         count = len({_key(question) for question in questions} - self._known.keys())
         seconds = self._duration(count)
         return f"{count} {label}" + (f", about {_about(seconds)} s" if seconds > 1 else "")
 
-    def _solve(self, questions: Any, lost: Lost) -> None:
+    def _solve(self, questions: np.ndarray | Sequence[AnswerPath], lost: Lost) -> None:
         """Solve the first of some queries, and as many after it as there are ranks."""
         self.check_budget()
         if self.clock.seconds + self._duration(1) > self.deadline:
@@ -320,21 +325,21 @@ def _set_of(found: Iterable[Answer | History]) -> SnapshotSet:
     return SnapshotSet.of_histories(listed) if isinstance(listed[0], History) else SnapshotSet.of_answers(listed)
 
 
-def _found(model: Any, exact: Exact) -> list[Answer]:
+def _found(model: AnsweringModel, exact: Exact) -> list[Answer]:
     """Answers of a model to the query of exact ones."""
     if isinstance(exact.full, History):
         return retraced(model, exact.full).answers
     return [model.solve(exact.full.parameter, outside="ignore", raise_on_failure=False)]
 
 
-def _key(question: Any) -> bytes:
+def _key(question: np.ndarray | AnswerPath) -> bytes:
     """Key that identifies a point or a path."""
     if isinstance(question, np.ndarray):
         return question.tobytes()
     return b"".join(np.float64(time).tobytes() + np.asarray(point).tobytes() for time, point in question)
 
 
-def _label(full: Any, question: Any) -> str:
+def _label(full: FullOrderModel, question: Any) -> str:
     """A point or a path in words."""
     name = str(getattr(question, "name", ""))
     return name or full.parameters.described(question)

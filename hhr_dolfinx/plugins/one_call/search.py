@@ -19,7 +19,7 @@ from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from mpi4py import MPI
@@ -60,6 +60,10 @@ from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.study.training.train import checked_folder
 from hhr_dolfinx.timing import WARM_UP, Announce, ShareLines, Stopwatch, median_time, timed
 from hhr_dolfinx.warn import ignored, warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import KeptModel
+
 
 _log = logging.getLogger(__name__)
 
@@ -265,10 +269,8 @@ def reduce(
         full = _full_model(scene)
         _check_paths(full, paths)
         target = Target.checked(error, of, full)
-        if fallback and len(target.of) > 1:
-            raise NotOfferedError(
-                f"a model falls back by one error, and not by {', '.join(target.of)}: give one as of="
-            )
+        if fallback and len(norms := target.of) > 1:
+            raise NotOfferedError(f"a model falls back by one error, and not by {', '.join(norms)}: give one as of=")
         kept = None if folder is None else _free_folder(folder, full.scene.name)
         store = None if kept is None else SnapshotStore(kept / "snapshots", full)
     shown = ShareLines(partial(print, file=sys.stderr, flush=True)) if progress is None else progress
@@ -299,7 +301,7 @@ def _found(context: SearchContext, kept: Path | None) -> tuple[Any, Reduction]:
     return found if comm.size == 1 else comm.bcast(found)
 
 
-def _with_fallback(model: Any, full: FullOrderModel, target: Target) -> Any:
+def _with_fallback(model: KeptModel, full: FullOrderModel, target: Target) -> Any:
     """Add the full model as a fallback; returns the small one alone, with a warning, if nothing bounds the error."""
     place = registry.named("public").get("FallbackModel")
     try:
@@ -311,7 +313,7 @@ def _with_fallback(model: Any, full: FullOrderModel, target: Target) -> Any:
         return model
 
 
-def keep(folder: Path, model: Any, reduction: Reduction, full: FullOrderModel) -> None:
+def keep(folder: Path, model: KeptModel, reduction: Reduction, full: FullOrderModel) -> None:
     """Write a model, its record, and the files of plug-ins: model.npz, reduction.json, scenery.npz."""
     save_model(make_folder(folder) / "model.npz", model)
     registry.write_companions(full, folder)
@@ -471,7 +473,7 @@ class _Found:
             raise
         self._keep(row, model)
 
-    def _keep(self, row: Tried, model: Any) -> None:
+    def _keep(self, row: Tried, model: KeptModel | None) -> None:
         """Add a row, with its model if there is one."""
         self.tried.append(row)
         self.models.append(model)
@@ -519,7 +521,7 @@ def share_beyond(count: int) -> float:
     return 1.0 - (1.0 - CONFIDENCE) ** (1.0 / count)
 
 
-def _judged(context: SearchContext, model: Any) -> tuple[np.ndarray, str, float]:
+def _judged(context: SearchContext, model: KeptModel) -> tuple[np.ndarray, str, float]:
     """Largest known errors of a model, by the norms of the target, their source, and the share that may exceed it."""
     if context.family is not None:
         exact = context.fresh(FRESH_PATHS)
@@ -542,7 +544,7 @@ def _judged(context: SearchContext, model: Any) -> tuple[np.ndarray, str, float]
     return _seen(context, model, points[_worst_first(said)[: FRESH // 2]] if said else None)
 
 
-def _seen(context: SearchContext, model: Any, suspects: np.ndarray | None) -> tuple[np.ndarray, str, float]:
+def _seen(context: SearchContext, model: KeptModel, suspects: np.ndarray | None) -> tuple[np.ndarray, str, float]:
     """Errors at fresh answers, including those at suspected points, and at answers of earlier checks."""
     before = list(context.held_out)
     random = FRESH if suspects is None else FRESH - len(suspects)
@@ -562,7 +564,7 @@ def _seen(context: SearchContext, model: Any, suspects: np.ndarray | None) -> tu
     return errors, known, share_beyond(min(random, len(exact)))
 
 
-def _silent(context: SearchContext, model: Any, points: np.ndarray) -> np.ndarray | None:
+def _silent(context: SearchContext, model: KeptModel, points: np.ndarray) -> np.ndarray | None:
     """Some of the points at which an exact model has no answer, or no finite error of an output of the target."""
     wanted = set(context.target.outputs)
     found = []
@@ -577,7 +579,7 @@ def _silent(context: SearchContext, model: Any, points: np.ndarray) -> np.ndarra
     return np.array(found) if found else None
 
 
-def _unresolved(model: Any) -> float:
+def _unresolved(model: KeptModel) -> float:
     """Expected error of an interpolation that spent its budget before it converged; zero for any other model,
     and for one that answers by the interpolation of its bound."""
     record = model.offline
@@ -587,7 +589,7 @@ def _unresolved(model: Any) -> float:
     return UNRESOLVED * worst if worst > record.settings.tolerance else 0.0
 
 
-def _said(model: Any, points: np.ndarray, target: Target) -> dict[str, np.ndarray]:
+def _said(model: KeptModel, points: np.ndarray, target: Target) -> dict[str, np.ndarray]:
     """Errors that a model estimates at some points, by the names of a target; empty without a bound.
 
     Indicators do not count: they follow errors without a scale. A point without an answer has an infinite error.
@@ -614,13 +616,13 @@ def _worst_first(said: Mapping[str, np.ndarray]) -> np.ndarray:
     return np.argsort(-np.max(beside, axis=0), kind="stable")
 
 
-def _compared(context: SearchContext, model: Any, exact: Sequence[Exact], room: float = 1.0) -> np.ndarray:
+def _compared(context: SearchContext, model: KeptModel, exact: Sequence[Exact], room: float = 1.0) -> np.ndarray:
     """Largest errors against exact answers, times a factor for unseen points; the answers are held out from now on."""
     context.held_out += exact
     return room * context.errors_of(model, exact).max(axis=0)
 
 
-def _query_time(context: SearchContext, model: Any) -> float:
+def _query_time(context: SearchContext, model: KeptModel) -> float:
     """Median seconds of a query of the target, for a point or a history."""
     if context.family is not None:
         paths = [item.full.path for item in context.held_out[-FRESH_PATHS:] if isinstance(item.full, History)]
@@ -629,12 +631,12 @@ def _query_time(context: SearchContext, model: Any) -> float:
     return median_time(context.target.ask(model), points, TIMING)  # accurate enough: models differ by a factor of three
 
 
-def _marched(model: Any, path: AnswerPath) -> None:
+def _marched(model: KeptModel, path: AnswerPath) -> None:
     with suppress(HHRError):
         model.march(path, MarchSettings(outside="ignore"))
 
 
-def _size(model: Any) -> int:
+def _size(model: KeptModel) -> int:
     """Bytes of a model in a file; 0 if no file can keep it."""
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "model.npz"

@@ -17,7 +17,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -28,6 +28,11 @@ from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.estimates import ASKED
 from hhr_dolfinx.models.functionals.kinds import Linear
 from hhr_dolfinx.parameters import is_number, is_whole
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.models.model import AnsweringModel
+
 
 LEAST_ERROR = 1e-12
 """Smallest target: answers of the full model are not more accurate. Exact condensation, which
@@ -79,7 +84,7 @@ class Target:
     of: tuple[str, ...]
 
     @classmethod
-    def checked(cls, error: Any, of: Any, full: Any) -> Target:
+    def checked(cls, error: Any, of: Any, full: FullOrderModel) -> Target:
         """Target for the answers of a full model.
 
         Raises:
@@ -115,7 +120,7 @@ class Target:
         """Outputs that it includes."""
         return tuple(word for word in self.of if word not in ASKED)
 
-    def ask(self, model: Any) -> Callable[[np.ndarray], Any]:
+    def ask(self, model: AnsweringModel) -> Callable[[np.ndarray], Any]:
         """Query of a point, (P,), that evaluates the quantities of the target, to be timed."""
 
         def query(point: np.ndarray) -> None:
@@ -153,7 +158,7 @@ class Errors:
         full: the full model.
     """
 
-    def __init__(self, target: Target, full: Any):
+    def __init__(self, target: Target, full: FullOrderModel):
         self.target = target
         self._problem = full.problem
         self._pressed = _pressed(full.problem)

@@ -14,11 +14,13 @@ import numpy as np
 
 from hhr_dolfinx import errors, ranks
 from hhr_dolfinx.models.answer import Answer, History
+from hhr_dolfinx.models.answer import Path as AnswerPath
 from hhr_dolfinx.snapshots.records import NOWHERE, compute_snapshots, with_fields
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
+    from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.snapshots.store import SnapshotStore
 
 Found = Answer | History | errors.HHRError
@@ -35,7 +37,7 @@ class Workers:
     """
 
     comm: Comm
-    full: Any
+    full: FullOrderModel
     store: SnapshotStore | None
 
     @property
@@ -43,7 +45,7 @@ class Workers:
         """Number of queries that are solved at once."""
         return int(self.comm.size)
 
-    def solved(self, questions: Sequence[Any]) -> list[Found]:
+    def solved(self, questions: Sequence[np.ndarray | AnswerPath]) -> list[Found]:
         """Exact answers, or errors for queries without one; called by the first rank, for which the others wait."""
         if self.comm.size > 1:
             self.comm.bcast(list(questions))
@@ -59,7 +61,7 @@ class Workers:
         if self.comm.size > 1:
             self.comm.bcast(None)
 
-    def _shared(self, questions: Sequence[Any]) -> list[Found]:
+    def _shared(self, questions: Sequence[np.ndarray | AnswerPath]) -> list[Found]:
         """Results of all ranks, on the first one."""
         comm = self.comm
         if comm.size == 1:
@@ -78,14 +80,14 @@ class Workers:
             return []
         return [self._taken(parts[k % comm.size][k // comm.size]) for k in range(len(questions))]
 
-    def _tried(self, question: Any) -> Found:
+    def _tried(self, question: np.ndarray | AnswerPath) -> Found:
         """One answer, or the reason for its absence."""
         try:
             return self._answered(question)
         except errors.HHRError as error:
             return error
 
-    def _answered(self, question: Any) -> Answer | History:
+    def _answered(self, question: np.ndarray | AnswerPath) -> Answer | History:
         """One exact answer, from the store if it is there."""
         full = self.full
         if not isinstance(question, np.ndarray):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy.sparse import coo_matrix, csr_matrix
@@ -13,6 +13,10 @@ from hhr_dolfinx.geometries.cells import CORNERS, TENSOR, outer_faces_of_cells
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.plugins.pages.scenery import NAME, Scenery, Strains
 from hhr_dolfinx.scene import Scene
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.full import FullOrderModel
+
 
 PARTS = {3: ((0, 1, 2),), 4: ((0, 1, 2), (0, 2, 3))}
 """Triangles of a triangle, and of a quadrilateral with corners in circular order."""
@@ -24,14 +28,14 @@ ALIKE = 1e-9
 """Part of a stress below which its deviator counts as round-off of a pressure."""
 
 
-def write_scenery(full: Any, folder: Path) -> None:
+def write_scenery(full: FullOrderModel, folder: Path) -> None:
     """Write the scenery of a page next to a model in a folder. Collective."""
     scenery = scenery_of(full)
     if full.comm.rank == 0:
         scenery.write(folder / NAME)
 
 
-def scenery_of(full: Any) -> Scenery:
+def scenery_of(full: FullOrderModel) -> Scenery:
     """Scenery of the scene of a full model, on each of its ranks. Collective.
 
     In the plane all cells, in space faces of cells that no other cell shares; for cells of second order the corners.
@@ -66,7 +70,7 @@ def scenery_of(full: Any) -> Scenery:
     )
 
 
-def strains_of(full: Any, cells: np.ndarray) -> Strains | None:
+def strains_of(full: FullOrderModel, cells: np.ndarray) -> Strains | None:
     """Strains of the cells of triangles, (t,).
 
     None if a stress is more than moduli times strain: for bodies that are inelastic, change their shape or have a
@@ -95,7 +99,7 @@ def strains_of(full: Any, cells: np.ndarray) -> Strains | None:
     return Strains(places.astype(np.int64), bodies.astype(np.int64), rows, moduli, scene.hypothesis == "plane_stress")
 
 
-def _stressed_at_rest(full: Any) -> bool:
+def _stressed_at_rest(full: FullOrderModel) -> bool:
     """True if undeformed bodies have a von Mises' stress, from strains without stress that have a deviator."""
     if not any(hasattr(load, "eigenstrain_of") for load in full.scene.loads):
         return False

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+    from hhr_dolfinx.parameters import PointLike
     from hhr_dolfinx.plugins.sliding.repairing import RepairingSlider, SlidingPair
 
 ADVICE = {
@@ -102,7 +103,7 @@ class SlidingModel(KeptModel):
 
         return RepairingSlider(self, exactly=settings.time_tolerance is not None)
 
-    def coupling(self, mu: Any) -> float:
+    def coupling(self, mu: PointLike) -> float:
         """NaN, for unknown: rows change along a path."""
         return np.nan
 

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
@@ -19,6 +19,11 @@ from hhr_dolfinx.errors import BoundError, ReductionError
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity
 from hhr_dolfinx.plugins.theorems.rid_norms import Directions, Norms
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.models.reduced import ReducedModel
+
 
 SLACK = 1e-8
 """Relative accuracy of constants, by which others may be beyond them."""
@@ -122,7 +127,7 @@ def beyond(used: dict[str, Ellipticity], sharp: dict[str, Ellipticity]) -> dict[
     return found
 
 
-def check_models(full: Any, model: Any) -> None:
+def check_models(full: FullModel, model: ReducedModel) -> None:
     """Refuse models that the theorems are not on.
 
     Raises:

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from numbers import Real
-from typing import Any
+from typing import TYPE_CHECKING, Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -18,6 +18,9 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.certify.eigenvalues import DENSE, extreme_eigenvalue
 from hhr_dolfinx.errors import BoundError, NotSolvableError
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
 
 
 @dataclass(frozen=True)
@@ -33,7 +36,7 @@ class Ellipticity:
     coercivity: float
 
     @classmethod
-    def of(cls, full: Any) -> Ellipticity:
+    def of(cls, full: FullModel) -> Ellipticity:
         """Constants of a full model in the Euclidean norm of nodal values, found once and kept as long as it lives.
 
         Where the stiffness depends on parameters, those of the middle of the box.
@@ -63,7 +66,7 @@ class Ellipticity:
         return Ellipticity(factor * self.continuity, factor * self.coercivity)
 
 
-_KNOWN: WeakKeyDictionary[Any, Ellipticity] = WeakKeyDictionary()
+_KNOWN: WeakKeyDictionary[FullModel, Ellipticity] = WeakKeyDictionary()
 
 
 def of_stiffness(stiffness: csr_matrix, solve: Callable[[np.ndarray], np.ndarray]) -> Ellipticity:
@@ -162,7 +165,7 @@ def _found(prepared: Callable[[], Any]) -> tuple[float, float]:
     return found
 
 
-def _of_full(full: Any) -> Ellipticity:
+def _of_full(full: FullModel) -> Ellipticity:
     problem = full.problem
     if len(full.per_force) != problem.free.size:
         raise BoundError("ranks share the factors of K, and its constants need whole columns: build on MPI.COMM_SELF")

@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
@@ -18,6 +18,10 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.contact.problem import IndexSets
 from hhr_dolfinx.linear.sparse import FreeCholesky, ordering_of
 from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity, largest_eigenvalue, of_stiffness, on_dofs
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+
 
 NEGLIGIBLE = 1e-12
 """Singular value of modes cut off outside A over the largest, below which they are dependent to round-off."""
@@ -69,7 +73,7 @@ class Domain:
     factor: Callable[[np.ndarray], FreeCholesky]
 
     @classmethod
-    def of(cls, full: Any, sets: IndexSets) -> Domain:
+    def of(cls, full: FullModel, sets: IndexSets) -> Domain:
         """The RID of a reduced model of a full model on one rank."""
         from petsc4py import PETSc
 

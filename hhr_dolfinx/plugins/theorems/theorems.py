@@ -23,7 +23,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -42,6 +42,11 @@ from hhr_dolfinx.plugins.theorems.constants import (
 from hhr_dolfinx.plugins.theorems.ellipticity import Ellipticity
 from hhr_dolfinx.plugins.theorems.imposed_interface import ImposedInterface
 from hhr_dolfinx.plugins.theorems.rid_norms import Directions, Domain, EnergyNorms, EuclideanNorms, Norms, root
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.models.reduced import ReducedModel
+
 
 THEOREMS = ("3", "4", "4 kernel", "5", "6", "8")
 ROUND_OFF = 1e-10
@@ -90,8 +95,8 @@ class ThesisBounds:
     @classmethod
     def of(
         cls,
-        full: Any,
-        model: Any,
+        full: FullOrderModel,
+        model: ReducedModel,
         norm: str = "energy",
         constants: Ellipticity | None = None,
         *,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -17,6 +17,10 @@ from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.study.scene.check import check_scene
 from hhr_dolfinx.study.scene.picture import AROUND, figure_of_scene
 
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+
 with extra("pictures", "a figure"):
     from matplotlib.collections import PolyCollection
     from matplotlib.figure import Figure
@@ -25,13 +29,17 @@ SHIFT = 0.1
 """Limit of drawn displacements, over the extent of the mesh: smaller ones are magnified by a power of ten up to it."""
 
 
-def figure_of(value: Scene | Answer, path: str | Path | None, full: Any = None) -> Figure:
+def figure_of(value: Scene | Answer, path: str | Path | None, full: FullOrderModel | None = None) -> Figure:
     """Figure of a scene, or of an answer on the mesh of a full model; saved if a path is given.
 
     Raises:
         SceneError: for a scene whose mesh cannot be generated.
     """
-    figure = _of_scene(value) if isinstance(value, Scene) else _of_answer(value, full)
+    if isinstance(value, Scene):
+        figure = _of_scene(value)
+    else:
+        assert full is not None
+        figure = _of_answer(value, full)
     if path is not None:
         figure.savefig(path, dpi=150)
     return figure
@@ -76,7 +84,7 @@ def _pressures(answer: Answer, full: FullOrderModel, pair: int) -> tuple[np.ndar
     return full.problem.contact_points[own][known], pressures[known]
 
 
-def _draw_pressures(axes: Any, answer: Answer, full: FullOrderModel) -> None:
+def _draw_pressures(axes: Axes, answer: Answer, full: FullOrderModel) -> None:
     """Curves of the pressure over the coordinate along which each contact extends most."""
     labels = set()
     for pair in range(len(full.scene.contacts)):
@@ -93,9 +101,9 @@ def _draw_pressures(axes: Any, answer: Answer, full: FullOrderModel) -> None:
     axes.legend()
 
 
-def _draw_bodies(figure: Figure, axes: Any, answer: Answer, full: FullOrderModel) -> None:
+def _draw_bodies(figure: Figure, axes: Axes, answer: Answer, full: FullOrderModel) -> None:
     """Cells at their displaced positions, magnified if displacements are small, coloured by their magnitude."""
-    discretisation: Any = full.discretisation
+    discretisation = full.discretisation
     displacement = answer.displacement().reshape(-1, 2)
     points = discretisation._points()
     factor = _magnified(
@@ -121,7 +129,7 @@ def _magnified(largest: float, extent: float) -> float:
     return max(1.0, 10.0 ** np.floor(np.log10(SHIFT * extent / largest))) if largest > 0 else 1.0
 
 
-def _draw_surface(figure: Figure, axes: Any, answer: Answer, full: FullOrderModel) -> None:
+def _draw_surface(figure: Figure, axes: Axes, answer: Answer, full: FullOrderModel) -> None:
     """Points of all contact surfaces, coloured by their pressure."""
     found = [_pressures(answer, full, pair) for pair in range(len(full.scene.contacts))]
     places, pressures = (np.concatenate(part) for part in zip(*found, strict=True))

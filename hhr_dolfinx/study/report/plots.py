@@ -24,6 +24,8 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.study.report.view import View
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
     from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
 
 
@@ -121,7 +123,7 @@ def _plot(
     plotter.close()
 
 
-def _draw_panel(plotter: Any, panel: _Panel, flat: bool) -> None:
+def _draw_panel(plotter: pyvista.Plotter, panel: _Panel, flat: bool) -> None:
     bar = {
         "title": panel.name,
         "vertical": False,
@@ -152,7 +154,7 @@ def _outline(still: pyvista.UnstructuredGrid, flat: bool) -> pyvista.PolyData:
     )
 
 
-def _finish(plotter: Any, title: str, outline: pyvista.PolyData, flat: bool) -> None:
+def _finish(plotter: pyvista.Plotter, title: str, outline: pyvista.PolyData, flat: bool) -> None:
     """Outline, title and camera of one picture."""
     if outline.n_cells:
         plotter.add_mesh(outline.copy(), color="k", line_width=1, opacity=0.6)
@@ -230,7 +232,7 @@ def _point(row: dict[str, Any], error: str) -> _Point:
     return _Point(row["online_s"], median, p95, worst, str(row["method"]), str(row.get("setting", "")))
 
 
-def _draw(axis: Any, points: list[_Point], floor: float) -> None:
+def _draw(axis: Axes, points: list[_Point], floor: float) -> None:
     """All points, with names next to them that do not overlap."""
     colours = {method: f"C{k % 10}" for k, method in enumerate(dict.fromkeys(point.method for point in points))}
     for k, point in enumerate(sorted(points, key=lambda point: point.seconds)):
@@ -466,7 +468,7 @@ def plot_panels(panels: Sequence[Panel], path: Path) -> None:
     _save(figure, path)
 
 
-def _curves(axes: Any, lines: Curves, marks: Curves, logarithmic: bool) -> None:
+def _curves(axes: Axes, lines: Curves, marks: Curves, logarithmic: bool) -> None:
     for k, (name, (where, values)) in enumerate(lines.items()):
         order = np.argsort(where)
         # zero has no logarithm

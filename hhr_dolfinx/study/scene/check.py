@@ -13,7 +13,7 @@ from hhr_dolfinx.contact.problem import ContactProblem, ContactRows
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.expected import expected_in_space
 from hhr_dolfinx.full_order.motions import described, free_bodies
-from hhr_dolfinx.loads import checked_terms, parted, placed
+from hhr_dolfinx.loads import Load, checked_terms, parted, placed
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.study.scene.findings import MISTAKE, NOTE, OK, SceneCheck
@@ -21,6 +21,8 @@ from hhr_dolfinx.study.scene.mesh import depth_inside, look_at_common_nodes, loo
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Law
+    from hhr_dolfinx.full_order.flow import GaussModel
+    from hhr_dolfinx.parameters import PointLike
 
 TOUCHING = 1e-6
 """Gaps below so many times the sag of facets count as zero: the bodies touch as drawn."""
@@ -35,7 +37,7 @@ OVERLAP = 2.0
 """Overlaps beyond so many times the sag of facets come from the bodies rather than from the mesh."""
 
 
-def check_scene(scene: Scene, point: Any = None) -> SceneCheck:
+def check_scene(scene: Scene, point: PointLike | None = None) -> SceneCheck:
     """Check a scene at a parameter, or in the middle of its box; nothing is factored or solved.
 
     Raises:
@@ -68,7 +70,7 @@ def check_scene(scene: Scene, point: Any = None) -> SceneCheck:
     return found
 
 
-def _problem(discretisation: Discretisation) -> tuple[ContactProblem, Any]:
+def _problem(discretisation: Discretisation) -> tuple[ContactProblem, GaussModel | None]:
     """The problem, with its stiffness assembled, and the Gauss points of inelastic bodies, which exist in any case."""
     gauss = None
     if any(body.law is not None for body in discretisation.scene.bodies):
@@ -118,7 +120,7 @@ def _names(found: SceneCheck) -> None:
 
 def _pairs(found: SceneCheck) -> None:
     """Check each contact pair separately, so that all of them are reported."""
-    discretisation: Any = found.discretisation
+    discretisation = found.meshed
     for item in found.scene.contacts:
         surfaces: list[Surface] = []
         rows = None
@@ -259,8 +261,8 @@ def _loads(found: SceneCheck, point: np.ndarray) -> None:
             _load(found, load, point)
 
 
-def _load(found: SceneCheck, load: Any, point: np.ndarray) -> None:
-    discretisation: Any = found.discretisation
+def _load(found: SceneCheck, load: Load, point: np.ndarray) -> None:
+    discretisation = found.meshed
     dim = discretisation.mesh.geometry.dim
     terms = load.terms(discretisation.assembler(load))
     name = f"{type(load).__name__} on {getattr(load, 'tag', 'the scene')!r}"
@@ -285,9 +287,9 @@ def _load(found: SceneCheck, load: Any, point: np.ndarray) -> None:
         found.say(OK, f"{name}: {sum(part.shape[1] for part in columns)} columns that depend on parameters")
 
 
-def _forces(found: SceneCheck, load: Any, point: np.ndarray) -> np.ndarray:
+def _forces(found: SceneCheck, load: Load, point: np.ndarray) -> np.ndarray:
     """Nodal forces of a load at a point, (N,)."""
-    discretisation: Any = found.discretisation
+    discretisation = found.meshed
     terms = [term for part in parted(checked_terms(load, discretisation.assembler(load))) for term in part]
     amplitudes = Amplitudes.collect([term.amplitude for term in terms], found.scene.parameters)
     return placed(terms, 1, (discretisation.size, amplitudes.firsts[-1])) @ amplitudes(point)
@@ -298,7 +300,7 @@ def _vanishes(amplitude: Any) -> bool:
     return isinstance(amplitude, Amplitude) and not amplitude.constant and not any(amplitude.slopes.values())
 
 
-def _outputs(found: SceneCheck, problem: ContactProblem, gauss: Any) -> None:
+def _outputs(found: SceneCheck, problem: ContactProblem, gauss: GaussModel | None) -> None:
     """Report outputs of missing parts."""
     assert found.discretisation is not None
     from hhr_dolfinx.full_order.outputs import probe_of

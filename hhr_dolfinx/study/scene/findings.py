@@ -58,6 +58,12 @@ class SceneCheck:
         return [finding for finding in self.findings if finding.level == MISTAKE]
 
     @property
+    def meshed(self) -> Discretisation:
+        """Its mesh, for parts of a check that run only if it has one."""
+        assert self.discretisation is not None
+        return self.discretisation
+
+    @property
     def drawable(self) -> bool:
         """True if there is a mesh to draw."""
         return self.discretisation is not None

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from itertools import combinations
-from typing import Any
 
 import numpy as np
 from dolfinx import geometry
@@ -18,7 +17,7 @@ from hhr_dolfinx.body import Body
 from hhr_dolfinx.full_order.checks import CORNERS
 from hhr_dolfinx.geometries.mesh_file import MeshFile
 from hhr_dolfinx.pairings.surface import Surface
-from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.parameters import ParameterSpace, PointLike
 from hhr_dolfinx.study.scene.findings import NOTE, OK, SceneCheck
 
 BAD_CELL = 0.1
@@ -54,7 +53,7 @@ class MeshLook:
     @classmethod
     def of(cls, found: SceneCheck) -> MeshLook:
         """Nodes and cells of a scene with a mesh."""
-        discretisation: Any = found.discretisation
+        discretisation = found.meshed
         corners = CORNERS[discretisation.mesh.topology.cell_name()]
         return cls(discretisation._points(), discretisation._cell_nodes(), discretisation.cell_bodies(), corners)
 
@@ -109,7 +108,7 @@ COARSE = 0.1
 """Estimated part of the stress in energy above which a mesh is reported as coarse."""
 
 
-def look_at_mesh_error(found: SceneCheck, point: Any = None) -> None:
+def look_at_mesh_error(found: SceneCheck, point: PointLike | None = None) -> None:
     """Solve in full once, at a parameter or in the middle of the box, and report the estimated error of the mesh."""
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.full_order.mesh_error import mesh_error

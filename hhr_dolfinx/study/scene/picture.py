@@ -3,11 +3,17 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.compat import extra
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+
+    from hhr_dolfinx.parameters import Tag
+
 
 with extra("pictures", "pictures of a scene"):
     import matplotlib
@@ -41,7 +47,7 @@ def figure_of_scene(found: Any) -> Figure:
     assert found.discretisation is not None
     figure = Figure(figsize=(9, 6.5), layout="constrained")
     flat = found.discretisation.mesh.geometry.dim == 2
-    axes: Any = figure.subplots() if flat else figure.add_subplot(projection="3d")
+    axes: Axes = figure.subplots() if flat else figure.add_subplot(projection="3d")
     (_plane if flat else _space)(found, axes)
     unit = "" if found.scene.units is None else f" [{found.scene.units.length}]"
     axes.set(xlabel=f"x{unit}", ylabel=f"y{unit}", title=found.scene.name)
@@ -49,10 +55,10 @@ def figure_of_scene(found: Any) -> Figure:
     return figure
 
 
-def _plane(found: Any, axes: Any) -> None:
+def _plane(found: Any, axes: Axes) -> None:
     from hhr_dolfinx.geometries.cells import CORNERS
 
-    discretisation: Any = found.discretisation
+    discretisation = found.discretisation
     points = discretisation._points()
     cells = discretisation._cell_nodes()[:, : CORNERS[discretisation.mesh.topology.cell_name()]]
     owner = discretisation.cell_bodies()
@@ -73,7 +79,7 @@ def _plane(found: Any, axes: Any) -> None:
     axes.autoscale_view()
 
 
-def _marks(found: Any, axes: Any, size: float) -> None:
+def _marks(found: Any, axes: Axes, size: float) -> None:
     """Marks on nodes with imposed displacements, and on those under a load, in the plane or in space."""
     items = found.scene.displacements
     for place, tag in enumerate(dict.fromkeys(item.tag for item in items)):
@@ -84,9 +90,9 @@ def _marks(found: Any, axes: Any, size: float) -> None:
     _arrows(found, axes)
 
 
-def _arrows(found: Any, axes: Any) -> None:
+def _arrows(found: Any, axes: Axes) -> None:
     """Loads as arrows along their nodal forces at the checked parameter, each in a separate colour."""
-    discretisation: Any = found.discretisation
+    discretisation = found.discretisation
     points = discretisation._points()
     length = LENGTH * float(np.ptp(points, axis=0).max())
     for place, (name, forces) in enumerate(found.forces):
@@ -108,16 +114,16 @@ def _arrows(found: Any, axes: Any) -> None:
             axes.update_datalim(starts)
 
 
-def _nodes(found: Any, tag: Any) -> np.ndarray:
+def _nodes(found: Any, tag: Tag) -> np.ndarray:
     """Coordinates of the nodes of a surface, which may lie inside, (n, dim)."""
-    discretisation: Any = found.discretisation
+    discretisation = found.discretisation
     return discretisation._points()[discretisation._tagged_dofs(tag, 0) // discretisation.mesh.geometry.dim]
 
 
-def _space(found: Any, axes: Any) -> None:
+def _space(found: Any, axes: Axes) -> None:
     from hhr_dolfinx.geometries.cells import CORNERS, TENSOR, outer_faces
 
-    discretisation: Any = found.discretisation
+    discretisation = found.discretisation
     points = discretisation._points()
     owner = discretisation.cell_bodies()
     kind = discretisation.mesh.topology.cell_name()
