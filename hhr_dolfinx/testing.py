@@ -39,8 +39,10 @@ from hhr_dolfinx.snapshots.records import compute_snapshots
 from hhr_dolfinx.study.condensing import condense
 from hhr_dolfinx.warn import ignored
 
-LOWER_BODY, UPPER_BODY = two_blocks.FIRST, two_blocks.SECOND
-LOWER_SURFACE, UPPER_SURFACE = two_blocks.side(LOWER_BODY, 1, True), two_blocks.side(UPPER_BODY, 1, False)
+LOWER_BODY = two_blocks.FIRST
+UPPER_BODY = two_blocks.SECOND
+LOWER_SURFACE = two_blocks.side(LOWER_BODY, 1, True)
+UPPER_SURFACE = two_blocks.side(UPPER_BODY, 1, False)
 FLANK = two_blocks.side(UPPER_BODY, 0, True)
 """Tags of the blocks 1 <= x <= 2 below and above y = 1, of their surfaces there, and of the upper side at x = 2."""
 BOX = {"push": (0.005, 0.06), "slide": (-0.02, 0.02), "load": (0.0, 0.1), "gap": (0.0, 0.03)}
