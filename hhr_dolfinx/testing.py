@@ -346,7 +346,7 @@ def check_reductor(reductor: Any, known: Iterable[type] = (), *, tolerance: floa
             continue
         pairs = [[one.solve(point, outside="ignore") for one in (model, kept)] for point in sets[1].points]
         arrays = [[np.append(one.forces(), one.unknown) for one in pair] for pair in pairs]
-        _require(all(np.array_equal(*pair) for pair in arrays), "file")
+        _require(all(np.array_equal(one, other) for one, other in arrays), "file")
 
 
 def _check_answers(full: Any, model: Any, tolerance: float) -> None:
