@@ -4,6 +4,8 @@ export OMP_NUM_THREADS = 1
 export OPENBLAS_NUM_THREADS = 1
 # what is said comes as it is said, into a file or a pipe too
 export PYTHONUNBUFFERED = 1
+# set-up leaves compiling to the first import, which must be kept: else each of hundreds of processes compiles again
+unexport PYTHONDONTWRITEBYTECODE
 
 .PHONY: demo hertz pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes figures lint test quick slow docs setup mutants doctor without same
 

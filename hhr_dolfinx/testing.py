@@ -45,13 +45,18 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 
 
-LOWER_BODY, UPPER_BODY = two_blocks.FIRST, two_blocks.SECOND
-LOWER_SURFACE, UPPER_SURFACE = two_blocks.side(LOWER_BODY, 1, True), two_blocks.side(UPPER_BODY, 1, False)
+LOWER_BODY = two_blocks.FIRST
+UPPER_BODY = two_blocks.SECOND
+LOWER_SURFACE = two_blocks.side(LOWER_BODY, 1, True)
+UPPER_SURFACE = two_blocks.side(UPPER_BODY, 1, False)
 FLANK = two_blocks.side(UPPER_BODY, 0, True)
 """Tags of the blocks 1 <= x <= 2 below and above y = 1, of their surfaces there, and of the upper side at x = 2."""
 BOX = {"push": (0.005, 0.06), "slide": (-0.02, 0.02), "load": (0.0, 0.1), "gap": (0.0, 0.03)}
 """Bounds of the motion of the top down and aside, of the pressure on the flank, and of the opening of the contact."""
-STEP, ROUND_OFF, OF_FUNCTIONS, OF_ANSWERS = 1e-5, 1e-8, 1e-6, 1e-5
+STEP = 1e-5
+ROUND_OFF = 1e-8
+OF_FUNCTIONS = 1e-6
+OF_ANSWERS = 1e-5
 """Step of differences over the box or the size of a block, and relative errors: of exact answers, for cond(K) < 1e4; of
 differences of smooth functions; and of those of answers, whose round-off is larger."""
 Bounds = Mapping[str, tuple[float, float]]
@@ -118,7 +123,8 @@ def pressed_blocks(parameters: Bounds | None = None, *, cells: int = 4, **change
     """
     box = {**BOX, **(parameters or {})}
     first, second = (((1.0, low), (2.0, low + 1.0), (cells, cells)) for low in (0.0, 1.0))
-    clamped, top = two_blocks.side(LOWER_BODY, 1, False), two_blocks.side(UPPER_BODY, 1, True)
+    clamped = two_blocks.side(LOWER_BODY, 1, False)
+    top = two_blocks.side(UPPER_BODY, 1, True)
     moved = [Displacement(top, k, Amplitude(slopes=slope)) for k, slope in enumerate(({"slide": 1.0}, {"push": -1.0}))]
     given: dict[str, Any] = {
         "name": "pressed_blocks",
@@ -142,7 +148,8 @@ def check_pairing(pairing: Any) -> None:
     """
     space = Discretisation(pressed_blocks(contacts=(pairing,)))
     surfaces = [space.surface(tag) for tag in pairing.tags]
-    rows, again = space.contact_rows()[0], pairing.rows(surfaces, space.size)
+    rows = space.contact_rows()[0]
+    again = pairing.rows(surfaces, space.size)
     nodes = np.concatenate([surface.nodes for surface in surfaces])
     _require(np.isin([*rows.slaves, *(rows.matrix.indices // 2)], nodes).all(), "nodes")
     right = np.shape(rows.points) == (rows.gap.size, 2) and np.min(rows.areas) >= 0 and np.any(rows.areas)
@@ -150,14 +157,17 @@ def check_pairing(pairing: Any) -> None:
     same = np.array_equal(rows.gap, again.gap) and abs(rows.matrix - again.matrix).max() == 0
     _require(right and same, "rows")
     for place, surface in enumerate(surfaces):
-        normal, motion, gaps = mean_normal(surface), np.zeros((space.size // 2, 2)), []
+        normal = mean_normal(surface)
+        motion = np.zeros((space.size // 2, 2))
+        gaps = []
         motion[surface.nodes] = normal
         for step in (-STEP, STEP):
             moved = replace(surface, points=surface.points + step * normal)
             with ignored(PairingWarning):
                 gaps.append(pairing.rows([*surfaces[:place], moved, *surfaces[place + 1 :]], space.size).gap)
         if len(surfaces) > 1 or not np.array_equal(*gaps):  # not a given number
-            found, expected = (gaps[1] - gaps[0]) / (2 * STEP), -(rows.matrix @ motion.ravel())
+            found = (gaps[1] - gaps[0]) / (2 * STEP)
+            expected = -(rows.matrix @ motion.ravel())
             worst = int(np.abs(found - expected).argmax())
             right = abs(found - expected)[worst] <= OF_FUNCTIONS
             _require(right, "gap", worst, found[worst], surface.tag, expected[worst])
@@ -182,14 +192,17 @@ def check_law(law: Any, *, young: float = 200.0, poisson: float = 0.3, strain: f
 
     One that declares ``rated = False`` does not depend on dt, and returns to its surface or below.
     """
-    random, mu = np.random.default_rng(0), young / (2 + 2 * poisson)
+    random = np.random.default_rng(0)
+    mu = young / (2 + 2 * poisson)
     material = Material([Group(np.arange(60), young, poisson, law)], 4)
-    state, path = material.at_rest(), np.zeros((60, 4))
+    state = material.at_rest()
+    path = np.zeros((60, 4))
     for _ in range(8):
         path = path + strain / 4 * random.standard_normal(path.shape)
         state = material.update(path, state, dt, tangent=False).state  # refuses flow that does not dissipate
     _require(state.cumulated.any(), "idle", strain, young)
-    trial, old = 2 * mu * strain * 10 ** random.uniform(-1, 0.5, 60), state.cumulated
+    trial = 2 * mu * strain * 10 ** random.uniform(-1, 0.5, 60)
+    old = state.cumulated
     flow = amount, slope = flow_of(law, trial, old, mu, dt)
     alone = np.hstack([flow_of(law, trial[k : k + 1], old[k : k + 1], mu, dt) for k in range(60)])
     _require(np.allclose(alone, flow, rtol=1e-12, atol=0), "alone")
@@ -247,7 +260,8 @@ def check_output(output: Any, parameters: Bounds | None = None) -> None:
     (item,) = full.functionals.items
     same = (item.name, item.unit) == (output.name, output.unit)
     _require(same, "name", item.name, item.unit, output.name, output.unit)
-    points, space = full.parameters.random(12, 0), full.parameters  # the sixth opens the contact
+    points = full.parameters.random(12, 0)  # the sixth opens the contact
+    space = full.parameters
     values = [value(full, point) for point in points]
     _require(np.isfinite(values).all() and np.ptp(values) > 1e-12, "value", values)
     condensed = condense(full)
@@ -258,7 +272,8 @@ def check_output(output: Any, parameters: Bounds | None = None) -> None:
         slopes = answer.gradient[output.name]
         expected = space.differences(lambda moved: np.array([value(full, moved)]), point, STEP)[0]
         # over the box, beside the round-off of values; at kinks there are two slopes
-        widths, size = np.subtract(space.upper, space.lower), np.abs(values).max()
+        widths = np.subtract(space.upper, space.lower)
+        size = np.abs(values).max()
         right = answer.one_sided or _near([*slopes * widths, size], [*expected * widths, size], OF_ANSWERS)
         _require(right, "slopes", slopes, expected)
     kept = _saved(condensed, _classes(item))
@@ -275,16 +290,22 @@ def check_system(system: Callable[..., Any], parameters: Bounds | None = None) -
         return np.append(unknown, at.gaps - at.problem.contact @ unknown)
 
     full = FullOrderModel(pressed_blocks(parameters, system=system))
-    points, random, free = full.parameters.random(4, 0), np.random.default_rng(0), full.problem.free
-    forces, tried = random.standard_normal(full.conditions), random.standard_normal(free.size) * free
+    points = full.parameters.random(4, 0)
+    random = np.random.default_rng(0)
+    free = full.problem.free
+    forces = random.standard_normal(full.conditions)
+    tried = random.standard_normal(free.size) * free
     for point in points:
-        at, parts = full.system.at(point), full.system.parts()
-        schur, solved = at.stiffness.schur, at.stiffness.solve(tried)
+        at = full.system.at(point)
+        parts = full.system.parts()
+        schur = at.stiffness.schur
+        solved = at.stiffness.solve(tried)
         own = at.problem.contact @ at.stiffness.response_to_forces(np.eye(len(schur)))
         matrix = getattr(at.stiffness, "matrix", schur)  # factors read one half of it
         symmetric = abs(matrix - matrix.T).max() <= ROUND_OFF * abs(matrix).max()
         _require(symmetric and _near(schur, schur.T, ROUND_OFF) and _near(own, schur, ROUND_OFF), "schur")
-        _, again = full.system.at(full.problem.middle), full.system.at(point)
+        full.system.at(full.problem.middle)  # another point in between
+        again = full.system.at(point)
         same = np.array_equal(at.loads, again.loads) and np.array_equal(solved, again.stiffness.solve(tried))
         _require(same, "point")
         unknown = respond(point)[: free.size]

@@ -9,7 +9,6 @@ from typing import ClassVar
 import numpy as np
 import pytest
 from scipy.sparse import csr_matrix
-from test_systems import Parted
 from toy_elimination import DenseElimination
 from toy_functional import PressureNorm, SmoothPeak
 from toy_law import Bingham
@@ -24,6 +23,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
 from hhr_dolfinx import testing as suite
 from hhr_dolfinx.errors import ConformanceError, NotOfferedError, ReductionError
+from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.testing import LOWER_SURFACE, UPPER_SURFACE
@@ -36,6 +36,16 @@ WIND = WindLoad(suite.FLANK, (1.0, 0.0), 0.5, "speed")
 LOADS = {"speed": (1.0, 3.0), "height": (1.1, 1.9)}
 K = {"k": (0.0, 20.0)}
 KNOWN = [DenseElimination]
+
+
+class Parted(Foundation):
+    """The same foundation with its parts."""
+
+    def parts(self):
+        names = self.problem.parameters.names
+        return (Modulus("1", "1", names), Modulus("k", "1", names)), (self.problem.own_stiffness, self.mass)
+
+
 PASS = [
     *((suite.check_pairing, part) for part in (
         PUNCH, NODES, FLOOR, hhr.NodeToSurface(LOWER_SURFACE, UPPER_SURFACE), hhr.Mortar(UPPER_SURFACE, LOWER_SURFACE),
