@@ -15,7 +15,7 @@ from inspect import signature
 from pathlib import Path
 from tempfile import TemporaryDirectory
 from types import FunctionType
-from typing import Any, TypeVar
+from typing import TYPE_CHECKING, Any, TypeVar
 
 import numpy as np
 from scipy.sparse import csc_matrix, hstack
@@ -38,6 +38,12 @@ from hhr_dolfinx.scene import Displacement, Opening, Scene
 from hhr_dolfinx.snapshots.records import compute_snapshots
 from hhr_dolfinx.study.condensing import condense
 from hhr_dolfinx.warn import ignored
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike
+
+    from hhr_dolfinx.models.model import AnsweringModel, KeptModel
+
 
 LOWER_BODY = two_blocks.FIRST
 UPPER_BODY = two_blocks.SECOND
@@ -105,7 +111,7 @@ def _blaming(check: Check) -> Check:
     return checked  # type: ignore[return-value]
 
 
-def _require(fits: Any, wrong: str, *given: Any) -> None:
+def _require(fits: bool | np.bool_, wrong: str, *given: Any) -> None:
     if not fits:
         raise ConformanceError(WRONG[wrong].format(*given))
 
@@ -247,7 +253,7 @@ def check_load(load: Any, parameters: Bounds | None = None) -> None:
 def check_output(output: Any, parameters: Bounds | None = None) -> None:
     """Check an output of contact 0 or of the blocks: value, slopes and unit, in a condensed model and a file too."""
 
-    def value(model: Any, point: np.ndarray) -> float:
+    def value(model: AnsweringModel, point: np.ndarray) -> float:
         return model.outputs(point)[output.name]
 
     full = FullOrderModel(pressed_blocks(parameters, outputs=(output,)))
@@ -349,7 +355,7 @@ def check_reductor(reductor: Any, known: Iterable[type] = (), *, tolerance: floa
         _require(all(np.array_equal(one, other) for one, other in arrays), "file")
 
 
-def _check_answers(full: Any, model: Any, tolerance: float) -> None:
+def _check_answers(full: FullOrderModel, model: AnsweringModel, tolerance: float) -> None:
     """Compare answers, bounds and gradients of the forces at points that were not trained on."""
 
     def forces(point: np.ndarray) -> np.ndarray:
@@ -373,11 +379,12 @@ def _check_answers(full: Any, model: Any, tolerance: float) -> None:
             found = model.solve(there.parameter, gradient=True, outside="ignore").gradient
         except NotOfferedError:
             continue
+        assert found is not None
         expected = full.parameters.differences(forces, there.parameter, STEP)
         _require(found.one_sided or _near(found.multipliers, expected, OF_ANSWERS), "gradient")
 
 
-def _near(found: Any, expected: Any, tolerance: float) -> bool:
+def _near(found: ArrayLike, expected: ArrayLike, tolerance: float) -> bool:
     """True if arrays agree relative to the largest entry."""
     return bool(np.abs(np.subtract(found, expected)).max() <= tolerance * np.abs(expected).max() + 1e-14)
 
@@ -394,7 +401,7 @@ def _from_file(value: Any) -> Any:
     return restored(*as_plain(value), by_name(_classes(value)))
 
 
-def _saved(model: Any, known: Iterable[type]) -> Any:
+def _saved(model: KeptModel, known: Iterable[type]) -> Any:
     """The model as its file restores it."""
     with TemporaryDirectory() as folder:
         save_model(Path(folder) / "model.npz", model)
