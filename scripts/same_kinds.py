@@ -509,8 +509,10 @@ def _outputs(answer: Any) -> Any:
 def _columns(found: Any) -> list[Any]:
     """Columns of a table that some kinds of models have: which model answered, whether the full one did."""
     if hasattr(found, "columns"):
-        return list(found.columns.values())
-    return [column for column in (found.fell_back, found.model) if column is not None]
+        own = list(found.columns.values())
+    else:
+        own = [column for column in (found.fell_back, found.model) if column is not None]
+    return [np.asarray(column, dtype=float) for column in own]
 
 
 ANSWER: dict[str, Callable[[Any], Any]] = {

@@ -1,5 +1,6 @@
 """The comparison of two commits itself: what differs by one bit, or is missing, fails and is named."""
 
+import importlib.metadata
 import sys
 from pathlib import Path
 
@@ -27,13 +28,13 @@ ERRORS = {"HHR/page": "hhr_dolfinx.NotOfferedError: no page"}
 def ended(tmp_path):
     """Exit code and print of a comparison of these arrays with changed ones."""
 
-    def run(changes=(), errors=ERRORS, allow=""):
+    def run(changes=(), errors=ERRORS, allow="", every=False):
         arrays = {name: array for name, array in (ARRAYS | dict(changes)).items() if array is not None}
         same.Dump(ARRAYS, ERRORS).write(tmp_path / "a.npz")
         same.Dump(arrays, errors).write(tmp_path / "b.npz")
         (tmp_path / "allow.txt").write_text(allow)
         words = ["compare", str(tmp_path / "a.npz"), str(tmp_path / "b.npz"), "--allow", str(tmp_path / "allow.txt")]
-        found = CliRunner().invoke(same.main, words)
+        found = CliRunner().invoke(same.main, [*words, *(["--all"] if every else [])])
         return found.exit_code, found.output
 
     return run
@@ -82,7 +83,9 @@ def test_what_is_allowed_is_the_same(ended):
 
 
 def test_a_line_that_allows_nothing_is_said(ended):
-    assert "nothing differs that is allowed by: full/*" in ended(allow="full/* | 1e-15 | another kind")[1]
+    line = "full/* | 1e-15 | another kind"
+    assert "1 of 1 lines allow nothing" in ended(allow=line)[1]
+    assert "nothing differs that is allowed by: full/*" in ended(allow=line, every=True)[1]
     assert ended(allow="full/* | 1e-15")[0] == 1
 
 
@@ -112,3 +115,19 @@ def test_the_package_of_another_place_is_not_believed(tmp_path, monkeypatch):
     monkeypatch.setattr(sys, "meta_path", list(sys.meta_path))
     with pytest.raises(RuntimeError, match="was loaded from"):
         same.load_tree(tmp_path)
+
+
+def test_plug_ins_are_those_of_the_tree(tmp_path):
+    """The environment may have been installed from another one."""
+    text = (
+        '[project]\nname = "hhr_dolfinx"\nversion = "7"\n[project.entry-points."a group"]\nwear = "somewhere:PLUGIN"\n'
+    )
+    (tmp_path / "pyproject.toml").write_text(text)
+    sys.meta_path.insert(0, same.TreeFinder(tmp_path))
+    try:
+        points = importlib.metadata.entry_points(group="a group")
+        assert [(point.name, point.value) for point in points] == [("wear", "somewhere:PLUGIN")]
+        assert importlib.metadata.version("hhr_dolfinx") == "7" and importlib.metadata.version("numpy")
+        assert not importlib.metadata.entry_points(group="hhr_dolfinx.plugins")
+    finally:
+        del sys.meta_path[0]
