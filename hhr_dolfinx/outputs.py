@@ -71,7 +71,7 @@ class PlacedOutput(Protocol):
 
 
 class ModelProbe(Protocol):
-    """What an output may read of the finite element model: :class:`hhr_dolfinx.full_order.outputs.Probe`."""
+    """Interface of the finite element model to an output: :class:`hhr_dolfinx.full_order.outputs.Probe`."""
 
     @property
     def scene(self) -> ProbedScene:

@@ -3,7 +3,7 @@
 A check takes the part, or a function without arguments that makes it, and raises :class:`ConformanceError` with one
 sentence that says what is wrong and what to do. The blocks need no optional package. Parts refer to them by the tags
 below, to contact 0, and to the parameters of :data:`BOX` or to your own, which you give by name with their bounds. No
-check proves that a part models what you mean: write tests of your own for that.
+check proves that a part models what you mean: write your own tests for that.
 """
 
 from __future__ import annotations
@@ -117,7 +117,7 @@ def _require(fits: bool | np.bool_, wrong: str, *given: Any) -> None:
 
 
 def pressed_blocks(parameters: Bounds | None = None, *, cells: int = 4, **changes: Any) -> Scene:
-    """Blocks of so many cells per axis: the lower one is clamped, the upper one pushed down, slid, and pressed aside.
+    """Blocks of so many cells per axis: the lower one is clamped, the upper one is pressed down and slides.
 
     ``parameters`` are added to :data:`BOX`, and ``changes`` replace parts of the scene.
     """
@@ -125,14 +125,16 @@ def pressed_blocks(parameters: Bounds | None = None, *, cells: int = 4, **change
     first, second = (((1.0, low), (2.0, low + 1.0), (cells, cells)) for low in (0.0, 1.0))
     clamped = two_blocks.side(LOWER_BODY, 1, False)
     top = two_blocks.side(UPPER_BODY, 1, True)
-    moved = [Displacement(top, k, Amplitude(slopes=slope)) for k, slope in enumerate(({"slide": 1.0}, {"push": -1.0}))]
+    imposed = [
+        Displacement(top, k, Amplitude(slopes=slope)) for k, slope in enumerate(({"slide": 1.0}, {"push": -1.0}))
+    ]
     given: dict[str, Any] = {
         "name": "pressed_blocks",
         "geometry": lambda comm: two_blocks.two_blocks(comm, first=first, second=second),
         "hypothesis": "plane_strain",
         "bodies": (Body(LOWER_BODY, 2.0, 0.3), Body(UPPER_BODY, 5.0, 0.3)),
         "contacts": (NodeToNode(LOWER_SURFACE, UPPER_SURFACE, (0.0, 1.0)),),
-        "displacements": (*Displacement.clamp(clamped, 2), *moved),
+        "displacements": (*Displacement.clamp(clamped, 2), *imposed),
         "loads": (Pressure(FLANK, Amplitude(slopes={"load": 1.0})),),
         "openings": (Opening(0, Amplitude(slopes={"gap": 1.0})),),
         "parameters": ParameterSpace(tuple(box), *zip(*box.values(), strict=True)),
@@ -162,9 +164,9 @@ def check_pairing(pairing: Any) -> None:
         gaps = []
         motion[surface.nodes] = normal
         for step in (-STEP, STEP):
-            moved = replace(surface, points=surface.points + step * normal)
+            shifted = replace(surface, points=surface.points + step * normal)
             with ignored(PairingWarning):
-                gaps.append(pairing.rows([*surfaces[:place], moved, *surfaces[place + 1 :]], space.size).gap)
+                gaps.append(pairing.rows([*surfaces[:place], shifted, *surfaces[place + 1 :]], space.size).gap)
         if len(surfaces) > 1 or not np.array_equal(*gaps):  # not a given number
             found = (gaps[1] - gaps[0]) / (2 * STEP)
             expected = -(rows.matrix @ motion.ravel())
@@ -270,7 +272,7 @@ def check_output(output: Any, parameters: Bounds | None = None) -> None:
     for point in points[:6] if item.differentiable else ():
         answer: Any = full.outputs(point, gradient=True)
         slopes = answer.gradient[output.name]
-        expected = space.differences(lambda moved: np.array([value(full, moved)]), point, STEP)[0]
+        expected = space.differences(lambda there: np.array([value(full, there)]), point, STEP)[0]
         # over the box, beside the round-off of values; at kinks there are two slopes
         widths = np.subtract(space.upper, space.lower)
         size = np.abs(values).max()

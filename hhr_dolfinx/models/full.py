@@ -116,7 +116,7 @@ class FullModel(Fields, Model, Protocol):
 
     @property
     def problem(self) -> ContactProblem:
-        """The algebraic contact problem; on several ranks each has the rows of its own dofs."""
+        """The algebraic contact problem; on several ranks each has the rows of its dofs."""
 
     @property
     def parameters(self) -> ParameterSpace:

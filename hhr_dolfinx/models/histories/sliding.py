@@ -38,7 +38,7 @@ WORK = 1e-3
 APART = 1e-9
 """Part of the largest gap above which a contact is open."""
 CUTS = 12
-"""How often a step may be halved to meet a tolerance."""
+"""Largest number of times that a step is halved to meet a tolerance."""
 
 
 class Reached(NamedTuple):
