@@ -183,13 +183,13 @@ class _Run:
             sizes_of(model), (settings.modes, settings.conditions), ("modes", "conditions"), strict=True
         ):
             if most is not None and size > most:
-                found.append(f"{size} {what} in the place of {most} at most: allow more models (most), or more of them")
+                found.append(f"{size} {what} instead of {most} at most: allow more models (most), or more of them")
         if np.isnan(errors).all():
             found.append("nothing is known of its errors: its forces were not held against the wish")
         elif not np.fmax.reduce(errors) <= settings.forces:
             worst = float(np.fmax.reduce(errors))
             found.append(
-                f"forces may be off by {worst:.2g} in the place of {settings.forces:g}: allow more rounds, or train on "
+                f"forces may be off by {worst:.2g} instead of {settings.forces:g}: allow more rounds, or train on "
                 "more"
             )
         return found
