@@ -20,6 +20,11 @@ settings.register_profile("patient", deadline=None, suppress_health_check=[Healt
 settings.load_profile("patient")
 
 
+NEEDING = {"test_demo.py": ("exporters", "pages"), "test_subspaces.py": ("theorems",)}
+"""Files whose scenes are of scripts that import plug-ins."""
+collect_ignore = [file for file, plugins in NEEDING.items() if not present(*plugins)]
+
+
 @pytest.hookimpl(tryfirst=True)  # before those that are not asked for are left out
 def pytest_collection_modifyitems(config, items):
     """Mark the cases of slow_cases.txt as slow; leave out tests whose plug-ins are not there."""

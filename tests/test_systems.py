@@ -16,7 +16,6 @@ from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.plugins.exporters.deck import write_deck
 
 BOX = {"k": (0.0, 20.0)}
 
@@ -140,7 +139,10 @@ def test_what_reads_k_refuses_it(reader, full, tmp_path):
         READERS[reader](full, tmp_path)
 
 
+@needs("exporters")
 def test_a_deck_and_bodies_with_a_law_refuse_it(tmp_path):
+    from hhr_dolfinx.plugins.exporters.deck import write_deck
+
     with pytest.raises(SceneError, match=r"K is that of a user's system .* which a deck cannot say"):
         write_deck(tmp_path / "deck.inp", Discretisation(scene(), MPI.COMM_SELF), scene().parameters.middle)
     flowing = hhr.Body(two_blocks.FIRST, 3.0, 0.3, hhr.Plasticity(0.1))

@@ -18,7 +18,6 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 from hhr_dolfinx.online.model_file import load_model
-from hhr_dolfinx.plugins.fallback.model import FallbackModel
 from hhr_dolfinx.study.scene.check import check_scene
 from hhr_dolfinx.study.scene.findings import OK
 
@@ -397,7 +396,7 @@ def test_a_model_of_another_scene(trained, tmp_path):
     hhr.save_model(path, trained)
     other = hhr.FullOrderModel(replace(body(2, young=2000.0)(your_scene.scene()), name="softer"))
     with pytest.raises(HHRError, match=r"another scene.*'softer': give the FullOrderModel of the scene that was"):
-        FallbackModel(load_model(path), other, 0.01)
+        hhr.FallbackModel(load_model(path), other, 0.01)
     with pytest.raises(HHRError, match=r"leaf_spring.msh .*build the model again"):
         load_model(MESH)
 
