@@ -139,3 +139,21 @@ def slope_errors(model, point, step=1e-5):
             found = getattr(answer.gradient, name)[:, place] * (high - low)
             errors.append(np.linalg.norm(found - change) / (np.linalg.norm(change) + 1e-3 * size) if size else 0.0)
     return np.array(errors).reshape(-1, 2)
+
+
+def squeezed(deepest):
+    """A soft block, squeezed on a rigid floor that is half a length below it."""
+    side = block.side
+    return hhr.Scene(
+        name="squeezed",
+        geometry=lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(10.0, 10.0), cells=(4, 4)),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(block.SOLID, young=3.0, poisson=0.3),),
+        contacts=(hhr.Obstacle(side(1, False), (0.0, -1.0), 0.5),),
+        parameters=hhr.ParameterSpace(("down",), (0.0,), (deepest,)),
+        displacements=(
+            hhr.Displacement(side(1, True), 0),
+            hhr.Displacement(side(1, True), 1, hhr.Amplitude(slopes={"down": -1.0})),
+        ),
+        outputs=(hhr.ContactForce("force", 0, (0.0, 1.0)),),
+    )

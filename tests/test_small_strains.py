@@ -6,7 +6,7 @@ import warnings
 import condensing
 import numpy as np
 import pytest
-from scenes import pressed_block
+from scenes import pressed_block, squeezed
 from test_plastic import tube
 
 import hhr_dolfinx as hhr
@@ -148,24 +148,6 @@ def test_a_strip_that_turns_far_at_small_strains(push, outcome):
     said = [str(item.message) for item in caught if item.category is SmallStrainWarning]
     assert len(said) == (outcome == "warned")
     assert all("push = 4: a rotation of 0.3 rad" in text and "w^2 / 2 = 0.04" in text for text in said)
-
-
-def squeezed(deepest):
-    """A soft block, squeezed on a rigid floor that is half a length below it."""
-    side = block.side
-    return hhr.Scene(
-        name="squeezed",
-        geometry=lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(10.0, 10.0), cells=(4, 4)),
-        hypothesis="plane_strain",
-        bodies=(hhr.Body(block.SOLID, young=3.0, poisson=0.3),),
-        contacts=(hhr.Obstacle(side(1, False), (0.0, -1.0), 0.5),),
-        parameters=hhr.ParameterSpace(("down",), (0.0,), (deepest,)),
-        displacements=(
-            hhr.Displacement(side(1, True), 0),
-            hhr.Displacement(side(1, True), 1, hhr.Amplitude(slopes={"down": -1.0})),
-        ),
-        outputs=(hhr.ContactForce("force", 0, (0.0, 1.0)),),
-    )
 
 
 @pytest.mark.filterwarnings("ignore:.*kept out of training")
