@@ -197,7 +197,7 @@ def test_solutions_that_do_not_move():
 
 
 def test_wishes_that_do_not_hold_are_told(training):
-    with pytest.warns(LocalModelWarning, match="modes in the place of 6"):
+    with pytest.warns(LocalModelWarning, match="modes instead of 6"):
         small = training.local(hhr.Splitting(modes=6, most=1, checks=20), recipe=FINE)
     assert small.offline.members[0].ell_bar > 6 and small.offline.missed
     with pytest.warns(LocalModelWarning, match="forces may be off"):
