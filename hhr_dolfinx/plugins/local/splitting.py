@@ -189,8 +189,7 @@ class _Run:
         elif not np.fmax.reduce(errors) <= settings.forces:
             worst = float(np.fmax.reduce(errors))
             found.append(
-                f"forces may be off by {worst:.2g} instead of {settings.forces:g}: allow more rounds, or train on "
-                "more"
+                f"forces may be off by {worst:.2g} instead of {settings.forces:g}: allow more rounds, or train on more"
             )
         return found
 
