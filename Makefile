@@ -99,9 +99,8 @@ test: setup
 	@echo "About ten minutes on two idle cores, three times as long on busy ones; dots come as tests are done."
 	.venv/bin/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
-QUICK = active_set bad_input bad_meshes bad_pairings basis bounds clusters cubature enrichment fields formulas forms full_order house \
-  greedy history_files interpolation laws loads local_histories local_models locking many mesh_files model_file \
-  path_families peers pictures reduced restriction sampling stability subspaces timing trust
+QUICK = active_set bad_input bad_meshes bad_pairings basis bounds cubature enrichment fields formulas forms full_order house history_files interpolation laws \
+  loads locking many mesh_files model_files path_families peers pictures reduced registry restriction sampling stability subspaces timing trust
 
 # for people at work: each room of the house, and that what was installed works, in less than a minute
 quick: setup

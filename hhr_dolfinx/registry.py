@@ -81,13 +81,10 @@ def installed() -> Mapping[str, Plugin]:
             _leave_out(plugin.name, f"{point.value} has the name of another plug-in")
             continue
         found[plugin.name] = plugin
-    while lacking := {name: set(plugin.needs) - found.keys() for name, plugin in found.items() if plugin.needs}:
-        if not any(lacking.values()):
-            break
-        for name, missing in lacking.items():
-            if missing:
-                _leave_out(name, f"it needs {', '.join(sorted(missing))}")
-                del found[name]
+    while lacking := [name for name, plugin in found.items() if not found.keys() >= set(plugin.needs)]:
+        for name in lacking:
+            missing = set(found.pop(name).needs) - found.keys()
+            _leave_out(name, f"it needs {', '.join(sorted(missing))}")
     return MappingProxyType(dict(sorted(found.items())))
 
 

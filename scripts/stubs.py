@@ -7,22 +7,19 @@ import importlib
 from pathlib import Path
 
 import hhr_dolfinx
+from hhr_dolfinx.registry import places_in
 
 ROOT = Path(hhr_dolfinx.__file__).parent
 
 
 def stub() -> str:
     """The file."""
-    names = {(module, name) for module, own in hhr_dolfinx.PUBLIC.items() for name in own.split()}
+    places = dict(places_in({f"hhr_dolfinx.{module}": own for module, own in hhr_dolfinx.PUBLIC.items()}))
     for folder in (ROOT / "plugins").iterdir():
         if (folder / "__init__.py").exists():
-            plugin = importlib.import_module(f"hhr_dolfinx.plugins.{folder.name}").PLUGIN
-            names |= {
-                (module.removeprefix("hhr_dolfinx."), name)
-                for module, own in plugin.public.items()
-                for name in own.split()
-            }
-    lines = [f"from .{module} import {name} as {name}" for module, name in sorted(names)]
+            places |= places_in(importlib.import_module(f"hhr_dolfinx.plugins.{folder.name}").PLUGIN.public)
+    named = sorted((place.partition(":")[0].removeprefix("hhr_dolfinx"), name) for name, place in places.items())
+    lines = [f"from {module} import {name} as {name}" for module, name in named]
     return "\n".join(['"""Public names for type checkers; written by scripts/stubs.py."""', "", *lines, ""])
 
 

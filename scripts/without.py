@@ -5,6 +5,7 @@ python scripts/without.py --all -- tests/core   # the core alone; what follows -
 """
 
 import argparse
+import importlib
 import os
 import re
 import shutil
@@ -19,8 +20,6 @@ OWN = "hhr_dolfinx.plugins."
 
 def manifests() -> dict[str, tuple[str, ...]]:
     """Our plug-ins, and what each needs."""
-    import importlib
-
     folders = [path.parent.name for path in (ROOT / "hhr_dolfinx" / "plugins").glob("*/__init__.py")]
     return {name: importlib.import_module(OWN + name).PLUGIN.needs for name in folders}
 
@@ -56,7 +55,7 @@ def copy_without(names: list[str], target: Path) -> None:
         (target / "hhr_dolfinx" / name).symlink_to(target / name, target_is_directory=True)
     settings = target / "pyproject.toml"
     lines = settings.read_text(encoding="utf-8").splitlines(keepends=True)
-    entries = re.compile(rf'^({"|".join(names)}) = "{re.escape(OWN)}' if names else "$.")
+    entries = re.compile(rf'^({"|".join(names)}) = "{re.escape(OWN)}')
     settings.write_text("".join(line for line in lines if not entries.match(line)), encoding="utf-8")
     subprocess.run([sys.executable, "setup.py", "-q", "egg_info"], cwd=target, check=True, capture_output=True)
 

@@ -383,6 +383,11 @@ def test_pages_name_what_is_there():
     assert not missing
 
 
+def test_files_of_make_quick_are_there():
+    text = (ROOT / "Makefile").read_text().partition("QUICK = ")[2].partition("\n\n")[0]
+    assert all((ROOT / "tests" / f"test_{name}.py").exists() for name in text.replace("\\", "").split())
+
+
 def test_slow_cases_are_those_of_tests_that_are_there():
     """A name that is not would leave a dear case in the tests of every day, or out of all."""
     tests = Path(__file__).parent

@@ -291,8 +291,7 @@ class _Blocks:
                         shutil.copyfileobj(source, target)
         reports = [json.loads(self._file(number, ".json").read_text()) for number in range(len(self))]
         self._clear()
-        heads = reports[0][1] if reports else {}
-        sums = {head: sum(own[head] for _, own, _ in reports) for head in heads}
+        sums = {head: sum(own[head] for _, own, _ in reports) for head in reports[0][1]}
         return [(row, why) for bad, *_ in reports for row, why in bad], sums
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from functools import partial
 from typing import Any
 
@@ -79,20 +79,18 @@ def measure_points(
         errors = references.errors(other)
         return Row(method, setting, time_queries({"online": other.solve}, fresh)["online"], errors)
 
-    # another solver with the same statuses differs by round-off, which tests of the full model measure
-    errors |= dict.fromkeys(baselines, errors["fom_best"])
+    errors |= {name: references.errors(item) for name, item in baselines.items()}
     if not baselines:
         skipped.append({"stage": "fom_naive", "why": _without_naive(full)})
     report = {
-        "times": {**_summaries(warm, TIMED), "cold_start": _summaries(cold, COLD), **offline},
-        "ratios": {**_ratios(warm), "cold_start": _ratios(cold)},
         "active_set": _searches(answers),
         "samples": _samples(points, answers, errors["online"]),
     }
+    report |= _times(warm, cold, baselines, offline)
     report |= _mesh_error(full, skipped) | _outputs(full, references.solutions, answers)
     own = Row("HHR", "this model", warm["online"], errors["online"])
-    how = {"condensed": "interpolated"} if offline else {}
-    order = [name for name in ("condensed", "fom_best", "fom_naive") if name in errors]
+    how = dict.fromkeys(baselines, "baseline") | ({"condensed": "interpolated"} if offline else {})
+    order = [name for name in ("condensed", "fom_best", *baselines) if name in errors]
     rows = [Row(name, how.get(name, "exact"), warm[name], errors[name]) for name in order]
     small = {name: models[name] for name in ("condensed",) if name in models}
     return Measurement(own, rows, beside, report, skipped, models=small)
@@ -196,11 +194,31 @@ def _twin(model: ReducedModel, factorise: Factorise) -> ReducedModel:
     return model.changed(trained=None, factorise=factorise)
 
 
+def _times(warm: Times, cold: Times, baselines: Iterable[str], offline: dict[str, Any]) -> dict[str, Any]:
+    """The ``times`` and ``ratios`` parts of a report, with the baselines that are registered.
+
+    Args:
+        warm, cold: seconds per query, from the usual and from no initial statuses.
+        baselines: their names.
+        offline: seconds of the stages of models that were made for the comparison.
+    """
+    return {
+        "times": {
+            **_summaries(warm, (*TIMED, *baselines)),
+            "cold_start": _summaries(cold, (*COLD, *baselines)),
+            **offline,
+        },
+        "ratios": {**_ratios(warm, baselines), "cold_start": _ratios(cold, baselines)},
+    }
+
+
 def _summaries(times: Times, names: tuple[str, ...]) -> dict[str, Any]:
     """Summaries by name; null for a model that was not run."""
     return {name: summary(times[name]) if name in times else None for name in names}
 
 
-def _ratios(times: Times) -> dict[str, float | None]:
+def _ratios(times: Times, baselines: Iterable[str]) -> dict[str, float | None]:
+    """Median times over that of the reduced model; null for a model that was not run."""
     online = np.median(times["online"])
-    return {f"{name}/online": float(np.median(times[name]) / online) if name in times else None for name in COMPARED}
+    names = (*COMPARED, *baselines)
+    return {f"{name}/online": float(np.median(times[name]) / online) if name in times else None for name in names}
