@@ -194,9 +194,8 @@ def _step(
                 memory.linearisation = None if slow else linear
                 memory.grow(scale, largest)
                 answer = found_as(found._replace(iterations=iteration), goal.parameter, x, model.fields)
-                kept = Memory(gauss=GaussState(update.stress, update.state))
-                if friction_step is not None:
-                    kept |= {"slip": friction_step.slip(x)}
+                slip = {} if friction_step is None else {"slip": friction_step.slip(x)}
+                kept = Memory(gauss=GaussState(update.stress, update.state), **slip)
                 return answer._replace(time=goal.time, memory=kept)
         active = found.active
         x = x + change if mixing is None else mixing(x, change)
