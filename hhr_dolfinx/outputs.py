@@ -22,7 +22,7 @@ from hhr_dolfinx.parameters import Tag, as_tuple, check_tag, is_number, is_whole
 if TYPE_CHECKING:
     import ufl
 
-    from hhr_dolfinx.contact.friction import Friction
+    from hhr_dolfinx.plugins.friction.laws import Friction
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.loads import Assembler
 
@@ -356,7 +356,7 @@ class StickArea(_OfContact):
 
     def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
-        from hhr_dolfinx.models.functionals.friction import StatusArea
+        from hhr_dolfinx.plugins.friction.functionals import StatusArea
 
         own, friction = probe.sliding(self)
         return StatusArea(self.name, self.unit, *_no_rows(), own, friction.area[own], self.sticks)
@@ -373,7 +373,7 @@ def _remembered(
     output: _OfContact, probe: ModelProbe, quantity: str, *, largest: bool, factor: float = 1.0
 ) -> Functional:
     """Functional of an accumulated quantity of friction in the contact of an output."""
-    from hhr_dolfinx.models.functionals.friction import Remembered
+    from hhr_dolfinx.plugins.friction.functionals import Remembered
 
     own, _ = probe.sliding(output)
     return Remembered(output.name, output.unit, *_no_rows(), own, quantity, factor, largest)

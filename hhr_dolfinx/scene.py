@@ -24,7 +24,7 @@ from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag, is_
 from hhr_dolfinx.units import Units
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Law
+    from hhr_dolfinx.plugins.friction.laws import Law
     from hhr_dolfinx.formulas import Formula
     from hhr_dolfinx.outputs import Output
     from hhr_dolfinx.shapes import Shape
@@ -253,7 +253,7 @@ class Scene:
         given = [getattr(item, "friction", None) for item in self.contacts]
         if all(item is None for item in given):
             return tuple(given)
-        from hhr_dolfinx.contact.friction import law_of
+        from hhr_dolfinx.plugins.friction.laws import law_of
 
         return tuple(law_of(item, f"contact {place} of scene '{self.name}'") for place, item in enumerate(given))
 
@@ -262,7 +262,7 @@ class Scene:
         laws = [(place, law) for place, law in enumerate(self.friction) if law is not None]
         if not laws:
             return
-        from hhr_dolfinx.contact.friction import FrictionLaw
+        from hhr_dolfinx.plugins.friction.laws import FrictionLaw
 
         for place, law in laws:
             FrictionLaw.of(law, self.parameters, f"contact {place} of scene '{self.name}'")

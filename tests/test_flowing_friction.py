@@ -12,10 +12,10 @@ from test_friction import FIRST, SECOND, resultants, round_block, rubbing
 from test_reduced_friction import OUTPUTS, paths
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.contact.friction import SlipState
-from hhr_dolfinx.contact.sliding_set import Increment, SlidingContact
+from hhr_dolfinx.plugins.friction.laws import SlipState
+from hhr_dolfinx.plugins.friction.sliding_set import Increment, SlidingContact
 from hhr_dolfinx.errors import FarSlidingWarning, NotOfferedError
-from hhr_dolfinx.models.histories import rubbing_flow
+from hhr_dolfinx.plugins.friction import rubbing_flow
 from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
 PATH = [

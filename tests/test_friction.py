@@ -20,8 +20,8 @@ from parts import fretting_study
 import hhr_dolfinx as hhr
 from hhr_dolfinx.command.main import hhr as hhr_command
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.sliding_set import Increment, SlidingContact
-from hhr_dolfinx.contact.uniqueness import coupling, error_bound
+from hhr_dolfinx.plugins.friction.sliding_set import Increment, SlidingContact
+from hhr_dolfinx.plugins.friction.uniqueness import coupling, error_bound
 from hhr_dolfinx.errors import (
     ConvergenceError,
     FarSlidingWarning,
@@ -610,8 +610,8 @@ def test_what_is_not_built_in_says_so():
 
 def test_what_does_not_settle_is_named_with_its_contacts(monkeypatch):
     model = hhr.condense(rubbing())
-    monkeypatch.setattr("hhr_dolfinx.contact.sliding_set.NEWTON", 0)
-    monkeypatch.setattr("hhr_dolfinx.contact.sliding_set.SWEEPS", (1,))
+    monkeypatch.setattr("hhr_dolfinx.plugins.friction.sliding_set.NEWTON", 0)
+    monkeypatch.setattr("hhr_dolfinx.plugins.friction.sliding_set.SWEEPS", (1,))
     with pytest.raises(ConvergenceError, match=r"stick and slip.*keep changing") as caught:
         model.march(PATH, hhr.MarchSettings(cuts=1))
     assert caught.value.history.answers == []

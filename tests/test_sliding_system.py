@@ -7,7 +7,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from hhr_dolfinx.contact.sliding_system import Rows, SlidingSystem, SlidingSystems, Statuses
+from hhr_dolfinx.plugins.friction.sliding_system import Rows, SlidingSystem, SlidingSystems, Statuses
 from hhr_dolfinx.errors import SingularError
 
 

@@ -28,7 +28,7 @@ from hhr_dolfinx.parameters import ParameterSpace, PointLike
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
-    from hhr_dolfinx.contact.friction import Friction
+    from hhr_dolfinx.plugins.friction.laws import Friction
     from hhr_dolfinx.formulas import Modulus, Scalar
 
 
@@ -191,7 +191,7 @@ class ContactProblem:
         loose: description of the bodies that contact holds, with their motions.
         whole_contact: B with the columns of imposed dofs, (N_lambda, N), for forces on them; None if it is unknown.
         pins: as many dofs as there are rigid motions of both kinds, which fix them; None if all bodies are held.
-        friction: tangential conditions, which follow those of pressures, see :mod:`hhr_dolfinx.contact.friction`; None
+        friction: tangential conditions, which follow those of pressures, see :mod:`hhr_dolfinx.plugins.friction.laws`; None
             without friction.
         comm: ranks that have some rows each; None if all rows are local.
     """

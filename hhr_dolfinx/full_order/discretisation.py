@@ -35,7 +35,7 @@ from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Friction
+    from hhr_dolfinx.plugins.friction.laws import Friction
     from hhr_dolfinx.formulas import Formula, Modulus
     from hhr_dolfinx.loads import Load
 
@@ -165,8 +165,8 @@ class Discretisation(DiscreteSpace):
         self, rows: ContactRows, pairs: np.ndarray, free: np.ndarray, lifts: csc_matrix
     ) -> tuple[ContactRows, np.ndarray, Friction]:
         """Append tangential rows to the conditions; return all rows, the pair of each, and the friction on them."""
-        from hhr_dolfinx.contact.friction import FrictionLaw
-        from hhr_dolfinx.contact.tangents import Mesh, with_tangents
+        from hhr_dolfinx.plugins.friction.laws import FrictionLaw
+        from hhr_dolfinx.plugins.friction.tangents import Mesh, with_tangents
 
         scene = self.scene
         laws = {

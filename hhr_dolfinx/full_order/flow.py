@@ -36,7 +36,7 @@ from hhr_dolfinx.trained import Signs
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
+    from hhr_dolfinx.plugins.friction.rubbing_step import RubbingStep
 
 
 @dataclass(frozen=True)

@@ -377,7 +377,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
             if self.friction is None:
                 return solve_along(self, checked, settings, known=known, keep=keep_small)
-            from hhr_dolfinx.models.histories.sliding import slide_along
+            from hhr_dolfinx.plugins.friction.slider import slide_along
 
             return slide_along(self, checked, settings, known=known, keep=keep_small)
         from hhr_dolfinx.models.histories.march import march

@@ -26,7 +26,7 @@ from hhr_dolfinx.shapes import coordinate_names
 
 if TYPE_CHECKING:
     from hhr_dolfinx.body import Body
-    from hhr_dolfinx.contact.friction import Friction
+    from hhr_dolfinx.plugins.friction.laws import Friction
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
     from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel
     from hhr_dolfinx.loads import Assembler

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
     from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status
-    from hhr_dolfinx.contact.friction import Friction
+    from hhr_dolfinx.plugins.friction.laws import Friction
     from hhr_dolfinx.contact.problem import ContactProblem, ScaledBodies
     from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness, Stiffness
     from hhr_dolfinx.linear.rows import Rows

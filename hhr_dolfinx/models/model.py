@@ -40,10 +40,10 @@ from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange, check_outside
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Friction
+    from hhr_dolfinx.plugins.friction.laws import Friction
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.functionals.functional import Outputs
-    from hhr_dolfinx.models.histories.sliding import Slider
+    from hhr_dolfinx.plugins.friction.slider import Slider
     from hhr_dolfinx.parameters import ParameterSpace, PointLike, PointsLike
 
 
@@ -196,7 +196,7 @@ class AnsweringModel(Shown):
             refuse_gradient(gradient)
             return one_step(self, point, raise_on_failure, outside, **step)
         if self.friction is not None:
-            from hhr_dolfinx.models.histories.sliding import proportional
+            from hhr_dolfinx.plugins.friction.slider import proportional
 
             return proportional(self, point, raise_on_failure, outside, gradient)
         self.check_range(point, outside)
@@ -231,7 +231,7 @@ class AnsweringModel(Shown):
 
     def slide(self, path: Path, settings: MarchSettings, **how: Any) -> History:
         """History of elastic bodies with friction along a checked path; see :func:`histories.sliding.slide_along`."""
-        from hhr_dolfinx.models.histories.sliding import slide_along
+        from hhr_dolfinx.plugins.friction.slider import slide_along
 
         return slide_along(self, path, settings, **how)
 
@@ -245,21 +245,21 @@ class AnsweringModel(Shown):
 
     def slider(self, settings: MarchSettings) -> Slider:
         """Solver of increments with friction."""
-        from hhr_dolfinx.models.histories.sliding import Slider
+        from hhr_dolfinx.plugins.friction.slider import Slider
 
         return Slider(self, settings.gradient)
 
     def coupling(self, mu: PointLike) -> float:
         """Strength of the coupling of pressures and slip by friction: below one, each increment has one answer.
 
-        From one on there may be several, and the search finds one of them; see :mod:`hhr_dolfinx.contact.uniqueness`.
+        From one on there may be several, and the search finds one of them; see :mod:`hhr_dolfinx.plugins.friction.uniqueness`.
         Zero without friction. NaN if unknown: for bodies with rigid motions, inelastic bodies, or an unsymmetric S.
         """
         if self.friction is None:
             return 0.0
         if self.equilibrium is not None:  # each linearisation has another S
             return np.nan
-        from hhr_dolfinx.contact.uniqueness import coupling
+        from hhr_dolfinx.plugins.friction.uniqueness import coupling
 
         point = self.parameters.point(mu)
         contact = self.contacts()(point)

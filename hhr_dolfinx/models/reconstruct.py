@@ -26,7 +26,7 @@ from hhr_dolfinx.trained import share_of_stress
 if TYPE_CHECKING:
     from hhr_dolfinx.models.bounds.output_difference import OutputDifference
     from hhr_dolfinx.models.field_response import FieldResponse
-    from hhr_dolfinx.models.frictional_fields import FrictionalFields
+    from hhr_dolfinx.plugins.friction.fields import FrictionalFields
     from hhr_dolfinx.models.functionals.functional import Functionals
     from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
     from hhr_dolfinx.models.many import ManyAnswers

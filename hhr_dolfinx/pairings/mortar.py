@@ -41,7 +41,7 @@ from hhr_dolfinx.pairings.surface import (
 from hhr_dolfinx.parameters import Tag
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Law
+    from hhr_dolfinx.plugins.friction.laws import Law
 
 COVERED = 0.1
 """Covered fraction of a node's area below which it has no condition: its gap would be extrapolated too far."""
@@ -63,7 +63,7 @@ class Mortar:
         normal: n from slave to master, along which points are projected; None takes the averaged outer normal of the
             slave at each of its nodes, and projects along the normal of each slave facet.
         multipliers: ``dual`` or ``standard``.
-        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.contact.friction`; None without.
+        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.plugins.friction.laws`; None without.
     """
 
     slave: Tag

@@ -23,7 +23,7 @@ from hhr_dolfinx.pairings.surface import (
 from hhr_dolfinx.parameters import Tag
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Law
+    from hhr_dolfinx.plugins.friction.laws import Law
 
 
 @dataclass(frozen=True)
@@ -34,7 +34,7 @@ class NodeToNode:
         first: facet tag of the surface whose outer normal is n.
         second: facet tag of the facing surface.
         normal: unit vector n, from the first to the second surface.
-        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.contact.friction`; None without.
+        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.plugins.friction.laws`; None without.
     """
 
     first: Tag

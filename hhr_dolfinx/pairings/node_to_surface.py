@@ -35,7 +35,7 @@ from hhr_dolfinx.pairings.surface import (
 from hhr_dolfinx.parameters import Tag
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Law
+    from hhr_dolfinx.plugins.friction.laws import Law
 
 DEPENDENT = 1e-8
 """Fraction of a row not spanned by the rows before it, below which the row is dependent on them."""
@@ -75,7 +75,7 @@ class NodeToSurface:
         master: facet tag of the facing surface.
         normal: n from slave to master, along which the slave nodes are projected. None takes the closest point, and an
             n for each node: against the smoothed outer normal of the master at that point.
-        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.contact.friction`; None without.
+        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.plugins.friction.laws`; None without.
     """
 
     slave: Tag
@@ -142,7 +142,7 @@ class DoublePass:
         first: facet tag of one surface; all of its conditions are kept.
         second: facet tag of the other.
         normal: from the first to the second surface, or None; see :class:`NodeToSurface`.
-        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.contact.friction`; None without.
+        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.plugins.friction.laws`; None without.
     """
 
     first: Tag

@@ -22,7 +22,7 @@ from hhr_dolfinx.pairings.surface import (
 from hhr_dolfinx.parameters import Tag, is_number
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Law
+    from hhr_dolfinx.plugins.friction.laws import Law
 
 
 @dataclass(frozen=True)
@@ -33,7 +33,7 @@ class Obstacle:
         surface: facet tag of the surface of the body.
         normal: unit vector n, from the body towards the obstacle.
         offset: position of the plane along n.
-        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.contact.friction`; None without.
+        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.plugins.friction.laws`; None without.
     """
 
     surface: Tag

@@ -32,7 +32,7 @@ from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.ranks import together
-from hhr_dolfinx.reduction.calibration import MOST_TRAINING_COMPARED, calibrated
+from hhr_dolfinx.plugins.friction.calibration import MOST_TRAINING_COMPARED, calibrated
 from hhr_dolfinx.reduction.completion import Completion, bound_of
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.projection import project, reduced_domain
@@ -402,7 +402,7 @@ def _fields(shared: _Offline, basis: np.ndarray, sets: IndexSets, flow: ReducedF
         if recipe.indicator is not None:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
         if problem.friction is not None:
-            from hhr_dolfinx.models.frictional_fields import FrictionalFields
+            from hhr_dolfinx.plugins.friction.fields import FrictionalFields
 
             modes = shared.completion.force_modes
             fields = replace(fields, frictional=FrictionalFields.fitted(problem, sets.A_lambda, modes))

@@ -387,7 +387,7 @@ class SnapshotStore:
             state = state._replace(plastic=arrays["plastic"], cumulated=arrays["cumulated"])
             memory |= {"gauss": GaussState(arrays["stress"], state)}
         if "position" in arrays:
-            from hhr_dolfinx.contact.friction import SlipState
+            from hhr_dolfinx.plugins.friction.laws import SlipState
 
             memory |= {"slip": SlipState(**{name: arrays[name] for name in _SLIP})}
         if "ends" in arrays:

@@ -21,7 +21,7 @@ from hhr_dolfinx.errors import HHRError, NotOfferedError, ParameterError, SceneE
 from hhr_dolfinx.parameters import ParameterSpace
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import SlipState
+    from hhr_dolfinx.plugins.friction.laws import SlipState
 
 DIFFERENCE = 1e-4
 """Step of the central differences over shapes, as a part of the box: their error is its square."""

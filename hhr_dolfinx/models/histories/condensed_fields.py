@@ -28,7 +28,7 @@ from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Friction
+    from hhr_dolfinx.plugins.friction.laws import Friction
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals.functional import Functionals

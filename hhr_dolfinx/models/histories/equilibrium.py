@@ -28,10 +28,10 @@ from hhr_dolfinx.trained import OUTSIDE, Signs, TrainedPaths
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Friction
+    from hhr_dolfinx.plugins.friction.laws import Friction
     from hhr_dolfinx.materials.update import Material, Update
     from hhr_dolfinx.models.histories.points import Points
-    from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
+    from hhr_dolfinx.plugins.friction.rubbing_step import RubbingStep
 
 
 class Correction(NamedTuple):

@@ -205,8 +205,8 @@ def _check_of_sliding(model: Marching) -> Callable[[Answer], None]:
     """Check of the sliding distance at the end of a step; does nothing without friction."""
     if model.friction is None:
         return lambda answer: None
-    from hhr_dolfinx.models.histories.far_sliding import FarSliding
-    from hhr_dolfinx.models.histories.surfaces import surface_of
+    from hhr_dolfinx.plugins.friction.far_sliding import FarSliding
+    from hhr_dolfinx.plugins.friction.surfaces import surface_of
 
     far = FarSliding()
     friction = surface_of(model).whole
@@ -225,8 +225,8 @@ def _at_rest(model: Marching, time: float, parameter: np.ndarray) -> Answer:
     answer = Answer(parameter, *nothing, 0, Status.CONVERGED, False, model.fields, time, memory=Memory(gauss=gauss))
     if model.friction is None:
         return answer
-    from hhr_dolfinx.contact.friction import SlipState
-    from hhr_dolfinx.models.histories.surfaces import surface_of
+    from hhr_dolfinx.plugins.friction.laws import SlipState
+    from hhr_dolfinx.plugins.friction.surfaces import surface_of
 
     return answer.remembering(slip=SlipState.at_rest(surface_of(model).whole))
 

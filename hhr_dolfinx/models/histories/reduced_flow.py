@@ -28,8 +28,8 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Friction
-    from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
+    from hhr_dolfinx.plugins.friction.laws import Friction
+    from hhr_dolfinx.plugins.friction.rubbing_step import RubbingStep
 
 
 @dataclass(frozen=True)

@@ -305,7 +305,7 @@ def _check_alike(reduced: Any, full: FullOrderModel) -> None:
 
 def _check_same_friction(reduced: Any, full: FullOrderModel) -> None:
     """Raise ReductionError unless a reduced model with friction was built from this full model."""
-    from hhr_dolfinx.models.frictional_fields import mark_of
+    from hhr_dolfinx.plugins.friction.fields import mark_of
 
     if full.friction is None or full.equilibrium is not None:
         what = "no friction" if full.friction is None else "bodies that flow"

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from hhr_dolfinx.amplitudes import Amplitudes, Coverage, Limits
-from hhr_dolfinx.contact.friction import Friction
+from hhr_dolfinx.plugins.friction.laws import Friction
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.models.condensed import CondensedModel

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.friction import Friction
+from hhr_dolfinx.plugins.friction.laws import Friction
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.model import KeptModel

@@ -20,7 +20,7 @@ from hhr_dolfinx.study.scene.findings import MISTAKE, NOTE, OK, SceneCheck
 from hhr_dolfinx.study.scene.mesh import depth_inside, look_at_common_nodes, look_at_joints, look_at_mesh
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Law
+    from hhr_dolfinx.plugins.friction.laws import Law
     from hhr_dolfinx.full_order.flow import GaussModel
     from hhr_dolfinx.parameters import PointLike
 

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from hhr_dolfinx.compat import extra
-from hhr_dolfinx.contact.friction import Friction
+from hhr_dolfinx.plugins.friction.laws import Friction
 from hhr_dolfinx.models.answer import History
 
 with extra("pictures", "pictures of friction"):

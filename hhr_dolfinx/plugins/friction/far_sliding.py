@@ -13,7 +13,7 @@ from hhr_dolfinx.errors import FarSlidingWarning
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Friction, SlipState
+    from hhr_dolfinx.plugins.friction.laws import Friction, SlipState
 
 PRESSED = 1e-9
 """Part of the largest pressure of a history below which a contact is not under load."""

@@ -8,9 +8,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from hhr_dolfinx.contact.friction import Friction, SlipState
-from hhr_dolfinx.contact.sliding_set import Increment, Sliding, bounds
-from hhr_dolfinx.models.frictional_fields import FrictionalFields
+from hhr_dolfinx.plugins.friction.laws import Friction, SlipState
+from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, bounds
+from hhr_dolfinx.plugins.friction.fields import FrictionalFields
 
 
 class Surface(Protocol):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from hhr_dolfinx.contact.friction import SLIPS, STICKS
+from hhr_dolfinx.plugins.friction.laws import SLIPS, STICKS
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.models.functionals.functional import Functional, State
 
@@ -16,7 +16,7 @@ class Remembered(Functional):
 
     Attributes:
         contacts: numbers of contacts with friction, (c,).
-        quantity: ``path``, ``work`` or ``wear``, see :class:`~hhr_dolfinx.contact.friction.SlipState`.
+        quantity: ``path``, ``work`` or ``wear``, see :class:`~hhr_dolfinx.plugins.friction.laws.SlipState`.
         factor: of the values.
         largest: whether the largest is meant, else the sum.
     """

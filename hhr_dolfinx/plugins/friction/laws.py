@@ -1,6 +1,6 @@
 """Friction of contact pairs: laws that users define, and the tangential rows of B.
 
-A contact with friction has one tangential row in the plane and two in space, see :mod:`hhr_dolfinx.contact.tangents`.
+A contact with friction has one tangential row in the plane and two in space, see :mod:`hhr_dolfinx.plugins.friction.tangents`.
 The slack of such a row decreases by the relative displacement along a tangent. Its multiplier τ is the tangential force
 on the slave with the opposite sign. Coulomb's law is
 

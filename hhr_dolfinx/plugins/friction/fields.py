@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 
-from hhr_dolfinx.contact.friction import Friction
-from hhr_dolfinx.contact.sliding_set import bounds
+from hhr_dolfinx.plugins.friction.laws import Friction
+from hhr_dolfinx.plugins.friction.sliding_set import bounds
 from hhr_dolfinx.declared import Floats, Integers
 
 if TYPE_CHECKING:

@@ -11,9 +11,9 @@ from typing import Any
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import SchurEqualities, Statuses
-from hhr_dolfinx.contact.friction import SlipState
-from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
-from hhr_dolfinx.models.histories.surfaces import surface_of
+from hhr_dolfinx.plugins.friction.laws import SlipState
+from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
+from hhr_dolfinx.plugins.friction.surfaces import surface_of
 
 NOTHING = np.zeros(0)
 

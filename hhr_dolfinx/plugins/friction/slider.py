@@ -17,17 +17,17 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.friction import Friction, SlipState
-from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
+from hhr_dolfinx.plugins.friction.laws import Friction, SlipState
+from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ParameterError
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer, History, Path, outcome
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.gradient import Gradient
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.models.histories.far_sliding import FarSliding
+from hhr_dolfinx.plugins.friction.far_sliding import FarSliding
 from hhr_dolfinx.models.histories.path import check_settings
-from hhr_dolfinx.models.histories.surfaces import surface_of
+from hhr_dolfinx.plugins.friction.surfaces import surface_of
 from hhr_dolfinx.one_thread import one_thread
 
 PROPORTIONAL = 4
