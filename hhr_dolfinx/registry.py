@@ -44,6 +44,8 @@ class Plugin:
         methods: further methods of a training, which build no model that a file can keep.
         trainings: ways to choose training points of ``hhr train`` and ``hhr study``: places of objects with
             ``options``, decorators of click, and ``training(given)``, by the option that selects them.
+        pair_laws: places of functions ``(value, what) -> PairLaw`` by the field of a pairing whose value they read, see
+            :mod:`hhr_dolfinx.contact.law`.
         memory: names of the parts of :class:`~hhr_dolfinx.memory.Memory` that its laws keep in answers.
         facets: places of objects that do for its laws what the core leaves to them, by words: each part of the core
             that needs one documents its word and protocol, and refuses a law without it, see :func:`facet`.
@@ -60,6 +62,7 @@ class Plugin:
     kinds: Mapping[str, str] = field(default=NOTHING)
     methods: Mapping[str, str] = field(default=NOTHING)
     trainings: Mapping[str, str] = field(default=NOTHING)
+    pair_laws: Mapping[str, str] = field(default=NOTHING)
     memory: tuple[str, ...] = ()
     facets: Mapping[str, str] = field(default=NOTHING)
     companions: tuple[str, ...] = ()

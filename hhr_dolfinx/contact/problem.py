@@ -21,6 +21,7 @@ from scipy.sparse import csc_matrix, csr_matrix, diags, identity, issparse, kron
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
+from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.linear.rows import MatrixOfRows, Rows
 from hhr_dolfinx.parameters import ParameterSpace, PointLike
@@ -28,7 +29,6 @@ from hhr_dolfinx.parameters import ParameterSpace, PointLike
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
-    from hhr_dolfinx.plugins.friction.laws import Friction
     from hhr_dolfinx.formulas import Modulus, Scalar
 
 
@@ -191,8 +191,7 @@ class ContactProblem:
         loose: description of the bodies that contact holds, with their motions.
         whole_contact: B with the columns of imposed dofs, (N_lambda, N), for forces on them; None if it is unknown.
         pins: as many dofs as there are rigid motions of both kinds, which fix them; None if all bodies are held.
-        friction: tangential conditions, which follow those of pressures, see :mod:`hhr_dolfinx.plugins.friction.laws`; None
-            without friction.
+        law: law of the contact conditions, those of pressures first.
         comm: ranks that have some rows each; None if all rows are local.
     """
 
@@ -220,7 +219,7 @@ class ContactProblem:
     loose: str = ""
     whole_contact: csr_matrix | None = None
     pins: np.ndarray | None = None
-    friction: Friction | None = None
+    law: ContactLaw = UNILATERAL
     comm: Comm | None = None
 
     @property
@@ -239,19 +238,13 @@ class ContactProblem:
 
     @cached_property
     def pressing(self) -> np.ndarray:
-        """Conditions with the force of a pressure, (N_lambda,) bool: all except tangential ones."""
-        found = np.ones(len(self.gaps), dtype=bool)
-        if self.friction is not None:
-            found[self.friction.tangential] = False
-        return found
+        """Conditions with the force of a pressure, (N_lambda,) bool."""
+        return self.law.pressing(len(self.gaps))
 
     @cached_property
     def distinct(self) -> np.ndarray:
-        """Conditions that no other condition repeats, (N_lambda,) bool: all except tangential ones of corners."""
-        found = np.ones(len(self.gaps), dtype=bool)
-        if self.friction is not None:
-            found[self.friction.twice] = False
-        return found
+        """Conditions that no other condition repeats, (N_lambda,) bool."""
+        return self.law.distinct(len(self.gaps))
 
     def require_parts(self, what: str = "what reads K") -> None:
         """Raise NotOfferedError if K is not a sum of known parts."""
@@ -261,12 +254,12 @@ class ContactProblem:
                 "adds to K. Solve with the full model, or return weights and matrices from parts()"
             )
 
-    def require_no_friction(self, what: str) -> None:
-        """Raise NotOfferedError for friction, in functions for pressures alone."""
-        if self.friction is not None:
+    def require_no_memory(self, what: str) -> None:
+        """Raise NotOfferedError for a law that remembers, in functions for pressures alone."""
+        if self.law.remembers:
             raise NotOfferedError(
-                f"{what} is not built in where contacts have friction: march along paths, or condense elastic bodies, "
-                "hhr.condense(scene)"
+                f"{what} is not built in where contacts have {self.law.name}: march along paths, or condense elastic "
+                "bodies, hhr.condense(scene)"
             )
 
     def pressing_of(self, place: int) -> np.ndarray:

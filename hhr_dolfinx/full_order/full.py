@@ -137,7 +137,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         )
         self.problem = problem = discretisation.checked(problem)
         self.parameters = problem.parameters
-        self.friction = problem.friction
+        self.law = problem.law
         self.keeps_columns = self._has_room()
         self.stiffness: SparseStiffness
         self.system = system_of(problem, self.scene.system, lambda: self.stiffness, self._stiffness_of)
@@ -375,11 +375,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
                 self.strains.look(answer)
                 keep(answer)
 
-            if self.friction is None:
-                return solve_along(self, checked, settings, known=known, keep=keep_small)
-            from hhr_dolfinx.plugins.friction.slider import slide_along
-
-            return slide_along(self, checked, settings, known=known, keep=keep_small)
+            if self.law.remembers:
+                return self.follow(checked, settings, known=known, keep=keep_small)
+            return solve_along(self, checked, settings, known=known, keep=keep_small)
         from hhr_dolfinx.models.histories.march import march
 
         equilibrium = self.equilibrium if settings.gradient else self.equilibrium.on_ranks(self.comm)

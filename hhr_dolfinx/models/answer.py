@@ -20,6 +20,7 @@ from hhr_dolfinx.trained import USUAL, Signs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.materials.update import State
+    from hhr_dolfinx.models.completion import InterfaceCompletion
     from hhr_dolfinx.models.estimates import Estimate, Estimates
     from hhr_dolfinx.models.functionals.functional import Outputs
     from hhr_dolfinx.models.gradient import Gradient
@@ -80,7 +81,7 @@ class ModelFields:
         output_bound: estimates the errors of outputs.
         indicator: estimates the error of an answer; the recipe chooses it.
         flow: completes stress and plastic strain of inelastic bodies.
-        frictional: completes forces and slip of hyper-reduced contact with friction.
+        interface: completes forces and memory of a law of interfaces in hyper-reduced models.
         functionals: outputs of the scene.
         unbounded: reason why errors are not estimated, for models without an estimate.
         full: the full model, which has the mesh; None of a copy or from a file, since a mesh belongs to one process.
@@ -91,7 +92,7 @@ class ModelFields:
     output_bound: Any = None
     indicator: Any = None
     flow: Any = None
-    frictional: Any = None
+    interface: InterfaceCompletion | None = None
     functionals: Any = None
     unbounded: str = ""
     exact: ClassVar[bool] = False
@@ -108,7 +109,7 @@ class ModelFields:
 
         if self.bound is not None:
             return self.bound.kind
-        known = {"indicator": self.indicator, STRESS: self.flow, FORCES: self.frictional}
+        known = {"indicator": self.indicator, STRESS: self.flow, FORCES: self.interface}
         return next((kind for kind, own in known.items() if own is not None), "")
 
     def estimates(self, many: Any) -> Estimates | None:

@@ -276,7 +276,7 @@ def check_asked(fields: Any, of: Any) -> None:
         ParameterError: for another name, or an output without a bound, with the reason.
     """
     if fields.estimated == FORCES:
-        check_of_friction(of)
+        check_of_forces(of)
     known, others = _outputs(fields)
     check_word([*known, *others], of)
     if of in others and of not in ASKED:
@@ -288,12 +288,12 @@ def check_asked(fields: Any, of: Any) -> None:
         )
 
 
-def check_of_friction(of: Any) -> None:
-    """Raise ParameterError for an error that the indicator of a hyper-reduced model with friction does not cover."""
+def check_of_forces(of: Any) -> None:
+    """Raise ParameterError for an error that the indicator of forces of a hyper-reduced model does not cover."""
     if of != "forces":
         raise ParameterError(
-            f"of = {of!r}: with friction a hyper-reduced model has an indicator of its forces, and nothing else is "
-            "known of its errors: ask for of='forces'"
+            f"of = {of!r}: the hyper-reduced model has an indicator of its forces, by the law of its contacts, and "
+            "nothing else is known of its errors: ask for of='forces'"
         )
 
 

@@ -37,7 +37,7 @@ TABLES = (".csv", ".parquet")
 
 MODULES = {
     "amplitudes": "Amplitudes Coverage Limits",
-    "contact.friction": "Coulomb Friction FrictionLaw Tresca",
+    "contact.law": "Unilateral",
     "formulas": "Formula Modulus Scalar",
     "materials.laws": "Norton Plasticity",
     "materials.strain": "StrainOperator",
@@ -56,9 +56,7 @@ MODULES = {
     "models.eliminations.shaped": "InterpolatedProblem ReshapedElimination",
     "models.exact": "ExactFields SolvedFields",
     "models.field_response": "FieldResponse",
-    "models.frictional_fields": "FrictionalFields",
     "models.functionals.cells": "CellRule Middles MovingCells",
-    "models.functionals.friction": "Remembered StatusArea",
     "models.functionals.functional": "Functionals",
     "models.functionals.kinds": "Energy FlowMises Largest Linear Loaded Mises MovingMises",
     "models.functionals.shaped": "ReshapedFunctionals Zone",

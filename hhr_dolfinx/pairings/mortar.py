@@ -41,7 +41,6 @@ from hhr_dolfinx.pairings.surface import (
 from hhr_dolfinx.parameters import Tag
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.friction.laws import Law
 
 COVERED = 0.1
 """Covered fraction of a node's area below which it has no condition: its gap would be extrapolated too far."""
@@ -63,14 +62,14 @@ class Mortar:
         normal: n from slave to master, along which points are projected; None takes the averaged outer normal of the
             slave at each of its nodes, and projects along the normal of each slave facet.
         multipliers: ``dual`` or ``standard``.
-        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.plugins.friction.laws`; None without.
+        friction: coefficient of Coulomb's law, a number or a formula, or a law; None without. A plug-in reads it.
     """
 
     slave: Tag
     master: Tag
     normal: tuple[float, ...] | None = None
     multipliers: str = "dual"
-    friction: float | str | Law | None = None
+    friction: Any = field(default=None, metadata=LAW)
 
     def __post_init__(self) -> None:
         if self.multipliers not in MULTIPLIERS:

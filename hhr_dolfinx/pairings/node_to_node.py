@@ -23,7 +23,6 @@ from hhr_dolfinx.pairings.surface import (
 from hhr_dolfinx.parameters import Tag
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.friction.laws import Law
 
 
 @dataclass(frozen=True)
@@ -34,13 +33,13 @@ class NodeToNode:
         first: facet tag of the surface whose outer normal is n.
         second: facet tag of the facing surface.
         normal: unit vector n, from the first to the second surface.
-        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.plugins.friction.laws`; None without.
+        friction: coefficient of Coulomb's law, a number or a formula, or a law; None without. A plug-in reads it.
     """
 
     first: Tag
     second: Tag
     normal: tuple[float, ...]
-    friction: float | str | Law | None = None
+    friction: Any = field(default=None, metadata=LAW)
 
     @property
     def tags(self) -> tuple[Tag, ...]:

@@ -35,7 +35,6 @@ from hhr_dolfinx.pairings.surface import (
 from hhr_dolfinx.parameters import Tag
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.friction.laws import Law
 
 DEPENDENT = 1e-8
 """Fraction of a row not spanned by the rows before it, below which the row is dependent on them."""
@@ -75,13 +74,13 @@ class NodeToSurface:
         master: facet tag of the facing surface.
         normal: n from slave to master, along which the slave nodes are projected. None takes the closest point, and an
             n for each node: against the smoothed outer normal of the master at that point.
-        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.plugins.friction.laws`; None without.
+        friction: coefficient of Coulomb's law, a number or a formula, or a law; None without. A plug-in reads it.
     """
 
     slave: Tag
     master: Tag
     normal: tuple[float, ...] | None = None
-    friction: float | str | Law | None = None
+    friction: Any = field(default=None, metadata=LAW)
 
     @property
     def tags(self) -> tuple[Tag, ...]:
@@ -142,13 +141,13 @@ class DoublePass:
         first: facet tag of one surface; all of its conditions are kept.
         second: facet tag of the other.
         normal: from the first to the second surface, or None; see :class:`NodeToSurface`.
-        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.plugins.friction.laws`; None without.
+        friction: coefficient of Coulomb's law, a number or a formula, or a law; None without. A plug-in reads it.
     """
 
     first: Tag
     second: Tag
     normal: tuple[float, ...] | None = None
-    friction: float | str | Law | None = None
+    friction: Any = field(default=None, metadata=LAW)
 
     @property
     def tags(self) -> tuple[Tag, ...]:

@@ -22,7 +22,6 @@ from hhr_dolfinx.pairings.surface import (
 from hhr_dolfinx.parameters import Tag, is_number
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.friction.laws import Law
 
 
 @dataclass(frozen=True)
@@ -33,13 +32,13 @@ class Obstacle:
         surface: facet tag of the surface of the body.
         normal: unit vector n, from the body towards the obstacle.
         offset: position of the plane along n.
-        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.plugins.friction.laws`; None without.
+        friction: coefficient of Coulomb's law, a number or a formula, or a law; None without. A plug-in reads it.
     """
 
     surface: Tag
     normal: tuple[float, ...]
     offset: float
-    friction: float | str | Law | None = None
+    friction: Any = field(default=None, metadata=LAW)
 
     def __post_init__(self) -> None:
         if not is_number(self.offset):

@@ -31,8 +31,8 @@ from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.ranks import together
 from hhr_dolfinx.plugins.friction.calibration import MOST_TRAINING_COMPARED, calibrated
+from hhr_dolfinx.ranks import together
 from hhr_dolfinx.reduction.completion import Completion, bound_of
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.projection import project, reduced_domain

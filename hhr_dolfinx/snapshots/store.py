@@ -208,11 +208,6 @@ _GAUSS: dict[str, tuple[str, ...]] = {
 }
 """Additional arrays of a step with inelastic bodies."""
 _PARTS: dict[str, tuple[str, ...]] = {name: _GAUSS[name] for name in ("iterations", "ends", "time_error")}
-_SLIP: dict[str, tuple[str, ...]] = {
-    "position": ("float", "tangential"),
-    **{name: ("float", "frictional") for name in ("path", "work", "wear", "pressure", "bound")},
-    "statuses": ("int", "frictional"),
-}
 """Additional arrays of a step with friction."""
 
 UNKNOWN = -1.0
@@ -246,9 +241,8 @@ class SnapshotStore:
         self._behaviours: dict[tuple, str] = {}
         conditions, dofs = self._problem.contact.shape
         self._sizes = {"N": dofs, "N_lambda": conditions}
-        friction = self._problem.friction
-        if friction is not None:
-            self._sizes |= {"tangential": friction.tangential.size, "frictional": friction.normal.size}
+        self._law = self._problem.law
+        self._sizes |= self._law.sizes
         if full.equilibrium is not None:
             material = full.equilibrium.material
             self._sizes |= {"points": material.gauss_points, "components": material.components}
@@ -364,9 +358,9 @@ class SnapshotStore:
         values = {name: getattr(answer, name) for name in _LAYOUT}
         if "gauss" in answer.memory:
             values |= {"stress": answer.gauss.stress, **answer.gauss.state._asdict()}
-        values |= answer.slip._asdict() if "slip" in answer.memory else {}
+        values |= self._law.stored(answer.memory)
         values |= {name: getattr(answer, name) for name in _PARTS if name in self._layout()}
-        if np.isnan(answer.time_error):  # friction without a tolerance has none; files hold finite numbers
+        if np.isnan(answer.time_error):  # without a tolerance there is none; files hold finite numbers
             values["time_error"] = UNKNOWN
         arrays = {name: np.asarray(values[name]) for name in self._layout()}
         check_layout(arrays, self._layout(), self._sizes)
@@ -375,7 +369,7 @@ class SnapshotStore:
 
     def _layout(self) -> dict[str, tuple[str, ...]]:
         layout = _LAYOUT if self._full.equilibrium is None else _LAYOUT | _GAUSS
-        return layout if self._problem.friction is None else layout | _PARTS | _SLIP
+        return layout | _PARTS | self._law.layout if self._law.remembers else layout
 
     def _answer(self, point: np.ndarray, arrays: dict[str, np.ndarray]) -> Answer:
         memory = NO_MEMORY
@@ -386,10 +380,7 @@ class SnapshotStore:
             state = self._full.equilibrium.material.at_rest()
             state = state._replace(plastic=arrays["plastic"], cumulated=arrays["cumulated"])
             memory |= {"gauss": GaussState(arrays["stress"], state)}
-        if "position" in arrays:
-            from hhr_dolfinx.plugins.friction.laws import SlipState
-
-            memory |= {"slip": SlipState(**{name: arrays[name] for name in _SLIP})}
+        memory |= self._law.restored(arrays)
         if "ends" in arrays:
             iterations = int(arrays["iterations"])
             known = float(arrays["time_error"])
@@ -490,19 +481,14 @@ def _digest_of(full: FullModel) -> bytes:
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
     problem: ContactProblem = full.problem
     problem.require_parts("a store of snapshots")
-    others = "amplitudes parameters moduli reshaped rigid resting pins loose whole_contact friction comm".split()
+    others = "amplitudes parameters moduli reshaped rigid resting pins loose whole_contact law comm".split()
     others += [] if problem.comm is None else ["stiffness_terms", "node_mass", "first"]  # the same on all ranks
     parts = [getattr(problem, item.name) for item in fields(problem) if item.name not in others]
     parts += [] if problem.comm is None else _digests_of_rows(problem)
     parts += [problem.parameters.names, problem.amplitudes.constant, problem.amplitudes.slopes]
     parts += [text for modulus in problem.moduli for text in (modulus.factor, modulus.rest)]
     parts += [] if problem.reshaped is None else [problem.reshaped.described]
-    if problem.friction is not None:
-        friction = problem.friction
-        scalars = [scalar for law in friction.laws for scalar in (law.coefficient, law.limit)]
-        parts += ["" if scalar is None else scalar.text for scalar in scalars]
-        parts += [friction.normal, friction.area, friction.law, friction.tangential, friction.owner, friction.tangents]
-        parts += [friction.fixed, friction.twice]
+    parts += problem.law.parts()
     groups = () if full.equilibrium is None else full.equilibrium.material.groups
     parts += [part for group in groups for part in (group.indices, group.young, group.poisson, _answers_of(group))]
     if full.equilibrium is not None and full.equilibrium.eigenstrains.nnz:

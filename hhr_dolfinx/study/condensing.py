@@ -45,7 +45,7 @@ def condense(scene: Scene | FullOrderModel, settings: Any = None, *, fields: boo
     """
     full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
     model = condensed(full, settings, fields=fields)
-    if full.friction is None:  # with friction a point takes dozens of increments, and the full model warns
+    if not full.law.remembers:  # with memory a point takes dozens of increments, and the full model warns
         look_at_corners(full, model)
     return model
 
@@ -73,7 +73,7 @@ def _known_statuses(full: FullOrderModel) -> KnownStatuses:
     """Statuses at some points of the box, solved on S."""
     problem = full.problem
     nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
-    if problem.friction is not None:  # an increment starts from the one before
+    if problem.law.remembers:  # an increment starts from the one before
         return nothing
     model = exact_condensation(full, nothing, field=False)
     points = Sobol(STARTS).points(problem.parameters)

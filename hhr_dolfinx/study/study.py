@@ -274,10 +274,10 @@ def _check_correction(correction: Any) -> None:
 def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray | dict[Any, HistoryPath]:
     """Test points, (n, P), or checked paths by label for inelastic bodies; StudyError for the wrong kind."""
     tests = settings.tests
-    if any(law is not None for law in scene.friction):
+    if scene.remembers:
         raise NotOfferedError(
-            f"a study of scene '{scene.name}' is not built in, as its contacts have friction: train or condense it, "
-            "and march along paths of your own"
+            f"a study of scene '{scene.name}' is not built in, as its contacts remember their path: train or condense "
+            "it, and march along paths of your own"
         )
     if any(body.law is not None for body in scene.bodies):
         if points is None and isinstance(tests, Mapping):

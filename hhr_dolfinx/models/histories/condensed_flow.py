@@ -38,6 +38,7 @@ from hhr_dolfinx.models.histories.condensed_step import StepLoad, StepModel, Wor
 from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, MarchSettings, Stepper, extrapolated
 from hhr_dolfinx.models.histories.points import ALL_HERE, Points
 from hhr_dolfinx.models.histories.small_strains import SmallStrains
+from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
@@ -150,7 +151,7 @@ class CondensedEquilibrium:
         self.per_cell = flow.per_cell
         self.modes = len(flow.per_mode)
         self.conditions = len(flow.gaps)
-        self.friction = fields.friction
+        self.law = fields.law
         self.size = self.modes + self.conditions
         self._middle = self
         self._last: tuple[np.ndarray, CondensedEquilibrium] | None = None
@@ -261,12 +262,9 @@ class CondensedEquilibrium:
         return _CondensedLinearisation(self, tangents)
 
     def stepper(self, settings: MarchSettings) -> Stepper:
-        """Solver of the steps of one history: a compiled loop, except with friction."""
-        if self.friction is None:
-            return CondensedStepper(self, settings)
-        from hhr_dolfinx.plugins.friction.rubbing_flow import RubbingFlowStepper
-
-        return RubbingFlowStepper(self, settings)
+        """Solver of the steps of one history: a compiled loop, or that of the law of its contacts."""
+        own: Stepper | None = steps_of(self.law).condensed_stepper(self, settings)
+        return CondensedStepper(self, settings) if own is None else own
 
     @cached_property
     def step_model(self) -> StepModel:
@@ -490,7 +488,7 @@ class CondensedFlowModel(KeptModel):
         self.fields = fields
         self.trained = trained
         self.offline = offline
-        self.friction = fields.friction
+        self.law = fields.law
         self.equilibrium = CondensedEquilibrium(flow, fields.amplitudes, parameters, fields)
         self.equilibrium.trained = trained
 

@@ -21,6 +21,7 @@ import numpy as np
 
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Statuses
+from hhr_dolfinx.contact.law import UNILATERAL_STEP, ContactLaw, StepContact
 from hhr_dolfinx.errors import ParameterError, TimeStepWarning
 from hhr_dolfinx.models.answer import Answer, Fields, GaussState
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
@@ -28,10 +29,8 @@ from hhr_dolfinx.trained import OUTSIDE, Signs, TrainedPaths
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.friction.laws import Friction
     from hhr_dolfinx.materials.update import Material, Update
     from hhr_dolfinx.models.histories.points import Points
-    from hhr_dolfinx.plugins.friction.rubbing_step import RubbingStep
 
 
 class Correction(NamedTuple):
@@ -61,9 +60,14 @@ class Linearisation(Changing, Protocol):
         """Tangents H at its Gauss points, (points, components, components)."""
 
     def correct(
-        self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray, rubbing: RubbingStep | None = None
+        self,
+        residual: np.ndarray,
+        x: np.ndarray,
+        theta: Theta,
+        active: np.ndarray,
+        contact: StepContact = UNILATERAL_STEP,
     ) -> Correction:
-        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps from some statuses, with friction if there is any."""
+        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps from some statuses, by the law of the contacts."""
 
 
 class Diverged(Exception):
@@ -108,7 +112,7 @@ class Marching(Protocol):
         together: reductions over the Gauss points of all ranks.
         per_cell: Gauss points of a cell of the full model.
         size, conditions: number of unknowns and of contact conditions.
-        friction: tangential conditions and their laws; None without friction.
+        law: law of its contact conditions.
         young: formulas of Young's moduli of all bodies, also of those without Gauss points in the model.
     """
 
@@ -120,7 +124,7 @@ class Marching(Protocol):
     per_cell: int
     size: int
     conditions: int
-    friction: Friction | None
+    law: ContactLaw
 
     @property
     def fields(self) -> Fields:

@@ -43,7 +43,7 @@ def safe_model(
     # before a model is built, which takes long
     check_allowance(tolerance)
     check_word([] if full.functionals is None else [item.name for item in full.functionals.items], of)
-    if full.friction is not None:
+    if full.law.remembers:
         check_of_friction(of)
     elif full.equilibrium is None and not full.problem.varies:
         # an estimate solves the exact problem on S: the condensed model answers with it, and is faster

@@ -11,22 +11,86 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, NamedTuple
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from hhr_dolfinx.contact.law import ContactLaw, LawfulScene, MeshArrays, PairLaw
 from hhr_dolfinx.declared import Floats, Integers
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import ParameterError, SceneError
 from hhr_dolfinx.formulas import Scalar, check_over_box, formula_of
+from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import Rebuilt
 
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
+
+    from hhr_dolfinx.contact.problem import ContactRows
+
 OPEN, STICKS, SLIPS = 0, 1, 2
 """Statuses of a contact with friction."""
+SLIP = "slip"
+"""Name of the :class:`SlipState` in the memory of an answer."""
+WITHOUT: Mapping[str, str] = MappingProxyType({})
+"""Reasons why something is not offered with friction, see :class:`ContactLaw`."""
+
+
+class _Tangential(PairLaw):
+    """A law of the tangential forces of a contact pair, by two constants."""
+
+    plugin: ClassVar[str] = "friction"
+    remembers: ClassVar[bool] = True
+    coefficient: float | str | None
+    limit: float | str | None
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """See :class:`PairLaw`."""
+        return tuple(text for text in (self.coefficient, self.limit) if isinstance(text, str))
+
+    @property
+    def words(self) -> str:
+        """See :class:`PairLaw`."""
+        parts = [] if self.coefficient is None else [f"friction {self.coefficient}"]
+        parts += [] if self.limit is None else [f"shear stress up to {self.limit}"]
+        return ", ".join(parts)
+
+    def check(self, scene: LawfulScene, what: str) -> None:
+        """See :class:`PairLaw`."""
+        FrictionLaw.of(self, scene.parameters, what)  # type: ignore[arg-type]
+        if scene.shapes and self.limit is not None:
+            raise SceneError(
+                f"scene '{scene.name}' has friction with a limit of its stress, and bodies that change their shape, and "
+                "with it their areas: that is not built in. Give Coulomb's coefficient alone"
+            )
+
+    @classmethod
+    def attached(
+        cls,
+        laws: Mapping[int, Law],
+        scene: LawfulScene,
+        rows: ContactRows,
+        pairs: np.ndarray,
+        free: np.ndarray,
+        lifts: csc_matrix,
+        mesh: MeshArrays,
+    ) -> tuple[ContactRows, np.ndarray, Friction]:
+        """See :class:`PairLaw`: tangential rows."""
+        from hhr_dolfinx.plugins.friction.tangents import Mesh, with_tangents
+
+        own = {place: FrictionLaw.of(law, scene.parameters, f"contact {place}") for place, law in laws.items()}
+        shaped: set[str] = set().union(*(shape.variables for shape in scene.shapes))
+
+        def places(some: set[str]) -> np.ndarray:
+            return np.array([k for k, name in enumerate(scene.parameters.names) if name in some], dtype=np.int64)
+
+        return with_tangents(rows, pairs, own, free, lifts, places(scene.named), places(shaped), Mesh(*mesh))
 
 
 @dataclass(frozen=True)
-class Coulomb:
+class Coulomb(_Tangential):
     """Coulomb's law: the tangential force of a contact is at most its pressure times a coefficient.
 
     Attributes:
@@ -45,7 +109,7 @@ class Coulomb:
 
 
 @dataclass(frozen=True)
-class Tresca:
+class Tresca(_Tangential):
     """Tresca's law: the tangential stress is at most a given one at any pressure, also on open contacts.
 
     This is the classical problem, which has one solution. For a stress that vanishes on open contacts use a limit of
@@ -125,7 +189,7 @@ def _scalar(value: float | str, space: ParameterSpace, called: str) -> Scalar:
 
 
 @dataclass(frozen=True)
-class Friction(Rebuilt):
+class Friction(ContactLaw, Rebuilt):
     """Tangential rows of B, and the bounds of their forces (C contacts with friction, T tangential rows).
 
     Attributes:
@@ -144,6 +208,11 @@ class Friction(Rebuilt):
         twice: tangential rows with undetermined forces, numbers of rows, (k,): rows that other conditions on the same
             nodes repeat, as in corners, and rows along which all nodes are imposed, whose slip is given.
     """
+
+    plugin: ClassVar[str] = "friction"
+    name: ClassVar[str] = "friction"
+    remembers: ClassVar[bool] = True
+    without: ClassVar[Mapping[str, str]] = WITHOUT
 
     normal: Annotated[Integers, "frictional"]
     area: Annotated[Floats, "frictional"]
@@ -184,6 +253,71 @@ class Friction(Rebuilt):
     def pressures(self, rows: int) -> np.ndarray:
         """Rows of pressures among so many rows."""
         return np.setdiff1d(np.arange(rows), self.tangential, assume_unique=True)
+
+    def pressing(self, count: int) -> np.ndarray:
+        """See :class:`ContactLaw`: all except tangential ones."""
+        found = np.ones(count, dtype=bool)
+        found[self.tangential] = False
+        return found
+
+    def distinct(self, count: int) -> np.ndarray:
+        """See :class:`ContactLaw`: all except tangential ones of corners."""
+        found = np.ones(count, dtype=bool)
+        found[self.twice] = False
+        return found
+
+    def kept_with(self, inside: np.ndarray, contact: Any) -> np.ndarray:
+        """See :class:`ContactLaw`: a tangential force that acts on no unknown is kept with the pressure that bounds it."""
+        found = inside.copy()
+        idle = np.diff(contact.indptr)[self.tangential] == 0
+        found[self.tangential[idle]] = inside[self.normal[self.owner[idle]]]
+        return found
+
+    def parts(self) -> list[Any]:
+        """See :class:`ContactLaw`."""
+        scalars = [scalar for law in self.laws for scalar in (law.coefficient, law.limit)]
+        texts = ["" if scalar is None else scalar.text for scalar in scalars]
+        rows = [self.normal, self.area, self.law, self.tangential, self.owner, self.tangents, self.fixed, self.twice]
+        return [*texts, *rows]
+
+    def faults_for(self, dimension: int) -> Iterator[str]:
+        """See :class:`ContactLaw`."""
+        if self.tangents.shape[1] != dimension:
+            yield f"tangents of friction have {self.tangents.shape[1]} components, not {dimension}"
+
+    def check_path(self, space: ParameterSpace, points: np.ndarray) -> None:
+        """Refuse a path along which bodies change their shape: slip is measured on one.
+
+        Raises:
+            ParameterError: with the parameter that changes.
+        """
+        for place in self.shaped.tolist():
+            if np.ptp(points[:, place]) > 0:
+                raise ParameterError(
+                    f"{space.names[place]} changes along the path, and the shape of bodies depends on it: what slips "
+                    "is measured on one shape. Keep it as it is along the path"
+                )
+
+    @property
+    def layout(self) -> dict[str, tuple[str, ...]]:
+        """See :class:`ContactLaw`."""
+        values = ("path", "work", "wear", "pressure", "bound")
+        of_contacts: dict[str, tuple[str, ...]] = {name: ("float", "frictional") for name in values}
+        return {"position": ("float", "tangential"), **of_contacts, "statuses": ("int", "frictional")}
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """See :class:`ContactLaw`."""
+        return {"tangential": self.tangential.size, "frictional": self.normal.size}
+
+    def stored(self, memory: Mapping[str, Any]) -> dict[str, Any]:
+        """See :class:`ContactLaw`."""
+        found: dict[str, Any] = memory[SLIP]._asdict()
+        return found
+
+    def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
+        """See :class:`ContactLaw`."""
+        return Memory(slip=SlipState(**{name: arrays[name] for name in self.layout}))
 
     def bounds(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coefficient and largest tangential force of each contact at a point, (C,) each."""
@@ -252,6 +386,11 @@ class SlipState(NamedTuple):
     pressure: np.ndarray
     bound: np.ndarray
     statuses: np.ndarray
+
+    def counted(self) -> dict[str, int]:
+        """See :meth:`Memory.counted`."""
+        sticks, slips = (int((self.statuses == status).sum()) for status in (STICKS, SLIPS))
+        return {"contacts that stick": sticks, "contacts that slip": slips}
 
     @classmethod
     def at_rest(cls, friction: Friction) -> SlipState:

@@ -17,7 +17,6 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.errors import ConvergenceError, SingularError
 from hhr_dolfinx.materials.update import Material, State, Update
 from hhr_dolfinx.memory import Memory
@@ -25,6 +24,7 @@ from hhr_dolfinx.models.answer import Answer, GaussState
 from hhr_dolfinx.models.histories.condensed_step import DECREASE, LEAST_SHARE
 from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, MarchSettings, extrapolated
 from hhr_dolfinx.models.histories.small_strains import SmallStrains
+from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.plugins.friction.surfaces import WholeSurface
 from hhr_dolfinx.trained import Signs
 
@@ -74,9 +74,9 @@ class RubbingFlowStepper:
     def __init__(self, model: Any, settings: MarchSettings):
         self._model = model
         self._settings = settings
-        self._friction = model.friction
-        self._surface = WholeSurface(model.friction)
-        self._contact = SlidingContact(model.schur, model.friction)
+        self._friction = model.law
+        self._surface = WholeSurface(model.law)
+        self._contact = SlidingContact(model.schur, model.law)
         self._size = 0.0
         self._strains = SmallStrains()
 

@@ -27,10 +27,10 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.floating import BALANCED, MOST_STEPS, NOTHING, WEAKNESS
+from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.plugins.friction.laws import Friction
 from hhr_dolfinx.plugins.friction.sliding_system import Rows, SlidingSystem, SlidingSystems, Statuses
 from hhr_dolfinx.plugins.friction.sweeps import swept
-from hhr_dolfinx.errors import SingularError
 
 TOLERANCE = 1e-11
 """Relative deviation of forces from their projection up to which they have converged (measured round-off: 1e-14)."""

@@ -37,7 +37,7 @@ def local(
         StudyError: for an invalid ``how``.
         NotOfferedError: with friction, and for inelastic bodies.
     """
-    if training.full_order.friction is not None or training.full_order.equilibrium is not None:
+    if training.full_order.law.remembers or training.full_order.equilibrium is not None:
         raise NotOfferedError(
             "local models are of elastic bodies without friction: take one model of these histories, build() or "
             "condense(), which were found as exact and quicker"

@@ -51,14 +51,14 @@ class Attempt:
 
 
 def attempts(context: SearchContext) -> Iterator[Attempt]:
-    """Ways to build a model of a scene: elastic, frictional or inelastic."""
+    """Ways to build a model of a scene: elastic, with a law of contacts, or inelastic."""
     if context.full.equilibrium is not None:
         yield from _inelastic(context)
         return
     yield from _condensed(context)
     if context.full.problem.reshaped is not None:  # scenes with shapes are condensed
         return
-    if context.full.friction is None:
+    if not context.full.law.remembers:
         yield from _reduced(context)
     elif context.family is not None:
         yield from _by_histories(context)

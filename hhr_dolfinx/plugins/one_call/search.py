@@ -371,7 +371,7 @@ def _check_paths(full: FullOrderModel, paths: Any) -> None:
             f"bodies of scene '{name}' flow, so that answers depend on the path that leads to them: give "
             "paths=hhr.PathFamily(...), of those that are to be answered; on the command line as PATHS beside the scene"
         )
-    if paths is not None and full.equilibrium is None and full.friction is None:
+    if paths is not None and full.equilibrium is None and not full.law.remembers:
         raise StudyError(f"answers of scene '{name}' do not depend on paths: leave them out")
 
 

@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from hhr_dolfinx.plugins.friction.laws import Coulomb, FrictionLaw
 from hhr_dolfinx.errors import SceneError, SceneWarning
 from hhr_dolfinx.full_order.checks import warn_of_idle_parameters
 from hhr_dolfinx.full_order.full import FullOrderModel
@@ -18,6 +17,7 @@ from hhr_dolfinx.outputs import ContactForce, DisplacementAt, LinearForm, VonMis
 from hhr_dolfinx.pairings.mortar import Mortar
 from hhr_dolfinx.pairings.node_to_surface import NodeToSurface
 from hhr_dolfinx.pairings.surface_dofs import SurfaceDofs, nodes_of, renumbered
+from hhr_dolfinx.plugins.friction.laws import Coulomb, FrictionLaw
 from hhr_dolfinx.plugins.sliding.model import SlidingModel
 from hhr_dolfinx.plugins.sliding.repairing import SlidingPair, layout
 from hhr_dolfinx.reduction.exact import exact_condensation
@@ -68,7 +68,7 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
         )
     laws = [
         FrictionLaw.of(Coulomb(0.0) if law is None else law, scene.parameters, f"contact {place}")
-        for place, law in enumerate(scene.friction)
+        for place, law in enumerate(scene.laws)
     ]
     base: Any = full
     if condensed:

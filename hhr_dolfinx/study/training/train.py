@@ -91,7 +91,7 @@ class Training(TrainingAnswers):
             from hhr_dolfinx.reduction.condense_flow import condense_flow
 
             return condense_flow(self.full_order, self.snapshots, settings, self.held_out, announce)
-        if self.full_order.friction is not None:
+        if self.full_order.law.remembers:
             from hhr_dolfinx.study import condensing
 
             return condensing.condensed(self.full_order, settings)
@@ -261,15 +261,14 @@ def checked_training(scene: Scene, training: Any, held_out: Any, seed: Any) -> t
         raise StudyError(f"{scene!r} is no scene: give a Scene")
     check_counts(seed=(seed, 0))
     chooses = chooses_itself(training)
-    frictional = any(law is not None for law in scene.friction)
-    if chooses and frictional:
+    if chooses and scene.remembers:
         raise NotOfferedError(
-            f"scene '{scene.name}' has friction, and a greedy training of such histories is not built in: train on a "
-            "list of paths, or condense it without a training, hhr.condense(scene)"
+            f"contacts of scene '{scene.name}' remember their path, and a training that chooses such histories itself "
+            "is not built in: train on a list of paths, or condense it without a training, hhr.condense(scene)"
         )
     if chooses:
         training.space(scene)
-    if frictional or any(body.law is not None for body in scene.bodies):
+    if scene.remembers or any(body.law is not None for body in scene.bodies):
         apart = held_out.tolist() if isinstance(held_out, np.ndarray) else held_out
         given = training if chooses else training_paths(scene, training)
         return given, training_paths(scene, apart) if apart else []
