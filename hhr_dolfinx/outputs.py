@@ -420,9 +420,11 @@ def unit_vector(output: _Output, name: str, dim: int) -> np.ndarray:
 
 
 def no_axis(output: Any) -> None:
+    """Raise SceneError for an axis in the plane."""
     if output.axis is not None:
         raise SceneError(f"output '{output.name}': an axis is for meshes in space, leave it out")
 
 
 def no_rows() -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+    """Rows of an output that reads no displacement."""
     return 0, _NOWHERE, _NOWHERE, _NOTHING

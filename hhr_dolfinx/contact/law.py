@@ -121,7 +121,7 @@ class StepContact(Protocol):
         """Memory of the law after the step, by the last linearisation, at whose unknown it ends, (n,)."""
 
 
-class ContactLaw(ABC):
+class ContactLaw:
     """A law on the contact conditions of a problem, or on those that a model solves for.
 
     The methods here are those of unilateral contact.

@@ -48,7 +48,7 @@ class Answers(NamedTuple):
         largest_displacement: largest displacement of any node, (S,); None unless requested: it needs the whole field.
         columns: further columns of the kind of model by head, (S,) each, such as the number of the local model that
             answered; see :meth:`~hhr_dolfinx.models.model.AnsweringModel.columns`.
-        total_force: sum of the normal forces, (S,), if the law of the contacts remembers, which has other forces too; else None.
+        total_force: sum of the normal forces, (S,), if the law of the contacts has other forces too; else None.
     """
 
     points: np.ndarray

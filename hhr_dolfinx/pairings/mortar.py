@@ -9,13 +9,14 @@ treatment of boundaries with mortar contact formulations using dual Lagrange mul
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, identity
 from scipy.spatial import cKDTree
 
+from hhr_dolfinx.contact.law import LAW
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import NeverFacingError, SceneError
 from hhr_dolfinx.pairings.facing import opposed
@@ -39,8 +40,6 @@ from hhr_dolfinx.pairings.surface import (
     warn_of_tilt,
 )
 from hhr_dolfinx.parameters import Tag
-
-if TYPE_CHECKING:
 
 COVERED = 0.1
 """Covered fraction of a node's area below which it has no condition: its gap would be extrapolated too far."""

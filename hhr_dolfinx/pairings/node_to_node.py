@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
+from hhr_dolfinx.contact.law import LAW
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.sides import along_normal
@@ -21,8 +22,6 @@ from hhr_dolfinx.pairings.surface import (
     warn_of_overlap,
 )
 from hhr_dolfinx.parameters import Tag
-
-if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)

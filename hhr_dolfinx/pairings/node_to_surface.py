@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg
 from scipy.sparse import csr_matrix
 
+from hhr_dolfinx.contact.law import LAW
 from hhr_dolfinx.contact.problem import ContactRows, joined
 from hhr_dolfinx.errors import NeverFacingError, SceneError
 from hhr_dolfinx.pairings.facing import BEYOND, opposed
@@ -33,8 +34,6 @@ from hhr_dolfinx.pairings.surface import (
     warn_of_tilt,
 )
 from hhr_dolfinx.parameters import Tag
-
-if TYPE_CHECKING:
 
 DEPENDENT = 1e-8
 """Fraction of a row not spanned by the rows before it, below which the row is dependent on them."""

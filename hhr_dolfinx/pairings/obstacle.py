@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
+from hhr_dolfinx.contact.law import LAW
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.sides import along_normal
@@ -20,8 +21,6 @@ from hhr_dolfinx.pairings.surface import (
     warn_of_overlap,
 )
 from hhr_dolfinx.parameters import Tag, is_number
-
-if TYPE_CHECKING:
 
 
 @dataclass(frozen=True)

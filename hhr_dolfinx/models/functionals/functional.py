@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Protocol
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
@@ -20,8 +20,6 @@ from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.errors import HHRError, NotOfferedError, ParameterError, SceneError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.parameters import ParameterSpace
-
-if TYPE_CHECKING:
 
 DIFFERENCE = 1e-4
 """Step of the central differences over shapes, as a part of the box: their error is its square."""

@@ -29,8 +29,6 @@ from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
-
-if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals.functional import Functionals
 
 

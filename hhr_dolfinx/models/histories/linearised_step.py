@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -18,7 +18,6 @@ from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.linear.anderson import Anderson
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer, GaussState, found_as
-from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.models.histories.equilibrium import (
     Diverged,
     Equilibrium,
@@ -29,9 +28,8 @@ from hhr_dolfinx.models.histories.equilibrium import (
 )
 from hhr_dolfinx.models.histories.points import Points
 from hhr_dolfinx.models.histories.small_strains import SmallStrains
+from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.trained import Signs
-
-if TYPE_CHECKING:
 
 ROUND_OFF_STRAIN = 1e-13
 """Strain that counts as round-off of displacements without strain, as when a gap closes without stress."""
@@ -217,7 +215,8 @@ def _elastic_start(model, here, theta, point):
     stress = here.state().stress + np.einsum("nij,nj->ni", model.material.elastic, change)
     residual, _ = model.residual(x, GaussState(stress, here.state().state), theta)
     try:
-        change, found = model.elastic.correct(residual, x, theta, here.active, steps_of(model.law).step_contact(model, here, point))
+        contact = steps_of(model.law).step_contact(model, here, point)
+        change, found = model.elastic.correct(residual, x, theta, here.active, contact)
     except NotSolvableError:
         return x
     return x + change if found.status is Status.CONVERGED else x

@@ -1,8 +1,8 @@
 """Friction of contact pairs: laws that users define, and the tangential rows of B.
 
-A contact with friction has one tangential row in the plane and two in space, see :mod:`hhr_dolfinx.plugins.friction.tangents`.
-The slack of such a row decreases by the relative displacement along a tangent. Its multiplier τ is the tangential force
-on the slave with the opposite sign. Coulomb's law is
+A contact with friction has one tangential row in the plane and two in space, see
+:mod:`hhr_dolfinx.plugins.friction.tangents`. The slack of such a row decreases by the relative displacement along a
+tangent. Its multiplier τ is the tangential force on the slave with the opposite sign. Coulomb's law is
 
     |τ| <= min(coefficient λ, limit area),     and τ is opposed to the slack of an increment unless that is zero.
 """
@@ -62,8 +62,8 @@ class _Tangential(PairLaw):
         FrictionLaw.of(self, scene.parameters, what)  # type: ignore[arg-type]
         if scene.shapes and self.limit is not None:
             raise SceneError(
-                f"scene '{scene.name}' has friction with a limit of its stress, and bodies that change their shape, and "
-                "with it their areas: that is not built in. Give Coulomb's coefficient alone"
+                f"scene '{scene.name}' has friction with a limit of its stress, and bodies that change their shape, "
+                "and with it their areas: that is not built in. Give Coulomb's coefficient alone"
             )
 
     @classmethod
@@ -267,7 +267,7 @@ class Friction(ContactLaw, Rebuilt):
         return found
 
     def kept_with(self, inside: np.ndarray, contact: Any) -> np.ndarray:
-        """See :class:`ContactLaw`: a tangential force that acts on no unknown is kept with the pressure that bounds it."""
+        """See :class:`ContactLaw`: tangential forces that act on no unknown are kept with their pressures."""
         found = inside.copy()
         idle = np.diff(contact.indptr)[self.tangential] == 0
         found[self.tangential[idle]] = inside[self.normal[self.owner[idle]]]

@@ -78,7 +78,8 @@ class Slider:
     """Solves increments of one model; see :class:`~hhr_dolfinx.models.histories.increments.Increments`.
 
     Args:
-        model: full or condensed, with a :class:`Friction` as its law, and ``contacts`` for the contact problem of each point.
+        model: full or condensed, with a :class:`Friction` as its law, and ``contacts``, which makes the contact problem
+            of each point.
         gradient: compute derivatives too.
 
     Attributes:
