@@ -421,7 +421,7 @@ def stages_of(full: FullModel, recipe: Recipe) -> list[str]:
 
     found = list(from_here(""))
     if lost := [stage for stage in wanted if stage.place not in found]:
-        raise ReductionError(f"the stage {lost[0].place} comes after {lost[0].after}, which this reduction does not have")
+        raise ReductionError(f"the stage {lost[0].place} comes after {lost[0].after}, which is no stage here")
     return found
 
 

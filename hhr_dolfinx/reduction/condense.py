@@ -174,9 +174,8 @@ class Condensation(Reductor[_Prepared]):
             forces = forces.T if task.snapshots is None else task.snapshots.forces
             completed = _bounded(full, completed, forces, log, solvers, announce, wanted=self.bound)
         answering = _finer(compliances, completed.bound) if finer else compliances
-        model = CondensedModel(
-            full.parameters, answering, known, completed, problem.contact_pairs, advice=ADVICE, friction=problem.friction
-        )
+        parts = full.parameters, answering, known, completed, problem.contact_pairs
+        model = CondensedModel(*parts, advice=ADVICE, friction=problem.friction)
         numbers = [grid.evaluations for grid in grids], [grid.surplus for grid in grids]
         unresolved = max((grid.unresolved for grid in grids), default=0.0)
         return model, CondensedFacts(settings, *numbers, unresolved, finer=answering is not compliances)

@@ -20,7 +20,6 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import TrustLimits, warn_of_training
 from hhr_dolfinx.contact.active_set import active_set
-from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError, ReductionError, UnstableModelError
 from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.materials.update import Group

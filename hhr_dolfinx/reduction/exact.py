@@ -47,7 +47,8 @@ class ExactCondensation(Reductor[Task]):
         """The model."""
         full = prepared.full
         snapshots = prepared.snapshots
-        known = _known_statuses(full) if snapshots is None else snapshots.known_statuses()
+        untrained = snapshots is None or full.friction is not None
+        known = _known_statuses(full) if untrained else snapshots.known_statuses()
         return exact_condensation(full, known, field=self.field), None
 
     def compare(self, task: Task, model: Any) -> tuple[None, None]:

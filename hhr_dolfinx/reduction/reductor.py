@@ -1,8 +1,8 @@
 """Driver of all reductions: attempt, compare, trust, refine, record.
 
-A reductor prepares the data that its attempts share, and makes one model for each level, coarse levels first. The driver
-compares each model with answers of the full one. It goes on while a check refuses the model or its errors exceed the
-target, and returns the best one.
+A reductor prepares the data that its attempts share, and makes one model for each level, coarse levels first. The
+driver compares each model with answers of the full one. It goes on while a check refuses the model or its errors exceed
+the target, and returns the best one.
 """
 
 from __future__ import annotations
@@ -254,7 +254,7 @@ class Outcome:
 def outcomes(
     candidates: Iterable[Any], make: Callable[[Any], Any], refusals: tuple[type[HHRError], ...]
 ) -> Iterator[Outcome]:
-    """The loop over attempts: what each makes, or the error that refused it. The caller stops, or takes the next one."""
+    """The loop over attempts: the result of each, or the error that refused it. The caller stops or takes the next."""
     for candidate in candidates:
         outcome = Outcome(candidate)
         try:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-
 from hhr_dolfinx import registry
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.full import FullModel
@@ -22,12 +20,10 @@ OWN = (
 """Reductors of the core."""
 
 
-def reductors_of(full: FullModel) -> Iterator[type[Reductor]]:
-    """Reductors for a full model, each loaded when it is asked for: first those that keep all contact conditions."""
-    every = [*OWN, *(way for plugin in registry.installed().values() for way in plugin.reductors.values())]
-    for way in sorted(every, key=lambda way: not way.condenses):
-        if way.wanted(full):
-            yield registry.load(way.place)
+def ways(full: FullModel) -> list[Way]:
+    """Reductors for a full model, which are not loaded yet: first those that keep all contact conditions."""
+    every = (*OWN, *(way for plugin in registry.installed().values() for way in plugin.reductors.values()))
+    return sorted((way for way in every if way.wanted(full)), key=lambda way: not way.condenses)
 
 
 def condensing(full: FullModel) -> type[Reductor]:
@@ -36,7 +32,7 @@ def condensing(full: FullModel) -> type[Reductor]:
     Raises:
         NotOfferedError: if there is none.
     """
-    for way in (*OWN, *(way for plugin in registry.installed().values() for way in plugin.reductors.values())):
-        if way.condenses and way.wanted(full):
+    for way in ways(full):
+        if way.condenses:
             return registry.load(way.place)
     raise NotOfferedError(f"no installed reductor condenses scene '{full.scene.name}'")

@@ -9,6 +9,7 @@ from hhr_dolfinx.models.frictional_fields import FrictionalFields
 from hhr_dolfinx.reduction.build import Draft
 from hhr_dolfinx.reduction.calibration import calibrated
 
+
 def check_forces(draft: Draft) -> None:
     """Forces of sticking contacts are determined."""
     check_sticking(draft.stability)
