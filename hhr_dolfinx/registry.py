@@ -16,7 +16,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
-from hhr_dolfinx.errors import PluginWarning, SceneError
+from hhr_dolfinx.errors import NotOfferedError, PluginWarning, SceneError
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
@@ -74,6 +74,9 @@ class Plugin:
             ``options``, decorators of click, and ``training(given)``, by the option that selects them.
         reductors: ways to build a model by name, which ``hhr.reduce`` tries after those of the core.
         stages: further stages of the hyper-reduction.
+        memory: names of the parts of :class:`~hhr_dolfinx.memory.Memory` that its laws keep in answers.
+        facets: places of objects that do for its laws what the core leaves to them, by words: each part of the core
+            that needs one documents its word and protocol, and refuses a law without it, see :func:`facet`.
         companions: places of functions ``(full, folder) -> None`` that write further files next to a model;
             collective over the ranks of the full model.
     """
@@ -89,6 +92,8 @@ class Plugin:
     trainings: Mapping[str, str] = field(default=NOTHING)
     reductors: Mapping[str, Way] = field(default=NOTHING)
     stages: tuple[Stage, ...] = ()
+    memory: tuple[str, ...] = ()
+    facets: Mapping[str, str] = field(default=NOTHING)
     companions: tuple[str, ...] = ()
 
 
@@ -160,6 +165,32 @@ def parts(kind: str) -> dict[str, tuple[str, str]]:
         for plugin in installed().values()
         for name, place in plugin.parts.get(kind, {}).items()
     }
+
+
+@functools.cache
+def memories() -> frozenset[str]:
+    """Names of the parts of memories that laws of plug-ins keep in answers."""
+    return frozenset(name for plugin in installed().values() for name in plugin.memory)
+
+
+@functools.cache
+def facet(plugin: str, word: str, what: str) -> Any:
+    """What a plug-in does for its laws at one place of the core.
+
+    Args:
+        plugin: name of the plug-in.
+        word: name of the facet.
+        what: what needs it, for the message.
+
+    Raises:
+        NotOfferedError: if the plug-in is missing, or has no such facet: the law would be ignored.
+    """
+    known = installed()
+    if plugin not in known:
+        raise NotOfferedError(f"{what} needs the plug-in '{plugin}', which is not installed")
+    if word not in known[plugin].facets:
+        raise NotOfferedError(f"{what} is not built in for what the plug-in '{plugin}' adds: it has no facet '{word}'")
+    return load(known[plugin].facets[word])
 
 
 def listed(what: str) -> list[Any]:
