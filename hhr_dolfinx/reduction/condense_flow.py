@@ -32,9 +32,9 @@ from hhr_dolfinx.parameters import is_number, is_whole
 from hhr_dolfinx.reduction.cubature import Cubature, compressed, fitted
 from hhr_dolfinx.reduction.elastic_response import ElasticResponse, elastic_response
 from hhr_dolfinx.reduction.modes import correction_modes, state_modes
-from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, made
+from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
-from hhr_dolfinx.timing import Announce, StageLog, unannounced
+from hhr_dolfinx.timing import Announce, StageLog
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
@@ -220,6 +220,10 @@ def _limits() -> TrustLimits:
 class CorrectionSettings(Reductor["_Shared"]):
     """Targets of a reduced plastic correction: a model of inelastic bodies that keeps all contact conditions.
 
+    It is a reductor, ``build(full, snapshots, CorrectionSettings())``, of a full model on one rank and training
+    histories. It refuses scenes whose moduli are no factors of connected components, and gives the warnings of
+    :func:`hhr_dolfinx.reduction.build.build`.
+
     Attributes:
         modes: energy norm that the modes leave out of training corrections, each over the root of its norm, relative.
         cubature: relative misfit of the integrals at training states.
@@ -338,34 +342,6 @@ class CorrectionFacts:
     candidates: int
     misfit: float
     energy: float
-
-
-def condense_flow(
-    full: FullModel,
-    snapshots: SnapshotSet,
-    settings: CorrectionSettings | None = None,
-    held_out: SnapshotSet | None = None,
-    announce: Announce = unannounced,
-) -> CondensedFlowModel:
-    """Build a model of inelastic bodies that keeps all contact conditions and reduces the plastic correction alone.
-
-    Args:
-        full: the full model, on one rank.
-        snapshots: training histories.
-        settings: targets.
-        held_out: histories kept out of training, for the check.
-        announce: called at the start of each stage; an exception from it stops the build.
-
-    Raises:
-        ReductionError: for a scene without inelastic bodies, or whose moduli are no factors of connected components.
-        UnstableModelError: if a model with the most modes and points allowed is still inaccurate.
-
-    Warns:
-        StabilityWarning, UncheckedWarning: as :func:`hhr_dolfinx.reduction.build.build`.
-    """
-    task = Task(full, snapshots, held_out, announce=announce)
-    found: CondensedFlowModel = made(settings or CorrectionSettings(), task)
-    return found
 
 
 def _check_given(task: Task) -> None:

@@ -107,58 +107,35 @@ class Record(Generic[Facts]):
         return getattr(self.facts, name)
 
 
-class Target(Protocol):
-    """Target accuracy of a search."""
-
-    @property
-    def error(self) -> float:
-        """Largest relative error."""
-
-    @property
-    def needs_fields(self) -> bool:
-        """True if it includes displacements."""
-
-    @property
-    def elastic(self) -> bool:
-        """True if no quantity of it can need the stress."""
-
-
 class Search(Protocol):
-    """A search for a model, as far as reductors see it."""
+    """A search for a model, as reductors see it.
+
+    Attributes:
+        full: the full model.
+        target: target accuracy: its ``error``; ``needs_fields``, if it includes displacements; ``elastic``, if no
+            quantity of it can need the stress.
+        family: paths, if answers depend on them; None if queries are points.
+        held_out: answers of checks so far.
+        checked: the same as a set; None before the first check.
+        forces_off: whether contact forces of the last model were less accurate than the target.
+        reads_displacements: whether the target, or an output of the scene, needs displacements.
+        store: keeps solutions of connected components.
+        announce: reports a stage, and raises if the rest of it exceeds the budget.
+        progress: reports a stage.
+        reduced: function of a reductor and a number of training answers that makes its model of about so many.
+    """
 
     full: FullModel
-    progress: Announce
+    target: Any
+    family: object
+    held_out: Sequence[object]
+    checked: SnapshotSet | None
     forces_off: bool
-
-    @property
-    def target(self) -> Target:
-        """Target accuracy."""
-
-    @property
-    def family(self) -> object:
-        """Paths, if answers depend on them; None if queries are points."""
-
-    @property
-    def held_out(self) -> Sequence[object]:
-        """Answers of checks so far."""
-
-    @property
-    def checked(self) -> SnapshotSet | None:
-        """The same as a set; None before the first check."""
-
-    @property
-    def store(self) -> ArrayStore | None:
-        """Keeps solutions of connected components."""
-
-    @property
-    def reads_displacements(self) -> bool:
-        """True if the target, or an output of the scene, needs displacements."""
-
-    def announce(self, stage: str, share: float) -> None:
-        """Report a stage; raises if the rest of it exceeds the budget."""
-
-    def reduced(self, reductor: Reductor, count: int) -> Any:
-        """The model that a reductor makes of about so many training answers."""
+    reads_displacements: bool
+    store: ArrayStore | None
+    announce: Announce
+    progress: Announce
+    reduced: Callable[[Reductor, int], Any]
 
 
 @dataclass(frozen=True)
