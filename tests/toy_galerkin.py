@@ -40,16 +40,9 @@ class Galerkin(Reductor[Task]):
     remedy = "train on more points"
 
     def check(self, task):
-        full = task.full
-        if (
-            full.equilibrium is not None
-            or full.friction is not None
-            or full.problem.varies
-            or full.problem.pins is not None
-        ):
-            raise NotOfferedError(
-                "Galerkin is for elastic bodies of constant stiffness that are held, without friction"
-            )
+        full, problem = task.full, task.full.problem
+        if full.equilibrium is not None or full.friction is not None or problem.varies or problem.pins is not None:
+            raise NotOfferedError("Galerkin is for elastic bodies of constant stiffness that are held")
 
     def levels(self, task):
         return (1e-4, 1e-8, 1e-12)
@@ -67,9 +60,8 @@ class Galerkin(Reductor[Task]):
                              stress_of=full.stress_of, functionals=full.functionals)  # fmt: skip
         known = prepared.snapshots.known_statuses()
         eliminated = ConstantElimination(responses, problem.amplitudes)
-        return CondensedModel(full.parameters, eliminated, known, fields, problem.contact_pairs), {
-            "modes": len(basis.T)
-        }
+        model = CondensedModel(full.parameters, eliminated, known, fields, problem.contact_pairs)
+        return model, {"modes": basis.shape[1]}
 
     def off(self, comparison):
         return max(comparison.primal.max(), comparison.dual.max()) / self.small

@@ -240,9 +240,14 @@ def outcomes(
         except refusals as error:
             outcome.error = error
         except BaseException:
-            repeat(outcome.warnings)
+            repeat(_of_scene(outcome))
             raise
         yield outcome
+
+
+def _of_scene(outcome: Outcome) -> list[Warned]:
+    """Warnings of the scene."""
+    return [said for said in outcome.warnings if issubclass(said.category, OF_SCENE)]
 
 
 def made(reductor: Reductor[Prepared], task: Task, before: Prepared | None = None) -> Any:
@@ -278,8 +283,8 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
         del log.skipped[before:]
         model, facts = reductor.attempt(prepared, level)
         _check_scene(task.full, reductor, model)
-        comparison, trained = reductor.compare(task, model)
         _check_claim(reductor, task, model)
+        comparison, trained = reductor.compare(task, model)
         if isinstance(model, KeptModel) and trained is not model.trained:
             model = model.changed(trained=trained)
         return model, facts, comparison
@@ -295,7 +300,7 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
         if off <= 1:
             break
         log.refuse(f"errors are {off:.2g} times what is small enough", **{reductor.level: outcome.candidate})
-    repeat(said for outcome in refused for said in outcome.warnings if issubclass(said.category, OF_SCENE))
+    repeat(said for outcome in refused for said in _of_scene(outcome))
     if best is None:
         error = refused[-1].error if refused else None
         raise error or ReductionError(f"{type(reductor).__name__} has no levels")
