@@ -39,7 +39,7 @@ from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.online.model_file import FORMAT, MODULES, VERSION, Kinds, check_answers
 from hhr_dolfinx.plain import as_plain, restored
-from hhr_dolfinx.reduction.condense_flow import CorrectionSettings, condense_flow
+from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
 OF_CONTRACT = tuple(
     kind
@@ -96,7 +96,7 @@ def models():
         if kind == "condensed pellet":
             full = hhr.FullOrderModel(pellet(outputs=OUTPUTS))
             known = hhr.SnapshotSet.of_histories([full.march(heated(*item)) for item in ((5.0, 160e3), (12.0, 220e3))])
-            return condense_flow(full, known, CorrectionSettings(attempts=1, trust=None))
+            return hhr.build(full, known, CorrectionSettings(attempts=1, trust=None))
         training = pellets["one"]
         if kind == "pellet":
             return hhr.build(training.full_order, training.snapshots, hhr.Recipe().as_it_is())
@@ -469,7 +469,7 @@ def test_models_in_space_come_back(how, tmp_path):
     path = [(0.25 * k, [share]) for k, share in enumerate((0.0, 0.03, 0.06, 0.09, 0.04))]
     known = hhr.SnapshotSet.of_histories([full.march(path)])
     if how == "condensed":
-        model = condense_flow(full, known, CorrectionSettings(attempts=1, trust=None))
+        model = hhr.build(full, known, CorrectionSettings(attempts=1, trust=None))
     else:
         model = hhr.build(full, known, hhr.Recipe.flowing().as_it_is())
     hhr.save_model(tmp_path / "model.npz", model)

@@ -6,7 +6,7 @@ Perfect inf-sup constants are necessary and not sufficient; cond(K~) and validat
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from numbers import Real
 from typing import TYPE_CHECKING, Any
@@ -34,9 +34,8 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.models.answer import Model, Path
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.timing import StageLog
 from hhr_dolfinx.trained import Known, Signs, TrainedPaths
-from hhr_dolfinx.warn import collected, repeat, warn
+from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
@@ -140,28 +139,6 @@ def check_loads_seen(problem: ContactProblem, sets: IndexSets, points: np.ndarra
 
 MORE_LAYERS = "add RID layers (in Python, hhr.Recipe(domain=hhr.Rid(layers=4)))"
 """Python code that enlarges a RID: no command has an option for it."""
-
-
-def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, log: StageLog) -> Any:
-    """The first attempt that passes its checks, from ``layers`` to ``most_layers`` layers of cells around the RID.
-
-    The error of the last attempt is raised; the log records every refusal.
-    """
-    before = len(log.skipped)
-    while True:
-        try:
-            with collected() as caught:
-                found = attempt(layers)
-        except (NotSolvableError, UnstableModelError, UnseenLoadError) as refused:
-            log.refuse(str(refused), layers=layers)
-            if layers >= most_layers:
-                raise
-        else:
-            # warnings of refused attempts do not concern the returned model
-            repeat(caught)
-            return found
-        del log.skipped[before:]
-        layers += 1
 
 
 def check_solvable(stability: Stability, problem: ContactProblem | None = None, sets: IndexSets | None = None) -> None:

@@ -56,7 +56,7 @@ class ReducedModel(KeptModel):
         trained: training range: of points, or of paths for inelastic bodies.
         known: statuses of the training points on A_lambda; None for inelastic bodies.
         flow: Gauss points and laws of the RID; None in elastic models.
-        offline: record of the construction, an ``OfflineRecord``; None for a model from a file.
+        offline: record of the construction, a ``Record``; None for a model from a file.
         factorise: factors K~ and the active blocks.
         compliances: interpolated elimination of gamma if K~ depends on few parameters; None factors K~ for each point.
 

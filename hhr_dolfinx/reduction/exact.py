@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -15,6 +17,52 @@ from hhr_dolfinx.models.eliminations.elimination import Responses
 from hhr_dolfinx.models.exact import ExactFields, SolvedFields
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, made
+
+STARTS = 64
+"""Points whose statuses are solved in advance on S, without snapshots."""
+
+
+@dataclass(frozen=True)
+class ExactCondensation(Reductor[Task]):
+    """Exact condensation, see :func:`exact_condensation`.
+
+    Attributes:
+        field: compute the displacement with each answer; without it only when it is asked for, and a query costs less.
+    """
+
+    field: bool = False
+    method: ClassVar[str] = "condensed"
+
+    @classmethod
+    def usual(cls, settings: Any, *, fields: bool | None) -> ExactCondensation:
+        """See :meth:`~hhr_dolfinx.reduction.reductor.Reductor.usual`; settings have no effect."""
+        return cls(bool(fields))
+
+    def not_by_rows(self, task: Task) -> str:
+        """One rank must have all rigid motions."""
+        return "" if task.full.problem.rigid is None else "contact alone holds bodies"
+
+    def attempt(self, prepared: Task, level: int) -> tuple[CondensedModel, None]:
+        """The model."""
+        full = prepared.full
+        snapshots = prepared.snapshots
+        untrained = snapshots is None or full.friction is not None
+        known = _known_statuses(full) if untrained else snapshots.known_statuses()
+        return exact_condensation(full, known, field=self.field), None
+
+    def compare(self, task: Task, model: Any) -> tuple[None, None]:
+        """Nothing: the driver compares the claim of exactness."""
+        return None, None
+
+    def proposals(self, search: Search) -> Iterator[Proposal]:
+        """One model."""
+
+        def make() -> Any:
+            search.announce("exact condensation", 0.0)
+            return made(ExactCondensation(search.target.needs_fields), Task(search.full, sure=0))
+
+        yield Proposal(self.method, "exact", make)
 
 
 def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
@@ -96,3 +144,18 @@ def _floating(
     left = FloatingElimination(responses, taken, driving, rigid, problem.amplitudes)
     friction = problem.friction
     return CondensedModel(problem.parameters, left, known, fields, problem.contact_pairs, friction=friction)
+
+
+def _known_statuses(full: FullModel) -> KnownStatuses:
+    """Statuses at some points of the box, solved on S."""
+    from hhr_dolfinx.sampling import Sobol
+
+    problem = full.problem
+    nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
+    if problem.friction is not None:  # an increment starts from the one before
+        return nothing
+    model = exact_condensation(full, nothing, field=False)
+    points = Sobol(STARTS).points(problem.parameters)
+    return (
+        KnownStatuses.of_answers(model.solve(point, start=None, raise_on_failure=False) for point in points) or nothing
+    )

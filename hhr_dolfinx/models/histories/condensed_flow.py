@@ -469,7 +469,7 @@ class CondensedFlowModel(KeptModel):
         parameters: the box of the parameters.
         fields: completes the answers.
         trained: training range.
-        offline: record of its construction, a ``CorrectionRecord``; None for a model from a file.
+        offline: record of its construction, a ``Record``; None for a model from a file.
     """
 
     kept = ("flow", "parameters", "fields", "trained")

@@ -18,8 +18,10 @@ from hhr_dolfinx.errors import NotOfferedError, ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import checked_path
-from hhr_dolfinx.reduction.build import build, everywhere, not_by_rows, usual_recipe
+from hhr_dolfinx.reduction.build import build, not_by_rows, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
+from hhr_dolfinx.reduction.reductor import Task, everywhere, made
+from hhr_dolfinx.reduction.reductors import condensing
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, held_out_points, spread_snapshots
 from hhr_dolfinx.snapshots.store import SnapshotStore
@@ -58,7 +60,7 @@ class Training(TrainingAnswers):
 
         Only unsolvable models are refused even then: dependent contact rows, a singular K~. None takes the default
         recipe of the scene, or the one for which a greedy training chose. Other objects are user-defined reductions,
-        see :class:`~hhr_dolfinx.reduction.build.Reductor`. Each stage is announced as it begins.
+        see :class:`~hhr_dolfinx.reduction.reductor.Reductor`. Each stage is announced as it begins.
         """
         if recipe is None and self.choice is not None:
             recipe = self.choice.recipe
@@ -87,23 +89,13 @@ class Training(TrainingAnswers):
         Raises:
             NotOfferedError: for bodies with rigid motions whose moduli or shapes are parameters.
         """
-        if self.full_order.equilibrium is not None:
-            from hhr_dolfinx.reduction.condense_flow import condense_flow
+        full = self.full_order
+        if full.friction is not None and full.equilibrium is None:
+            from hhr_dolfinx.study.condensing import condensed
 
-            return condense_flow(self.full_order, self.snapshots, settings, self.held_out, announce)
-        if self.full_order.law.remembers:
-            from hhr_dolfinx.study import condensing
-
-            return condensing.condensed(self.full_order, settings)
-        if not self.full_order.problem.varies:
-            from hhr_dolfinx.reduction.exact import exact_condensation
-
-            full = self.full_order if self.full_order.problem.rigid is None else self.everywhere.full_order
-            return exact_condensation(full, self.snapshots.known_statuses(), field=False)
-        from hhr_dolfinx.reduction.condense import condense
-
-        there = self.everywhere
-        return condense(there.full_order, there.snapshots, settings, there.held_out, announce=announce)
+            return condensed(full, settings)
+        task = Task(full, self.snapshots, self.held_out, announce=announce)
+        return made(condensing(full).usual(settings, fields=None), task)
 
     def force_correction(self) -> ForceCorrection:
         """Build an estimate and a correction of the contact forces of histories, for any model of this training.
