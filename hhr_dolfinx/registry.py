@@ -74,6 +74,7 @@ class Plugin:
             ``options``, decorators of click, and ``training(given)``, by the option that selects them.
         pair_laws: places of functions ``(value, what) -> PairLaw`` by the field of a pairing whose value they read, see
             :mod:`hhr_dolfinx.contact.law`.
+        recipes: places of functions ``(**changes) -> Recipe`` by their names as attributes of ``Recipe``.
         reductors: ways to build a model by name, which ``hhr.reduce`` tries after those of the core.
         stages: further stages of the hyper-reduction.
         memory: names of the parts of :class:`~hhr_dolfinx.memory.Memory` that its laws keep in answers.
@@ -93,6 +94,7 @@ class Plugin:
     methods: Mapping[str, str] = field(default=NOTHING)
     trainings: Mapping[str, str] = field(default=NOTHING)
     pair_laws: Mapping[str, str] = field(default=NOTHING)
+    recipes: Mapping[str, str] = field(default=NOTHING)
     reductors: Mapping[str, Way] = field(default=NOTHING)
     stages: tuple[Stage, ...] = ()
     memory: tuple[str, ...] = ()

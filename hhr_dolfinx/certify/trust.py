@@ -158,20 +158,6 @@ def check_solvable(stability: Stability, problem: ContactProblem | None = None, 
     )
 
 
-def check_sticking(stability: Stability) -> None:
-    """Raise NotSolvableError for a singular S of the RID: forces of sticking contacts are then undetermined.
-
-    Without friction this may be correct for a body that only contact holds; with friction a second solution was found,
-    10 % off.
-    """
-    if abs(stability.contact_definite) < DEPENDENT:
-        raise NotSolvableError(
-            "the contact rows are dependent on the modes without rigid motions, so that friction has several answers: "
-            "enrich the basis further, enrichment=Enrich(2.0), as the usual recipe does where its first enrichment is "
-            "too small, or take a condensed model"
-        )
-
-
 def _check_parallel(problem: ContactProblem, sets: IndexSets) -> None:
     """Raise NotSolvableError if conditions of the RID are equivalent for any basis."""
     if same := _parallel_rows(problem.contact[sets.A_lambda]):
@@ -293,7 +279,7 @@ def check_door(trained: TrainedPaths, limits: TrustLimits) -> None:
 def warn_of_training(full: FullModel, snapshots: Solutions, held_out: Solutions | None) -> None:
     """Warn in advance of deficits in training and validation that no check of the model can find."""
     flows = full.equilibrium is not None
-    if not (flows or full.problem.friction):  # each step of an elastic load path is a point like any other
+    if not (flows or full.problem.law.remembers):  # each step of an elastic load path is a point like any other
         warn_of_gaps_in_training(snapshots.points)
         warn_of_moduli_unseen(full.problem, snapshots.points)
     if not snapshots.any_contact(full.problem):
@@ -308,7 +294,7 @@ def warn_of_training(full: FullModel, snapshots: Solutions, held_out: Solutions 
             "history that flows is outside what was trained. Train at higher loads, or leave the laws out",
             TrainingWarning,
         )
-    _warn_of_held_out(held_out, flows or full.problem.friction is not None)
+    _warn_of_held_out(held_out, flows or full.problem.law.remembers)
 
 
 def _warn_of_held_out(held_out: Solutions | None, flows: bool) -> None:

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactRows
     from hhr_dolfinx.parameters import ParameterSpace
 
+_NO_PLACE = np.zeros(0, dtype=np.int64)
 LAW = MappingProxyType({"law": True})
 """Metadata of a field of a pairing that a plug-in reads as a law; a scene is refused if no plug-in reads it."""
 
@@ -138,6 +139,7 @@ class ContactLaw:
     name: ClassVar[str] = "unilateral contact"
     remembers: ClassVar[bool] = False
     without: ClassVar[Mapping[str, str]] = MappingProxyType({})
+
     fixed: np.ndarray
 
     def pressing(self, count: int) -> np.ndarray:
@@ -195,7 +197,7 @@ class ContactLaw:
 class Unilateral(ContactLaw):
     """Forces push, surfaces do not overlap, and at each condition the force or the slack is zero: thesis (1.21)."""
 
-    fixed: ClassVar[np.ndarray] = np.zeros(0, dtype=np.int64)
+    fixed: ClassVar[np.ndarray] = _NO_PLACE  # type: ignore[misc]
 
 
 UNILATERAL = Unilateral()

@@ -168,6 +168,10 @@ class Discretisation(DiscreteSpace):
         """Append the rows of laws by pair to the conditions; return all rows, the pair of each, and the law on them."""
         if len({law.plugin for law in laws.values()}) > 1:
             raise SceneError(f"contacts of scene '{self.scene.name}' have laws of several plug-ins: not built in")
+        if not all(law.remembers for law in laws.values()):
+            raise SceneError(
+                f"a law of contacts of scene '{self.scene.name}' does not remember: such laws are not built in"
+            )
         mesh = MeshArrays(self._points(), self._cell_nodes(), self.order)
         return next(iter(laws.values())).attached(laws, self.scene, rows, pairs, free, lifts, mesh)
 

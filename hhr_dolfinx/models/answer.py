@@ -231,7 +231,7 @@ class Answer(NamedTuple):
     def pressure(self, full: Meshed | None = None) -> np.ndarray:
         """Contact pressure at each condition of the whole surface: nodal forces over tributary areas, (N_lambda,).
 
-        Tangential conditions of friction have tractions. Conditions without an area are NaN.
+        Other conditions than those of pressures have tractions. Conditions without an area are NaN.
 
         Args:
             full: the full model, whose mesh has the areas; not needed in the process that built the model.

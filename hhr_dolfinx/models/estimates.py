@@ -44,7 +44,7 @@ SHOWN = {
 STRESS = "indicator of the stress"
 """Kind of the estimates of inelastic bodies, which cover only the stress."""
 FORCES = "indicator of the forces"
-"""Kind of the estimates of hyper-reduced contact with friction, which cover only forces."""
+"""Kind of the estimates of hyper-reduced laws of interfaces, which cover only forces."""
 
 
 class Estimate(NamedTuple):

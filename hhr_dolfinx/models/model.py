@@ -251,7 +251,7 @@ class AnsweringModel(Shown):
         """Strength of the coupling of contact conditions by their law: below one, each increment has one answer.
 
         From one on there may be several, and the search finds one of them. Zero for unilateral contact. NaN if
-        unknown, as for friction of bodies with rigid motions, inelastic bodies, or an unsymmetric S.
+        unknown, as for bodies with rigid motions, inelastic bodies, or an unsymmetric S.
         """
         return steps_of(self.law).coupling(self, self.parameters.point(mu))
 

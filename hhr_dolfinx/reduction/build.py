@@ -33,8 +33,9 @@ from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.completion import Completion, bound_of
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
+from hhr_dolfinx.reduction.interface import reduction_of
 from hhr_dolfinx.reduction.projection import project, reduced_domain
-from hhr_dolfinx.reduction.recipe import Enrich, Recipe, basis_of, chosen_nodes
+from hhr_dolfinx.reduction.recipe import Recipe, basis_of, chosen_nodes
 from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, as_reductor, compared, made, outcomes
 from hhr_dolfinx.registry import Stage
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
@@ -45,11 +46,6 @@ from hhr_dolfinx.warn import repeat
 if TYPE_CHECKING:
     from hhr_dolfinx.models.histories.reduced_flow import ReducedFlow
     from hhr_dolfinx.models.starts import LinearStarts
-
-
-FURTHER = Enrich(2.0)
-"""Enrichment of the usual recipe with friction if its usual enrichment leaves contact rows dependent: only friction
-then holds a body, and forces of sticking contacts need modes without its rigid motions."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -165,9 +161,7 @@ def usual_recipes(full: FullModel) -> tuple[Recipe, ...]:
     """Default recipes of a scene; each is tried if the one before leaves contact rows dependent."""
     if full.equilibrium is not None:
         return (Recipe.flowing(),)
-    if full.problem.friction is not None:
-        return Recipe.with_friction(), replace(Recipe.with_friction(), enrichment=FURTHER)
-    return (Recipe(),)
+    return reduction_of(full.problem.law).recipes()
 
 
 def build(
@@ -230,8 +224,8 @@ def not_by_rows(problem: ContactProblem, snapshots: SnapshotSet | None = None, r
 
     Decomposition, projection, enrichment and bounds use only sums over the ranks.
     """
-    if problem.friction is not None:
-        return "frictional contact"
+    if problem.law.plugin:
+        return f"contact with {problem.law.name}"
     if snapshots is not None and snapshots.histories:
         return "it is trained on histories"
     if recipe is not None and not recipe.by_rows:
@@ -262,6 +256,7 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
         raise ReductionError(f"{recipe!r} is no recipe: give a Recipe")
     problem = full.problem
     problem.require_parts("hyper-reduction")
+    reduction_of(problem.law)
     if problem.reshaped is not None:
         raise NotOfferedError(
             "hyper-reduction is not offered where shapes are parameters: condensation is quicker there, and a million "
@@ -274,8 +269,10 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
         if full.equilibrium is None:
             if solutions.states:
                 raise ReductionError(f"bodies of {name} flow, and none of the model do: they belong to another scene")
-            if problem.friction is not None and not solutions.histories:
-                raise ReductionError(f"{name} of a scene with friction must be histories: SnapshotSet.of_histories")
+            if problem.law.remembers and not solutions.histories:
+                raise ReductionError(
+                    f"{name} of a scene with {problem.law.name} must be histories: SnapshotSet.of_histories"
+                )
             continue
         if not solutions.histories:
             raise ReductionError(f"{name} of a scene whose bodies flow must be histories: SnapshotSet.of_histories")
@@ -341,7 +338,7 @@ class HyperReduction(Reductor[Offline]):
         if full.equilibrium is None or recipe.tangents is None:
             why = "elastic bodies: the elastic operator is the tangent" if full.equilibrium is None else "not requested"
             log.skip("tangents", why)
-        if recipe.indicator is None and (problem.friction is None or full.equilibrium is not None):
+        if recipe.indicator is None and (not problem.law.remembers or full.equilibrium is not None):
             log.skip("indicator", "no estimate of the error of each answer was requested")
         return Offline(task, snapshots, recipe, basis, nodes, constants, completion)
 
@@ -360,26 +357,21 @@ class HyperReduction(Reductor[Offline]):
             return None, None
         limits = self.limits
         found = compared(task, model, limits, self.remedy)
-        if limits is not None and model.friction is None and model.equilibrium is None:
+        if limits is not None and not model.law.remembers and model.equilibrium is None:
             if task.full.problem.rigid is not None and model.fields.bound is not None:
                 check_comparison(compare_on_s(model), limits)
             warn_unbounded(model.fields)
         return found
 
     def proposals(self, search: Search) -> Iterator[Proposal]:
-        """By the default recipe; with friction only of paths, as points have no answers to train on."""
-        if search.full.friction is None or search.family is not None:
+        """By the default recipe; with a law that remembers only of paths, as points have no answers to train on."""
+        if not search.full.law.remembers or search.family is not None:
             yield from super().proposals(search)
 
 
 _HERE = "hhr_dolfinx.reduction.build"
-_FRICTION = "hhr_dolfinx.reduction.stages_of_friction"
 _FLOW = "hhr_dolfinx.reduction.stages_of_flow"
 _VARYING = "hhr_dolfinx.reduction.stages_of_varying"
-
-
-def _elastic_friction(full: FullModel, recipe: Recipe) -> bool:
-    return full.friction is not None and full.equilibrium is None and recipe.trust is not None
 
 
 STAGES = (
@@ -388,16 +380,13 @@ STAGES = (
     Stage(f"{_HERE}:project_problem", f"{_HERE}:enrich_basis"),
     Stage(f"{_FLOW}:project_points", f"{_HERE}:project_problem", lambda full, recipe: full.equilibrium is not None),
     Stage(f"{_HERE}:assess_projection", f"{_HERE}:project_problem"),
-    Stage(f"{_FRICTION}:check_forces", f"{_HERE}:assess_projection", lambda full, recipe: full.friction is not None),
     Stage(f"{_HERE}:check_constants", f"{_HERE}:assess_projection", lambda full, recipe: recipe.trust is not None),
     Stage(f"{_HERE}:reconstruct", f"{_HERE}:assess_projection"),
-    Stage(f"{_FRICTION}:complete_forces", f"{_HERE}:reconstruct", lambda full, recipe: full.friction is not None),
     Stage(f"{_HERE}:assemble", f"{_HERE}:reconstruct"),
     Stage(f"{_VARYING}:interpolate", f"{_HERE}:assemble",
           lambda full, recipe: full.problem.varies and full.equilibrium is None),
     Stage(f"{_HERE}:start_along", f"{_HERE}:assemble",
-          lambda full, recipe: not full.problem.varies and full.friction is None and full.equilibrium is None),
-    Stage(f"{_FRICTION}:calibrate", f"{_HERE}:assemble", _elastic_friction),
+          lambda full, recipe: not full.problem.varies and not full.law.remembers and full.equilibrium is None),
     Stage(f"{_FLOW}:check_tangents", f"{_HERE}:assemble",
           lambda full, recipe: full.equilibrium is not None and recipe.tangents is not None),
 )  # fmt: skip
@@ -405,12 +394,12 @@ STAGES = (
 
 
 def stages_of(full: FullModel, recipe: Recipe) -> list[str]:
-    """Places of the stages of an attempt, in their order; those after the same stage in the order of the list.
+    """Places of the stages of an attempt, in their order; of those after the same stage the ones of plug-ins first.
 
     Raises:
         ReductionError: for a stage that comes after one that is not there.
     """
-    every = (*STAGES, *(stage for plugin in registry.installed().values() for stage in plugin.stages))
+    every = (*(stage for plugin in registry.installed().values() for stage in plugin.stages), *STAGES)
     wanted = [stage for stage in every if stage.wanted(full, recipe)]
 
     def from_here(place: str) -> Iterator[str]:
@@ -481,7 +470,7 @@ def reconstruct(draft: Draft) -> None:
     bounding = bound_of(full, recipe, shared.snapshots, draft.basis, shared.log, shared.task.announce)
     bound = bounding.bound
     with shared.log.stage("reconstruction", shared.task.announce):
-        cone = (recipe.cone or bound is None) and problem.friction is None  # with friction forces have any sign
+        cone = (recipe.cone or bound is None) and not problem.law.plugin  # forces of other laws may have any sign
         fields = shared.completion.reconstruction(problem, bounding.columns, draft.sets, draft.flow, cone=cone)
         fields = replace(fields, bound=bound, unbounded=bounding.unbounded, stress_of=full.stress_of, full=full)
         fields = replace(fields, functionals=plain_outputs(full), response=bounding.response)

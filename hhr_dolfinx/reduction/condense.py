@@ -61,7 +61,7 @@ _INTERPOLATED = (
     "S is interpolated between parameters and not resolved here: raise the budget of the grid or narrow the box"
 )
 ADVICE: Mapping[Status, str] = MappingProxyType({Status.CYCLING: _INTERPOLATED, Status.SINGULAR: _INTERPOLATED})
-OF_FRICTION = "the moduli of bodies with friction vary, and how far interpolated forces are off is not bounded there"
+OF_MEMORY = "moduli vary, and contacts remember their path: how far interpolated forces are off is not bounded there"
 ALONG_NODES = (4, 16)
 PER_NODE = 8
 TOGETHER = 16
@@ -175,7 +175,7 @@ class Condensation(Reductor[_Prepared]):
             completed = _bounded(full, completed, forces, log, solvers, announce, wanted=self.bound)
         answering = _finer(compliances, completed.bound) if finer else compliances
         parts = full.parameters, answering, known, completed, problem.contact_pairs
-        model = CondensedModel(*parts, advice=ADVICE, friction=problem.friction)
+        model = CondensedModel(*parts, advice=ADVICE, law=problem.law)
         numbers = [grid.evaluations for grid in grids], [grid.surplus for grid in grids]
         unresolved = max((grid.unresolved for grid in grids), default=0.0)
         return model, CondensedFacts(settings, *numbers, unresolved, finer=answering is not compliances)
@@ -306,7 +306,7 @@ def _compliances(
 
 def _unbounded(full: FullModel, log: StageLog, solvers: list[Solver], announce: Announce) -> bool:
     """True if the errors of a model have no bound, whatever its fields."""
-    if full.problem.friction is not None:
+    if full.problem.law.remembers:
         return True
     try:
         with log.stage("bound", announce):
@@ -328,8 +328,8 @@ def _bounded(
     wanted: bool,
 ) -> InterpolatedFields:
     """Fields with a bound; unchanged without one, with the reason in the log."""
-    if not wanted or full.problem.friction is not None:
-        return replace(fields, unbounded=NOT_ASKED if not wanted else OF_FRICTION)
+    if not wanted or full.problem.law.remembers:
+        return replace(fields, unbounded=NOT_ASKED if not wanted else OF_MEMORY)
     try:
         with log.stage("bound", announce):
             return replace(fields, bound=varying_bound(full, fields.basis, forces, solvers, announce))
@@ -440,7 +440,7 @@ def _check_given(full: FullModel, snapshots: SnapshotSet | None) -> None:
         raise NotOfferedError(
             f"contact alone holds bodies of scene '{full.scene.name}', and their elasticity depends on parameters: "
             "interpolated condensation is not built in for these. Take "
-            + ("the full model itself" if problem.friction is not None else "a reduced model, training.build()")
+            + ("the full model itself" if problem.law.remembers else "a reduced model, training.build()")
         )
     if snapshots is not None:
         check_of_problem("snapshots", snapshots, problem)

@@ -55,10 +55,10 @@ def correction_strain(
 ) -> np.ndarray:
     """Strain ε_c of the correction of a full answer, (p, c), with that of the change of contact forces.
 
-    With friction it has no such part, see :mod:`models.histories.rubbing_flow`.
+    With a law of interfaces it has no such part: forces depend on the path.
     """
     problem = full.problem
-    if problem.friction is not None:
+    if problem.law.remembers:
         return strain.of(correction)
     assert full.equilibrium is not None
     equilibrium = full.equilibrium.at(answer.parameter)
@@ -405,7 +405,7 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> tuple[CondensedFl
         fields = CondensedFlowFields(
             problem.amplitudes, elastic.factors, elastic.parts, basis, elastic.per_force, elastic.forced,
             elastic.given, problem.block_size, shared.fields.on(flow.points, full.equilibrium), plain_outputs(full),
-            problem.friction, full,
+            problem.law, full,
         )  # fmt: skip
         model = CondensedFlowModel(flow, full.parameters, fields)
     with log.stage("compilation", shared.announce):  # once for an installation, not for each model
@@ -441,7 +441,7 @@ def _online(
     tested = _deviators(per_mode, components) * np.tile(weights, components)
     work = domain.work(everywhere)
     coupled = np.zeros((len(per_mode), len(problem.gaps)))
-    if problem.friction is None:
+    if not problem.law.remembers:
         coupled = work(elastic.per_force) - tested @ per_force.T
     return CondensedFlow(
         points=points,

@@ -47,7 +47,7 @@ class ExactCondensation(Reductor[Task]):
         """The model."""
         full = prepared.full
         snapshots = prepared.snapshots
-        untrained = snapshots is None or full.friction is not None
+        untrained = snapshots is None or full.law.remembers
         known = _known_statuses(full) if untrained else snapshots.known_statuses()
         return exact_condensation(full, known, field=self.field), None
 
@@ -117,8 +117,7 @@ def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = T
     if problem.rigid is not None:
         return _floating(problem, problem.rigid, responses, known, fields)
     eliminated = ConstantElimination(responses, problem.amplitudes)
-    friction = problem.friction
-    return CondensedModel(problem.parameters, eliminated, known, fields, problem.contact_pairs, friction=friction)
+    return CondensedModel(problem.parameters, eliminated, known, fields, problem.contact_pairs, law=problem.law)
 
 
 def _solved_fields(full: FullModel, free: np.ndarray) -> SolvedFields:
@@ -142,8 +141,7 @@ def _floating(
     taken = problem.contact @ rigid
     driving = rigid.T @ problem.loads
     left = FloatingElimination(responses, taken, driving, rigid, problem.amplitudes)
-    friction = problem.friction
-    return CondensedModel(problem.parameters, left, known, fields, problem.contact_pairs, friction=friction)
+    return CondensedModel(problem.parameters, left, known, fields, problem.contact_pairs, law=problem.law)
 
 
 def _known_statuses(full: FullModel) -> KnownStatuses:
@@ -152,7 +150,7 @@ def _known_statuses(full: FullModel) -> KnownStatuses:
 
     problem = full.problem
     nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
-    if problem.friction is not None:  # an increment starts from the one before
+    if problem.law.remembers:  # an increment starts from the one before
         return nothing
     model = exact_condensation(full, nothing, field=False)
     points = Sobol(STARTS).points(problem.parameters)

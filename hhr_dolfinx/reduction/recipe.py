@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from hhr_dolfinx import ranks
+from hhr_dolfinx import ranks, registry
 from hhr_dolfinx.certify.trust import TrustLimits
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import ReductionError
@@ -349,8 +349,18 @@ class Tangents:
             raise ReductionError(f"least = {self.least} of Tangents must lie in [0, 1): 1 is an RID of all cells")
 
 
+class _Named(type):
+    """Class with named recipes of plug-ins, such as that for a law of interfaces."""
+
+    def __getattr__(cls, name: str) -> Any:
+        places = {} if name.startswith("_") else registry.named("recipes")
+        if name not in places:
+            raise AttributeError(f"there is no recipe {name!r}, and no installed plug-in adds it")
+        return registry.load(places[name])
+
+
 @dataclass(frozen=True)
-class Recipe:
+class Recipe(metaclass=_Named):
     """Steps of a reduction; the defaults gave the best errors for their time on the elastic pellet-cladding scene.
 
     Attributes:
@@ -420,17 +430,6 @@ class Recipe:
             "trust": TrustLimits.of_histories(),
         }
         return cls(**({"basis": Pod(3e-10)} | usual | changes))
-
-    @classmethod
-    def with_friction(cls, **changes: Any) -> Recipe:
-        """Recipe for elastic bodies with friction: slip needs more modes, and a RID with most frictional contacts."""
-        usual: dict[str, Any] = {
-            "nodes": (Deim(), ForceDeim(1e-4), LoadNodes()),
-            "domain": Rid(2, 4),
-            "enrichment": Enrich(10.0),
-            "trust": TrustLimits.of_histories(),
-        }
-        return cls(**({"basis": Pod(1e-10)} | usual | changes))
 
     @property
     def by_rows(self) -> bool:

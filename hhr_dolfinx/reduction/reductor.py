@@ -51,7 +51,7 @@ MOST_SURE = 4
 ROUND_OFF = 1e-6
 """Relative error up to which a model may call itself exact; those of the package are off by 1e-12."""
 OF_STEPS = 1e-3
-"""The same for single answers with friction: round-off may change the increments that lead to them."""
+"""The same for single answers of laws that remember: round-off may change the increments that lead to them."""
 POINTS = (32, 64, 128, 256, 512)
 PATHS = (8, 16, 32)
 """Training points and paths of the models that a search tries; each training has twice as many as the one before."""
@@ -336,7 +336,7 @@ def compared(
     with task.log.stage("validation", task.announce):
         if model.equilibrium is not None:
             return checked_histories(full, model, snapshots, held_out, limits, remedy)
-        if model.friction is not None:
+        if model.law.remembers:
             return compared_histories(full, model, snapshots, held_out, limits, remedy)[0], model.trained
         if limits is None:
             return None, model.trained
@@ -371,7 +371,7 @@ def _check_claim(reductor: Any, task: Task, model: Any) -> None:
         return
     full = task.full
     known = task.held_out
-    if known is None and (full.friction is not None or full.equilibrium is not None):
+    if known is None and (full.law.remembers or full.equilibrium is not None):
         known = task.snapshots
     elif known is None and task.sure:
         known = compute_snapshots(full, full.parameters.random(task.sure, seed=task.sure))
@@ -392,7 +392,7 @@ def check_claim(name: str, full: FullModel, model: Any, known: SnapshotSet) -> N
     pairs = list(_pairs_of(full, model, known))
     loads = [problem.contact.T @ forces for _, forces, _, _ in pairs]
     sizes = [mass_norm(problem, displacement) for displacement, *_ in pairs]
-    limit = ROUND_OFF if full.friction is None or known.histories else OF_STEPS
+    limit = ROUND_OFF if not full.law.remembers or known.histories else OF_STEPS
     for number, (displacement, _, answer, label) in enumerate(pairs):
         off = np.inf
         if answer is not None:

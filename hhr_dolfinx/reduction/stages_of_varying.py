@@ -20,8 +20,8 @@ def _interpolate(draft: Draft) -> None:
     if model.problem.motions:
         log.skip("interpolation", "contact alone holds bodies: K~ is factored for each query")
         return
-    if model.friction is not None:
-        log.skip("interpolation", "frictional contact: K~ is factored once for all increments of a path")
+    if model.law.remembers:
+        log.skip("interpolation", f"contact with {model.law.name}: K~ is factored once for all increments of a path")
         return
     compliances, _ = interpolated_reduction(model.problem, model.fields.amplitudes, model.parameters)
     if compliances is None:

@@ -208,7 +208,6 @@ _GAUSS: dict[str, tuple[str, ...]] = {
 }
 """Additional arrays of a step with inelastic bodies."""
 _PARTS: dict[str, tuple[str, ...]] = {name: _GAUSS[name] for name in ("iterations", "ends", "time_error")}
-"""Additional arrays of a step with friction."""
 
 UNKNOWN = -1.0
 """Time error of a step without an estimate."""

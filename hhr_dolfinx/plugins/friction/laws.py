@@ -42,8 +42,8 @@ class _Tangential(PairLaw):
 
     plugin: ClassVar[str] = "friction"
     remembers: ClassVar[bool] = True
-    coefficient: float | str | None
-    limit: float | str | None
+    coefficient: Any
+    limit: Any
 
     @property
     def texts(self) -> tuple[str, ...]:
@@ -120,7 +120,7 @@ class Tresca(_Tangential):
     """
 
     limit: float | str
-    coefficient: ClassVar[None] = None
+    coefficient: ClassVar[None] = None  # type: ignore[misc]
 
     def __post_init__(self) -> None:
         formula_of(self.limit, "the limit of friction")

@@ -17,7 +17,7 @@ from hhr_dolfinx.outputs import ContactForce, DisplacementAt, LinearForm, VonMis
 from hhr_dolfinx.pairings.mortar import Mortar
 from hhr_dolfinx.pairings.node_to_surface import NodeToSurface
 from hhr_dolfinx.pairings.surface_dofs import SurfaceDofs, nodes_of, renumbered
-from hhr_dolfinx.plugins.friction.laws import Coulomb, FrictionLaw
+from hhr_dolfinx.plugins.friction.laws import Coulomb, FrictionLaw, Tresca
 from hhr_dolfinx.plugins.sliding.model import SlidingModel
 from hhr_dolfinx.plugins.sliding.repairing import SlidingPair, layout
 from hhr_dolfinx.reduction.exact import exact_condensation
@@ -67,7 +67,7 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
             "the other"
         )
     laws = [
-        FrictionLaw.of(Coulomb(0.0) if law is None else law, scene.parameters, f"contact {place}")
+        FrictionLaw.of(law if isinstance(law, Coulomb | Tresca) else Coulomb(0.0), scene.parameters, f"contact {place}")
         for place, law in enumerate(scene.laws)
     ]
     base: Any = full

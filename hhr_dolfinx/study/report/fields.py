@@ -28,7 +28,7 @@ ENDINGS = (".vtkhdf", ".vtu")
 
 
 def write_fields(path: str | Path, full: FullOrderModel, answer: Answer | History) -> list[Path]:
-    """Write displacement, contact pressure and gap at nodes, stress and body of cells, and friction where there is any.
+    """Write displacement, contact pressure and gap at nodes, stress and body of cells, and what laws of contacts add.
 
     Args:
         path: with the ending ``.vtkhdf`` (VTK >= 9.3) or ``.vtu``. Steps of a history have numbers in their names, and

@@ -90,7 +90,7 @@ class Training(TrainingAnswers):
             NotOfferedError: for bodies with rigid motions whose moduli or shapes are parameters.
         """
         full = self.full_order
-        if full.friction is not None and full.equilibrium is None:
+        if full.law.remembers and full.equilibrium is None:
             from hhr_dolfinx.study.condensing import condensed
 
             return condensed(full, settings)
@@ -130,8 +130,9 @@ def train(
         scene: the scene.
         training: the number of points along each parameter, on a regular grid; a sampling, ``Sobol(512)`` or
             ``LatinHypercube(100)``; ``Greedy(budget=100)``, which chooses points where present models are worst; or
-            an array of points, (S, P). For inelastic bodies or friction a list of paths, each of times in seconds and
-            parameters, or drawn from a family, ``family.paths(Sobol(12))``; if inelastic ``Greedy(family=family)``.
+            an array of points, (S, P). For inelastic bodies, or contacts that remember, a list of paths, each of
+            times in seconds and parameters, or drawn from a family, ``family.paths(Sobol(12))``; if inelastic
+            ``Greedy(family=family)``.
         held_out: for the trust check: a number of random parameters (100, a fifth of them with grazing contact; 0 for
             none), or paths.
         seed: of random parameters.
@@ -290,7 +291,7 @@ def training_points(scene: Scene, training: Any) -> np.ndarray:
 
 
 def training_paths(scene: Scene, paths: Any) -> list:
-    """Checked paths of a scene of inelastic bodies or friction; StudyError for an invalid list of paths."""
+    """Checked paths of a scene whose answers depend on their path; StudyError for an invalid list of paths."""
     advice = (
         f"answers of scene '{scene.name}' depend on the path that leads to them: train on a list of paths, such as "
         "family.paths(Sobol(12)), or by hhr reduce with PATHS, a hhr.PathFamily, beside the scene"
