@@ -118,7 +118,7 @@ def test_with_all_modes_on_the_whole_mesh_it_is_the_full_order():
 
 def test_laws_hold_outside_the_domain_too(training, model):
     full = training.full_order
-    friction = full.friction
+    friction = full.law
     inside = np.isin(friction.normal, model.fields.A_lambda)
     assert not inside.all()
     for path in paths(3, 9, full.parameters):
@@ -236,13 +236,13 @@ def test_what_is_not_built_in_is_refused_by_name(scene, training):
     with pytest.raises(NotOfferedError, match="a study of scene 'rubbing' is not built in"):
         hhr.study_scene(scene, hhr.StudySettings(paths(2, 1, scene.parameters)), "nowhere")
     with pytest.raises(ValueError, match="go together"):
-        training.full_order.friction.within(training.full_order.friction.normal[:2])
+        training.full_order.law.within(training.full_order.law.normal[:2])
 
 
 def test_nothing_is_known_of_forces_where_bodies_overlap_outside_the_domain(training, model):
     """No force in the RID would be explained by any modes; contact that has left it shows in the displacement."""
     fields = model.fields
-    frictional, scale = fields.frictional, fields.gap_scale
+    frictional, scale = fields.interface, fields.gap_scale
     row = frictional.friction.normal[frictional.outside[0]]
     apart, deep = np.ones(len(scale)) * scale, np.ones(len(scale)) * scale
     deep[row] = -1e-4 * scale[row]
@@ -267,7 +267,7 @@ def test_what_grazes_when_held_out_does_not_spoil_the_indicator(training):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             model = hhr.build(full, training.snapshots, None, apart)
-        shares.append(model.fields.frictional.share)
+        shares.append(model.fields.interface.share)
         assert 1.0 <= shares[-1] < 100.0
     assert shares[0] == pytest.approx(shares[1], rel=1e-9)
 

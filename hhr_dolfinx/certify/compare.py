@@ -179,14 +179,17 @@ def residuals_of(full: FullModel, answer: Answer) -> Residuals:
     equilibrium = full.equilibrium
     theta = problem.amplitudes(answer.parameter)
     forces = answer.forces()
+    opened = problem.law.opened(answer.memory)
     if "gauss" not in answer.memory:
-        return contact_residuals(problem.at(answer.parameter), answer.displacement(), forces, theta)
+        return contact_residuals(
+            problem.at(answer.parameter), answer.displacement(), forces, theta, problem.law.opened(answer.memory)
+        )
     assert equilibrium is not None
     left, sizes = equilibrium.residual(answer.unknown, GaussState(answer.stress(), answer.gauss.state), theta)
     residual = (left - equilibrium.contact_load(forces)) * problem.free
     imbalance = float(np.linalg.norm(residual) / (np.linalg.norm(sizes) or 1.0))
     homogeneous = answer.displacement() - problem.lifts @ theta
-    return Residuals(imbalance, *slack_residuals(problem, homogeneous, forces, theta))
+    return Residuals(imbalance, *slack_residuals(problem, homogeneous, forces, theta, opened))
 
 
 def largest_motion(full: FullModel, training: Solutions) -> float:

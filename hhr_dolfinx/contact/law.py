@@ -19,7 +19,7 @@ import numpy as np
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Statuses, active_set
-from hhr_dolfinx.errors import NotOfferedError, SceneError
+from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 
 if TYPE_CHECKING:
@@ -131,14 +131,12 @@ class ContactLaw:
         plugin: name of its plug-in, whose facets complete it; empty for unilateral contact.
         name: description in messages.
         remembers: whether answers depend on the path that leads to them.
-        without: reasons why something is not offered with this law, by words that the core looks up.
         fixed: indices of the parameters that are constant while loads grow in proportion.
     """
 
     plugin: ClassVar[str] = ""
     name: ClassVar[str] = "unilateral contact"
     remembers: ClassVar[bool] = False
-    without: ClassVar[Mapping[str, str]] = MappingProxyType({})
 
     fixed: np.ndarray
 
@@ -169,6 +167,10 @@ class ContactLaw:
     def check_path(self, space: ParameterSpace, points: np.ndarray) -> None:
         """Raise ParameterError for the points of a path, (n, P), along which the law has no meaning."""
 
+    def opened(self, memory: Mapping[str, Any]) -> float | np.ndarray:
+        """Part of the gaps that a memory adds, (m,), as a worn depth does; 0 if it adds none."""
+        return 0.0
+
     @property
     def layout(self) -> dict[str, tuple[str, ...]]:
         """Kind and sizes of each array of its memory in files, by name."""
@@ -186,11 +188,6 @@ class ContactLaw:
     def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
         """Memory from the arrays of the layout."""
         return NO_MEMORY
-
-    def require(self, what: str, word: str) -> None:
-        """Raise NotOfferedError if the law has a reason why ``what`` is not offered, under a word."""
-        if word in self.without:
-            raise NotOfferedError(f"{what} is not built in {self.without[word]}")
 
 
 @dataclass(frozen=True)
@@ -230,7 +227,7 @@ def pair_law(pair: Any, what: str) -> PairLaw | None:
         what: the contact, for messages.
 
     Raises:
-        SceneError: for an invalid law, two laws, or a law that no plug-in reads.
+        SceneError: for an invalid law, two laws, or a law that no installed plug-in reads.
     """
     readers = registry.named("pair_laws")
     own = {item.name for item in fields(pair) if item.metadata.get("law")} if is_dataclass(pair) else set()
@@ -240,7 +237,8 @@ def pair_law(pair: Any, what: str) -> PairLaw | None:
     if len(given) > 1:
         raise SceneError(f"{what} has several laws, {', '.join(given)}: that is not built in, give it one")
     ((name, value),) = given.items()
-    if name not in readers:
+    if not isinstance(value, PairLaw) and name in readers:
+        value = registry.load(readers[name])(value, what)
+    if not isinstance(value, PairLaw) or value.plugin not in registry.installed():
         raise SceneError(f"{what} has {name} = {value!r}, and no plug-in reads it: install the one that does")
-    law: PairLaw = registry.load(readers[name])(value, what)
-    return law
+    return value

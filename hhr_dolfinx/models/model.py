@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
 from hhr_dolfinx.errors import (
@@ -100,6 +101,13 @@ class AnsweringModel(Shown):
     usual_outside: ClassVar[str] = "warn"
     of_full_order: ClassVar[bool] = False
     instead: ClassVar[str] = "it needs the mesh and its factors. Keep a reduced or a condensed model, training.build()"
+
+    def __getattr__(self, name: str) -> Any:
+        """Law of the contacts by the former name of the attribute, for one version."""
+        if name.startswith("_") or name not in registry.named("pair_laws"):
+            raise AttributeError(f"a {type(self).__name__} has no {name!r}")
+        warn(f"model.{name} is now model.law", DeprecationWarning, stacklevel=2)
+        return self.law if self.law.plugin else None
 
     def facts(self) -> dict[str, str]:
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.contact.law import LAW
+from hhr_dolfinx.contact.law import LAW, PairLaw
 from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.sides import along_normal
@@ -31,13 +31,15 @@ class Obstacle:
         surface: facet tag of the surface of the body.
         normal: unit vector n, from the body towards the obstacle.
         offset: position of the plane along n.
-        friction: coefficient of Coulomb's law, a number or a formula, or a law; None without. A plug-in reads it.
+        friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A plug-in reads it.
+        law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None without.
     """
 
     surface: Tag
     normal: tuple[float, ...]
     offset: float
     friction: Any = field(default=None, metadata=LAW)
+    law: PairLaw | None = field(default=None, metadata=LAW)
 
     def __post_init__(self) -> None:
         if not is_number(self.offset):

@@ -388,7 +388,10 @@ def _histories(
     for number, path in enumerate(progress(paths), start=1):
         _log.info("history %d of %d, %d steps", number, len(paths), len(path) - 1)
         history = None
-        label = getattr(path, "name", "") or f"a path that ends at {full.parameters.described(path[-1][1])}"
+        label = (
+            getattr(path, "name", "")
+            or f"a path that ends at {full.parameters.described(full.parameters.point(path[-1][1]))}"
+        )
         with _recording(lost, label):
             if store is None:
                 history = full.march(path, settings)

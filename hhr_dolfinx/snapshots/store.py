@@ -398,7 +398,8 @@ class SnapshotStore:
         theta = self._problem.amplitudes(answer.parameter)
         if "gauss" not in answer.memory:
             problem = self._problem.at(answer.parameter)
-            return max(astuple(contact_residuals(problem, answer.displacement(), answer.forces(), theta)))
+            fields = answer.displacement(), answer.forces()
+            return max(astuple(contact_residuals(problem, *fields, theta, self._law.opened(answer.memory))))
         assert self._full.equilibrium is not None
         signs = self._full.equilibrium.signs(answer)
         _, pull = slack_residuals(self._problem, answer.unknown, answer.multipliers, theta)

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
 from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from typing import Annotated, Any, Self
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -14,6 +14,7 @@ from scipy.sparse import csc_matrix, csr_matrix
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
+from hhr_dolfinx.contact.law import UNILATERAL, UNILATERAL_STEP, ContactLaw, StepContact
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.materials.strain import ElasticPart, StrainOperator
@@ -26,9 +27,6 @@ from hhr_dolfinx.models.histories.points import ALL_HERE, Points
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.contact.law import UNILATERAL, UNILATERAL_STEP, ContactLaw, StepContact
 
 
 @dataclass(frozen=True)

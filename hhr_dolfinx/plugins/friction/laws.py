@@ -11,7 +11,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
@@ -33,8 +32,6 @@ OPEN, STICKS, SLIPS = 0, 1, 2
 """Statuses of a contact with friction."""
 SLIP = "slip"
 """Name of the :class:`SlipState` in the memory of an answer."""
-WITHOUT: Mapping[str, str] = MappingProxyType({})
-"""Reasons why something is not offered with friction, see :class:`ContactLaw`."""
 
 
 class _Tangential(PairLaw):
@@ -212,7 +209,6 @@ class Friction(ContactLaw, Rebuilt):
     plugin: ClassVar[str] = "friction"
     name: ClassVar[str] = "friction"
     remembers: ClassVar[bool] = True
-    without: ClassVar[Mapping[str, str]] = WITHOUT
 
     normal: Annotated[Integers, "frictional"]
     area: Annotated[Floats, "frictional"]

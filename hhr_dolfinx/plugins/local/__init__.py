@@ -14,7 +14,7 @@ PLUGIN = Plugin(
     reductors={
         "local": Way(
             "hhr_dolfinx.plugins.local.reductor:Local",
-            lambda full: full.equilibrium is None and full.friction is None and full.problem.reshaped is None,
+            lambda full: full.equilibrium is None and not full.law.remembers and full.problem.reshaped is None,
         )
     },
 )

@@ -116,7 +116,7 @@ def _pairs(full: FullOrderModel, scene: Scene) -> Iterator[SlidingPair]:
     first = 0
     for item in scene.contacts:
         assert isinstance(item, REPEATED)
-        pairing = dataclasses.replace(item, friction=None)  # the model has the law, not the rows
+        pairing = dataclasses.replace(item, friction=None, law=None)  # the model has the law, not the rows
         surfaces = [full.discretisation.surface(tag) for tag in item.tags]
         nodes, points = nodes_of(surfaces)
         slave, master = (renumbered(surface, nodes) for surface in surfaces)

@@ -19,7 +19,6 @@ from test_pages import ALONG, FRICTION, MODEL
 import hhr_dolfinx as hhr
 from hhr_dolfinx.models.histories import sliding
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.plugins.exporters import c_header
 from hhr_dolfinx.plugins.pages import page
 
 NODE = shutil.which("node")
@@ -47,7 +46,7 @@ def random_blocks(seed):
     """The same with a random compliance and random gaps, which each push and shear in a way of its own."""
     model, scenery = blocks()
     rng = np.random.default_rng(seed)
-    given, friction, m = model.eliminated.responses, model.friction, model.conditions
+    given, friction, m = model.eliminated.responses, model.law, model.conditions
     root = rng.normal(size=(m, m))
     schur = root @ root.T / m + 0.3 * np.eye(m)
     slack = np.zeros((m, 3))
@@ -77,7 +76,7 @@ def test_a_page_cuts_increments_where_python_does(seed):
     (found,) = json.loads(done.stdout)["loaded"]
     shares = np.linspace(0.0, 1.0, sliding.PROPORTIONAL + 1)
     settings = MarchSettings(time_tolerance=sliding.TOLERANCE, outside="ignore")
-    history = model.slide([(float(share), share * point) for share in shares], settings)
+    history = model.follow([(float(share), share * point) for share in shares], settings)
     np.testing.assert_allclose(found["path"], [place for _, place in history.solved_path], rtol=0, atol=1e-15)
     close(found["forces"], model, point)
 
@@ -96,7 +95,7 @@ def test_c_cuts_increments_where_python_does(seed, tmp_path):
 def test_limits_of_cuts_are_those_of_python():
     """Each program has its own copy of them."""
     script = FRICTION.read_text(encoding="utf-8")
-    header = c_header.kernel_file("friction.h")
+    header = FRICTION.with_suffix(".h").read_text(encoding="utf-8")
     expected = {
         ("FEWEST", "FEWEST"): sliding.PROPORTIONAL,
         ("CUTS", "CUTS"): sliding.CUTS,
