@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import ufl
 from dolfinx import fem
+from bare import SCENE_FOLDERS
 from libraries import MED, needs_med
 from mpi4py import MPI
 from test_mpi import launch
@@ -175,7 +176,7 @@ def test_small_cells_far_from_the_origin(tmp_path):
 
 PROGRAM = """
 import json, sys
-sys.path.insert(0, {tests!r})
+sys.path[:0] = {folders!r}
 import hhr_dolfinx as hhr
 import test_attack_files as own
 from mpi4py import MPI
@@ -187,6 +188,6 @@ if MPI.COMM_WORLD.rank == 0:
 
 
 def test_ranks_have_the_same_surfaces(folder):
-    program = PROGRAM.format(tests=str(Path(__file__).parent), path=str(folder / "2.2_1.msh"))
+    program = PROGRAM.format(folders=SCENE_FOLDERS, path=str(folder / "2.2_1.msh"))
     (names, one), (others, three) = (json.loads(launch(n, ["-c", program]).splitlines()[-1]) for n in (1, 3))
     assert names == others and three == pytest.approx(one, rel=1e-12)

@@ -10,7 +10,7 @@ from kept_values import array, rewrite_model
 from needs import needs
 from scenes import THESIS, pressed_block, pressed_pair
 from test_outputs import small_pellet
-from test_plastic import tube
+from tubes import tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.differences import energy_coordinates, exact_difference

@@ -15,7 +15,7 @@ from hhr_dolfinx import by_name
 from hhr_dolfinx.by_name import OWN, find, names, place_of
 from hhr_dolfinx.errors import HHRError, SceneError
 
-PACKAGE = Path(__file__).parent / "external_package"
+PACKAGE = Path(__file__).parents[1] / "external_package"
 USE = """
 import json
 import numpy as np

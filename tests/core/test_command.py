@@ -455,7 +455,7 @@ def test_models_with_a_law_of_a_users_own(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     hhr.save_model("model.npz", model)
     # a copy: the folder of these tests is no folder of a user's, whose lines errors name
-    shutil.copy(Path(__file__).parent / "toy_law.py", tmp_path)
+    shutil.copy(Path(__file__).parents[1] / "toy_law.py", tmp_path)
     law = f"{tmp_path / 'toy_law.py'}:Bingham"
     Path("q.csv").write_text("push,load\n0.04,0.02\n")
     point = model.parameters.point([0.04, 0.02])
@@ -497,7 +497,7 @@ def test_without_click_the_command_says_so_in_one_line():
     assert found.stderr == (
         "error: the command hhr needs the package click, which is not installed: `pip install hhr_dolfinx[study]`\n"
     )
-    scripts = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text())["project"]["scripts"]
+    scripts = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["scripts"]
     assert scripts == {"hhr": "hhr_dolfinx.command.start:main"}
 
 

@@ -74,7 +74,7 @@ def test_parts_that_keep_the_contract_pass(check, part, more):
 
 def test_parts_of_another_distribution_pass(monkeypatch):
     """Those of the external package; the gap of its ramp is a given number, below a surface that looks down."""
-    monkeypatch.syspath_prepend(str(Path(__file__).parent / "external_package"))
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "external_package"))
     parts = importlib.import_module("contact_toys.parts")
     suite.check_pairing(parts.Ramp(UPPER_SURFACE, 0.01))
     suite.check_law(parts.Newtonian(5.0))
@@ -448,7 +448,7 @@ def test_a_reductor_that_promises_less_passes():
     assert issubclass(ConformanceError, AssertionError) and not issubclass(ConformanceError, ReductionError)
 
 
-TEMPLATES = Path(__file__).parents[1] / "extension_templates"
+TEMPLATES = Path(__file__).parents[2] / "extension_templates"
 FOLDERS = sorted(path.parent.name for path in TEMPLATES.glob("*/pyproject.toml"))
 
 

@@ -21,7 +21,7 @@ from hhr_dolfinx.models.eliminations.elimination import Elimination
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.one_thread import one_thread
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 
 
 QUICK = (

@@ -17,7 +17,7 @@ from pellet_cladding import QUICK_MESH
 
 import hhr_dolfinx as hhr
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 
 
 def test_the_first_demo_ends_without_a_warning_in_a_model_a_page_and_a_unit(tmp_path):

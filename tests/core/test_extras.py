@@ -13,7 +13,7 @@ from needs import present
 from hhr_dolfinx import compat
 from hhr_dolfinx.errors import HHRError, MissingPackageError
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
 EXTRAS = PROJECT["optional-dependencies"]
 MODULE = {"scikit-learn": "sklearn"}

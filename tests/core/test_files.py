@@ -31,7 +31,7 @@ from hhr_dolfinx.study import cli
 from hhr_dolfinx.study.report.console import make_console
 from hhr_dolfinx.study.report.report import print_report, print_rows, write_report
 
-TESTS = Path(__file__).parent
+TESTS = Path(__file__).parents[1]
 POINT = np.array([0.25, 3.0])
 
 

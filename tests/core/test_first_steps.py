@@ -13,7 +13,7 @@ from test_mpi import launch
 
 from hhr_dolfinx.solver_first import COPY, install_for_all
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 LONG = "word " * 60 + "end"
 SPEAKS = f"""
 from hhr_dolfinx.study import cli

@@ -15,7 +15,7 @@ import pytest
 from bare import SCENE_FOLDERS, WAIT
 from needs import present
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 FOLDERS = {"hhr_dolfinx": "hhr_dolfinx", "forms": "hhr_dolfinx.forms", "geometries": "hhr_dolfinx.geometries"}
 
 SCRIPTS = [path for folder in ("demos", "benchmarks/thesis") for path in (ROOT / folder).rglob("*.py")]
@@ -385,12 +385,12 @@ def test_pages_name_what_is_there():
 
 def test_files_of_make_quick_are_there():
     text = (ROOT / "Makefile").read_text().partition("QUICK = ")[2].partition("\n\n")[0]
-    assert all((ROOT / "tests" / f"test_{name}.py").exists() for name in text.replace("\\", "").split())
+    assert all((ROOT / "tests" / "core" / f"test_{name}.py").exists() for name in text.replace("\\", "").split())
 
 
 def test_slow_cases_are_those_of_tests_that_are_there():
     """A name that is not would leave a dear case in the tests of every day, or out of all."""
-    tests = Path(__file__).parent
+    tests = ROOT / "tests"
     texts = {path.name: path.read_text() for path in tests.rglob("test_*.py")}
     lines = [line for line in (tests / "slow_cases.txt").read_text().splitlines() if not line.startswith("#")]
     for line in filter(None, lines):

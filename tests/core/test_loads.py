@@ -7,6 +7,7 @@ from pathlib import Path
 import hertz_half_discs as demo
 import numpy as np
 import pytest
+from bare import SCENE_FOLDERS
 from scenes import check_contact_conditions, largest_difference, pressed_block, pressed_pair
 from scipy.sparse import csc_matrix, csr_matrix
 from test_mpi import launch
@@ -73,7 +74,7 @@ def test_loads_of_a_users_own(scene, counts):
 def test_loads_on_two_ranks():
     """Closed forms again, and errors that all ranks raise alike."""
     program = (
-        f"import sys; sys.path[:0] = [{str(Path(__file__).parent)!r}, {str(Path(demo.__file__).parent)!r}]\n"
+        f"import sys; sys.path[:0] = {SCENE_FOLDERS!r}\n"
         "import pytest, ufl, test_loads as t, test_bad_input as bad, hhr_dolfinx as hhr\n"
         "for scene, mu in ((t.heavy_column(), (0.05, 0.03)), (t.windy_column(), (1.5,))):\n"
         "    force = hhr.FullOrderModel(scene).solve(mu).forces().sum()\n"

@@ -8,7 +8,7 @@ import pytest
 from dolfinx import mesh
 from scenes import pressed_block
 from test_full_order import lame_tube
-from test_plastic import YOUNG, in_time, tube
+from tubes import YOUNG, in_time, tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, LockingWarning

@@ -20,7 +20,7 @@ from parted import CUT, REACH, by_lapack, choice, one_cut, parts_of, pellet_mode
 from scenes import largest_difference, pressed_block
 from test_flow_moduli import path as heated
 from test_flow_moduli import pellet
-from test_threads import at_once
+from threads import at_once
 from toy_law import Bingham
 from toy_nonaffine_load import Square, WindLoad
 

@@ -42,7 +42,7 @@ def test_skips_fail_where_nothing_is_optional(nothing_optional, code, workers, t
     words = [sys.executable, "-m", "pytest", "-q", "-p", "no_skips", "-p", "no:cacheprovider", "-n", workers]
     words += ["-o", "addopts=", "--continue-on-collection-errors", "--rootdir", str(tmp_path), str(tmp_path)]
     # no other plugins of the tests around, which bring minutes of imports
-    env = os.environ | {"HHR_CI": nothing_optional, "PYTHONPATH": str(Path(__file__).parent)}
+    env = os.environ | {"HHR_CI": nothing_optional, "PYTHONPATH": str(Path(__file__).parents[1])}
     done = subprocess.run(words, capture_output=True, text=True, env=env, cwd=tmp_path)
     assert done.returncode == code, done.stdout
     assert "1 passed" in done.stdout and "1 xfailed" in done.stdout

@@ -253,7 +253,7 @@ def test_a_sampling_or_a_family_is_no_list_of_paths():
 
 
 def test_the_lines_of_the_documentation():
-    text = (Path(__file__).parent.parent / "docs/flow.md").read_text()
+    text = (Path(__file__).parents[2] / "docs/flow.md").read_text()
     (code,) = (block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "PathFamily" in block)
     names = {"hhr": hhr, "scene": demo.scene()}
     exec(code, names)

@@ -31,7 +31,7 @@ from hhr_dolfinx.errors import (
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.study.measure import References
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 
 
 @pytest.fixture(scope="module")

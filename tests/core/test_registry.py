@@ -13,7 +13,7 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.errors import PluginWarning, SceneError
 from hhr_dolfinx.registry import Plugin
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 FOLDERS = sorted(path.parent.name for path in (ROOT / "hhr_dolfinx" / "plugins").glob("*/__init__.py"))
 
 

@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 from bare import SCENE_FOLDERS, WAIT
 
-ROOT = Path(__file__).parent.parent
-FILES = sorted(path for folder in SCENE_FOLDERS[1:] for path in Path(folder).glob("*.py"))
+ROOT = Path(__file__).parents[2]
+FILES = sorted(path for folder in SCENE_FOLDERS[2:] for path in Path(folder).glob("*.py"))
 FILES += sorted(path for path in (ROOT / "demos").glob("*/*.py") if path.stem != "__init__")
 PROGRAMS = {path.stem: path for path in FILES if "__main__" in path.read_text()}
 NEEDED = {"calculix": "ccx"}

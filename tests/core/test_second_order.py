@@ -13,9 +13,8 @@ import pytest
 from click.testing import CliRunner
 from mpi4py import MPI
 from second_order import LAME, bowl, rings
-from test_friction import FIRST, SECOND, side, two_blocks
 from test_locking import FAR
-from test_plastic import tube
+from tubes import tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import compat
@@ -23,6 +22,7 @@ from hhr_dolfinx.command.main import hhr as command
 from hhr_dolfinx.errors import ConvergenceError, LockingWarning, PairingWarning, ParameterError, SceneError
 from hhr_dolfinx.full_order.locking import gauss_degree, stiffness_degree
 from hhr_dolfinx.geometries import block
+from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
 
 
 def pressed(dim, simplices, pairing, *, alike=True, **others):

@@ -14,7 +14,7 @@ from click.testing import CliRunner
 
 from hhr_dolfinx.command.main import hhr as command
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 PAGES = ("README.md", "docs/tutorial.md", "docs/pages.md", "docs/one_call.md", "docs/files.md")
 SCENE = """
 import hhr_dolfinx as hhr

@@ -10,7 +10,7 @@ import pytest
 import hhr_dolfinx as hhr
 from hhr_dolfinx import errors
 
-ROOT = Path(__file__).parents[1]
+ROOT = Path(__file__).parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted([*DOCS.glob("*.md"), *DOCS.glob("reference/*.md")])
 LINK = re.compile(r"\[[^\]]*\]\(([^)\s]+)\)")

@@ -7,7 +7,7 @@ import condensing
 import numpy as np
 import pytest
 from scenes import pressed_block, squeezed
-from test_plastic import tube
+from tubes import tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.strains import check_corners

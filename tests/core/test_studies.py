@@ -20,7 +20,7 @@ from hhr_dolfinx.study.report.console import make_console
 from hhr_dolfinx.study.report.report import print_report
 from hhr_dolfinx.study.study import run_study
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 
 
 def flowing():

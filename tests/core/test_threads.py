@@ -13,10 +13,10 @@ import numpy as np
 import pellet_cladding as pellet_demo
 import pellet_cladding_plastic as demo
 import pytest
-import test_friction
 from bare import WAIT
 from petsc4py import PETSc
 from scenes import pressed_pair
+from sheared import PATH, rubbing
 from threads import THREADS, at_once
 
 import hhr_dolfinx as hhr
@@ -337,7 +337,7 @@ def varying_friction(request):
     """Two blocks with friction of which both moduli vary: those of whole bodies, or Poisson's ratio too."""
     ratio, box = VARYING[request.param]
     first = hhr.Body(two_blocks.FIRST, young="E", **ratio)
-    scene = test_friction.rubbing(cells=4, bodies=(first, hhr.Body(two_blocks.SECOND, "2 * E", 0.2)), box=box)
+    scene = rubbing(cells=4, bodies=(first, hhr.Body(two_blocks.SECOND, "2 * E", 0.2)), box=box)
     return hhr.FullOrderModel(scene)
 
 
@@ -365,7 +365,7 @@ def test_gradients_of_one_full_model_with_friction(varying_friction):
 
     def job(k):
         moduli = (2.0 + 0.2 * k, 0.1 + 0.03 * k)[: len(full.parameters.names) - 2]
-        answers = full.march([(time, (*loads, *moduli)) for time, loads in test_friction.PATH[:4]], settings).answers
+        answers = full.march([(time, (*loads, *moduli)) for time, loads in PATH[:4]], settings).answers
         return [
             (a.multipliers.tobytes(), a.gradient.multipliers.tobytes(), a.gradient.unknown.tobytes()) for a in answers
         ]

@@ -6,7 +6,7 @@ import pickle
 import numpy as np
 import pytest
 from scenes import largest_difference, pressed_pair
-from test_plastic import tube
+from tubes import tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import HHRError, ReductionError, SceneError

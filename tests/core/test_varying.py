@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import ufl
+from bare import SCENE_FOLDERS
 from scenes import check_contact_conditions, largest_difference, pressed_block, pressed_pair, slope_errors
 from test_mpi import launch
 
@@ -271,7 +272,7 @@ def test_what_needs_a_constant_stiffness_names_what_does_not(pair):
 
 PROGRAM = """
 import json, sys
-sys.path.insert(0, {tests!r})
+sys.path[:0] = {folders!r}
 import numpy as np
 from test_varying import BODIES, MATERIALS, MESHES, POINT, vector
 from scenes import pressed_pair
@@ -301,7 +302,7 @@ if model.comm.rank == 0:
 
 
 def test_two_ranks_answer_as_one():
-    program = PROGRAM.format(tests=str(Path(__file__).parent))
+    program = PROGRAM.format(folders=SCENE_FOLDERS)
     serial, parallel = (json.loads(launch(ranks, ["-c", program]).splitlines()[-1]) for ranks in (1, 2))
     assert serial.keys() == parallel.keys() and len(serial) == 15
     for name, value in serial.items():

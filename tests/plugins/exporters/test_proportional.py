@@ -12,8 +12,8 @@ import numpy as np
 import pytest
 from bare import WAIT
 from mpi4py import MPI
+from sheared import rubbing
 from test_embedded import CC, DONE, rubbing_library
-from test_friction import rubbing
 from test_pages import ALONG, FRICTION, MODEL
 
 import hhr_dolfinx as hhr

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs
-from test_friction import FIRST, SECOND, resultants, round_block, rubbing
+from sheared import FIRST, SECOND, round_block, rubbing
+from test_friction import resultants
 from test_reduced_friction import OUTPUTS, paths
 
 import hhr_dolfinx as hhr

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from mpi4py import MPI
 from needs import needs
-from test_friction import FIRST, SECOND, round_block, rubbing
+from sheared import FIRST, SECOND, round_block, rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError, ReductionError, StudyError

@@ -13,7 +13,7 @@ from scenes import pressed_pair
 from test_flow_heat import axial, expansion, hot_pellet, warm_bar
 from test_flow_heat import path as hot_path
 from test_flow_moduli import blocks, glued, pressed, push
-from test_plastic import YOUNG, tube
+from tubes import YOUNG, tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import (

@@ -8,8 +8,8 @@ import pytest
 from condensing import FINE, QUIET, TIGHT, apart, condensed, cycle, pressures, up
 from scenes import pressed_pair
 from test_flow_moduli import MATERIALS, push
-from test_plastic import tube
 from toy_law import Bingham
+from tubes import tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set

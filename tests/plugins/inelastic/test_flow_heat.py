@@ -8,7 +8,8 @@ import pellet_cladding_plastic as demo
 import pytest
 from marched import flat
 from scenes import pressed_pair
-from test_plastic import YOUNG, bar
+from test_plastic import bar
+from tubes import YOUNG
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error

@@ -144,7 +144,7 @@ def test_kept_tangents_stay_behind_and_answers_agree(full, tmp_path, monkeypatch
 
 KILLED = f"""
 import os, signal, sys
-sys.path[:0] = {SCENE_FOLDERS!r}
+sys.path[:0] = {[str(Path(__file__).parent), *SCENE_FOLDERS]!r}
 import numpy as np
 import test_history_files as tests
 whole, written = np.savez, []

@@ -14,8 +14,9 @@ import pytest
 from bare import WAIT
 from kept_values import put, rewrite_model
 from marched import flat, marched_elsewhere
-from test_plastic import POISSON, YOUNG, bar, of_all_functions
+from test_plastic import bar, of_all_functions
 from toy_law import Bingham
+from tubes import POISSON, YOUNG
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
-from test_plastic import LAWS, POISSON, YOUNG, bar, some_states
+from test_plastic import LAWS, bar, some_states
 from toy_law import Bingham
+from tubes import POISSON, YOUNG
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, LawWarning, SceneError

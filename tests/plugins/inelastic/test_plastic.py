@@ -13,6 +13,7 @@ from bare import WAIT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import node_dofs, pressed_block, whole_domain
+from tubes import POISSON, YOUNG, in_time, tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
@@ -33,7 +34,6 @@ from hhr_dolfinx.reduction.flow import project_flow, tangent_margin
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.recipe import Deim, FlowDeim, ForceDeim, LoadNodes, Pod, Rid, StressDeim, Zone
 
-YOUNG, POISSON = 200.0, 0.3
 MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
 
 NODES = (Deim(), ForceDeim(1e-8), StressDeim(1e-9), FlowDeim(1e-6), Zone(demo.pressed_nodes))
@@ -145,14 +145,6 @@ def bar(law, steps_scene=0.1):
     )
 
 
-def in_time(scene):
-    """A model in which nothing flows, solved through its Gauss points and in time steps all the same."""
-    full = hhr.FullOrderModel(scene)
-    full._build_flowing()
-    assert full.equilibrium is not None
-    return full
-
-
 def uniaxial(law, strains):
     """Stress of a bar under the given axial strains, one scalar equation per step."""
     shear, plastic, cumulated, stresses = YOUNG / 3, 0.0, 0.0, []  # 3 mu -> E in one dimension
@@ -176,20 +168,6 @@ def test_uniaxial_cycle_with_unloading(law, search):
     axial = np.array([answer.stress()[:, 1] for answer in history.answers])
     assert axial == pytest.approx(np.tile(uniaxial(LAWS[law], strains[1:])[:, None], (1, axial.shape[1])), abs=1e-8)
     assert np.abs(history.answers[-1].stress()[:, [0, 2, 3]]).max() < 1e-8
-
-
-def tube(law, pressure, cells=24, poisson=0.3):
-    """Tube 1 <= r <= 2 held axially, with inner pressure up to the given one."""
-    return hhr.Scene(
-        name="tube",
-        geometry=lambda comm: block.block(comm, lower=(1, 0), upper=(2, 0.2), cells=(cells, 1)),
-        hypothesis="axisymmetric",
-        bodies=(hhr.Body(block.SOLID, YOUNG, poisson, law),),
-        contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), 9.0),),
-        parameters=hhr.ParameterSpace(("p",), (0.0,), (pressure,)),
-        displacements=tuple(hhr.Displacement(block.side(1, upper=upper), 1) for upper in (False, True)),
-        loads=(hhr.Pressure(block.side(0, upper=False), hhr.Amplitude(slopes={"p": 1.0})),),
-    )
 
 
 def test_thick_tube_elastic_plastic():

@@ -10,8 +10,8 @@ import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
 from condensing import walled_tube
-from test_plastic import tube
 from toy_law import Bingham
+from tubes import tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ParameterError, TimeStepWarning

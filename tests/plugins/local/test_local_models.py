@@ -26,7 +26,7 @@ from parted import (
     varying_set,
 )
 from scenes import largest_difference, pressed_block, slope_errors
-from test_threads import at_once
+from threads import at_once
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status

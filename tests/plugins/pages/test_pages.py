@@ -21,7 +21,7 @@ import test_moduli
 from bare import WAIT
 from mpi4py import MPI
 from scipy.sparse import csr_matrix
-from test_friction import driven, leaning, round_block, rubbing
+from sheared import driven, leaning, round_block, rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileContentError, NotOfferedError

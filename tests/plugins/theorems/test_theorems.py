@@ -10,7 +10,7 @@ import pytest
 import thesis_bounds
 from scenes import pressed_pair
 from scipy import linalg
-from test_plastic import tube
+from tubes import tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.constants import FullConstants
