@@ -101,10 +101,12 @@ test: setup
 
 QUICK = active_set bad_input bad_meshes bad_pairings basis bounds cubature enrichment fields formulas forms full_order house \
   loads locking many mesh_files model_files path_families peers pictures reduced registry restriction sampling stability subspaces timing trust
+QUICK_PLUGINS = inelastic/test_history_files inelastic/test_laws moduli/test_interpolation
 
 # for people at work: each room of the house, and that what was installed works, in less than a minute
 quick: setup
-	.venv/bin/python -m pytest -n auto --maxprocesses 2 --dist loadfile $(QUICK:%=tests/core/test_%.py)
+	.venv/bin/python -m pytest -n auto --maxprocesses 2 --dist loadfile $(QUICK:%=tests/core/test_%.py) \
+	  $(wildcard $(QUICK_PLUGINS:%=tests/plugins/%.py))
 
 # the core's tests, without those of plug-ins and without slow ones
 test-core: setup

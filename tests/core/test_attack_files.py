@@ -1,14 +1,13 @@
 """Mesh files and decks, attacked: groups that overlap, shared names, odd decks, sides of hexahedra, CalculiX."""
 
 import json
-from pathlib import Path
 
 import gmsh
 import numpy as np
 import pytest
 import ufl
-from dolfinx import fem
 from bare import SCENE_FOLDERS
+from dolfinx import fem
 from libraries import MED, needs_med
 from mpi4py import MPI
 from test_mpi import launch

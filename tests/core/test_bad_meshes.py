@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from dolfinx import mesh as dmesh
 from mpi4py import MPI
+from needs import needs
 from scenes import pressed_block
 
 import hhr_dolfinx as hhr
@@ -270,6 +271,7 @@ def held(*displacements, hypothesis="plane_strain"):
     return changed(hypothesis, displacements=displacements, loads=(hhr.Pressure(UPPER, hhr.Amplitude(0, {"push": 1})),))
 
 
+@needs("inelastic")
 @pytest.mark.parametrize(
     ("scene", "message"),
     [
@@ -290,6 +292,7 @@ def test_a_body_that_flows_and_can_move_freely_is_named_with_its_motion(scene, m
     refused(dataclasses.replace(scene, bodies=bodies), message, NotSolvableError)
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("loose", [1, 2])
 def test_the_free_one_of_two_bodies_is_named(loose):
     """Its end is held along axis 0 only."""

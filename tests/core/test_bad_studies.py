@@ -7,6 +7,7 @@ from argparse import Namespace
 import hertz_half_discs as demo
 import numpy as np
 import pytest
+from needs import needs
 from scenes import pressed_block
 
 import hhr_dolfinx as hhr
@@ -45,6 +46,7 @@ def test_trainings_that_cannot_be_run(asked, message):
         hhr.train(unbuilt(), **{"training": [3]} | asked)
 
 
+@needs("inelastic")
 def test_paths_held_out_may_be_an_array():
     """Times and the one parameter, (paths, steps, 2), as for training."""
     scene = pressed_block("plane_strain", cells=2)

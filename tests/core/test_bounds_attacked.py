@@ -11,6 +11,7 @@ from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.geometries import block, two_blocks
 
 
+@needs("moduli")
 @pytest.mark.parametrize("poisson", ["0.3 + 0.15 * a * b", "0.3 + 0.15 * a * sin(pi * b)"])
 def test_a_product_of_parameters_is_seen_by_the_interpolation(poisson):
     """The formula is constant along each axis through the middle of the box, where sparse grids look first."""
@@ -59,6 +60,7 @@ def layers(young, box):
     )
 
 
+@needs("moduli")
 @pytest.mark.parametrize(
     ("young", "box"), [("E2", {"E2": (1e-2, 1e3)}), ("1 + 0.9 * a * b", {"a": (-1.0, 1.0), "b": (-1.0, 1.0)})]
 )
@@ -73,6 +75,7 @@ def test_what_cannot_be_interpolated_costs_no_model(young, box):
         assert estimate is None or np.sqrt(off @ (stiffness @ off)) <= estimate.primal
 
 
+@needs("moduli")
 def test_a_wide_range_of_poisson_s_ratio_is_known_to_be_resolved():
     """Shares of the change of volume above 3/5 do not occur: at a ratio near 0 they would be all that counts."""
     scene = pressed_pair("plane_strain", ((2.0, "nu"), (1.0, 0.2)), {"nu": (0.001, 0.4)}, cells=3)
@@ -81,6 +84,7 @@ def test_a_wide_range_of_poisson_s_ratio_is_known_to_be_resolved():
     assert bound.proved and bound.inexact < 1e-8
 
 
+@needs("moduli")
 def test_a_formula_that_repeats_itself_between_the_nodes_is_found_out():
     scene = pressed_pair("plane_strain", ((2.0, "0.3 + 0.15 * sin(2000 * pi * T)"), (1.0, 0.2)), {"T": (0.0, 1.0)})
     training = hhr.train(scene, hhr.Sobol(8), held_out=0)

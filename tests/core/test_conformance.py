@@ -8,6 +8,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
+from needs import needs, present
 from scipy.sparse import csr_matrix
 from toy_elimination import DenseElimination
 from toy_functional import PressureNorm, SmoothPeak
@@ -50,9 +51,6 @@ PASS = [
     *((suite.check_pairing, part) for part in (
         PUNCH, NODES, FLOOR, hhr.NodeToSurface(LOWER_SURFACE, UPPER_SURFACE), hhr.Mortar(UPPER_SURFACE, LOWER_SURFACE),
     )),
-    *((suite.check_law, part) for part in (
-        Bingham(1.0, 20.0), lambda: hhr.Plasticity(1.0, 5.0), hhr.Plasticity(1.0), hhr.Norton(2.0, 4.0),
-    )),
     *((suite.check_load, part, LOADS) for part in (
         Weight(suite.UPPER_BODY, (0.0, -1.0), hhr.Amplitude(slopes={"load": 2.0})), WIND,
         hhr.Pressure(suite.FLANK, "load**2"), hhr.PartialPressure(suite.FLANK, hhr.Amplitude(1.0), "height"),
@@ -72,12 +70,25 @@ def test_parts_that_keep_the_contract_pass(check, part, more):
     check(part, *more)
 
 
+@needs("inelastic")
+@pytest.mark.parametrize(
+    "part",
+    [
+        lambda: Bingham(1.0, 20.0), lambda: lambda: hhr.Plasticity(1.0, 5.0), lambda: hhr.Plasticity(1.0),
+        lambda: hhr.Norton(2.0, 4.0),
+    ],
+)  # fmt: skip
+def test_laws_that_keep_the_contract_pass(part):
+    suite.check_law(part())
+
+
 def test_parts_of_another_distribution_pass(monkeypatch):
     """Those of the external package; the gap of its ramp is a given number, below a surface that looks down."""
     monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "external_package"))
     parts = importlib.import_module("contact_toys.parts")
     suite.check_pairing(parts.Ramp(UPPER_SURFACE, 0.01))
-    suite.check_law(parts.Newtonian(5.0))
+    if present("inelastic"):
+        suite.check_law(parts.Newtonian(5.0))
     with pytest.raises(ConformanceError, match="Ramp: forces of the size of `areas` are off a uniform pressure by"):
         suite.check_pairing(parts.Ramp(LOWER_SURFACE, 0.01))
 
@@ -172,6 +183,7 @@ LAWS = {
 }
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("name", LAWS)
 def test_broken_laws(name):
     law = Broken(name, rated=name in ("softening", "hidden"))
@@ -180,6 +192,7 @@ def test_broken_laws(name):
         suite.check_law(law)
 
 
+@needs("inelastic")
 def test_a_law_that_is_no_plain_data():
     class Open:
         def flow(self, *given):
@@ -452,7 +465,9 @@ TEMPLATES = Path(__file__).parents[2] / "extension_templates"
 FOLDERS = sorted(path.parent.name for path in TEMPLATES.glob("*/pyproject.toml"))
 
 
-@pytest.mark.parametrize("kind", FOLDERS)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=needs("inelastic")) if kind == "law" else kind for kind in FOLDERS]
+)
 def test_templates_work_as_they_are(kind, monkeypatch):
     """Their tests pass, and what their manifests name is there."""
     folder = TEMPLATES / kind

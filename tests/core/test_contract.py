@@ -10,7 +10,7 @@ from pathlib import Path
 import contract
 import numpy as np
 import pytest
-from needs import needs
+from needs import IN_TRUNK, needs, present
 from threadpoolctl import threadpool_info
 from threads import THREADS, at_once
 
@@ -24,12 +24,16 @@ from hhr_dolfinx.one_thread import one_thread
 ROOT = Path(__file__).parents[2]
 
 
-QUICK = (
+QUICK = tuple(contract.there(dict.fromkeys((
     "full", "naive", "exact condensation", "exact condensation, floating", "interpolated condensation, moduli",
     "HHR, constant", "HHR, moduli", "HHR, floating", "fallback", "full, flowing", "condensed, flowing",
     "full, friction", "exact condensation, friction and floating",
-)  # fmt: skip
+))))  # fmt: skip
 """Kinds whose cases take two seconds together; all of them take two minutes."""
+
+
+ALL = ("baselines", "fallback", "friction", "inelastic", "local", "moduli", "sliding")
+"""Plug-ins that have kinds of models or places."""
 
 
 @pytest.fixture(scope="module", params=[QUICK, pytest.param(tuple(contract.KINDS), marks=pytest.mark.slow)])
@@ -40,9 +44,16 @@ def cases(request):
 def test_every_case_answers_or_is_refused_by_name(cases):
     assert not [case for case in cases if case.outcome == "broken"]
     kinds = {case.kind for case in cases}
-    assert len(kinds) in (len(QUICK), 26) and len(cases) > 40 * len(kinds)
+    assert len(kinds) in (len(QUICK), len(contract.KINDS))
+    assert len(cases) > (40 if present("fallback") else 30) * len(kinds)
 
 
+def test_no_kind_is_left_out_whose_plug_ins_are_there():
+    assert contract.IN_TRUNK == IN_TRUNK
+    assert len(contract.KINDS) == 26 or not present(*ALL)
+
+
+@needs(*ALL)
 def test_the_page_says_what_is_refused(cases):
     """``python benchmarks/contract.py --page docs/contract.md`` makes it anew."""
     kinds = {case.kind for case in cases}
@@ -108,7 +119,7 @@ def test_files_answer_where_there_is_nothing_but_numpy_and_scipy(tmp_path):
         asked[str(number)] = contract.KINDS[kind].mu
         answer = model.solve(asked[str(number)], outside="ignore")
         expected[str(number)] = answer
-    assert len(asked) == 19
+    assert len(asked) == 19 or not present(*ALL)
     run = subprocess.run(
         [sys.executable, "-c", ALONE, json.dumps(asked)], cwd=tmp_path, capture_output=True, text=True, timeout=300
     )
@@ -134,6 +145,7 @@ class Failing(Elimination):
 VARYING = ["HHR, moduli", "interpolated condensation, moduli"]
 
 
+@needs("moduli")
 @pytest.mark.parametrize("kind", VARYING)
 @pytest.mark.parametrize("error", [SingularError("K~ is singular"), ParameterError("surfaces slide off")])
 def test_a_problem_that_cannot_be_made_is_no_answer(kind, error, monkeypatch):

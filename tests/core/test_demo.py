@@ -13,6 +13,7 @@ import numpy as np
 import pellet_cladding_plastic as plastic
 import pytest
 from bare import WAIT
+from needs import needs
 from pellet_cladding import QUICK_MESH
 
 import hhr_dolfinx as hhr
@@ -123,6 +124,7 @@ def test_readme_example_runs(tmp_path, monkeypatch):
     assert (tmp_path / "block.npz").exists()
 
 
+@needs("inelastic")
 def test_readme_history_runs():
     """The lines on bodies that flow, for the pellet on a coarse mesh in few steps."""
     blocks = re.findall(r"```python\n(.*?)```", (ROOT / "docs/flow.md").read_text(), re.DOTALL)

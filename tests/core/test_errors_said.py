@@ -17,7 +17,6 @@ from scenes import pressed_block
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import BoundError, ParameterError, StabilityWarning
 from hhr_dolfinx.models.estimates import NUMBERS, STRESS, Estimate, Estimates, relative_error
-from hhr_dolfinx.reduction.interpolate import GridSettings
 
 POOR = hhr.Recipe().as_it_is()
 OUTPUTS = (hhr.LargestPressure("peak", 0, unit="MPa"), hhr.ContactWidth("area", 0))
@@ -72,8 +71,11 @@ def check(full, model, points, most):
     return errors / sizes
 
 
+@needs("moduli")
 def test_six_parameters(materials, condensed):
     """S is interpolated to 1e-9, proved. Medians measured: HHR 1.001, 1.001; condensed to 1e-5 1.2, 3.1."""
+    from hhr_dolfinx.reduction.interpolate import GridSettings
+
     full = materials.full_order
     model = materials.build(materials_demo.RECIPE, checked=False)
     points = full.parameters.random(40, 1)
@@ -88,6 +90,7 @@ def test_six_parameters(materials, condensed):
     assert (finer.max(axis=1) < 1e-3 * errors.max(axis=1)).all()
 
 
+@needs("moduli")
 def test_many_answers_say_what_single_ones_say(pellet, reduced, condensed):
     for model in (reduced, condensed):
         points = model.parameters.random(20, 3)
@@ -151,6 +154,7 @@ def test_local_models_measure_by_the_same_sizes(pellet, reduced):
     assert local.known_error == reduced.known_error
 
 
+@needs("moduli")
 def test_files_and_copies_say_the_same(reduced, condensed, tmp_path):
     for name, model in (("reduced", reduced), ("condensed", condensed)):
         hhr.save_model(tmp_path / f"{name}.npz", model)
@@ -213,7 +217,7 @@ def test_safe_models_keep_the_error_that_is_asked_for(pellet):
     assert 0 < fallen["forces"] < fallen["pressure"] < 1 and 0 < fallen["peak"] < fallen["pressure"]
 
 
-@needs("fallback")
+@needs("fallback", "moduli")
 def test_words_that_are_no_error(pellet, reduced, materials):
     with pytest.raises(ParameterError, match=r"'energy' is no error .* 'forces', 'pressure', 'displacement', 'peak'"):
         pellet.safe_model(of="energy")
@@ -229,6 +233,7 @@ def test_words_that_are_no_error(pellet, reduced, materials):
 # ---------------------------------------------------------------- one line of each model
 
 
+@needs("moduli")
 def test_models_say_which_errors_they_know(pellet, reduced, condensed, caplog):
     proved = "bound, proved: the displacement in energy; nodal contact forces, Euclidean and in energy; pressures"
     assert reduced.known_error == f"{proved}; outputs peak, area"
@@ -258,6 +263,7 @@ def test_a_body_that_contact_holds_is_named_by_all_that_is_made_of_it(tmp_path, 
         hhr.FallbackModel(model, training.full_order)
 
 
+@needs("moduli")
 def test_condensed_models_are_not_told_of_layers(materials):
     """Few answers hardly span displacements, and forces are right all the same: there is no RID to add layers to."""
     held_out = hhr.compute_snapshots(materials.full_order, materials.full_order.parameters.random(20, 9))

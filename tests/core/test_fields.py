@@ -3,12 +3,11 @@
 from xml.etree import ElementTree
 
 import numpy as np
-import pellet_cladding_plastic as plastic
 import pytest
 import pyvista
 import your_scene
-from flowing import STEPS, flowing_full
 from mpi4py import MPI
+from needs import needs
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileError, SceneError
@@ -53,9 +52,12 @@ def test_a_model_from_a_file_has_no_mesh_but_its_answers_have(spring, tmp_path):
     np.testing.assert_allclose(pyvista.read(path)["stress_kelvin"], exact, atol=1e-9 * np.abs(exact).max())
 
 
+@needs("inelastic")
 def test_steps_of_a_history_stand_with_their_times(tmp_path):
+    from flowing import STEPS, demo, flowing_full
+
     full = flowing_full()
-    history = full.march(plastic.path(10.0, STEPS))
+    history = full.march(demo.path(10.0, STEPS))
     collection, *steps = hhr.write_fields(tmp_path / "pellet.vtu", full, history)
     rows = list(ElementTree.parse(collection).getroot().iter("DataSet"))
     assert [float(row.get("timestep")) for row in rows] == [answer.time for answer in history.answers]

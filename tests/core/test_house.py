@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bare import SCENE_FOLDERS, WAIT
-from needs import present
+from needs import needs, present
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = {"hhr_dolfinx": "hhr_dolfinx", "forms": "hhr_dolfinx.forms", "geometries": "hhr_dolfinx.geometries"}
@@ -303,7 +303,7 @@ def modules_of_a_study(program, folder):
 
 @pytest.mark.parametrize(
     ("program", "unneeded"),
-    [(ELASTIC, UNNEEDED), pytest.param(FLOWING, UNNEEDED_BY_FLOW, marks=pytest.mark.slow)],
+    [(ELASTIC, UNNEEDED), pytest.param(FLOWING, UNNEEDED_BY_FLOW, marks=(pytest.mark.slow, needs("inelastic")))],
     ids=["elastic", "inelastic"],
 )
 def test_a_scene_loads_what_it_names(program, unneeded, tmp_path):
@@ -385,14 +385,20 @@ def test_pages_name_what_is_there():
 
 def test_files_of_make_quick_are_there():
     text = (ROOT / "Makefile").read_text().partition("QUICK = ")[2].partition("\n\n")[0]
-    assert all((ROOT / "tests" / "core" / f"test_{name}.py").exists() for name in text.replace("\\", "").split())
+    core, _, others = text.replace("\\", "").partition("QUICK_PLUGINS = ")
+    named = [f"core/test_{name}" for name in core.split()]
+    named += [f"plugins/{name}" for name in others.split() if present(name.partition("/")[0])]
+    assert len(named) > 30 and all((ROOT / "tests" / f"{name}.py").exists() for name in named)
 
 
 def test_slow_cases_are_those_of_tests_that_are_there():
     """A name that is not would leave a dear case in the tests of every day, or out of all."""
     tests = ROOT / "tests"
     texts = {path.name: path.read_text() for path in tests.rglob("test_*.py")}
+    ours = re.findall(r"^\| `(\w+)` \|", (ROOT / "docs" / "plug_ins.md").read_text(), re.MULTILINE)
+    assert ours
     lines = [line for line in (tests / "slow_cases.txt").read_text().splitlines() if not line.startswith("#")]
     for line in filter(None, lines):
         file, _, name = line.partition("::")
-        assert f"def {name.partition('[')[0]}(" in texts[file], line
+        if file in texts or present(*ours):  # else it went with its plug-in
+            assert f"def {name.partition('[')[0]}(" in texts[file], line

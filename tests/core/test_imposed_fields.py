@@ -5,10 +5,9 @@ from __future__ import annotations
 import dataclasses
 
 import numpy as np
-import press_fit_torque
 import pytest
 from mpi4py import MPI
-from parts import press_fit_torque_study
+from needs import needs
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import SceneError
@@ -136,8 +135,12 @@ def test_fields_know_the_mesh_before_shapes_move_it():
     )
 
 
+@needs("friction")
 def test_a_press_fit_slips_as_a_whole_at_the_torque_of_its_pressures():
     """What slips as a whole bears f times the pressure at its radius, less what slip along the axis takes."""
+    import press_fit_torque
+    from parts import press_fit_torque_study
+
     full = hhr.FullOrderModel(press_fit_torque.scene(around=12, along=6, radial=2), MPI.COMM_SELF)
     model = hhr.condense(full)
     design = np.array([0.02, 0.15, 10.0, 150e3, 10.0])

@@ -2,12 +2,11 @@
 
 import dataclasses
 import warnings
-from pathlib import Path
 
-import hertz_half_discs as demo
 import numpy as np
 import pytest
 from bare import SCENE_FOLDERS
+from needs import needs
 from scenes import check_contact_conditions, largest_difference, pressed_block, pressed_pair
 from scipy.sparse import csc_matrix, csr_matrix
 from test_mpi import launch
@@ -101,6 +100,7 @@ def test_weight_in_axisymmetry():
     assert hhr.FullOrderModel(scene).problem.stiffness_terms[0].shape == (98, 98)
 
 
+@needs("inelastic")
 def test_a_body_that_flows_carries_its_weight():
     """Below its yield stress, in one step of a history, as in the elastic model."""
     scene = heavy_column()

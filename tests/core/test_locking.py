@@ -6,6 +6,7 @@ import contact_patch_test as patch
 import numpy as np
 import pytest
 from dolfinx import mesh
+from needs import needs
 from scenes import pressed_block
 from test_full_order import lame_tube
 from tubes import YOUNG, in_time, tube
@@ -19,6 +20,7 @@ FAR = hhr.Obstacle(block.side(0, upper=True), (1.0, 0.0), 1e6)
 """A tube beyond its limit load moves by whatever the last iterate says: nothing must hold it."""
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("poisson", [0.3, 0.49])
 def test_a_tube_bears_its_limit_load_and_no_more(poisson):
     """Perfect plasticity in plane strain: p = 2/√3 σ0 ln(b/a); a locked tube bears any pressure."""
@@ -33,6 +35,7 @@ def test_a_tube_bears_its_limit_load_and_no_more(poisson):
     assert done[-1].unknown.max() < 0.02
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("poisson", [0.3, 0.49])
 @pytest.mark.parametrize("exponent", [3.0, 5.0, 20.0])
 def test_a_tube_creeps_as_fast_as_norton_says(exponent, poisson):
@@ -96,6 +99,7 @@ def pushed(full, depth, steps):
     return full.march([(k, np.array([depth * k / steps])) for k in range(steps + 1)])
 
 
+@needs("inelastic")
 def test_a_punch_reaches_the_load_of_prandtl():
     """(2 + π) σ0 / √3 = 2.968 σ0, and no more however deep; locked, the force grows for ever.
 
@@ -111,6 +115,7 @@ def test_a_punch_reaches_the_load_of_prandtl():
     assert 2 * plateaus[1] - plateaus[0] == pytest.approx(prandtl, rel=5e-3)
 
 
+@needs("inelastic")
 def test_hexahedra_in_plane_strain_are_the_quadrilaterals():
     """One layer held on both sides: the same history."""
     plane, space = (hhr.FullOrderModel(punched(4, thickness)) for thickness in (None, 0.5))
@@ -163,6 +168,7 @@ def test_a_nearly_incompressible_tube():
         assert stress[:, [0, 2, 1]] == pytest.approx(exact, abs=5e-3)
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("dim", [2, 3])
 def test_stresses_of_cells_have_the_pressure_of_their_points(dim):
     """The pressure is one for all Gauss points of a cell, and that of its middle; round-off times 5000.
@@ -188,6 +194,7 @@ def test_a_nearly_incompressible_shrink_fit():
         assert answer.forces() / model.problem.contact_areas == pytest.approx(pressure, rel=1e-3)
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("dim", [2, 3])
 def test_linear_fields_keep_their_strain_on_distorted_cells(dim):
     """The mean of a constant is that constant: patch tests hold whatever the shape of the cells."""
@@ -224,6 +231,7 @@ def test_ordinary_bodies_keep_full_integration():
     assert abs(kept - still).max() < 1e-14 * abs(kept).max()
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric", "solid"])
 def test_the_elastic_model_and_that_in_time_have_one_stiffness(hypothesis):
     scene = pressed_block(hypothesis, poisson=0.4999, cells=3)
@@ -255,6 +263,7 @@ def test_what_does_not_lock_is_not_warned_of():
     hhr.FullOrderModel(pressed_block("plane_stress", simplices=True, poisson=0.4999))
 
 
+@needs("inelastic")
 def test_blocks_of_mumps_are_the_columns_of_petsc(monkeypatch):
     """Both factorisations, in several blocks and for a single column, against one solve after the other."""
     full = in_time(pressed_block("solid", cells=4))
@@ -269,6 +278,7 @@ def test_blocks_of_mumps_are_the_columns_of_petsc(monkeypatch):
         assert solver.solve_columns(problem.contact[:1].T)[:, 0] == pytest.approx(expected[:, 0], abs=1e-12 * size)
 
 
+@needs("inelastic")
 def test_a_history_in_space_without_mumps(monkeypatch):
     """Where PETSc was built without it: the same history by PETSc's own Cholesky."""
     scene = punched(3, thickness=0.5)

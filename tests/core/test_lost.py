@@ -2,9 +2,9 @@
 
 import warnings
 
-import condensing
 import numpy as np
 import pytest
+from needs import needs
 from scenes import pressed_block
 
 import hhr_dolfinx as hhr
@@ -18,6 +18,8 @@ from hhr_dolfinx.study.training.train import train
 @pytest.fixture(scope="module")
 def yielding():
     """A tube without hardening, in a wall that it does not reach before it yields as a whole, at 2 / √3 ln 2 = 0.8."""
+    import condensing
+
     return condensing.walled_tube(hhr.Plasticity(1.0), wall=50.0, cells=4, p=(0.0, 2.0))
 
 
@@ -27,6 +29,7 @@ def family(scene):
     return PathFamily("load", scene.parameters, own, {"p": 0.0}, (Leg({"p": "to"}, 1.0, 4),))
 
 
+@needs("inelastic")
 def test_histories_without_an_answer_are_named_and_left_out(yielding):
     paths = family(yielding).paths(np.array([[0.4], [0.6], [1.6], [0.7]]))
     with pytest.warns(TrainingWarning, match=r"1 of 4 training queries have no answer .*: load \(to = 1\.6\): step \d"):
@@ -38,6 +41,7 @@ def test_histories_without_an_answer_are_named_and_left_out(yielding):
         compute_snapshots(training.full_order, paths)
 
 
+@needs("inelastic")
 def test_too_few_left_are_no_training(yielding):
     for ends, words in (((0.4, 1.6, 1.7), "2 of 3 .* Fewer than 2 are left"), ((1.6, 1.7), "none of 2 queries")):
         with pytest.raises(ConvergenceError, match=words):
@@ -59,6 +63,7 @@ def test_points_without_an_answer(monkeypatch):
     assert training.snapshots.points.ravel() == pytest.approx([0.0, 0.1]) and training.snapshots.forces.shape[1] == 2
 
 
+@needs("inelastic")
 def test_a_study_leaves_out_tests_without_an_answer(yielding, tmp_path):
     paths = family(yielding).paths(np.array([[0.4], [0.6], [0.7]]))
     tests = dict(zip("ab", family(yielding).paths(np.array([[0.5], [1.7]])), strict=True))

@@ -9,17 +9,16 @@ import sys
 from dataclasses import dataclass, replace
 
 import contract
-import flowing
 import numpy as np
-import pellet_cladding_plastic as plastic
 import pytest
 from bare import WAIT, arrays_of, rewrite_signed
+from flowing import demo as plastic
+from flowing import flowing_full, flowing_reduction, pellet_of_moduli
+from flowing import pellet_path as heated
 from kept_values import array, both, entry, node_of, put, rewrite_model
 from needs import needs, present
 from parted import CUT, REACH, by_lapack, choice, one_cut, parts_of, pellet_models, pellet_training
 from scenes import largest_difference, pressed_block
-from test_flow_moduli import path as heated
-from test_flow_moduli import pellet
 from threads import at_once
 from toy_law import Bingham
 from toy_nonaffine_load import Square, WindLoad
@@ -39,7 +38,6 @@ from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.online.model_file import FORMAT, MODULES, VERSION, Kinds, check_answers
 from hhr_dolfinx.plain import as_plain, restored
-from hhr_dolfinx.reduction.condense_flow import CorrectionSettings, condense_flow
 
 OF_CONTRACT = tuple(
     kind
@@ -56,11 +54,12 @@ OF_CONTRACT = tuple(
     )
 )  # what needs no mesh
 LOCAL = ("local pellet",) if present("local") else ()
-PELLET = ("pellet", *LOCAL, "condensed pellet", "flowing pellet")
+FLOWING = ("condensed pellet", "flowing pellet") if present("inelastic") else ()
+PELLET = ("pellet", *LOCAL, *FLOWING)
 ALL = (*OF_CONTRACT, *PELLET)
 QUICK = {
     "exact condensation", "interpolated condensation, moduli", "HHR, constant", "HHR, moduli",
-    "exact condensation, friction", "HHR, floating", "pellet", *LOCAL, "flowing pellet",
+    "exact condensation, friction", "HHR, floating", "pellet", *LOCAL, *FLOWING[1:],
 }  # fmt: skip
 KINDS = [pytest.param(kind, marks=() if kind in QUICK else pytest.mark.slow) for kind in ALL]
 QUIET = hhr.MarchSettings(outside="ignore")
@@ -83,6 +82,13 @@ class Made(dict):
         return found
 
 
+def corrected(full, known):
+    """Condensed flow of some histories."""
+    from hhr_dolfinx.reduction.condense_flow import CorrectionSettings, condense_flow
+
+    return condense_flow(full, known, CorrectionSettings(attempts=1, trust=None))
+
+
 @pytest.fixture(scope="module")
 def models():
     """One model of each kind: those of the contract, and pellets with pressures on parts of lines, laws, outputs."""
@@ -92,11 +98,11 @@ def models():
         if kind in OF_CONTRACT:
             return contract.model_of(kind)
         if kind == "flowing pellet":
-            return flowing.flowing_reduction(flowing.flowing_full())
+            return flowing_reduction(flowing_full())
         if kind == "condensed pellet":
-            full = hhr.FullOrderModel(pellet(outputs=OUTPUTS))
+            full = hhr.FullOrderModel(pellet_of_moduli(outputs=OUTPUTS))
             known = hhr.SnapshotSet.of_histories([full.march(heated(*item)) for item in ((5.0, 160e3), (12.0, 220e3))])
-            return condense_flow(full, known, CorrectionSettings(attempts=1, trust=None))
+            return corrected(full, known)
         training = pellets["one"]
         if kind == "pellet":
             return hhr.build(training.full_order, training.snapshots, hhr.Recipe().as_it_is())
@@ -262,6 +268,7 @@ def test_an_elastic_model_loads_no_flow(kept):
     subprocess.run([sys.executable, "-c", program], check=True, timeout=WAIT)
 
 
+@needs("inelastic")
 def test_zeros_are_not_stored_and_keep_their_sign(models, kept, tmp_path):
     model = models["condensed pellet"]
     given = np.zeros_like(model.fields.given)
@@ -291,6 +298,7 @@ def test_what_models_share_is_kept_once(models, kept, tmp_path):
     assert 0 < more < 30_000  # the tree again, small arrays, and the choice
 
 
+@needs("local")
 def test_a_set_asks_the_same_models(models, kept):
     local = by_lapack(models["local pellet"])
     stored, points = hhr.load_model(kept["local pellet"]), local.parameters.random(40, seed=3)
@@ -299,6 +307,7 @@ def test_a_set_asks_the_same_models(models, kept):
     assert [answer.forces().tobytes() for answer in one] == [answer.forces().tobytes() for answer in two]
 
 
+@needs("inelastic")
 def test_the_trained_range_is_kept(models, kept):
     """The same refusals, of paths too."""
     for model in (hhr.load_model(kept["condensed pellet"]), models["condensed pellet"]):
@@ -308,6 +317,7 @@ def test_the_trained_range_is_kept(models, kept):
             model.march([(0.0, heated(9.0, 180e3)[0][1]), (1.0, heated(9.0, 170e3)[-1][1])])
 
 
+@needs("inelastic")
 def test_gradients_come_back(models, kept):
     """Along moduli too; von Mises' stress at Gauss points has none."""
     model = models["condensed pellet"]
@@ -321,6 +331,7 @@ def test_gradients_come_back(models, kept):
     assert other.gradient["u"].all()
 
 
+@needs("inelastic")
 def test_threads_ask_one_model(models):
     """Each with elasticity of its own, half of them with a law in Python: the answers are those of one thread."""
     before, varied = sys.getswitchinterval(), models["condensed pellet"]
@@ -356,6 +367,7 @@ def with_law(model, law):
     return model.changed(flow=replace(model.flow, groups=(one, replace(two, law=law))))
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("kind", ["flowing pellet", "condensed pellet"])
 def test_a_law_of_a_users_own_comes_back_if_its_class_is_given(kind, models, tmp_path):
     model, own = with_law(models[kind], Bingham(100.0, 1e5)), tmp_path / "own.npz"
@@ -424,7 +436,7 @@ def test_an_indicator_stays_behind_and_is_warned_of(models, tmp_path):
         stored.solve(point, outside="ignore").stress()
 
 
-@needs("local")
+@needs("local", "inelastic")
 def test_what_could_not_be_read_is_not_written(models, tmp_path):
     model, flow = models["pellet"], models["condensed pellet"]
     problem, local = model.problem, models["local pellet"]
@@ -449,6 +461,7 @@ def test_what_could_not_be_read_is_not_written(models, tmp_path):
     assert not list(tmp_path.iterdir())
 
 
+@needs("inelastic")
 def test_nothing_that_flowed_in_training(models, tmp_path):
     """Without modes for the plastic strain there is none outside the RID."""
     model = models["flowing pellet"]
@@ -459,6 +472,7 @@ def test_nothing_that_flowed_in_training(models, tmp_path):
     assert stored.fields.flow.gauss_points == model.fields.flow.gauss_points
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("how", ["points of the RID", "condensed"])
 def test_models_in_space_come_back(how, tmp_path):
     """Of six components, not four."""
@@ -469,7 +483,7 @@ def test_models_in_space_come_back(how, tmp_path):
     path = [(0.25 * k, [share]) for k, share in enumerate((0.0, 0.03, 0.06, 0.09, 0.04))]
     known = hhr.SnapshotSet.of_histories([full.march(path)])
     if how == "condensed":
-        model = condense_flow(full, known, CorrectionSettings(attempts=1, trust=None))
+        model = corrected(full, known)
     else:
         model = hhr.build(full, known, hhr.Recipe.flowing().as_it_is())
     hhr.save_model(tmp_path / "model.npz", model)
@@ -477,6 +491,7 @@ def test_models_in_space_come_back(how, tmp_path):
     assert flat(one).tobytes() == flat(other).tobytes() and flat(one).any()
 
 
+@needs("inelastic")
 def test_indices_of_four_bytes_are_widened(file):
     """Compiled loops multiply them: beyond 46341 dofs the product would turn negative."""
     path = file("flowing pellet")
@@ -545,13 +560,14 @@ def test_a_missing_file_a_folder_and_wrong_classes(tmp_path, kept):
         hhr.load_model(tmp_path / "nothing.npz")
     with pytest.raises(ModelFileError, match="is a folder, and a model is a file"):
         hhr.load_model(tmp_path)
-    with pytest.raises(ModelFileError, match=r"two classes are called Plasticity.* rename one"):
-        hhr.load_model(kept["flowing pellet"], known=[dataclasses.make_dataclass("Plasticity", [], frozen=True)])
+    with pytest.raises(ModelFileError, match=r"two classes are called Coverage.* rename one"):
+        hhr.load_model(kept["pellet"], known=[dataclasses.make_dataclass("Coverage", [], frozen=True)])
     for known in (Bingham, "Bingham", 3, None):
         with pytest.raises(ModelFileError, match=r"must be a list of classes, load_model\(path, known=\[MyLaw\]\)"):
             hhr.load_model(kept["pellet"], known=known)
 
 
+@needs("inelastic")
 def test_a_missing_package_is_no_damage(kept):
     """Nobody should build a model again where the loops of its flow cannot be compiled."""
     for kind in ("flowing pellet", "condensed pellet"):

@@ -3,7 +3,7 @@
 import contract
 import numpy as np
 import pytest
-from needs import present
+from needs import needs
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status
@@ -35,8 +35,13 @@ MAKE = {
 }
 
 
+NEEDED = {"condensed": ("moduli",), "HHR": ("moduli",), "fallback": ("moduli", "fallback")}
+
+
 @pytest.mark.filterwarnings("ignore")
-@pytest.mark.parametrize("kind", [kind for kind in MAKE if kind != "fallback" or present("fallback")])
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=needs(*NEEDED[kind]) if kind in NEEDED else ()) for kind in MAKE]
+)
 def test_no_model_answers_where_a_constant_is_impossible(training, kind, tmp_path):
     """One by one, in tables, along paths, from a file; beside the point all of them answer."""
     model = MAKE[kind](training)
@@ -59,6 +64,7 @@ def test_no_model_answers_where_a_constant_is_impossible(training, kind, tmp_pat
             one.march([(0.0, list(beside.values())), (1.0, list(POINT.values()))])
 
 
+@needs("friction", "inelastic")
 def test_a_modulus_that_is_impossible_beside_friction_and_flow():
     """Refused in words by marches; a single query without an answer says so, and does not raise where that is asked."""
     bodies = {"friction": {"friction": 0.3}, "flow": {"law": hhr.Plasticity(0.1)}}

@@ -10,17 +10,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bare import SCENE_FOLDERS, WAIT
+from needs import needs, present
 
 PROGRAM = """
 import dataclasses, json, sys, warnings, weakref
 sys.path[:0] = {folders!r}
 import numpy as np
 import contact_patch_test as patch
-import flowing as pellets
-import fretting
 import hertz_half_discs as demo
-import indentation
-import pellet_cladding_plastic as pellet
 import scale
 import sphere_on_block
 from mpi4py import MPI
@@ -28,7 +25,7 @@ from scenes import pressed_block
 from scipy.sparse import csc_matrix
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.compare import compare_points
-from hhr_dolfinx.errors import HHRError, LawWarning
+from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.full_order import full as limits
 from hhr_dolfinx.linear import factors, sparse
 out = {{}}
@@ -55,36 +52,6 @@ for name, parts in (("stiffness", problem.stiffness_terms), ("mass", (problem.no
     out[f"share of {{name}}"] = comm.allgather(sum(part.nnz for part in parts) / out[f"entries of {{name}}"])
 out["rows"] = comm.allgather((problem.rows.start, problem.rows.stop, problem.whole))
 out["whole"] = comm.allgather((whole.whole, whole is problem, full_order.gathered() is full_order))
-
-@dataclasses.dataclass(frozen=True)
-class Brittle:
-    "A law that breaks off beyond a stress."
-    limit: float
-    rated = False
-    def flow(self, trial, plastic_strain, shear, dt):
-        if (trial > self.limit).any():
-            raise ArithmeticError("it breaks")
-        return 0 * trial, 0 * trial
-
-@dataclasses.dataclass(frozen=True)
-class Torn:
-    "A law that is wrong where stresses are moderate, and breaks off where they are large."
-    least: float
-    most: float
-    rated = False
-    def flow(self, trial, plastic_strain, shear, dt):
-        if trial.max() > self.most:
-            raise ArithmeticError("it breaks")
-        if trial.max() > self.least:
-            raise ValueError("it is wrong")
-        return 0 * trial, 0 * trial
-
-@dataclasses.dataclass(frozen=True)
-class Steep(hhr.Plasticity):
-    "Plasticity whose slope is three times what it should be beyond a stress."
-    def flow(self, trial, plastic_strain, shear, dt):
-        amount, slope = super().flow(trial, plastic_strain, shear, dt)
-        return amount, np.where(trial > 200.0, 3.0, 1.0) * slope
 
 def said(action):
     try:
@@ -151,6 +118,36 @@ out["compressed"] = compressed.forces().tolist()
 out["compressed norm"] = float(np.linalg.norm(compressed.displacement()))
 sparse.LOW_RANK = large
 limits.KEPT_BYTES, sparse.BLOCK_NUMBERS = kept_bytes, numbers
+for name, pairing in patch.PAIRINGS.items():
+    for dim in (2, 3):
+        cells = ((4, 3), (7, 3)) if dim == 2 else ((2, 2, 2), (3, 3, 2))
+        turned = patch.scene(pairing, *cells, poisson=0.3, angle=1.0, bulge=0.04, by_normal=dim == 2)
+        model = hhr.FullOrderModel(turned)
+        out[f"{{name}} {{dim}} gaps"] = model.problem.gaps[:, 0].tolist()
+        out[f"{{name}} {{dim}} rows"] = np.ravel(abs(model.problem.contact).sum(axis=1)).tolist()
+        out[f"{{name}} {{dim}} forces"] = model.solve([0.09, 0.03]).forces().tolist()
+
+mixed = patch.scene(hhr.Mortar, (4, 3), (7, 3), poisson=0.3, angle=1.0, bulge=0.04, by_normal=True)
+mixed = dataclasses.replace(mixed, bodies=(dataclasses.replace(mixed.bodies[0], poisson=0.4999), mixed.bodies[1]))
+scenes = {{"axisymmetric": pressed_block("axisymmetric", poisson=0.4999), "mixed": mixed,
+          "solid": pressed_block("solid", poisson=0.4999, cells=3)}}
+out["nearly incompressible"] = {{}}
+for name, scene in scenes.items():
+    model = hhr.FullOrderModel(scene)
+    problem, solution = model.problem, model.solve([0.09, 0.03][: len(scene.parameters.names)])
+    numbers = np.lexsort(problem.points.round(9).T)
+    dofs = (problem.block_size * numbers[:, None] + np.arange(problem.block_size)).ravel()
+    cells = np.lexsort(problem.points[problem.cell_nodes].mean(axis=1).round(9).T)
+    whole = problem.gathered(model.comm)
+    out["nearly incompressible"] |= {{
+        name + " stiffness": whole.stiffness[dofs][:, dofs].toarray().ravel().tolist(),
+        name + " displacement": solution.displacement()[dofs].tolist(),
+        name + " stress": solution.stress()[cells].ravel().tolist(),
+    }}
+"""
+
+OF_PLUGINS = {
+    "moduli": """
 # a training on one full model of all ranks: what is made of it, and that its bound holds
 together = hhr.train(scale.scene((5, 3), (4, 2)), hhr.Sobol(6), held_out=0, together=True)
 asked = together.full_order.parameters.random(1, 5)[0]
@@ -162,6 +159,42 @@ bound = reduced.estimate()
 off = float(np.linalg.norm(reduced.forces() - exact.forces()))
 out["bounded"] = float(bound.kind == "bound" and off <= bound.forces_euclid)
 out["side by side"] = [item["stage"] for item in together.log.skipped].count("problems side by side")
+""",
+    "inelastic": """
+import flowing as pellets
+import indentation
+import pellet_cladding_plastic as pellet
+from hhr_dolfinx.errors import LawWarning
+@dataclasses.dataclass(frozen=True)
+class Brittle:
+    "A law that breaks off beyond a stress."
+    limit: float
+    rated = False
+    def flow(self, trial, plastic_strain, shear, dt):
+        if (trial > self.limit).any():
+            raise ArithmeticError("it breaks")
+        return 0 * trial, 0 * trial
+
+@dataclasses.dataclass(frozen=True)
+class Torn:
+    "A law that is wrong where stresses are moderate, and breaks off where they are large."
+    least: float
+    most: float
+    rated = False
+    def flow(self, trial, plastic_strain, shear, dt):
+        if trial.max() > self.most:
+            raise ArithmeticError("it breaks")
+        if trial.max() > self.least:
+            raise ValueError("it is wrong")
+        return 0 * trial, 0 * trial
+
+@dataclasses.dataclass(frozen=True)
+class Steep(hhr.Plasticity):
+    "Plasticity whose slope is three times what it should be beyond a stress."
+    def flow(self, trial, plastic_strain, shear, dt):
+        amount, slope = super().flow(trial, plastic_strain, shear, dt)
+        return amount, np.where(trial > 200.0, 3.0, 1.0) * slope
+
 # bodies that flow: ranks share the factors; a history goes on behind what one of them has kept
 flowing = hhr.FullOrderModel(indentation.scene(6))
 low, high = np.array([flowing.parameters.lower, flowing.parameters.upper])
@@ -204,36 +237,17 @@ with warnings.catch_warnings(record=True) as caught:
     others["steep"].march(path)
 told = [str(item.message) for item in caught if item.category is LawWarning]
 out["steep"] = comm.allgather(told)
+""",
+    "friction": """
+import fretting
 points = (0.0, 0.0, 0.3), (0.004, 0.0, 0.3), (0.004, 0.0013, 0.3), (0.004, -0.001, 0.3)
 for answer in hhr.FullOrderModel(fretting.scene(24)).march(list(enumerate(points))).answers:
     out[f"rubbed {{answer.time}}"] = answer.forces().tolist()
     out[f"slipped {{answer.time}}"] = answer.slip.path.tolist()
-for name, pairing in patch.PAIRINGS.items():
-    for dim in (2, 3):
-        cells = ((4, 3), (7, 3)) if dim == 2 else ((2, 2, 2), (3, 3, 2))
-        turned = patch.scene(pairing, *cells, poisson=0.3, angle=1.0, bulge=0.04, by_normal=dim == 2)
-        model = hhr.FullOrderModel(turned)
-        out[f"{{name}} {{dim}} gaps"] = model.problem.gaps[:, 0].tolist()
-        out[f"{{name}} {{dim}} rows"] = np.ravel(abs(model.problem.contact).sum(axis=1)).tolist()
-        out[f"{{name}} {{dim}} forces"] = model.solve([0.09, 0.03]).forces().tolist()
-
-mixed = patch.scene(hhr.Mortar, (4, 3), (7, 3), poisson=0.3, angle=1.0, bulge=0.04, by_normal=True)
-mixed = dataclasses.replace(mixed, bodies=(dataclasses.replace(mixed.bodies[0], poisson=0.4999), mixed.bodies[1]))
-scenes = {{"axisymmetric": pressed_block("axisymmetric", poisson=0.4999), "mixed": mixed,
-          "solid": pressed_block("solid", poisson=0.4999, cells=3)}}
-out["nearly incompressible"] = {{}}
-for name, scene in scenes.items():
-    model = hhr.FullOrderModel(scene)
-    problem, solution = model.problem, model.solve([0.09, 0.03][: len(scene.parameters.names)])
-    numbers = np.lexsort(problem.points.round(9).T)
-    dofs = (problem.block_size * numbers[:, None] + np.arange(problem.block_size)).ravel()
-    cells = np.lexsort(problem.points[problem.cell_nodes].mean(axis=1).round(9).T)
-    whole = problem.gathered(model.comm)
-    out["nearly incompressible"] |= {{
-        name + " stiffness": whole.stiffness[dofs][:, dofs].toarray().ravel().tolist(),
-        name + " displacement": solution.displacement()[dofs].tolist(),
-        name + " stress": solution.stress()[cells].ravel().tolist(),
-    }}
+""",
+}
+"""What ranks do with bodies and contacts of plug-ins."""
+SHOWN = """
 if comm.rank == 0:
     print(json.dumps(out))
 """
@@ -286,7 +300,8 @@ ELSEWHERE = {
 def found(tmp_path_factory):
     """Numbers by the number of ranks."""
     folder = str(tmp_path_factory.mktemp("snapshots"))
-    program = PROGRAM.format(folders=SCENE_FOLDERS, folder=folder)
+    parts = (PROGRAM, *(part for plugin, part in OF_PLUGINS.items() if present(plugin)), SHOWN)
+    program = "".join(parts).format(folders=SCENE_FOLDERS, folder=folder)
     return {ranks: json.loads(launch(ranks, ["-c", program]).splitlines()[-1]) for ranks in (1, 2, 3)}
 
 
@@ -336,6 +351,7 @@ def test_what_needs_all_rows_says_so_on_every_rank(found, ranks):
     assert all(texts == ["nothing"] for texts in found[1]["said"].values())
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("ranks", [1, 2, 3])
 def test_a_law_that_fails_on_one_rank_fails_on_all(found, ranks):
     assert len(found[ranks]["brittle"]) == ranks
@@ -343,6 +359,7 @@ def test_a_law_that_fails_on_one_rank_fails_on_all(found, ranks):
     assert all("it breaks" in text for text in found[ranks]["brittle"])
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("ranks", [1, 2, 3])
 def test_ranks_end_alike_where_laws_fail_in_several_ways(found, ranks):
     """What is no matter of smaller steps counts more: no rank tries again while another has ended."""
@@ -350,6 +367,7 @@ def test_ranks_end_alike_where_laws_fail_in_several_ways(found, ranks):
     assert len(found[ranks]["torn"]) == ranks and kinds <= {"SceneError", "ConvergenceError"} and len(kinds) == 1
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("ranks", [1, 2, 3])
 def test_a_wrong_slope_is_told_on_all_ranks(found, ranks):
     """Of the worst point of all, and there are several, by the largest difference of all."""
@@ -366,6 +384,7 @@ def test_what_ranks_share_is_given_back(found, ranks):
     assert found[ranks]["left over"] == [[[0.5, 1.0], [False, False]]] * ranks
 
 
+@needs("moduli")
 @pytest.mark.parametrize("ranks", [1, 2, 3])
 def test_a_training_together_has_bounds_and_says_so(found, ranks):
     assert found[ranks]["bounded"] == 1.0
@@ -583,8 +602,8 @@ def test_every_rank_raises_what_it_can():
         "hhr.train(scene, [9], progress=lambda label: after(1, diverge))",
         f"hhr.FullOrderModel({wrong})",
         f"hhr.train({careless}, [4])",
-        f"hhr.FullOrderModel({flowing})",
         "hhr.FullOrderModel(scene).solve(0.05)",
+        *([f"hhr.FullOrderModel({flowing})"] if present("inelastic") else []),
     ]
     case = CAUGHT + "".join(f"tell({k}, lambda: {action})\n" for k, action in enumerate(actions))
     # and what one rank alone does with SLEPc keeps no other from its end
@@ -600,7 +619,7 @@ def test_every_rank_raises_what_it_can():
         kinds, texts = zip(*(words[2:] for words in line), strict=True)
         assert kinds == ("RankError", "RankError", "Awkward") and texts[2] == "the disk of this rank is full"
         assert all("failed on rank 2 of 3, Awkward: the disk of this rank is full" in text for text in texts[:2])
-    diverged, unbuilt, misplaced, flows, solved = told[len(EACH_FOR_ITSELF) :]
+    diverged, unbuilt, misplaced, *whole = told[len(EACH_FOR_ITSELF) :]
     assert [words[2] for words in diverged] == ["ConvergenceError"] * 3
     assert "rank 2 of 3" in diverged[0][3] and diverged[2][3] == "point 7"
     # wrong on all ranks alike
@@ -610,4 +629,4 @@ def test_every_rank_raises_what_it_can():
         assert words[2] == "SceneError" and "spread over 3 ranks and was asked for on 1" in words[3]
         assert "on the communicator it is given" in words[3] and "tags" not in words[3]
     # bodies that flow: each rank has the whole problem, and all share the factors
-    assert [words[2] for words in (*flows, *solved)] == ["nothing"] * 6
+    assert [words[2] for line in whole for words in line] == ["nothing"] * 3 * len(whole)

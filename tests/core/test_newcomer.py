@@ -5,6 +5,7 @@ import dataclasses
 import numpy as np
 import pytest
 import ufl
+from needs import needs
 from scenes import check_contact_conditions, pressed_block
 from toy_law import Bingham
 from toy_pairing import RoundPunch
@@ -135,6 +136,7 @@ def test_a_punch_deep_in_the_body_is_named():
         hhr.FullOrderModel(dataclasses.replace(scene, contacts=(deep,)))
 
 
+@needs("inelastic")
 def test_bingham_flows_by_its_rate():
     """η Δp = dt (σ_eq - σ0) where that is positive, the slope by central differences, and the two laws it contains."""
     trial, dt, shear = np.linspace(0.0, 5.0, 101) + 0.013, 0.2, 80.0
@@ -152,6 +154,7 @@ def test_bingham_flows_by_its_rate():
                 assert ours == pytest.approx(theirs, rel=1e-12)
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("hypothesis", ["axisymmetric", "solid"])
 def test_stress_relaxes_to_the_threshold(hypothesis):
     """A block pressed on the floor at once and held: uniaxial stress, with contact forces from the floor.
@@ -206,6 +209,7 @@ def viscous_beam():
     return full, [full.march(held(gap), TIGHT) for gap in (0.005, 0.01, 0.015)]
 
 
+@needs("inelastic")
 def test_without_viscosity_the_beam_is_plastic(viscous_beam):
     """At a viscosity of 1e-6 it has the history of Plasticity; at 20 it lags behind while the push grows.
 
@@ -225,6 +229,7 @@ def test_without_viscosity_the_beam_is_plastic(viscous_beam):
     assert lag[0] < 0.7 and lag[1] > 0.8
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("gap", [0.0075, 0.0125])
 def test_reduced_history_of_the_beam(viscous_beam, gap):
     """Between the trained gaps, with the errors that were measured, at worst, in brackets."""

@@ -13,6 +13,7 @@ from contextlib import suppress
 import hertz_half_discs as demo
 import numpy as np
 import pytest
+from needs import needs, present
 from peers import DualBasisModel
 from scenes import pressed_block
 from scipy.stats import spearmanr
@@ -130,6 +131,7 @@ def test_statuses_are_carried_on_where_none_are_known_nearby(elastic_models):
     assert model.march(ALONG).iterations[-1] == 1 < model.solve(ALONG[-1][1]).iterations
 
 
+@needs("inelastic")
 def test_four_lines_of_a_flowing_model(flowing, flowing_models):
     """Measured at worst: 0.25 % of the displacement, 0.5 % of the forces, 0.8 % of the stress."""
     exact = flowing_models["full"].solve(0.09)
@@ -141,6 +143,7 @@ def test_four_lines_of_a_flowing_model(flowing, flowing_models):
     assert error(answer.plastic_strain(), exact.plastic_strain()) < 0.03
 
 
+@needs("inelastic")
 def test_a_history_of_a_flowing_model(flowing, flowing_models):
     """Up and down again: what has flowed stays, and the floor is touched to the end."""
     exact = flowing_models["full"].march(UP_AND_DOWN)
@@ -158,6 +161,7 @@ def test_a_history_of_a_flowing_model(flowing, flowing_models):
     assert history.answers[-1].forces().sum() < 0.9 * flowing.solve(0.07, outside="ignore").forces().sum()
 
 
+@needs("inelastic")
 def test_models_are_asked_alike(elastic, flowing):
     for model in (elastic, flowing):
         asked = inspect.signature(model.solve).parameters
@@ -169,6 +173,7 @@ def test_models_are_asked_alike(elastic, flowing):
 # solve and march, starts, failures
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("mu", [0.02, 0.09])
 def test_one_answer_of_a_flowing_model_is_a_history_of_one_step(flowing, mu):
     lower = flowing.parameters.lower
@@ -191,6 +196,7 @@ def test_starts_of_an_elastic_model(elastic):
         assert found.multipliers == pytest.approx(answer.multipliers, abs=1e-12 * answer.multipliers.max())
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("start", ["neerest", "", 3, np.ones(3, dtype=bool), np.zeros((2, 2), dtype=bool)])
 def test_starts_that_are_none(elastic, flowing, start):
     for model in (elastic, flowing):
@@ -204,6 +210,7 @@ def test_starts_that_are_none(elastic, flowing, start):
             model.solve(mu, start=integers)
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("outside", ["warm", "", None, True])
 def test_what_outside_may_be(elastic, flowing, outside):
     """Wherever the parameter lies, and whether or not there is anything outside what a model can answer."""
@@ -212,6 +219,7 @@ def test_what_outside_may_be(elastic, flowing, outside):
             model.solve(mu, outside=outside)
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("keyword", ["raise_on_failrue", "durration", "settings"])
 def test_misspelt_keywords(elastic, flowing, keyword):
     for model, mu in ((elastic, 0.3), (flowing, 0.05)):
@@ -224,6 +232,7 @@ def test_nothing_flows_and_a_step_takes_no_time(elastic):
         elastic.solve(0.3, duration=2.0)
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("settings", [None, "frozen", {"outside": "ignore"}, hhr.MarchSettings])
 def test_settings_that_are_none(elastic, flowing, settings):
     for model, path in ((elastic, ALONG), (flowing, UP_AND_DOWN)):
@@ -231,6 +240,7 @@ def test_settings_that_are_none(elastic, flowing, settings):
             model.march(path, settings)
 
 
+@needs("inelastic")
 def test_rivals_that_know_no_flow_refuse_it(flowing_models):
     """They answered as if nothing flowed."""
     full = flowing_models["full"]
@@ -289,6 +299,7 @@ def limited():
     return {"full": full, "reduced": hhr.build(full, trained, recipe)}
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("kind", FLOWING)
 def test_no_step_is_nan_and_a_status(limited, kind):
     """In plane strain it bears 2 / sqrt(3) of its yield stress, 0.069."""
@@ -317,6 +328,7 @@ def test_fields_of_an_elastic_answer(elastic, coarse):
     assert estimate is None or (estimate.kind == "bound" and 0 <= estimate.primal < np.inf)
 
 
+@needs("inelastic")
 def test_fields_of_a_flowing_answer(flowing, flowing_models):
     material = flowing_models["full"].equilibrium.material
     answer = flowing.solve(0.09, outside="ignore")
@@ -332,6 +344,7 @@ def test_fields_of_a_flowing_answer(flowing, flowing_models):
     assert estimate.kind == ("bound" if whole else STRESS) and 0 <= estimate.primal_relative < 1
 
 
+@needs("inelastic")
 def test_fields_are_the_callers_own(elastic, flowing):
     """Forces in kN instead of N, in place: the answer stays what it was."""
     for model, mu in ((elastic, 0.37), (flowing, 0.09)):
@@ -346,6 +359,7 @@ def test_fields_are_the_callers_own(elastic, flowing):
                 assert np.array_equal(getattr(answer, other)(), values), (name, other)
 
 
+@needs("inelastic")
 def test_copies_answer_alike(elastic_models, flowing_models):
     """A pickled reduced model keeps all but the mesh, which the stress of elastic bodies needs."""
     for model, mu in ((elastic_models["reduced"], 0.37), (flowing_models["reduced"], 0.09)):
@@ -455,6 +469,18 @@ def test_nodes_that_are_none(coarse, made, why):
 # recipes
 
 
+OF_HISTORIES = [
+    pytest.param(step, why, marks=needs("inelastic"))
+    for step, why in (
+        (lambda: hhr.StressDeim(0.0), r"tolerance = 0\.0 of StressDeim must lie in \(0, 1\)"),
+        (lambda: hhr.FlowDeim("1e-6"), "tolerance = 1e-6 of FlowDeim"),
+        (lambda: hhr.Tangents(states=0), "states = 0 of Tangents"),
+        (lambda: hhr.Tangents(least=1.0), r"least = 1\.0 of Tangents"),
+        (lambda: hhr.Tangents(least="a"), "least = a of Tangents"),
+    )
+]
+
+
 @pytest.mark.parametrize(
     ("step", "why"),
     [
@@ -471,11 +497,7 @@ def test_nodes_that_are_none(coarse, made, why):
         (lambda: hhr.Recipe(tangents=0.1), r"tangents = 0\.1 of a recipe must be .*Tangents"),
         (lambda: hhr.Recipe(indicator=EquilibriumResidual), r"must have prepared\(problem, basis, sets\)"),
         (lambda: hhr.Pod(1e-9, norm="H1"), "norm = 'H1' of a Pod is unknown: 'euclidean', 'energy' or 'l2'"),
-        (lambda: hhr.StressDeim(0.0), r"tolerance = 0\.0 of StressDeim must lie in \(0, 1\)"),
-        (lambda: hhr.FlowDeim("1e-6"), "tolerance = 1e-6 of FlowDeim"),
-        (lambda: hhr.Tangents(states=0), "states = 0 of Tangents"),
-        (lambda: hhr.Tangents(least=1.0), r"least = 1\.0 of Tangents"),
-        (lambda: hhr.Tangents(least="a"), "least = a of Tangents"),
+        *OF_HISTORIES,
         (lambda: hhr.Deim(1e-6), r"pod = 1e-06 of Deim must have modes"),
         (lambda: hhr.Deim(hhr.Pod), "of Deim must have modes"),
         (lambda: hhr.Zone([1, 2]), "a zone is a function of the problem"),
@@ -486,6 +508,7 @@ def test_steps_that_are_none(step, why):
         step()
 
 
+@needs("inelastic")
 def test_training_of_the_other_kind(coarse, flowing_models):
     """Bodies that flow need histories, which other meshes do not have."""
     one = flowing_models["full"]
@@ -533,7 +556,7 @@ def test_models_by_every_norm(coarse, norm):
     "recipe",
     [
         hhr.Recipe(),
-        hhr.Recipe.flowing(),
+        *([hhr.Recipe.flowing()] if present("inelastic") else []),
         hhr.Recipe.thesis(1e-8).as_it_is(),
         hhr.Recipe(hhr.Pod(np.float64(1e-9)), (hhr.Deim(hhr.Pod(1e-6)), hhr.Zone(demo.scene)), hhr.Rid(np.int64(1))),
         hhr.Recipe(EveryKth(2), (WholeSurface(), Made(len)), indicator=EquilibriumResidual(), enrichment=None),
@@ -586,6 +609,7 @@ def test_an_elastic_history_is_as_good_as_its_points():
     assert "kept out of training" not in warnings_of(points, histories, full)
 
 
+@needs("inelastic")
 def test_histories_of_another_kind_of_scene(flowing_models):
     """As snapshots or held out, alone or beside others."""
     full, elastic = flowing_models["full"], hhr.FullOrderModel(pressed_block("plane_strain", cells=8))

@@ -6,10 +6,9 @@ import pickle
 
 import numpy as np
 import pellet_cladding as demo
-import pellet_cladding_plastic as plastic
 import pytest
 import ufl
-from flowing import SMALL_MESH, STEPS, TRAINING
+from needs import needs
 from scenes import pressed_block
 from scipy.spatial.transform import Rotation
 from toy_output import MeanPressure
@@ -175,9 +174,10 @@ def test_values_are_those_of_the_fields(varying):
     assert len(found) == len(OUTPUTS) and "peak" in found
 
 
-@pytest.mark.parametrize(
-    "name", ["full", "full, constant", "reduced", "interpolated", "exact", "exact with fields", "copied"]
-)
+VARYING = [pytest.param(name, marks=needs("moduli")) for name in ("reduced", "interpolated")]
+
+
+@pytest.mark.parametrize("name", ["full", "full, constant", "exact", "exact with fields", "copied", *VARYING])
 def test_derivatives_are_those_of_the_model_itself(name, varying, constant):
     known = constant.snapshots.known_statuses()
     models = {
@@ -260,7 +260,11 @@ def test_a_study_reports_their_errors(constant):
     assert row["unit"] == "MPa" and row["largest"] > 50 and row["max"] < 0.1
 
 
+@needs("inelastic")
 def test_bodies_that_flow_answer_at_every_step():
+    import pellet_cladding_plastic as plastic
+    from flowing import SMALL_MESH, STEPS, TRAINING
+
     outputs = (
         hhr.LargestPressure("peak", 0),
         hhr.VonMises("mises", geometry.PELLET),

@@ -39,6 +39,7 @@ def test_a_training_reads_what_its_parts_have_solved(tmp_path, monkeypatch):
     np.testing.assert_allclose(training.snapshots.forces, alone.snapshots.forces, rtol=1e-9, atol=1e-12)
 
 
+@needs("friction")
 def test_histories_have_parts_too(tmp_path):
     """Where contact rubs; the paths held out as well."""
     scene = contract.blocks(friction=0.2)

@@ -10,6 +10,7 @@ from pathlib import Path
 import numpy as np
 import pellet_cladding_plastic as demo
 import pytest
+from needs import needs
 from pellet_families import families
 from scenes import pressed_block
 
@@ -186,6 +187,7 @@ def test_times_that_do_not_increase():
         lost.path(9e3)
 
 
+@needs("inelastic")
 def test_the_families_of_the_pellet():
     """The loading is the path of the demo to the last bit, and what is combined holds the others."""
     found = families()
@@ -223,6 +225,7 @@ def pushed(scene):
     return PathFamily("pushed", scene.parameters, own, {name: 0.0}, legs)
 
 
+@needs("inelastic")
 def test_training_and_studies_take_them(tmp_path):
     """The last depths of histories are halves of those drawn, and tests are labelled by the names of paths."""
     scene = block()
@@ -237,6 +240,7 @@ def test_training_and_studies_take_them(tmp_path):
     assert [answer.time for answer in study.model.march(test[0]).answers] == [time for time, _ in test[0][1:]]
 
 
+@needs("inelastic")
 def test_tests_without_names():
     path = pushed(block()).path([0.1, 0.0])
     for given, message in (([path, list(path)], "tests[1] has no name to label it by: give tests={label: path, ...}"),
@@ -246,12 +250,14 @@ def test_tests_without_names():
             hhr.StudySettings([path], tests=given)
 
 
+@needs("inelastic")
 def test_a_sampling_or_a_family_is_no_list_of_paths():
     for given in (hhr.Sobol(4), pushed(block())):
         with pytest.raises(StudyError, match=r"train on a list of paths, such as family.paths\(Sobol\(12\)\)"):
             hhr.train(block(), given)
 
 
+@needs("inelastic")
 def test_the_lines_of_the_documentation():
     text = (Path(__file__).parents[2] / "docs/flow.md").read_text()
     (code,) = (block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "PathFamily" in block)

@@ -1,6 +1,7 @@
 """Laws and amplitudes as a kind and numbers: round trips, and data that were damaged or forged."""
 
 import json
+import math
 import string
 from dataclasses import dataclass, field, fields, make_dataclass
 from typing import Annotated, Any, NamedTuple
@@ -16,8 +17,27 @@ from toy_law import Bingham
 from hhr_dolfinx.amplitudes import Coverage
 from hhr_dolfinx.errors import FileContentError, ModelFileError, SceneError
 from hhr_dolfinx.files import read_arrays, write_arrays
-from hhr_dolfinx.materials.laws import Norton, Plasticity
 from hhr_dolfinx.plain import as_plain, by_name, restored
+
+
+@dataclass(frozen=True)
+class Plasticity:
+    """Stands for a law: numbers or formulas that are checked."""
+
+    yield_stress: float | str
+    hardening: float | str = 0.0
+
+    def __post_init__(self):
+        if not (0 < float(self.yield_stress) < math.inf and 0 <= float(self.hardening) < math.inf):
+            raise SceneError(f"{self} is no law")
+
+
+@dataclass(frozen=True)
+class Norton:
+    """Another one."""
+
+    resistance: float | str
+    exponent: float | str
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import sphere_on_block
 from mpi4py import MPI
+from needs import needs
 from petsc4py import PETSc
 from scipy.sparse import csc_matrix
 
@@ -41,7 +42,9 @@ def both(make, monkeypatch):
     return kept, hhr.FullOrderModel(make(), MPI.COMM_SELF)
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=needs("friction") if name == "friction" else ()) for name in SCENES]
+)
 def test_answers_are_the_same(name, monkeypatch):
     make, mu = SCENES[name]
     kept, lean = both(make, monkeypatch)

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 import ufl
 import your_scene
+from needs import needs
 from scenes import pressed_block
 
 import hhr_dolfinx as hhr
@@ -67,7 +68,13 @@ HEALTHY = (
 """Demos of all hypotheses, with bodies that flow, moduli by formulas, and loads of all kinds."""
 
 
-@pytest.mark.parametrize("name", HEALTHY)
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=needs("inelastic") if name in ("pellet_cladding_plastic", "indentation") else ())
+        for name in HEALTHY
+    ],
+)
 def test_scenes_of_the_demos_are_fine(name, tmp_path):
     """Neither mistakes nor notes; and their pictures are drawn without a warning."""
     scene = importlib.import_module(name).scene()

@@ -12,6 +12,7 @@ import pellet_cladding
 import pytest
 from click.testing import CliRunner
 from mpi4py import MPI
+from needs import needs
 from second_order import LAME, bowl, rings
 from test_locking import FAR
 from tubes import tube
@@ -120,6 +121,7 @@ def test_a_check_says_the_order_and_the_error_of_the_mesh(tmp_path):
     assert (tmp_path / "scene.png").exists()
 
 
+@needs("inelastic")
 @pytest.mark.filterwarnings("error::hhr_dolfinx.errors.LockingWarning")
 @pytest.mark.parametrize("simplices", [False, True])
 def test_a_tube_bears_its_limit_load_and_no_more(simplices):
@@ -181,6 +183,7 @@ def test_files_and_pictures(training, tmp_path):
     assert {kind for kind in grid.celltypes.tolist()} == {70}
 
 
+@needs("friction")
 def test_friction_slips_with_its_coefficient():
     """All of it slips under a shear that it cannot bear: tangential forces are .2 of pressures, by mortar and nodes."""
     for pairing in (hhr.NodeToNode, hhr.Mortar):
@@ -220,6 +223,7 @@ def test_rules_of_the_stiffness_have_positive_weights(cell, order):
     assert min(compat.quadrature(cell, degree)[1].min() for degree in degrees) > 0
 
 
+@needs("friction")
 @pytest.mark.parametrize("pairing", [hhr.NodeToNode, hhr.NodeToSurface, hhr.DoublePass, hhr.Mortar])
 @pytest.mark.parametrize("simplices", [False, True])
 def test_what_slides_far_is_known_by_nodes_of_the_other_body(pairing, simplices):

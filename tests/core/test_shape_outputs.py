@@ -12,8 +12,6 @@ from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import press_fit as geometry
 from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
-from hhr_dolfinx.reduction.interpolate import GridSettings
-from hhr_dolfinx.reduction.shaped import reshaped_functionals
 from hhr_dolfinx.shapes import coordinate_names
 
 FLOOR, LID, AXIS = block.side(1, upper=False), block.side(1, upper=True), block.side(0, upper=False)
@@ -107,6 +105,8 @@ def blocks():
 @pytest.fixture(scope="module")
 def trained(blocks):
     """Full and condensed models, by name."""
+    from hhr_dolfinx.reduction.interpolate import GridSettings
+
     scenes = {**blocks, "fit": small_fit()}
     trainings = {name: hhr.train(scene, hhr.Sobol(4), held_out=1) for name, scene in scenes.items()}
     finer = GridSettings(1e-5)  # the forces of the fit have an error of 1e-3 with the usual one
@@ -249,6 +249,9 @@ class OfOtherConditions(MeanPressure):
 
 
 def test_an_output_that_jumps_between_shapes_is_refused():
+    from hhr_dolfinx.reduction.interpolate import GridSettings
+    from hhr_dolfinx.reduction.shaped import reshaped_functionals
+
     full = hhr.FullOrderModel(crowned("plane_strain", outputs=(OfOtherConditions("high", 0),)))
     basis = np.ones((full.problem.free.size, 1))
     with pytest.raises(SceneError, match="output 'high' is made of other conditions"):

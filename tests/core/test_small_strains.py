@@ -3,9 +3,9 @@
 import dataclasses
 import warnings
 
-import condensing
 import numpy as np
 import pytest
+from needs import needs
 from scenes import pressed_block, squeezed
 from tubes import tube
 
@@ -50,6 +50,8 @@ def test_what_is_no_small_strain_is_no_answer():
 @pytest.fixture(scope="module")
 def soft():
     """A tube that creeps under pressure, full and condensed: strains grow with time."""
+    import condensing
+
     full = hhr.FullOrderModel(condensing.walled_tube(hhr.Norton(1.0, 1.0), wall=100.0, cells=4))
     return full, condensing.condensed(full, [full.march(held(seconds)) for seconds in (0.01, 0.02)], trust=None)
 
@@ -59,7 +61,10 @@ def held(seconds, steps=8):
     return [(0.0, [0.0]), *((seconds * k / steps, [1.0]) for k in range(1, steps + 1))]
 
 
+@needs("inelastic")
 def test_histories_full_and_small(soft):
+    import condensing
+
     for model in soft:
         with warnings.catch_warnings():
             warnings.simplefilter("error", SmallStrainWarning)

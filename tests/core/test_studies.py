@@ -2,20 +2,20 @@
 
 import json
 from dataclasses import replace
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 
 import contact_patch_test as patch
 import hertz_half_discs as discs
 import numpy as np
 import pytest
+from needs import needs
 from paths import PathCase, summarise_paths, try_path
 from scenes import pressed_block
 from toy_rival import NearestAnswer, NearestHistory
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, StudyError, UnstableModelError
-from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 from hhr_dolfinx.study.report.console import make_console
 from hhr_dolfinx.study.report.report import print_report
 from hhr_dolfinx.study.study import run_study
@@ -35,13 +35,15 @@ def pushed(side, steps=4):
     return [(share, np.array([0.05 * share, side * share])) for share in np.arange(steps + 1) / steps]
 
 
-SETTINGS = hhr.StudySettings(
-    [pushed(0.0), pushed(0.02)],
-    hhr.Recipe.flowing(trust=None),
-    variants=[("as it is", hhr.Recipe.flowing(trust=None, domain=hhr.Rid(0, 0)))],
-    tests={0.01: pushed(0.01), 0.015: pushed(0.015)},
-    repetitions=1,
-)
+@cache
+def settings_of_paths():
+    return hhr.StudySettings(
+        [pushed(0.0), pushed(0.02)],
+        hhr.Recipe.flowing(trust=None),
+        variants=[("as it is", hhr.Recipe.flowing(trust=None, domain=hhr.Rid(0, 0)))],
+        tests={0.01: pushed(0.01), 0.015: pushed(0.015)},
+        repetitions=1,
+    )
 
 
 def test_a_rival_of_one_file_is_a_row(tmp_path):
@@ -63,9 +65,10 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def study(folder):
     rivals = lambda training: [hhr.Rival("nearest history", "2 of them", NearestHistory(training))]  # noqa: E731
-    return hhr.study_scene(flowing(), SETTINGS, folder, rivals=rivals)
+    return hhr.study_scene(flowing(), settings_of_paths(), folder, rivals=rivals)
 
 
+@needs("inelastic")
 def test_a_study_of_histories(study):
     """Every way to answer is a row; times, parts and histories stand where those of points do."""
     report, searches = study.report, study.report["times"]["fom_searches"]
@@ -86,6 +89,7 @@ def test_a_study_of_histories(study):
     json.dumps(report["errors"] | report["kkt"], allow_nan=False)
 
 
+@needs("inelastic")
 def test_condensed_flow_beside_the_hyper_reduced_model(study):
     """Its sizes, its own check, its errors, alone and per history, when it pays, and an advice that quotes both."""
     report, model = study.report, study.measured.models["condensed"]
@@ -113,6 +117,7 @@ def test_condensed_flow_beside_the_hyper_reduced_model(study):
     assert "condensed flow: " in report["advice"].lower() and "the hyper-reduced model: " in report["advice"].lower()
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("method", ["HHR", "condensed"])
 def test_a_method_that_is_refused_has_its_reason_in_its_place(study, monkeypatch, method):
     """The study goes on with the other one, which then is the model under study."""
@@ -121,7 +126,7 @@ def test_a_method_that_is_refused_has_its_reason_in_its_place(study, monkeypatch
         raise UnstableModelError("it cannot be trusted")
 
     monkeypatch.setattr(type(study.training), "build" if method == "HHR" else "condense", refuse)
-    again = run_study(study.training, replace(SETTINGS, variants=()))
+    again = run_study(study.training, replace(settings_of_paths(), variants=()))
     report, other = again.report, "condensed" if method == "HHR" else "HHR"
     rows = {row["method"]: row for row in report["work_precision"]}
     assert list(rows) == [other, "fom_best", method] and rows[method]["refused"] == "it cannot be trusted"
@@ -134,9 +139,10 @@ def test_a_method_that_is_refused_has_its_reason_in_its_place(study, monkeypatch
     print_report(report, make_console(quiet=True))
     monkeypatch.setattr(type(study.training), "build" if method != "HHR" else "condense", refuse)
     with pytest.raises(UnstableModelError, match="cannot be trusted"):
-        run_study(study.training, replace(SETTINGS, variants=()))
+        run_study(study.training, replace(settings_of_paths(), variants=()))
 
 
+@needs("inelastic")
 def test_a_path_without_an_answer_counts(study, monkeypatch):
     """With infinite errors and the time it took; the others are measured."""
     kind = type(study.measured.models["condensed"])
@@ -149,7 +155,7 @@ def test_a_path_without_an_answer_counts(study, monkeypatch):
 
     monkeypatch.setattr(kind, "march", march)
     monkeypatch.setattr(type(study.training), "condense", lambda training, settings: study.measured.models["condensed"])
-    report = run_study(study.training, replace(SETTINGS, variants=())).report
+    report = run_study(study.training, replace(settings_of_paths(), variants=())).report
     row = next(row for row in report["work_precision"] if row["method"] == "condensed")
     assert row["unconverged"] == 1 and row["primal_l2_max"] == np.inf
     first, second = (history["condensed"] for history in report["histories"])
@@ -158,33 +164,39 @@ def test_a_path_without_an_answer_counts(study, monkeypatch):
     assert "1 of the test paths have no answer" in report["advice"]
 
 
+@needs("inelastic")
 def test_a_correction_where_nothing_flows(tmp_path):
+    from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+
     settings = hhr.StudySettings([8], correction=CorrectionSettings())
     with pytest.raises(StudyError, match=r"nothing flows in scene .* leave out the correction"):
         hhr.study_scene(discs.scene(arc_segments=28, flat_segments=7), settings, tmp_path)
     with pytest.raises(StudyError, match="correction = 3 of a study must be CorrectionSettings"):
-        replace(SETTINGS, correction=3)
+        replace(settings_of_paths(), correction=3)
 
 
+@needs("inelastic")
 def test_both_models_on_paths(study):
     """On a path of the family, and on one never trained, of which both warn."""
     full, models = study.training.full_order, study.measured.models
     cases = [PathCase("between", pushed(0.012), True), PathCase("far aside", pushed(0.045), False)]
-    rows = [try_path(full, models, case, 0.0, SETTINGS.march) for case in cases]
+    rows = [try_path(full, models, case, 0.0, settings_of_paths().march) for case in cases]
     for name in models:
         found = summarise_paths(row[name] for row in rows)
         assert found["inside"]["displacement"]["max"] < 0.01 and found["outside"]["warned"] == 1
         assert rows[1][name]["warned"] and rows[1][name]["estimate"] > 0
 
 
+@needs("inelastic")
 def test_a_study_of_histories_finds_what_was_solved(study, folder):
     """Each step is a file, so that a study that was killed goes on."""
     assert len(list((folder / "snapshots").iterdir())) == 8
-    again = hhr.train(flowing(), SETTINGS.training, folder=folder / "snapshots")
+    again = hhr.train(flowing(), settings_of_paths().training, folder=folder / "snapshots")
     assert again.log.skipped[0]["why"].startswith("8 of 8 answers were read from")
     assert np.array_equal(again.snapshots.displacements, study.training.snapshots.displacements)
 
 
+@needs("inelastic")
 @pytest.mark.parametrize(
     ("scene", "changes", "message"),
     [
@@ -203,13 +215,14 @@ def test_a_study_of_histories_finds_what_was_solved(study, folder):
 )
 def test_tests_of_the_other_kind(tmp_path, scene, changes, message):
     with pytest.raises(StudyError, match=message):
-        hhr.study_scene(scene(), replace(SETTINGS, **changes), tmp_path)
+        hhr.study_scene(scene(), replace(settings_of_paths(), **changes), tmp_path)
     assert not (tmp_path / "snapshots").exists()
 
 
+@needs("inelastic")
 def test_points_where_bodies_flow(tmp_path):
     with pytest.raises(StudyError, match="points must be paths"):
-        hhr.study_scene(flowing(), SETTINGS, tmp_path, points=[[0.05, 0.0]])
+        hhr.study_scene(flowing(), settings_of_paths(), tmp_path, points=[[0.05, 0.0]])
 
 
 def test_what_was_read_from_files_is_paid_for_too(tmp_path):

@@ -138,7 +138,7 @@ def test_what_reads_k_refuses_it(reader, full, tmp_path):
         READERS[reader](full, tmp_path)
 
 
-@needs("exporters")
+@needs("exporters", "inelastic")
 def test_a_deck_and_bodies_with_a_law_refuse_it(tmp_path):
     from hhr_dolfinx.plugins.exporters.deck import write_deck
 

@@ -14,6 +14,7 @@ import pellet_cladding as pellet_demo
 import pellet_cladding_plastic as demo
 import pytest
 from bare import WAIT
+from needs import needs
 from petsc4py import PETSc
 from scenes import pressed_pair
 from sheared import PATH, rubbing
@@ -119,6 +120,7 @@ def history_bits(model, gap, steps, settings=None):
     return [part.tobytes() for step in parts for part in step]
 
 
+@needs("inelastic")
 @pytest.mark.parametrize(
     ("kind", "search", "steps"), [("full", "frozen", 12), ("full", "elastic", 6), ("reduced", "elastic", 6)]
 )
@@ -130,6 +132,7 @@ def test_histories_on_one_model(kind, search, steps, small_flow):
     assert at_once(jobs) == expected
 
 
+@needs("inelastic")
 def test_an_operator_outlives_the_next_one(small_flow):
     """Factors that another linearisation has replaced are made again, not mixed up."""
     full, model = small_flow["full"], small_flow["full"].equilibrium
@@ -246,6 +249,7 @@ def test_copies_answer_alike(copied, pellet, reduced):
     assert copied(reduced).offline is None
 
 
+@needs("inelastic")
 @COPIES
 def test_copies_of_bodies_that_flow_march_alike(copied, small_flow):
     """With what they were trained on, which asks at their door too."""
@@ -257,6 +261,7 @@ def test_copies_of_bodies_that_flow_march_alike(copied, small_flow):
         again.march(demo.path(16.0, 6), hhr.MarchSettings(outside="refuse"))
 
 
+@needs("inelastic")
 def test_workers_of_a_pool(pellet, reduced, small_flow):
     """Processes that start from nothing get the model by pickle."""
     points = pellet[2][:8]
@@ -341,6 +346,7 @@ def varying_friction(request):
     return hhr.FullOrderModel(scene)
 
 
+@needs("friction")
 def test_a_contact_problem_outlives_that_of_another_point(varying_friction):
     """Derivatives of one point are its own though the factors were made for another one since."""
     full = varying_friction
@@ -358,6 +364,7 @@ def test_a_contact_problem_outlives_that_of_another_point(varying_friction):
         assert all(np.array_equal(mine, other) for mine, other in zip(found, derivatives, strict=True))
 
 
+@needs("friction")
 def test_gradients_of_one_full_model_with_friction(varying_friction):
     """Slopes of marches in threads are those of one thread, bit by bit, though each has a stiffness of its own."""
     full = varying_friction

@@ -10,6 +10,7 @@ import pellet_cladding as demo
 import pytest
 from bare import rewrite_signed
 from mpi4py import MPI
+from needs import needs, present
 from scenes import THESIS, pressed_pair
 from scipy.optimize import nnls
 from scipy.sparse import csr_matrix
@@ -30,8 +31,6 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.reduction.completion import Completion, spanning_rays
-from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
-from hhr_dolfinx.reduction.interpolate import GridSettings
 from hhr_dolfinx.study.measure import References
 
 COARSE = {"arc_segments": 28, "flat_segments": 7}
@@ -413,15 +412,7 @@ def test_a_signed_snapshot_that_solves_nothing_is_solved_anew(half_discs_coarse,
         (lambda: TrustLimits(refuse_primal=0.01), "warn_primal = 0.02 .* beyond refuse_primal = 0.01: .* smaller"),
         (lambda: TrustLimits(warn_cond_K=1e8), "warn_cond_K = 1e[+]08 .* refuse_cond_K = 1e[+]07"),
         (lambda: TrustLimits.of_histories(warn_dual=2.0), "warn_dual = 2 .* refuse_dual = 0.6"),
-        (lambda: CorrectionSettings(primal=-1, dual=-1), "primal = -1 must be a positive number"),
-        (lambda: CorrectionSettings(stress=-1), "stress = -1 must be a positive number"),
-        (lambda: CorrectionSettings(stress=math.nan), "stress = nan must be a positive number"),
-        (lambda: CorrectionSettings(plastic="much"), "plastic = 'much' must be a positive number"),
         (lambda: TrustLimits(warn_stress=0.5, refuse_stress=0.3), "warn_stress = 0.5 of TrustLimits lies beyond"),
-        (lambda: CorrectionSettings(dual=0), "dual = 0 must be a positive number"),
-        (lambda: CorrectionSettings(trust=0.1), "trust = 0.1 must be TrustLimits"),
-        (lambda: GridSettings(least="x"), "least = 'x' an integer"),
-        (lambda: GridSettings(compressed=3), "compressed = 3 of an interpolation must be True or False"),
         (lambda: hhr.Pod(1e-9, relative="no"), "relative = 'no' of Pod must be True or False"),
         (lambda: hhr.Pod(1e-9, by_body=1), "by_body = 1 of Pod"),
         (lambda: hhr.ForceDeim(1e-9, relative=0.5), "relative = 0.5 of ForceDeim"),
@@ -434,7 +425,44 @@ def test_settings_that_mean_nothing(made, said):
         made()
 
 
+@needs("inelastic")
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"primal": -1, "dual": -1}, "primal = -1 must be a positive number"),
+        ({"stress": -1}, "stress = -1 must be a positive number"),
+        ({"stress": math.nan}, "stress = nan must be a positive number"),
+        ({"plastic": "much"}, "plastic = 'much' must be a positive number"),
+        ({"dual": 0}, "dual = 0 must be a positive number"),
+        ({"trust": 0.1}, "trust = 0.1 must be TrustLimits"),
+    ],
+)
+def test_settings_of_corrections_that_mean_nothing(given, said):
+    from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+
+    with pytest.raises(ReductionError, match=said):
+        CorrectionSettings(**given)
+
+
+@needs("moduli")
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"least": "x"}, "least = 'x' an integer"),
+        ({"compressed": 3}, "compressed = 3 of an interpolation must be True or False"),
+    ],
+)
+def test_settings_of_grids_that_mean_nothing(given, said):
+    from hhr_dolfinx.reduction.interpolate import GridSettings
+
+    with pytest.raises(ReductionError, match=said):
+        GridSettings(**given)
+
+
 def test_limits_that_are_never_reached_are_infinite():
     assert TrustLimits(warn_primal=math.inf, refuse_primal=0.1).warn_primal == math.inf
     assert TrustLimits(warn_definite=-math.inf).warn_definite == -math.inf
-    assert CorrectionSettings(stress=math.inf, plastic=math.inf).stress == math.inf
+    if present("inelastic"):
+        from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+
+        assert CorrectionSettings(stress=math.inf, plastic=math.inf).stress == math.inf

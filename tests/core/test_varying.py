@@ -3,12 +3,12 @@
 import dataclasses
 import json
 import warnings
-from pathlib import Path
 
 import numpy as np
 import pytest
 import ufl
 from bare import SCENE_FOLDERS
+from needs import needs
 from scenes import check_contact_conditions, largest_difference, pressed_block, pressed_pair, slope_errors
 from test_mpi import launch
 
@@ -237,6 +237,7 @@ def test_bodies_that_are_impossible_somewhere_are_refused_at_the_door(body, said
         pressed_pair("plane_strain", (body, (4.0, 0.3)), ONE)
 
 
+@needs("inelastic")
 def test_what_else_is_refused_or_warned_of():
     for options in ({"poisson": "nu1"}, {"grading": lambda x: 1.0}):
         given = {"young": 3.0, "poisson": 0.3} | options

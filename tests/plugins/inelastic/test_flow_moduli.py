@@ -6,9 +6,11 @@ import warnings
 
 import flowing
 import numpy as np
-import pellet_cladding_plastic as demo
 import pytest
 from dolfinx.mesh import compute_midpoints, meshtags
+from flowing import PELLET_SPACE as SPACE
+from flowing import pellet_of_moduli as pellet
+from flowing import pellet_path as path
 from kept_values import both, put, rewrite_model
 from marched import flat, marched_elsewhere
 from scenes import pressed_pair
@@ -23,19 +25,7 @@ from hhr_dolfinx.snapshots.store import SnapshotStore
 
 TIGHT = hhr.MarchSettings("tangent", relative_stress=1e-10, floor_stress=1e-9, relative_force=1e-12, outside="ignore")
 QUIET = hhr.MarchSettings(outside="ignore")
-SPACE = hhr.ParameterSpace(("P1", "h1", "gap", "E", "w"), (0.0, 0.5, 4e-3, 150e3, 0.8), (460.0, 1.5, 16e-3, 230e3, 1.2))
 NOMINAL = 190e3, 78e3
-
-
-def pellet(young=("E", "78e3 * w"), space=SPACE, **others):
-    """The small flowing scene with other moduli."""
-    base = demo.scene(**flowing.SMALL_MESH)
-    bodies = tuple(dataclasses.replace(body, young=own) for body, own in zip(base.bodies, young, strict=True))
-    return dataclasses.replace(base, **({"bodies": bodies, "parameters": space} | others))
-
-
-def path(gap=10.0, young=200e3, w=1.1, steps=flowing.STEPS):
-    return [(time, np.append(point, (young, w))) for time, point in demo.path(gap, steps)]
 
 
 def apart(one, other):

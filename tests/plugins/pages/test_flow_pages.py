@@ -167,7 +167,7 @@ def test_what_of_flow_is_not_on_a_page():
     with pytest.raises(NotOfferedError, match="histories that flow and rub run in Python"):
         hhr.write_model_page("none.html", training.condense(), scenery)
     with pytest.raises(NotOfferedError, match=r"condensed flow, and a \w+ is not of that kind"):
-        hhr.write_model_page("none.html", contract.flowing().build(contract.FLOW), scenery)
+        hhr.write_model_page("none.html", contract.reduced_flow(contract.flowing()), scenery)
 
 
 def test_moduli_stay_within_a_history_of_whatever_body():
