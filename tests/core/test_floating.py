@@ -11,6 +11,7 @@ from bare import SCENE_FOLDERS
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
+from needs import needs
 from scipy.optimize import minimize, nnls
 from test_mpi import launch
 
@@ -121,7 +122,7 @@ def test_a_body_that_is_pulled_away_has_no_answer():
         full.solve(-0.5)
 
 
-@pytest.mark.parametrize("young", [1000.0, "E"])
+@pytest.mark.parametrize("young", [1000.0, pytest.param("E", marks=needs("moduli"))])
 def test_gradients_are_those_of_differences(young):
     space = hhr.ParameterSpace(("p", "E"), (1.0, 500.0), (10.0, 2000.0))
     made = scene(
@@ -142,7 +143,7 @@ def test_gradients_are_those_of_differences(young):
                 np.testing.assert_allclose(getattr(answer.gradient, name)[:, place], slope, atol=1e-6 * size)
 
 
-@pytest.mark.parametrize("young", [1000.0, "1000 * (1 + p / 20)"])
+@pytest.mark.parametrize("young", [1000.0, pytest.param("1000 * (1 + p / 20)", marks=needs("moduli"))])
 def test_reduced_models_and_condensation_answer_alike(young, tmp_path):
     made = scene(cells=(16, 8), young=young, tilt=0.2)
     training = hhr.train(made, [16], comm=MPI.COMM_SELF)

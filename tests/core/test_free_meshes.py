@@ -3,6 +3,7 @@
 import gmsh
 import numpy as np
 import pytest
+from needs import needs
 from scenes import THESIS, largest_difference
 
 import hhr_dolfinx as hhr
@@ -98,6 +99,7 @@ def test_models_of_a_free_mesh(pairing):
     check(pairing, 1.7 if pairing == "double pass" else 1.3, 200.0, (150, 200), 1e-3)
 
 
+@needs("moduli")
 @pytest.mark.slow
 @pytest.mark.parametrize("pairing", PAIRINGS)
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")

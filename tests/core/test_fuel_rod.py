@@ -3,6 +3,7 @@
 import fuel_rod as demo
 import numpy as np
 import pytest
+from needs import needs
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding as geometry
@@ -49,6 +50,7 @@ def test_the_cladding_by_itself(apart):
     assert displacement[nodes, 0] == pytest.approx(exact, rel=2e-3)
 
 
+@needs("moduli")
 def test_condensation(training):
     """Few solutions are enough: moduli are exact factors, and heat and pressure are linear."""
     full, model = training.full_order, training.condense()

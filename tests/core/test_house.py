@@ -174,7 +174,7 @@ def test_one_clock():
     assert holders == ["timing.py"]
 
 
-# numba is not among them: DOLFINx loads it by itself where it is there; tests/test_extras.py does without
+# numba is not among them: DOLFINx loads it by itself where it is there; tests/core/test_extras.py does without
 UNNEEDED = {
     "flow": [
         "hhr_dolfinx.materials.laws",

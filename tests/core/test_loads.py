@@ -194,6 +194,7 @@ def curved_pair(formula):
     )  # fmt: skip
 
 
+@needs("moduli")
 def test_a_displacement_by_a_formula_is_the_displacement_it_gives():
     """Full, reduced and condensed, beside openings, loads by formulas and lifts of a modulus, which θ counts before."""
     formula, plain = (hhr.train(curved_pair(kind), hhr.Sobol(64), held_out=0) for kind in (True, False))
@@ -206,7 +207,7 @@ def test_a_displacement_by_a_formula_is_the_displacement_it_gives():
         slopes = expected.gradient.multipliers.copy()
         slopes[:, 0] *= 0.06 * (1 + mu[0])
         assert largest_difference(found.gradient.multipliers, slopes) < 1e-9
-        # as near as the same models of scenes without formulas, tests/test_varying_reduced.py
+        # as near as the same models of scenes without formulas, tests/plugins/moduli/test_varying_reduced.py
         for model, tolerance in ((formula.build(checked=False), 2e-2), (formula.condense(), 1e-4)):
             answer = model.solve(mu, outside="ignore")
             assert largest_difference(answer.displacement(), expected.displacement()) < tolerance

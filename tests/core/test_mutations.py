@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bare import WAIT, BareFull, answer, rewrite_signed
+from needs import needs, present
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ModelFileError, SnapshotFileWarning
@@ -337,7 +338,6 @@ def models(tmp_path_factory):
     """Files of three models: with affine amplitudes, with a pressure on a part of a line, and of bodies that flow."""
     import hertz_half_discs
     import pellet_cladding
-    from flowing import flowing_full, flowing_reduction
 
     folder = tmp_path_factory.mktemp("models")
     discs = hertz_half_discs.scene(arc_segments=28, flat_segments=7)
@@ -346,7 +346,10 @@ def models(tmp_path_factory):
         full = hhr.FullOrderModel(scene)
         snapshots = hhr.compute_snapshots(full, full.parameters.grid(counts))
         hhr.save_model(folder / f"{scene.name}.npz", hhr.build(full, snapshots, recipe.as_it_is()))
-    hhr.save_model(folder / "z_flowing.npz", flowing_reduction(flowing_full()))
+    if present("inelastic"):
+        from flowing import flowing_full, flowing_reduction
+
+        hhr.save_model(folder / "z_flowing.npz", flowing_reduction(flowing_full()))
     return sorted(folder.glob("*.npz"))
 
 
@@ -354,7 +357,7 @@ SEEDS = [pytest.param(20, 1, id="sample"), pytest.param(200, 2, id="full", marks
 
 
 @pytest.mark.parametrize("count, seed", SEEDS)
-@pytest.mark.parametrize("which", [0, 1, 2], ids=["discs", "pellet", "flowing"])
+@pytest.mark.parametrize("which", [0, 1, pytest.param(2, marks=needs("inelastic"))], ids=["discs", "pellet", "flowing"])
 def test_mutated_models(which, count, seed, models, tmp_path):
     wrong, refused = trial("model", models[which], tmp_path / "mutants", count, seed + 10 * which)
     assert not wrong

@@ -18,10 +18,8 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError
 from hhr_dolfinx.full_order import full as full_order
 from hhr_dolfinx.linear import schur, sparse
-from hhr_dolfinx.models.bounds import least_response
 from hhr_dolfinx.models.exact import SolvedFields
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.reduction import components, condense
 
 SCENES = {
     "constant": (contract.blocks, contract.MIDDLE),
@@ -129,6 +127,7 @@ def test_outputs_with_many_rows_are_read_at_displacements(monkeypatch):
         np.testing.assert_allclose(found.gradient["stress"], slopes, atol=1e-7 * np.abs(slopes).max())
 
 
+@needs("moduli")
 def test_a_model_of_forces_alone_is_read_from_a_file(tmp_path):
     """In a scene whose outputs need displacements: forces are there, and what is not is refused by name."""
     outputs = (*contract.blocks().outputs, hhr.DisplacementAt("u", (1.7, 1.6), 0))
@@ -170,9 +169,12 @@ class Counted:
         monkeypatch.setattr(sparse.FreeCholesky, "between_last", counted_between)
 
 
+@needs("moduli")
 @pytest.mark.parametrize("by_columns", [True, False])
 def test_s_is_made_once(monkeypatch, by_columns):
     """When it is first asked for; by a model with moduli, its bound and the full order together."""
+    from hhr_dolfinx.reduction import condense
+
     if by_columns:
         monkeypatch.setattr(schur, "_library", lambda: None)
     kept, lean = both(lambda: pressed_sphere(moduli=True), monkeypatch)
@@ -199,8 +201,11 @@ def test_s_is_made_once(monkeypatch, by_columns):
     assert counted.inverses == inverses
 
 
+@needs("moduli")
 def test_factors_that_are_let_go_are_made_anew(monkeypatch):
     """Of large components, between the stages of a model, which is the same one."""
+    from hhr_dolfinx.reduction import components
+
     scene = contract.blocks((3.0, "n"), box={"n": (0.1, 0.4)})
     kept = hhr.condense(scene, fields=True)
     monkeypatch.setattr(components, "LARGE", 0)
@@ -274,6 +279,7 @@ def test_refinement_that_gets_nowhere_is_no_answer(told_to_compress):
         full.stiffness.solve(np.ones(full.problem.free.size))
 
 
+@needs("moduli")
 @pytest.mark.parametrize("part", [1e-6, 1e-8])
 def test_bounds_know_what_compressed_factors_leave_out(part, monkeypatch):
     """Random forces probe S: the bound of a condensed model is larger than its error, and goes with it.
@@ -281,6 +287,8 @@ def test_bounds_know_what_compressed_factors_leave_out(part, monkeypatch):
     MUMPS compresses nothing of so small a problem: in its place S, by blocks that are not refined or by what is
     eliminated last, is too soft by a part.
     """
+    from hhr_dolfinx.models.bounds import least_response
+
     make = lambda: pressed_sphere(cells=12, moduli=True)  # noqa: E731
     whole = hhr.FullOrderModel(make(), MPI.COMM_SELF)
     plain = sparse.FreeCholesky.solved_blocks

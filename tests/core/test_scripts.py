@@ -11,6 +11,7 @@ from pathlib import Path
 
 import pytest
 from bare import SCENE_FOLDERS, WAIT
+from needs import needs
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted(path for folder in SCENE_FOLDERS[2:] for path in Path(folder).glob("*.py"))
@@ -73,10 +74,29 @@ def check_friction(report):
 
 CHECKS = {"fretting": check_friction, "press_fit_torque": check_friction}
 """What reports must hold besides."""
+OF_PLUGINS = {
+    "bolted_joint": ("exporters", "moduli", "one_call", "pages"), "calculix": ("exporters",), "calibrate": ("moduli",),
+    "certified": ("fallback", "moduli", "theorems"), "extreme_cases": ("baselines", "inelastic"),
+    "contract": ("baselines", "fallback", "friction", "inelastic", "local", "moduli", "sliding"),
+    "fretting": ("friction",), "friction": ("friction",), "friction_flow": ("friction", "inelastic"),
+    "friction_pellet": ("friction", "moduli"), "friction_random": ("friction",), "fuel_rod": ("moduli",),
+    "greedy_training": ("greedy", "moduli"), "history_indicator": ("inelastic",), "indentation": ("inelastic",),
+    "local_models": ("greedy", "local", "moduli", "theorems"), "pellet_cladding_plastic": ("inelastic",),
+    "one_call": ("friction", "inelastic", "moduli", "one_call"), "pellet_materials": ("moduli",),
+    "press_fit": ("moduli",), "press_fit_torque": ("friction",), "random_recipes": ("baselines",),
+    "scale": ("moduli",), "sliding_punch": ("sliding", "friction"),
+}  # fmt: skip
+"""Plug-ins that scripts need."""
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", sorted(set(PROGRAMS) - {"leaf_spring", "joint", "figures"}))
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=needs(*OF_PLUGINS.get(name, ())))
+        for name in sorted(set(PROGRAMS) - {"leaf_spring", "joint", "figures"})
+    ],
+)
 def test_a_script_runs_at_its_smallest(name, tmp_path):
     if name in NEEDED and shutil.which(NEEDED[name]) is None:
         pytest.skip(f"{name} compares with {NEEDED[name]}, which is not on the PATH")

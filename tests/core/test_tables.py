@@ -7,6 +7,7 @@ import sys
 import contract
 import numpy as np
 import pytest
+from needs import present
 from rich.console import Console
 
 import hhr_dolfinx as hhr
@@ -25,7 +26,7 @@ def small_blocks(monkeypatch):
 
 @pytest.fixture(scope="module")
 def model():
-    return contract.model_of("HHR, moduli")
+    return contract.model_of("HHR, moduli" if present("moduli") else "HHR, constant")
 
 
 @pytest.fixture(scope="module")

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from bare import SCENE_FOLDERS
 from kept_values import put, rewrite_model
+from needs import needs
 from parted import by_lapack
 from test_mpi import launch
 
@@ -278,6 +279,7 @@ def training():
     return hhr.train(layers(clamped=True, loads=UNEVEN), hhr.Sobol(64), held_out=20)
 
 
+@needs("moduli")
 @pytest.mark.parametrize("how", ["build", "condense"])
 def test_reduced_and_condensed(training, how):
     """They agree with the full model, in stresses too."""
@@ -290,6 +292,7 @@ def test_reduced_and_condensed(training, how):
         assert np.linalg.norm(answer.stress() - stress) < 1e-3 * np.linalg.norm(stress)
 
 
+@needs("moduli")
 @pytest.mark.parametrize("how", ["full_order", "build", "condense"])
 def test_gradients(training, how):
     """Against central differences."""

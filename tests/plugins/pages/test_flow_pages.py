@@ -13,6 +13,7 @@ import pytest
 from bare import WAIT
 from condensing import TIGHT, condensed
 from mpi4py import MPI
+from needs import needs
 from test_condensed_flow import in_units
 from test_pages import CHROMIUM, MODEL, NODE, dumped, in_node
 
@@ -160,6 +161,7 @@ def test_what_does_not_change_within_a_history():
     assert flowing.fixed(model) == [2, 3]
 
 
+@needs("friction")
 def test_what_of_flow_is_not_on_a_page():
     full, _ = yielding()
     scenery = hhr.scenery_of(full)
