@@ -6,6 +6,7 @@ import ufl
 from dolfinx import fem, mesh
 from dolfinx.fem import petsc
 from mpi4py import MPI
+from needs import needs
 from scenes import pressed_block
 from scipy.sparse import csr_matrix
 
@@ -13,7 +14,6 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import contact, elasticity
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.gauss_points import material_at, strain_operator
 from hhr_dolfinx.geometries import two_blocks
 
 
@@ -22,10 +22,13 @@ def as_csr(matrix):
     return csr_matrix((data, indices, indptr), shape=matrix.getSize())
 
 
+@needs("inelastic")
 @pytest.mark.parametrize("simplices", [False, True])
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric", "solid"])
 def test_stiffness_through_gauss_points_is_the_assembled_one(hypothesis, simplices):
     """Under full integration by one rule, for strains of 4 and of 6 components; what the model assembles too."""
+    from hhr_dolfinx.full_order.gauss_points import material_at, strain_operator
+
     scene = pressed_block(hypothesis, simplices=simplices, cells=3)
     built, body = Discretisation(scene, MPI.COMM_SELF), scene.bodies[0]
     operator = strain_operator(built)
