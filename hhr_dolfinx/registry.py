@@ -16,7 +16,7 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
-from hhr_dolfinx.errors import PluginWarning, SceneError
+from hhr_dolfinx.errors import NotOfferedError, PluginWarning, SceneError
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
@@ -44,6 +44,9 @@ class Plugin:
         methods: further methods of a training, which build no model that a file can keep.
         trainings: ways to choose training points of ``hhr train`` and ``hhr study``: places of objects with
             ``options``, decorators of click, and ``training(given)``, by the option that selects them.
+        memory: names of the parts of :class:`~hhr_dolfinx.memory.Memory` that its laws keep in answers.
+        facets: places of objects that do for its laws what the core leaves to them, by words: each part of the core
+            that needs one documents its word and protocol, and refuses a law without it, see :func:`facet`.
         companions: places of functions ``(full, folder) -> None`` that write further files next to a model;
             collective over the ranks of the full model.
     """
@@ -57,6 +60,8 @@ class Plugin:
     kinds: Mapping[str, str] = field(default=NOTHING)
     methods: Mapping[str, str] = field(default=NOTHING)
     trainings: Mapping[str, str] = field(default=NOTHING)
+    memory: tuple[str, ...] = ()
+    facets: Mapping[str, str] = field(default=NOTHING)
     companions: tuple[str, ...] = ()
 
 
@@ -128,6 +133,32 @@ def parts(kind: str) -> dict[str, tuple[str, str]]:
         for plugin in installed().values()
         for name, place in plugin.parts.get(kind, {}).items()
     }
+
+
+@functools.cache
+def memories() -> frozenset[str]:
+    """Names of the parts of memories that laws of plug-ins keep in answers."""
+    return frozenset(name for plugin in installed().values() for name in plugin.memory)
+
+
+@functools.cache
+def facet(plugin: str, word: str, what: str) -> Any:
+    """What a plug-in does for its laws at one place of the core.
+
+    Args:
+        plugin: name of the plug-in.
+        word: name of the facet.
+        what: what needs it, for the message.
+
+    Raises:
+        NotOfferedError: if the plug-in is missing, or has no such facet: the law would be ignored.
+    """
+    known = installed()
+    if plugin not in known:
+        raise NotOfferedError(f"{what} needs the plug-in '{plugin}', which is not installed")
+    if word not in known[plugin].facets:
+        raise NotOfferedError(f"{what} is not built in for what the plug-in '{plugin}' adds: it has no facet '{word}'")
+    return load(known[plugin].facets[word])
 
 
 def listed(what: str) -> list[Any]:

@@ -179,7 +179,7 @@ def residuals_of(full: FullModel, answer: Answer) -> Residuals:
     equilibrium = full.equilibrium
     theta = problem.amplitudes(answer.parameter)
     forces = answer.forces()
-    if answer.gauss is None:
+    if "gauss" not in answer.memory:
         return contact_residuals(problem.at(answer.parameter), answer.displacement(), forces, theta)
     assert equilibrium is not None
     left, sizes = equilibrium.residual(answer.unknown, GaussState(answer.stress(), answer.gauss.state), theta)

@@ -42,7 +42,7 @@ def largest_values(
         force = scene.units.force_in(scene.hypothesis)
     displacement = answer.displacement().reshape(-1, dimension)
     slips = {}
-    if answer.slip is not None:
+    if "slip" in answer.memory:
         statuses = answer.slip.statuses
         slips = {"contacts that stick": int((statuses == 1).sum()), "contacts that slip": int((statuses == 2).sum())}
     rows = {_with_unit("largest displacement", length): float(np.linalg.norm(displacement, axis=1).max())}

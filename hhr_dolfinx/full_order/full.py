@@ -397,8 +397,8 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress in Kelvin's notation: at all Gauss points of inelastic bodies, else in the middle of each cell."""
-        if answer.gauss is not None:
-            return answer.gauss.stress.copy()
+        if "gauss" in answer.memory:
+            return answer.state().stress.copy()
         return self.stress_of(self.displacement(answer), answer.parameter)
 
     @property
@@ -425,7 +425,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     def plastic_strain(self, answer: Answer) -> np.ndarray:
         """Cumulated plastic strain at all Gauss points; empty for elastic bodies."""
-        return np.zeros(0) if answer.gauss is None else answer.gauss.state.cumulated.copy()
+        return answer.state().state.cumulated.copy() if "gauss" in answer.memory else np.zeros(0)
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """Zero error: that of the mesh is not estimated; None without an answer."""

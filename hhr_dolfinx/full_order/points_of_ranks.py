@@ -81,13 +81,13 @@ class PointsOfRanks:
         """See :class:`Points`."""
         gauss = answer.state()
         state = State(*(np.asarray(part)[self.points] for part in gauss.state))
-        return answer._replace(gauss=GaussState(np.asarray(gauss.stress)[self.points], state))
+        return answer.remembering(gauss=GaussState(np.asarray(gauss.stress)[self.points], state))
 
     def whole(self, answer: Answer) -> Answer:
         """See :class:`Points`."""
         gauss = answer.state()
         state = State(*(self.gathered(part) for part in gauss.state))
-        return answer._replace(gauss=GaussState(self.gathered(gauss.stress), state))
+        return answer.remembering(gauss=GaussState(self.gathered(gauss.stress), state))
 
     def summed(self, part: np.ndarray) -> np.ndarray:
         """The sum of an array of all ranks."""

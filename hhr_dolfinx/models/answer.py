@@ -10,14 +10,15 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.compat import drawn
 from hhr_dolfinx.contact.active_set import Status, Statuses
 from hhr_dolfinx.errors import ConvergenceError, HHRError, NotOfferedError, NotSolvableError
+from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.models.shown import Shown, counted, line, point_of, table
 from hhr_dolfinx.trained import USUAL, Signs
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import SlipState
     from hhr_dolfinx.materials.update import State
     from hhr_dolfinx.models.estimates import Estimate, Estimates
     from hhr_dolfinx.models.functionals.functional import Outputs
@@ -156,12 +157,11 @@ class Answer(NamedTuple):
         cycled: the plain rule of Alg. 1.1 cycled, or met a singular set, and the terminating rule took over.
         fields: what completes the answer.
         time: in seconds; NaN of an answer that belongs to no history.
-        gauss: stress and state where the model evaluates its laws; None in elastic models.
         gradient: derivatives of the unknown and the multipliers along the parameters, if they were requested.
         time_error: estimated error of the time steps up to here, relative to the largest stress, see
             :mod:`models.histories.time_error`; 0 where no law has rates, NaN of an answer that belongs to no history.
         ends: times between the parts in which the step was solved, if there were several.
-        slip: slip and work of friction up to here; None without friction.
+        memory: what laws carry to the next step, by names that are attributes of the answer too: ``answer.slip``.
         undetermined: orthonormal rigid motions, as changes of the unknown, (n, d), that neither loads nor contact
             determine; the answer has the least motion along them. None if there are none.
     """
@@ -175,12 +175,23 @@ class Answer(NamedTuple):
     cycled: bool
     fields: Fields
     time: float = math.nan
-    gauss: GaussState | None = None
     gradient: Gradient | None = None
     time_error: float = math.nan
     ends: tuple[float, ...] = ()
-    slip: SlipState | None = None
+    memory: Memory = NO_MEMORY
     undetermined: np.ndarray | None = None
+
+    def __getattr__(self, name: str) -> Any:
+        """Part of the memory; None if another law has one of this name."""
+        if name in self.memory:
+            return self.memory[name]
+        if name.startswith("_") or name not in registry.memories():
+            raise AttributeError(f"an answer has no {name!r}; it remembers {', '.join(self.memory) or 'nothing'}")
+        return None
+
+    def remembering(self, **parts: Any) -> Answer:
+        """The same answer with further parts of its memory, by name."""
+        return self._replace(memory=self.memory | parts)
 
     def facts(self) -> dict[str, str]:
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""
@@ -266,9 +277,10 @@ class Answer(NamedTuple):
         Raises:
             HHRError: by a model without inelastic bodies.
         """
-        if self.gauss is None:
+        if "gauss" not in self.memory:
             raise HHRError("nothing flows in this model, so that its answers have no state: give a body a law")
-        return self.gauss
+        state: GaussState = self.memory["gauss"]
+        return state
 
     def estimate(self) -> Estimate | None:
         """Error estimate of this answer, by a bound or an indicator; None if the model has neither.

@@ -363,7 +363,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         Raises:
             HHRError: for an elastic model from a file, whose stress needs the mesh.
         """
-        if answer.gauss is not None and self.flow is not None:
+        if "gauss" in answer.memory and self.flow is not None:
             return self.flow.stress_everywhere(answer.gauss.stress)
         if self.stress_of is None:
             raise NotOfferedError(
@@ -374,7 +374,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
     def plastic_strain(self, answer: Answer) -> np.ndarray:
         """Cumulated plastic strain at all Gauss points; empty for elastic bodies."""
-        if answer.gauss is None or self.flow is None:
+        if "gauss" not in answer.memory or self.flow is None:
             return np.zeros(0)
         return self.flow.plastic_strain_everywhere(answer.gauss.state.cumulated)
 
@@ -437,6 +437,6 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
             return Estimate.indicated(self.indicator(answer))
         if self.frictional is not None and self.flow is None:
             return Estimate.indicated(self.frictional.indicated(*self.rubbed(answer)), FORCES)
-        if answer.gauss is None or self.flow is None:
+        if "gauss" not in answer.memory or self.flow is None:
             return None
         return Estimate.indicated(self.flow.misfit(answer.gauss.stress), STRESS)

@@ -176,7 +176,7 @@ class SnapshotSet(Shown):
         """Make a set of answers of a full model, one column each."""
         names = ("unknown", "multipliers", "active")
         unknown, forces, active = (np.stack([getattr(answer, name) for answer in answers], axis=1) for name in names)
-        states = () if answers[0].gauss is None else tuple(answer.state() for answer in answers)
+        states = tuple(answer.state() for answer in answers) if "gauss" in answers[0].memory else ()
         points = np.array([answer.parameter for answer in answers])
         return SnapshotSet(points, unknown, forces, active, states, tuple(histories))
 

@@ -29,6 +29,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import FileContentError, SnapshotFileWarning, StudyError
 from hhr_dolfinx.files import MAPPED, check_layout, clear_leftovers, make_folder, read_arrays, write_arrays
 from hhr_dolfinx.materials.elasticity import lame_parameters
+from hhr_dolfinx.memory import NO_MEMORY
 from hhr_dolfinx.models.answer import Answer, GaussState, History
 from hhr_dolfinx.models.answer import Path as History_path
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
@@ -361,9 +362,9 @@ class SnapshotStore:
 
     def _save(self, answer: Answer, query: list) -> None:
         values = {name: getattr(answer, name) for name in _LAYOUT}
-        if answer.gauss is not None:
+        if "gauss" in answer.memory:
             values |= {"stress": answer.gauss.stress, **answer.gauss.state._asdict()}
-        values |= {} if answer.slip is None else answer.slip._asdict()
+        values |= answer.slip._asdict() if "slip" in answer.memory else {}
         values |= {name: getattr(answer, name) for name in _PARTS if name in self._layout()}
         if np.isnan(answer.time_error):  # friction without a tolerance has none; files hold finite numbers
             values["time_error"] = UNKNOWN
@@ -377,26 +378,25 @@ class SnapshotStore:
         return layout if self._problem.friction is None else layout | _PARTS | _SLIP
 
     def _answer(self, point: np.ndarray, arrays: dict[str, np.ndarray]) -> Answer:
-        gauss = None
-        slip = None
+        memory = NO_MEMORY
         iterations = 0
         steps: dict[str, Any] = {}
         if "stress" in arrays:
             assert self._full.equilibrium is not None
             state = self._full.equilibrium.material.at_rest()
             state = state._replace(plastic=arrays["plastic"], cumulated=arrays["cumulated"])
-            gauss = GaussState(arrays["stress"], state)
+            memory |= {"gauss": GaussState(arrays["stress"], state)}
         if "position" in arrays:
             from hhr_dolfinx.contact.friction import SlipState
 
-            slip = SlipState(**{name: arrays[name] for name in _SLIP})
+            memory |= {"slip": SlipState(**{name: arrays[name] for name in _SLIP})}
         if "ends" in arrays:
             iterations = int(arrays["iterations"])
             known = float(arrays["time_error"])
             steps = {"time_error": math.nan if known == UNKNOWN else known, "ends": tuple(arrays["ends"].tolist())}
         unknown, multipliers, active = (arrays[name] for name in _LAYOUT)
         how = iterations, Status.CONVERGED, False, self._full
-        return Answer(point, unknown, multipliers, active, *how, gauss=gauss, slip=slip, **steps)
+        return Answer(point, unknown, multipliers, active, *how, memory=memory, **steps)
 
     def _residual(self, answer: Answer, forces: float) -> float:
         """Largest relative residual of an answer, since a checksum does not prove that a file holds a solution.
@@ -406,7 +406,7 @@ class SnapshotStore:
             forces: norm of the forces at previous steps, the scale of residuals for unloaded bodies.
         """
         theta = self._problem.amplitudes(answer.parameter)
-        if answer.gauss is None:
+        if "gauss" not in answer.memory:
             problem = self._problem.at(answer.parameter)
             return max(astuple(contact_residuals(problem, answer.displacement(), answer.forces(), theta)))
         assert self._full.equilibrium is not None
@@ -461,7 +461,7 @@ class KeptSteps:
 
     def on_disk(self, history: History) -> History:
         """The history, all of whose steps are stored; large ones are mapped from disk, which frees their memory."""
-        gauss = history.answers[-1].gauss if history.answers else None
+        gauss = history.answers[-1].memory.get("gauss") if history.answers else None
         if gauss is None or gauss.stress.nbytes < MAPPED:
             return history
         found = self._store.found

@@ -126,7 +126,7 @@ def history_errors(
     errors = answer_errors(full.problem, found, known, floor, conditions_inside(model))
     stress = there.stress()
     flowed = there.plastic_strain()
-    if isinstance(model, ReducedModel) and model.flow is not None and here.gauss is not None:
+    if isinstance(model, ReducedModel) and model.flow is not None and "gauss" in here.memory:
         inside = model.flow.points
         errors["stress_rr"] = relative_error(here.gauss.stress[:, 0], stress[inside, 0])
         errors["plastic_strain"] = relative_error(here.gauss.state.cumulated, flowed[inside])

@@ -295,7 +295,7 @@ def outputs_of(answer: Any) -> Outputs:
     if functionals.places and functionals.places[-1].stop:  # outputs of forces alone need no displacement
         coordinates = fields.coordinates(answer, theta) if whole.axes.size else _NOTHING
         measured = functionals.measured(coordinates) if whole.axes.size else fields.measured(answer, theta)
-    rest = answer.stress, answer.slip
+    rest = answer.stress, answer.memory.get("slip")
     states = [State(forces, measured[place], point, theta, *rest) for place in functionals.places]
     values = {item.name: item.value(state) for item, state in zip(functionals.items, states, strict=True)}
     if answer.gradient is None:

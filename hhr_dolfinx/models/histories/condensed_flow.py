@@ -30,6 +30,7 @@ from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.materials.update import Group, Material, State, check_flow, flow_of, kernel_of
+from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer, GaussState
 from hhr_dolfinx.models.histories import condensed_step as compiled_step
 from hhr_dolfinx.models.histories.condensed_fields import CondensedFlowFields, PartFactors
@@ -457,7 +458,7 @@ class CondensedStepper:
         forces = work.forces.copy()
         unknown = np.concatenate([work.here, forces])
         how = work.active.copy(), iterations, Status.CONVERGED, False, model.fields
-        return Answer(goal.parameter, unknown, forces, *how, goal.time, gauss)
+        return Answer(goal.parameter, unknown, forces, *how, goal.time, memory=Memory(gauss=gauss))
 
 
 class CondensedFlowModel(KeptModel):

@@ -16,6 +16,7 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.linear.anderson import Anderson
+from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer, GaussState, found_as
 from hhr_dolfinx.models.histories.equilibrium import (
     Diverged,
@@ -193,8 +194,9 @@ def _step(
                 memory.linearisation = None if slow else linear
                 memory.grow(scale, largest)
                 answer = found_as(found._replace(iterations=iteration), goal.parameter, x, model.fields)
-                slip = None if friction_step is None else friction_step.slip(x)
-                return answer._replace(time=goal.time, gauss=GaussState(update.stress, update.state), slip=slip)
+                slip = {} if friction_step is None else {"slip": friction_step.slip(x)}
+                kept = Memory(gauss=GaussState(update.stress, update.state), **slip)
+                return answer._replace(time=goal.time, memory=kept)
         active = found.active
         x = x + change if mixing is None else mixing(x, change)
     remaining = _stress_change(linear, model.strain_of(change)).max(axis=1)
@@ -208,7 +210,6 @@ def _friction_step(model: Equilibrium, here: Answer, point: np.ndarray) -> Rubbi
         return None
     from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
 
-    assert here.slip is not None
     return RubbingStep(model, point, here.slip, here.multipliers)
 
 

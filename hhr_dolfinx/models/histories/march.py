@@ -18,6 +18,7 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, LawWarning, NotOfferedError
+from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
 from hhr_dolfinx.models.histories.equilibrium import (
     DEFAULT_MARCH,
@@ -211,7 +212,6 @@ def _check_of_sliding(model: Marching) -> Callable[[Answer], None]:
     friction = surface_of(model).whole
 
     def check(answer: Answer) -> None:
-        assert answer.slip is not None
         far.check(friction, answer.slip, model.parameters.described(answer.parameter))
 
     return check
@@ -222,13 +222,13 @@ def _at_rest(model: Marching, time: float, parameter: np.ndarray) -> Answer:
     material = model.material
     gauss = GaussState(np.zeros((material.gauss_points, material.components)), material.at_rest())
     nothing = np.zeros(model.size), np.zeros(active.size), active
-    answer = Answer(parameter, *nothing, 0, Status.CONVERGED, False, model.fields, time, gauss)
+    answer = Answer(parameter, *nothing, 0, Status.CONVERGED, False, model.fields, time, memory=Memory(gauss=gauss))
     if model.friction is None:
         return answer
     from hhr_dolfinx.contact.friction import SlipState
     from hhr_dolfinx.models.histories.surfaces import surface_of
 
-    return answer._replace(slip=SlipState.at_rest(surface_of(model).whole))
+    return answer.remembering(slip=SlipState.at_rest(surface_of(model).whole))
 
 
 def _place(model, worst):

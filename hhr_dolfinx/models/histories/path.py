@@ -10,6 +10,7 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, NotSolvableError, ParameterError, SceneError
+from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer, GaussState, History, Model, Path
 from hhr_dolfinx.models.histories.equilibrium import Equilibrium, MarchSettings
 from hhr_dolfinx.parameters import ParameterSpace, PointLike
@@ -155,4 +156,4 @@ def _unanswered(model: Equilibrium, parameter: np.ndarray) -> Answer:
     rest = model.material.at_rest()
     unknown = rest._replace(plastic=np.full_like(rest.plastic, np.nan), cumulated=np.full_like(rest.cumulated, np.nan))
     gauss = GaussState(stress, unknown)
-    return Answer(parameter, *nothing, 0, Status.DIVERGED, False, model.fields, gauss=gauss)
+    return Answer(parameter, *nothing, 0, Status.DIVERGED, False, model.fields, memory=Memory(gauss=gauss))

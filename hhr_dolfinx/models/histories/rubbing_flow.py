@@ -20,6 +20,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.errors import ConvergenceError, SingularError
 from hhr_dolfinx.materials.update import Material, State, Update
+from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer, GaussState
 from hhr_dolfinx.models.histories.condensed_step import DECREASE, LEAST_SHARE
 from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, MarchSettings, extrapolated
@@ -97,7 +98,6 @@ class RubbingFlowStepper:
         model = self._model
         material = model.material.at(goal.parameter)
         theta = model.amplitudes(goal.parameter)
-        assert here.slip is not None
         slack = model.gaps(theta).copy()
         slack[self._friction.tangential] -= here.slip.position
         coefficient, limit = self._friction.bounds(goal.parameter)
@@ -178,11 +178,10 @@ class RubbingFlowStepper:
         self._strains.check(at.strain)
         found = at.found
         given = load.under(self._model.flow.moved @ at.correction)
-        assert here.slip is not None
         unknown = np.concatenate([at.correction, found.forces])
         slip = self._surface.after(here.slip, given, found, lambda: unknown, goal.parameter)
         gauss = GaussState(at.update.stress, at.update.state)
         how = found.active, iterations, Status.CONVERGED, found.sweeps > 0, self._model.fields
-        answer = Answer(goal.parameter, unknown, found.forces, *how, goal.time, gauss, slip=slip)
+        answer = Answer(goal.parameter, unknown, found.forces, *how, goal.time, memory=Memory(gauss=gauss, slip=slip))
         self.learn(answer)
         return answer

@@ -20,6 +20,7 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.friction import Friction, SlipState
 from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ParameterError
+from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer, History, Path, outcome
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.gradient import Gradient
@@ -120,7 +121,6 @@ class Slider:
 
     def going_on(self, answer: Answer, weights: np.ndarray) -> Reached:
         """State after a step that the full model solved before."""
-        assert answer.slip is not None
         schur = self._contact_at(answer.parameter).schur
         forces = answer.multipliers
         self.largest = max(self.largest, float(np.linalg.norm(forces)))
@@ -202,7 +202,7 @@ class Slider:
         found, reached, contact, gradient = solved
         return Answer(
             reached.point, unknown_of(contact, found), found.forces, found.active, found.iterations, found.status,
-            found.sweeps > 0, self.model.fields, time=reached.time, gradient=gradient, slip=reached.slip,
+            found.sweeps > 0, self.model.fields, time=reached.time, gradient=gradient, memory=Memory(slip=reached.slip),
             undetermined=self._undetermined(contact, found),
         )  # fmt: skip
 

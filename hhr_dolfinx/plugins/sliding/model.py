@@ -90,7 +90,7 @@ class SlidingModel(KeptModel):
 
     def pressures(self, answer: Answer) -> np.ndarray:
         """Pressure forces of the slave nodes, (C,): forces of an answer have all directions, on both surfaces."""
-        return np.full(self.friction.normal.size, np.nan) if answer.slip is None else answer.slip.pressure
+        return np.full(self.friction.normal.size, np.nan) if "slip" not in answer.memory else answer.slip.pressure
 
     def slider(self, settings: MarchSettings) -> RepairingSlider:
         """See :class:`AnsweringModel`; without derivatives."""

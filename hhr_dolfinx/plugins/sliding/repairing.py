@@ -25,6 +25,7 @@ from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.contact.tangents import normals_of, tangents_of
 from hhr_dolfinx.errors import NeverFacingError, PairingWarning
+from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.sliding import Reached, Slider, Solved, Target
 from hhr_dolfinx.pairings.mortar import Mortar
@@ -228,7 +229,7 @@ class RepairingSlider(Slider):
             found.sweeps > 0,
             self.model.fields,
             time=reached.time,
-            slip=reached.slip,
+            memory=Memory(slip=reached.slip),
         )
 
 

@@ -89,7 +89,6 @@ def friction_fields(problem: ContactProblem, answer: Answer, forces: np.ndarray)
     """
     friction = problem.friction
     assert friction is not None
-    assert answer.slip is not None
     count = len(problem.points)
     slaves = problem.contact_slaves[friction.normal]
     traction = np.zeros((count, 3))
@@ -125,7 +124,7 @@ def grid_of(full: FullOrderModel, answer: Answer) -> pyvista.UnstructuredGrid:
     slack = problem.gaps @ theta - problem.contact @ (displacement - problem.lifts @ theta)
     np.add.at(pressure, slaves, (forces / problem.contact_areas)[pressing])
     gap[slaves] = slack[pressing]
-    if problem.friction is not None and answer.slip is not None:
+    if problem.friction is not None and "slip" in answer.memory:
         for name, values in friction_fields(problem, answer, forces).items():
             grid.point_data[name] = values
     grid.point_data["displacement"] = np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))

@@ -54,7 +54,7 @@ def draw_friction(
         labels: of positions, tractions and forces, with their units.
     """
     order = np.argsort(places)
-    states = [answer.slip for answer in history.answers if answer.slip is not None]
+    states = [answer.slip for answer in history.answers if "slip" in answer.memory]
     statuses = np.array([state.statuses for state in states])[:, order]
     forces = tangential_forces(friction, history, np.array(direction))
     figure = Figure(figsize=(16, 4.6), layout="constrained")

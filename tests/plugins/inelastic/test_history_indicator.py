@@ -109,7 +109,7 @@ def test_it_is_the_misfit_of_the_stress_to_its_modes(small):
     expected = by_least_squares(reduced.fields.flow, stress)
     assert answer.estimate() == Estimate.indicated(pytest.approx(expected, rel=1e-4, abs=1e-8), STRESS)
     noise = np.random.default_rng(0).normal(size=stress.shape) * np.abs(stress).max()
-    spoiled = answer._replace(gauss=answer.gauss._replace(stress=stress + noise))
+    spoiled = answer.remembering(gauss=answer.gauss._replace(stress=stress + noise))
     expected = by_least_squares(reduced.fields.flow, stress + noise)
     assert reduced.known_error.startswith("indicator of the stress")
     assert spoiled.estimate().primal_relative == pytest.approx(expected, rel=1e-10) and expected > 0.1

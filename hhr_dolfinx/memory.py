@@ -1,0 +1,42 @@
+"""What an answer carries from step to step: the internal variables of laws, by name."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+
+class Memory(Mapping[str, Any]):
+    """Internal variables of an answer by the names that laws give them; nobody writes into their arrays."""
+
+    __slots__ = ("_parts",)
+
+    def __init__(self, **parts: Any):
+        self._parts = parts
+
+    def __getitem__(self, name: str) -> Any:
+        return self._parts[name]
+
+    def __iter__(self) -> Iterator[str]:
+        return iter(self._parts)
+
+    def __len__(self) -> int:
+        return len(self._parts)
+
+    def __or__(self, more: Mapping[str, Any]) -> Memory:
+        """These variables and more; a name that both have is taken from ``more``."""
+        return Memory(**{**self._parts, **more})
+
+    def __reduce__(self) -> tuple:
+        return _memory, (self._parts,)
+
+    def __repr__(self) -> str:
+        return f"Memory of {', '.join(self._parts) or 'nothing'}"
+
+
+def _memory(parts: dict[str, Any]) -> Memory:
+    return Memory(**parts)
+
+
+NO_MEMORY = Memory()
+"""Memory of an answer that does not depend on a path."""
