@@ -238,7 +238,7 @@ OF_PLUGINS = {
 """Kinds and places that plug-ins add, which may have been deleted."""
 BY_WORD = {"friction": "friction", "flowing": "inelastic", "moduli": "moduli"}
 """Plug-ins of all kinds that have a word in their names."""
-IN_TRUNK = ("friction", "inelastic", "moduli")
+IN_TRUNK = ("moduli",)
 """As in ``tests/needs.py``: a name goes on the day that its folder is there."""
 
 

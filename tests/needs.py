@@ -4,7 +4,7 @@ import pytest
 
 from hhr_dolfinx import registry
 
-IN_TRUNK = ("friction", "inelastic", "moduli")
+IN_TRUNK = ("moduli",)
 """Plug-ins in the making, whose code still lies in the core: a name goes on the day that its folder is there."""
 
 
