@@ -158,16 +158,17 @@ class Draft:
 
 def usual_recipe(full: FullModel) -> Recipe:
     """The default recipe of a scene."""
-    return usual_recipes(full)[0]
+    if full.equilibrium is not None:
+        return Recipe.flowing()
+    return Recipe() if full.problem.friction is None else Recipe.with_friction()
 
 
 def usual_recipes(full: FullModel) -> tuple[Recipe, ...]:
     """Default recipes of a scene; each is tried if the one before leaves contact rows dependent."""
-    if full.equilibrium is not None:
-        return (Recipe.flowing(),)
-    if full.problem.friction is not None:
-        return Recipe.with_friction(), replace(Recipe.with_friction(), enrichment=FURTHER)
-    return (Recipe(),)
+    usual = usual_recipe(full)
+    if full.problem.friction is None or full.equilibrium is not None:
+        return (usual,)
+    return usual, replace(usual, enrichment=FURTHER)
 
 
 def build(
