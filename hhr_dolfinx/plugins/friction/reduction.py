@@ -36,7 +36,8 @@ class FrictionReduction(Reduction):
 
     def recipes(self) -> tuple[Recipe, ...]:
         """With more enrichment if contact rows are dependent."""
-        return with_friction(), with_friction(enrichment=FURTHER)
+        usual = with_friction()
+        return usual, replace(usual, enrichment=FURTHER)
 
 
 REDUCTION = FrictionReduction()

@@ -216,7 +216,7 @@ def test_the_usual_recipe_takes_the_enrichment_that_it_advises(monkeypatch):
     path = [(0.0, [0.01]), (1.0, [0.05])]
     histories = hhr.SnapshotSet.of_histories([full.march(path)] * 2)
     small = hhr.Recipe.with_friction(domain=hhr.Rid(1, 1), enrichment=hhr.Enrich(10.0))
-    monkeypatch.setattr("hhr_dolfinx.reduction.build.usual_recipe", lambda full: small)
+    monkeypatch.setattr("hhr_dolfinx.plugins.friction.reduction.with_friction", lambda: small)
     model = Training(full, histories, None, StageLog()).build()
     assert model.offline.recipe.enrichment == hhr.Enrich(2.0) and len(model.offline.log.refused) == 1
     exact, found = (item.march(path).answers[-1].forces() for item in (full, model))
@@ -228,7 +228,7 @@ def test_the_usual_recipe_takes_the_enrichment_that_it_advises(monkeypatch):
 def test_what_is_not_built_in_is_refused_by_name(scene, training):
     with pytest.raises(StudyError, match="depend on the path that leads to them: train on a list of paths"):
         hhr.train(scene, hhr.Sobol(8))
-    with pytest.raises(NotOfferedError, match="a greedy training of such histories is not built in"):
+    with pytest.raises(NotOfferedError, match="a training that chooses such histories itself is not built in"):
         hhr.train(scene, hhr.Greedy(budget=3))
     points = training.snapshots.take(np.arange(4))
     with pytest.raises(ReductionError, match="with friction must be histories"):
