@@ -379,7 +379,7 @@ def test_what_a_safe_model_cannot_answer_is_of_the_full_one(training, model, mon
     def refused(*args, **how):
         raise NotSolvableError("a body is pulled off")
 
-    monkeypatch.setattr(AnsweringModel, "slide", refused)
+    monkeypatch.setattr(AnsweringModel, "follow", refused)
     answer = safe.solve(full.parameters.middle, raise_on_failure=False)
     assert safe.fell_back(answer) and not answer.converged
     assert answer.displacement().shape == (len(full.problem.free),) and np.isnan(answer.forces()).all()
