@@ -6,7 +6,7 @@ from typing import ClassVar
 
 import numpy as np
 import pytest
-from needs import present
+from needs import needs
 from scenes import pressed_pair
 from toy_galerkin import Galerkin, GalerkinFields
 
@@ -95,7 +95,7 @@ def test_a_claim_that_is_true_is_granted(training):
     assert model.fields.exact and model.offline.facts is None
 
 
-@pytest.mark.skipif(not present("one_call"), reason="hhr.reduce is a plug-in")
+@needs("one_call")
 @pytest.mark.parametrize("liar", LIES)
 def test_a_search_does_not_believe_a_claim(monkeypatch, liar):
     """Four answers within the target would do for an exact model; with a target of 90 % all models are within."""
@@ -108,7 +108,7 @@ def test_a_search_does_not_believe_a_claim(monkeypatch, liar):
     assert all(row.outcome.startswith("refused: galerkin") for row in vars(caught.value)["reduction"].tried)
 
 
-@pytest.mark.skipif(not present("one_call"), reason="hhr.reduce is a plug-in")
+@needs("one_call")
 def test_it_has_rows_of_a_search(monkeypatch):
     monkeypatch.setattr("hhr_dolfinx.plugins.one_call.attempts.ways", lambda full: [WAY])
     rows = hhr.reduce(pair(), 0.01, of="forces").reduction.tried
