@@ -10,7 +10,7 @@ from hhr_dolfinx.registry import Plugin, Way
 
 def wanted(full):
     """Scenes of which hhr.reduce tries it; this decides without loading anything."""
-    return full.equilibrium is None and full.law is None and not full.problem.varies
+    return full.equilibrium is None and not full.law.plugin and not full.problem.varies
 
 
 PLUGIN = Plugin(

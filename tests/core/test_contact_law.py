@@ -6,8 +6,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 from mpi4py import MPI
+from my_contact_law import PLUGIN, Wear
 from needs import needs
-from toy_wear import PLUGIN, Wear
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
@@ -55,7 +55,7 @@ def pressures(path):
 @pytest.fixture
 def wear(monkeypatch):
     """The law, whose plug-in is installed."""
-    every = {**registry.installed(), "toy_wear": PLUGIN}
+    every = {**registry.installed(), "my_contact_law": PLUGIN}
     monkeypatch.setattr(registry, "installed", lambda: every)
     kept = registry.facet, registry.memories
     for cached in kept:
@@ -103,7 +103,7 @@ def test_histories_are_kept_and_go_on(full, tmp_path):
 
 
 def test_a_file_keeps_it(full, tmp_path):
-    from toy_wear import Wearing
+    from my_contact_law import Wearing
 
     hhr.save_model(tmp_path / "model.npz", hhr.condense(full))
     model = hhr.load_model(tmp_path / "model.npz", known=[Wearing])
