@@ -65,7 +65,7 @@ def scene(sphere: tuple[int, int], block: tuple[int, int], *, ratios: bool = Fal
 
 def measured(cells: tuple[int, int, int, int], ratios: bool, comm: MPI.Comm = MPI.COMM_SELF) -> dict[str, float]:
     """One row of the report, of processes that do nothing else."""
-    from hhr_dolfinx.reduction.components import Solver
+    from hhr_dolfinx.plugins.moduli.components import Solver
 
     spent = {"factor_s": 0.0, "compliance_s": 0.0}
     _watch(FreeCholesky, "__init__", "factor_s", spent)

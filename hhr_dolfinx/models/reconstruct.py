@@ -28,8 +28,8 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.completion import InterfaceCompletion
     from hhr_dolfinx.models.field_response import FieldResponse
     from hhr_dolfinx.models.functionals.functional import Functionals
-    from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
     from hhr_dolfinx.models.many import ManyAnswers
+    from hhr_dolfinx.plugins.moduli.shaped_functionals import ReshapedFunctionals
 
 
 @dataclass(frozen=True, eq=False)

@@ -28,8 +28,8 @@ from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
-    from hhr_dolfinx.models.eliminations.interpolated import Compliances
     from hhr_dolfinx.models.histories.reduced_flow import ReducedEquilibrium, ReducedFlow
+    from hhr_dolfinx.plugins.moduli.interpolated import Compliances
 
 ADVICE: Mapping[Status, str] = MappingProxyType(
     {

@@ -174,7 +174,7 @@ def build(
     """Build an HHR model that passes the trust check, thesis sections 1.4.2-1.4.6 and 6.2.3.
 
     A :class:`~hhr_dolfinx.reduction.reductor.Reductor` instead of a recipe makes a model of another kind, as
-    :class:`~hhr_dolfinx.reduction.condense.Condensation` and
+    :class:`~hhr_dolfinx.plugins.moduli.condense.Condensation` and
     :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings` do.
 
     A model that fails is built again with one more layer of cells, up to ``recipe.domain.most_layers``. For inelastic
@@ -371,7 +371,7 @@ class HyperReduction(Reductor[Offline]):
 
 _HERE = "hhr_dolfinx.reduction.build"
 _FLOW = "hhr_dolfinx.reduction.stages_of_flow"
-_VARYING = "hhr_dolfinx.reduction.stages_of_varying"
+_VARYING = "hhr_dolfinx.plugins.moduli.stages"
 
 
 STAGES = (

@@ -198,7 +198,7 @@ def bound_of(
     try:
         with log.stage("bound", announce):
             if full.problem.varies and full.equilibrium is None:
-                from hhr_dolfinx.reduction.varying_bound import varying_bound
+                from hhr_dolfinx.plugins.moduli.bounding import varying_bound
 
                 return Bounding(varying_bound(full, basis, forces, announce=announce), basis)
             if recipe.cone:  # forces outside the RID are then combinations of training forces

@@ -11,7 +11,7 @@ from hhr_dolfinx.registry import Way
 OWN = (
     Way("hhr_dolfinx.reduction.exact:ExactCondensation",
         lambda full: full.equilibrium is None and not full.problem.varies, condenses=True),
-    Way("hhr_dolfinx.reduction.condense:Condensation",
+    Way("hhr_dolfinx.plugins.moduli.condense:Condensation",
         lambda full: full.equilibrium is None and full.problem.varies, condenses=True),
     Way("hhr_dolfinx.reduction.condense_flow:CorrectionSettings",
         lambda full: full.equilibrium is not None, condenses=True),

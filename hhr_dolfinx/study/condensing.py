@@ -24,7 +24,7 @@ def condense(scene: Scene | FullOrderModel, settings: Any = None, *, fields: boo
 
     Args:
         scene: the scene, or its full model on one rank.
-        settings: a :class:`~hhr_dolfinx.reduction.interpolate.GridSettings` with the targets of interpolation. None
+        settings: a :class:`~hhr_dolfinx.plugins.moduli.interpolate.GridSettings` with the targets of interpolation. None
             takes the defaults, or those of the bound if it is small. Without effect for constant stiffness.
         fields: whether answers have displacements if these are not exact at no cost; None if an output of the
             scene needs one. Without them answers have forces and their outputs, and no bound.

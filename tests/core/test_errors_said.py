@@ -74,7 +74,7 @@ def check(full, model, points, most):
 @needs("moduli")
 def test_six_parameters(materials, condensed):
     """S is interpolated to 1e-9, proved. Medians measured: HHR 1.001, 1.001; condensed to 1e-5 1.2, 3.1."""
-    from hhr_dolfinx.reduction.interpolate import GridSettings
+    from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
 
     full = materials.full_order
     model = materials.build(materials_demo.RECIPE, checked=False)

@@ -173,7 +173,7 @@ class Counted:
 @pytest.mark.parametrize("by_columns", [True, False])
 def test_s_is_made_once(monkeypatch, by_columns):
     """When it is first asked for; by a model with moduli, its bound and the full order together."""
-    from hhr_dolfinx.reduction import condense
+    from hhr_dolfinx.plugins.moduli import condense
 
     if by_columns:
         monkeypatch.setattr(schur, "_library", lambda: None)
@@ -204,7 +204,7 @@ def test_s_is_made_once(monkeypatch, by_columns):
 @needs("moduli")
 def test_factors_that_are_let_go_are_made_anew(monkeypatch):
     """Of large components, between the stages of a model, which is the same one."""
-    from hhr_dolfinx.reduction import components
+    from hhr_dolfinx.plugins.moduli import components
 
     scene = contract.blocks((3.0, "n"), box={"n": (0.1, 0.4)})
     kept = hhr.condense(scene, fields=True)
@@ -287,7 +287,7 @@ def test_bounds_know_what_compressed_factors_leave_out(part, monkeypatch):
     MUMPS compresses nothing of so small a problem: in its place S, by blocks that are not refined or by what is
     eliminated last, is too soft by a part.
     """
-    from hhr_dolfinx.models.bounds import least_response
+    from hhr_dolfinx.plugins.moduli import least_response
 
     make = lambda: pressed_sphere(cells=12, moduli=True)  # noqa: E731
     whole = hhr.FullOrderModel(make(), MPI.COMM_SELF)

@@ -11,7 +11,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import press_fit as geometry
-from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
+from hhr_dolfinx.plugins.moduli.shaped_functionals import ReshapedFunctionals
 from hhr_dolfinx.shapes import coordinate_names
 
 FLOOR, LID, AXIS = block.side(1, upper=False), block.side(1, upper=True), block.side(0, upper=False)
@@ -105,7 +105,7 @@ def blocks():
 @pytest.fixture(scope="module")
 def trained(blocks):
     """Full and condensed models, by name."""
-    from hhr_dolfinx.reduction.interpolate import GridSettings
+    from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
 
     scenes = {**blocks, "fit": small_fit()}
     trainings = {name: hhr.train(scene, hhr.Sobol(4), held_out=1) for name, scene in scenes.items()}
@@ -249,8 +249,8 @@ class OfOtherConditions(MeanPressure):
 
 
 def test_an_output_that_jumps_between_shapes_is_refused():
-    from hhr_dolfinx.reduction.interpolate import GridSettings
-    from hhr_dolfinx.reduction.shaped import reshaped_functionals
+    from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
+    from hhr_dolfinx.plugins.moduli.shaped_outputs import reshaped_functionals
 
     full = hhr.FullOrderModel(crowned("plane_strain", outputs=(OfOtherConditions("high", 0),)))
     basis = np.ones((full.problem.free.size, 1))

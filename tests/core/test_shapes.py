@@ -127,8 +127,8 @@ def test_interpolated_condensation_answers_at_shapes_that_were_not_trained(train
 
 
 def test_condensation_converges_with_its_tolerance(training):
-    from hhr_dolfinx.reduction.condense import Condensation
-    from hhr_dolfinx.reduction.interpolate import GridSettings
+    from hhr_dolfinx.plugins.moduli.condense import Condensation
+    from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
 
     full, errors = training.full_order, []
     for tolerance in (1e-1, 1e-3, 1e-5):

@@ -64,7 +64,7 @@ def test_a_reductor_refuses_in_its_own_words_and_others_are_told(training):
     with pytest.raises(ReductionError, match="is no recipe"):
         training.build("condensation")
     if present("moduli"):
-        from hhr_dolfinx.reduction.condense import Condensation
+        from hhr_dolfinx.plugins.moduli.condense import Condensation
 
         with pytest.raises(ReductionError, match="does not depend on parameters"):
             training.build(Condensation())

@@ -453,7 +453,7 @@ def test_settings_of_corrections_that_mean_nothing(given, said):
     ],
 )
 def test_settings_of_grids_that_mean_nothing(given, said):
-    from hhr_dolfinx.reduction.interpolate import GridSettings
+    from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
 
     with pytest.raises(ReductionError, match=said):
         GridSettings(**given)

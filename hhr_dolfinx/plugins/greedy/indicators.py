@@ -138,7 +138,7 @@ class ForceError:
             from hhr_dolfinx.reduction.exact import exact_condensation
 
             return exact_condensation(full, known.known_statuses(), field=False)
-        from hhr_dolfinx.reduction.condense import Condensation
+        from hhr_dolfinx.plugins.moduli.condense import Condensation
 
         try:
             return made(Condensation(self.settings), Task(full, known))

@@ -4,7 +4,7 @@ A page solves
 
     S(μ) = sum_c s_c(μ) sum_k h_k(μ) S_ck,  g(μ) = D(μ) θ(μ) - free motions,  λ >= 0,  g + S λ >= 0,  λ·(g + S λ) = 0
 
-with one term for constant stiffness, see :mod:`hhr_dolfinx.models.eliminations.interpolated`. For inelastic bodies it
+with one term for constant stiffness, see :mod:`hhr_dolfinx.plugins.moduli.interpolated`. For inelastic bodies it
 has the arrays of an increment instead, see :mod:`hhr_dolfinx.plugins.pages.flowing`.
 """
 
@@ -25,11 +25,11 @@ from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.displacement import dense
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
 from hhr_dolfinx.models.eliminations.floating import FloatingElimination
-from hhr_dolfinx.models.eliminations.interpolated import Compliance, Compliances
-from hhr_dolfinx.models.eliminations.interpolation import Interpolant, leja_points
 from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.models.functionals.kinds import LOADED, Largest, Linear, Loaded
 from hhr_dolfinx.models.model import KeptModel
+from hhr_dolfinx.plugins.moduli.interpolated import Compliance, Compliances
+from hhr_dolfinx.plugins.moduli.interpolation import Interpolant, leja_points
 from hhr_dolfinx.plugins.pages.bounding import bound_tree
 from hhr_dolfinx.plugins.pages.packing import Packed, half, steps_of
 from hhr_dolfinx.plugins.pages.pictures import pictures_of

@@ -1,7 +1,7 @@
 """Data of the error bound on a page, at the point shown, for interpolated S.
 
 Forces of a page solve the contact problem with the S of its bound, so the interpolation is the only error: the part
-``inexact`` of energies, see :mod:`hhr_dolfinx.models.bounds.varying_bound`. Energies of fields need the modes of
+``inexact`` of energies, see :mod:`hhr_dolfinx.plugins.moduli.varying_bound`. Energies of fields need the modes of
 P^T K^-1 P. The largest forces of a given energy follow from S at the point.
 """
 
@@ -12,8 +12,8 @@ from typing import Any
 import numpy as np
 
 from hhr_dolfinx.models.bounds.bound import ROUND_OFF
-from hhr_dolfinx.models.bounds.varying_bound import VaryingBound
-from hhr_dolfinx.models.eliminations.interpolated import Compliances
+from hhr_dolfinx.plugins.moduli.interpolated import Compliances
+from hhr_dolfinx.plugins.moduli.varying_bound import VaryingBound
 from hhr_dolfinx.plugins.pages.packing import BASE64, Packed, half
 
 MOST_BYTES = 500_000

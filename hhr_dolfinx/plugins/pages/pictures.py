@@ -15,8 +15,8 @@ from scipy.sparse import csr_matrix, vstack
 from hhr_dolfinx.errors import ConvergenceError, FarSlidingWarning
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.displacement import dense
-from hhr_dolfinx.models.eliminations.interpolated import InterpolatedFields
 from hhr_dolfinx.models.exact import ExactFields
+from hhr_dolfinx.plugins.moduli.interpolated import InterpolatedFields
 from hhr_dolfinx.plugins.pages.packing import (
     BASE64,
     FIELD,

@@ -81,7 +81,7 @@ class Training(TrainingAnswers):
         """Build a model that keeps all contact conditions, with its check.
 
         For elastic bodies of constant stiffness it is exact. If the stiffness or the shape depends on
-        parameters it is interpolated, by :class:`~hhr_dolfinx.reduction.interpolate.GridSettings`; without settings as
+        parameters it is interpolated, by :class:`~hhr_dolfinx.plugins.moduli.interpolate.GridSettings`; without settings as
         finely as the bound of its errors, if that is small. For inelastic bodies
         the elastic response is eliminated and the plastic correction reduced, by
         :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings`. Each stage is announced as it begins.

@@ -8,11 +8,11 @@ from scenes import pressed_pair
 from scipy.interpolate import BarycentricInterpolator
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.certify.interpolation import PartStiffness, lagrange
 from hhr_dolfinx.errors import SceneError, StabilityWarning, TrainingWarning
 from hhr_dolfinx.formulas import Modulus, Scalar, check_over_box
-from hhr_dolfinx.models.eliminations.interpolation import leja_points, nodes_of
-from hhr_dolfinx.reduction.interpolate import FormulaGrid
+from hhr_dolfinx.plugins.moduli.interpolate import FormulaGrid
+from hhr_dolfinx.plugins.moduli.interpolation import leja_points, nodes_of
+from hhr_dolfinx.plugins.moduli.proved import PartStiffness, lagrange
 
 SPIKE = "0.25 + 0.2 * exp(-((t - 0.613) / 0.0015)**2)"
 """A Poisson's ratio that rises to 0.45 on 0.3 % of the box, between all nodes and all training points."""

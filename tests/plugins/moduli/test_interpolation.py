@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from hhr_dolfinx.models.eliminations.interpolation import MOST_LEVELS, Interpolant, grow, leja_points
+from hhr_dolfinx.plugins.moduli.interpolation import MOST_LEVELS, Interpolant, grow, leja_points
 
 
 def box(*ends):

@@ -7,9 +7,9 @@ from scenes import largest_difference, pressed_pair
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.eliminations.block import BlockElimination, DiagonalBlock
-from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
-from hhr_dolfinx.reduction.condense import Condensation
-from hhr_dolfinx.reduction.interpolate import GridSettings
+from hhr_dolfinx.plugins.moduli.condense import Condensation
+from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
+from hhr_dolfinx.plugins.moduli.shaped import ReshapedElimination
 from hhr_dolfinx.shapes import coordinate_names
 
 MATERIALS = {"E1": (1.0, 6.0), "nu1": (0.1, 0.49), "E2": (2.0, 90.0), "c": (0.0, 1.0)}

@@ -19,10 +19,9 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import BoundError, ModelFileError, NoBoundWarning, NotSolvableError, SceneWarning
 from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.geometries.gmsh_model import gmsh, mesh_of
-from hhr_dolfinx.models.bounds import least_response
-from hhr_dolfinx.models.eliminations import interpolated
-from hhr_dolfinx.reduction.components import solvers_of
-from hhr_dolfinx.reduction.varying_bound import EnergySolver, _check_resolved, _round_off, varying_bound
+from hhr_dolfinx.plugins.moduli import interpolated, least_response
+from hhr_dolfinx.plugins.moduli.bounding import EnergySolver, _check_resolved, _round_off, varying_bound
+from hhr_dolfinx.plugins.moduli.components import solvers_of
 
 ALL = {"E1": (1.0, 6.0), "nu1": (0.1, 0.42), "E2": (2.0, 9.0), "nu2": (0.1, 0.42)}
 

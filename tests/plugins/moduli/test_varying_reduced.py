@@ -9,9 +9,9 @@ from scenes import PAIR_BOX, largest_difference, pressed_pair, slope_errors, who
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ReductionError, StabilityWarning
-from hhr_dolfinx.models.eliminations.interpolated import Compliances
+from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
+from hhr_dolfinx.plugins.moduli.interpolated import Compliances
 from hhr_dolfinx.reduction.completion import Completion
-from hhr_dolfinx.reduction.interpolate import GridSettings
 from hhr_dolfinx.reduction.projection import project
 
 BODIES = ("E1", "nu1"), ("E2", 0.3)

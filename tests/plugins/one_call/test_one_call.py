@@ -84,7 +84,7 @@ def test_moduli_are_interpolated_as_far_as_the_wish_asks(varying, error):
 @needs("moduli")
 def test_displacements_of_checks_make_fields_better(varying, monkeypatch):
     """Fields that hardly span anything at first: points where the model expects its largest errors help."""
-    from hhr_dolfinx.reduction import condense
+    from hhr_dolfinx.plugins.moduli import condense
 
     monkeypatch.setattr(condense, "START_BYTES", 1e-3)
     monkeypatch.setattr(condense, "FEWEST_STARTS", 4)
@@ -260,7 +260,7 @@ def test_an_output_that_is_zero_but_for_round_off_is_no_reason_to_go_on():
 @needs("moduli")
 def test_an_interpolation_that_has_not_settled_is_not_believed(varying):
     """Kinks lie between its nodes, and a check of few points meets none of them."""
-    from hhr_dolfinx.reduction.interpolate import GridSettings
+    from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
 
     finer = hhr.condense(varying, fields=True)  # by what its bound interpolates, which knows its error
 

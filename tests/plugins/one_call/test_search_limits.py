@@ -16,9 +16,9 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx import timing
 from hhr_dolfinx.errors import BoundError, NotSolvableError, ParameterError, StabilityWarning, StudyError
 from hhr_dolfinx.geometries import two_blocks
+from hhr_dolfinx.plugins.moduli import bounding, condense
+from hhr_dolfinx.plugins.moduli.components import Solver
 from hhr_dolfinx.plugins.one_call import attempts, context, search
-from hhr_dolfinx.reduction import condense, varying_bound
-from hhr_dolfinx.reduction.components import Solver
 from hhr_dolfinx.reduction.reductor import Proposal
 from hhr_dolfinx.timing import ShareLines, unannounced
 
@@ -207,10 +207,10 @@ def test_why_there_is_no_bound_is_found_once(monkeypatch):
         asked.append(1)
         raise BoundError("S is not resolved")
 
-    monkeypatch.setattr(varying_bound, "_between", refused)
+    monkeypatch.setattr(bounding, "_between", refused)
     for _ in range(2):
         with pytest.raises(BoundError, match="S is not resolved"):
-            varying_bound.between(full)
+            bounding.between(full)
     assert len(asked) == 1
 
 

@@ -172,7 +172,7 @@ def test_a_page_has_the_digits_of_python(name):
 @pytest.mark.parametrize("name", marked("moduli", "formula", "shape"))
 def test_a_page_bounds_the_error_of_its_answer(name):
     """As Python does with a factor of S at each point, if interpolation is all that is off by more than round-off."""
-    from hhr_dolfinx.models.bounds.least_response import FactoredResponse, ManyResponses
+    from hhr_dolfinx.plugins.moduli.least_response import FactoredResponse, ManyResponses
 
     _, model, scenery = known(name)
     # so far off that the bound is more than round-off, which is not that of Python

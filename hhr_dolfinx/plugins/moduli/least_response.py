@@ -22,7 +22,7 @@ from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
 from hhr_dolfinx.models.bounds.contact_response import ContactResponse
-from hhr_dolfinx.models.eliminations.interpolated import Compliance, Compliances, ManyContacts
+from hhr_dolfinx.plugins.moduli.interpolated import Compliance, Compliances, ManyContacts
 
 STEP = math.log(1.1)
 """Step of logarithms of weights: bounds are wider than with exact weights by at most the root of half a step."""

@@ -18,9 +18,9 @@ from scipy.linalg import solve_triangular
 
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.formulas import Modulus, Scalar
-from hhr_dolfinx.models.eliminations.interpolated import Compliance, PrimalModes
-from hhr_dolfinx.models.eliminations.interpolation import GrownGrid, Interpolant, grow, nodes_of, polynomials_of
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
+from hhr_dolfinx.plugins.moduli.interpolated import Compliance, PrimalModes
+from hhr_dolfinx.plugins.moduli.interpolation import GrownGrid, Interpolant, grow, nodes_of, polynomials_of
 
 
 @dataclass(frozen=True)

@@ -11,8 +11,8 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.functionals.functional import Functional, ShapeFunctionals
 from hhr_dolfinx.models.functionals.kinds import Mises, MovingMises
-from hhr_dolfinx.models.functionals.shaped import ROWS, ReshapedFunctionals, Zone
-from hhr_dolfinx.reduction.interpolate import GridSettings, grown
+from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, grown
+from hhr_dolfinx.plugins.moduli.shaped_functionals import ROWS, ReshapedFunctionals, Zone
 
 TOLERANCE = 3e-7
 """Target error of the arrays of outputs, relative to their size: forces and displacements cancel in them, as in a gap.

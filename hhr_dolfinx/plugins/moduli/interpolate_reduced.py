@@ -16,12 +16,12 @@ from hhr_dolfinx.contact.problem import ContactProblem, IndexSets, dependence
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.eliminations.block import Block, blocks_of
-from hhr_dolfinx.models.eliminations.interpolated import Compliances
-from hhr_dolfinx.models.eliminations.interpolation import GrownGrid
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem, ReducedTerms
-from hhr_dolfinx.models.eliminations.shaped import InterpolatedProblem
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, grown
+from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, Part, compliance_of, grown
+from hhr_dolfinx.plugins.moduli.interpolated import Compliances
+from hhr_dolfinx.plugins.moduli.interpolation import GrownGrid
+from hhr_dolfinx.plugins.moduli.shaped import InterpolatedProblem
 from hhr_dolfinx.reduction.projection import project
 
 REDUCED_GRID = GridSettings(1e-5, 300)

@@ -24,16 +24,16 @@ from hhr_dolfinx.models.answer import Answer, ElasticFields, Meshed, SeveralAnsw
 from hhr_dolfinx.models.bounds.bound import Bound
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination
-from hhr_dolfinx.models.eliminations.interpolation import Interpolant
 from hhr_dolfinx.models.estimates import Estimate, Estimates
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
+from hhr_dolfinx.plugins.moduli.interpolation import Interpolant
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
     from hhr_dolfinx.models.eliminations.block import BlockElimination
-    from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
     from hhr_dolfinx.models.functionals.functional import Functionals
-    from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
+    from hhr_dolfinx.plugins.moduli.shaped import ReshapedElimination
+    from hhr_dolfinx.plugins.moduli.shaped_functionals import ReshapedFunctionals
 
 
 TOGETHER_BYTES = 4e6

@@ -15,7 +15,7 @@ from functools import cached_property
 import numpy as np
 
 from hhr_dolfinx.formulas import Modulus, Scalar
-from hhr_dolfinx.models.eliminations.interpolation import MOST_LEVELS, leja_points
+from hhr_dolfinx.plugins.moduli.interpolation import MOST_LEVELS, leja_points
 
 SMALLEST = 1e-9
 SHARES = 81

@@ -16,10 +16,10 @@ import numpy as np
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.models.eliminations.interpolation import Interpolant
 from hhr_dolfinx.models.functionals.cells import CellStrain, MovingCells
 from hhr_dolfinx.models.functionals.functional import Functional, Functionals
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plugins.moduli.interpolation import Interpolant
 
 ROWS = "rows"
 """Name of the rows of an output among its arrays."""

@@ -2,7 +2,7 @@
 
 With f = loads θ - B^T λ the field in equilibrium with forces λ is K^-1 f. Bounds need arrays with the size of
 the contact surface: S, the slack, and its energy f^T K^-1 f. All are blocks of one matrix P^T K^-1 P, P = (loads, B^T),
-which condensation interpolates between few parameters (:mod:`hhr_dolfinx.models.eliminations.interpolated`). The
+which condensation interpolates between few parameters (:mod:`hhr_dolfinx.plugins.moduli.interpolated`). The
 error of a reduced field V γ is
 
     |V γ - K^-1 f|_K^2 = γ^T V^T K V γ - 2 γ^T V^T f + f^T K^-1 f,
@@ -29,18 +29,18 @@ from scipy.linalg import LinAlgError
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import BoundError, ConvergenceError
 from hhr_dolfinx.models.bounds.bound import ROUND_OFF, ForceScale, Thetas, estimates_of, lengths
-from hhr_dolfinx.models.bounds.least_response import LeastResponse, ManyResponses
 from hhr_dolfinx.models.eliminations.block import Block, blocks_of
-from hhr_dolfinx.models.eliminations.interpolated import Compliances, ManyContacts
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.parameters import is_number
 from hhr_dolfinx.plain import Rebuilt
+from hhr_dolfinx.plugins.moduli.interpolated import Compliances, ManyContacts
+from hhr_dolfinx.plugins.moduli.least_response import LeastResponse, ManyResponses
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.eliminations.interpolation import Interpolant
-    from hhr_dolfinx.models.eliminations.shaped import InterpolatedProblem
     from hhr_dolfinx.models.gradient import Gradient
+    from hhr_dolfinx.plugins.moduli.interpolation import Interpolant
+    from hhr_dolfinx.plugins.moduli.shaped import InterpolatedProblem
 
 OF_ENERGY = 1e-13
 """Part of an energy that is round-off of its sums."""

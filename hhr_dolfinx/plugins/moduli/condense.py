@@ -20,22 +20,22 @@ from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, NotOfferedError, ReductionError, SceneWarning, StabilityWarning
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.block import BlockElimination
-from hhr_dolfinx.models.eliminations.interpolated import Compliances, InterpolatedFields
-from hhr_dolfinx.models.eliminations.interpolation import GrownGrid
-from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
 from hhr_dolfinx.models.estimates import NOT_ASKED, warn_unbounded
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.reduction.components import Solver, interpolated_compliances, solvers_of
-from hhr_dolfinx.reduction.interpolate import DEFAULT_GRID, GridSettings
-from hhr_dolfinx.reduction.interpolate_reduced import interpolated_problem
+from hhr_dolfinx.plugins.moduli.bounding import between, varying_bound
+from hhr_dolfinx.plugins.moduli.components import Solver, interpolated_compliances, solvers_of
+from hhr_dolfinx.plugins.moduli.interpolate import DEFAULT_GRID, GridSettings
+from hhr_dolfinx.plugins.moduli.interpolate_reduced import interpolated_problem
+from hhr_dolfinx.plugins.moduli.interpolated import Compliances, InterpolatedFields
+from hhr_dolfinx.plugins.moduli.interpolation import GrownGrid
+from hhr_dolfinx.plugins.moduli.shaped import ReshapedElimination
+from hhr_dolfinx.plugins.moduli.shaped_outputs import reshaped_functionals
 from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.recipe import Pod
 from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, compared, made
-from hhr_dolfinx.reduction.shaped import reshaped_functionals
 from hhr_dolfinx.reduction.starts import starts_of
-from hhr_dolfinx.reduction.varying_bound import between, varying_bound
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import Announce, StageLog
@@ -43,7 +43,7 @@ from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals.functional import Functionals, ShapeFunctionals
-    from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
+    from hhr_dolfinx.plugins.moduli.shaped_functionals import ReshapedFunctionals
 
 
 STARTS = 256

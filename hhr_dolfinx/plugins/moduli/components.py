@@ -16,9 +16,9 @@ from hhr_dolfinx.contact.stiffness import FactorStore
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.linear.shared import SharedCholesky
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of
-from hhr_dolfinx.models.eliminations.interpolated import Compliances
-from hhr_dolfinx.models.eliminations.interpolation import FIRST_LEVELS, GrownGrid
-from hhr_dolfinx.reduction.interpolate import GridSettings, Part, compliance_of, grown
+from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, Part, compliance_of, grown
+from hhr_dolfinx.plugins.moduli.interpolated import Compliances
+from hhr_dolfinx.plugins.moduli.interpolation import FIRST_LEVELS, GrownGrid
 from hhr_dolfinx.snapshots.arrays import ArrayStore
 from hhr_dolfinx.timing import Announce, unannounced
 

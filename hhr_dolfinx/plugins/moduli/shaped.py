@@ -20,9 +20,9 @@ from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination
-from hhr_dolfinx.models.eliminations.interpolation import Interpolant
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plugins.moduli.interpolation import Interpolant
 
 DIFFERENCE = 1e-4
 """Step of the central differences, as a part of the box: their error is its square."""

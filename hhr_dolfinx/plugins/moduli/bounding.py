@@ -14,17 +14,17 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.certify.accuracy import least_sizes
 from hhr_dolfinx.certify.differences import check_hypotheses
-from hhr_dolfinx.certify.interpolation import PartStiffness
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError
-from hhr_dolfinx.models.bounds.varying_bound import OF_ENERGY, PartEnergy, VaryingBound
-from hhr_dolfinx.models.eliminations.interpolated import Compliance, Compliances
-from hhr_dolfinx.models.eliminations.interpolation import Interpolant
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
-from hhr_dolfinx.models.eliminations.shaped import InterpolatedProblem
-from hhr_dolfinx.reduction.components import Component, Solver, interpolated_compliances, solvers_of
-from hhr_dolfinx.reduction.interpolate import GridSettings, grown
-from hhr_dolfinx.reduction.interpolate_reduced import SHAPE_GRID, interpolated_problem
+from hhr_dolfinx.plugins.moduli.components import Component, Solver, interpolated_compliances, solvers_of
+from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, grown
+from hhr_dolfinx.plugins.moduli.interpolate_reduced import SHAPE_GRID, interpolated_problem
+from hhr_dolfinx.plugins.moduli.interpolated import Compliance, Compliances
+from hhr_dolfinx.plugins.moduli.interpolation import Interpolant
+from hhr_dolfinx.plugins.moduli.proved import PartStiffness
+from hhr_dolfinx.plugins.moduli.shaped import InterpolatedProblem
+from hhr_dolfinx.plugins.moduli.varying_bound import OF_ENERGY, PartEnergy, VaryingBound
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.timing import Announce, unannounced
 

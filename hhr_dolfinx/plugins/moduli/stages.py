@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
+from hhr_dolfinx.plugins.moduli.interpolate_reduced import interpolated_reduction
 from hhr_dolfinx.reduction.build import Draft
-from hhr_dolfinx.reduction.interpolate_reduced import interpolated_reduction
 from hhr_dolfinx.reduction.starts import linear_starts
 
 
