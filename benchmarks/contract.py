@@ -238,8 +238,6 @@ OF_PLUGINS = {
 """Kinds and places that plug-ins add, which may have been deleted."""
 BY_WORD = {"friction": "friction", "flowing": "inelastic", "moduli": "moduli"}
 """Plug-ins of all kinds that have a word in their names."""
-IN_TRUNK = ("moduli",)
-"""As in ``tests/needs.py``: a name goes on the day that its folder is there."""
 
 
 def needed(name: str) -> set[str]:
@@ -249,8 +247,7 @@ def needed(name: str) -> set[str]:
 
 def there(cases: dict[str, Any]) -> dict[str, Any]:
     """Those whose plug-ins are installed."""
-    known = {*registry.installed(), *IN_TRUNK}
-    return {name: case for name, case in cases.items() if needed(name) <= known}
+    return {name: case for name, case in cases.items() if needed(name) <= registry.installed().keys()}
 
 
 VARIED, PRESSED = {**MIDDLE, "E1": 2.5}, {"press": 0.05}

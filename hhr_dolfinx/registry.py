@@ -41,6 +41,19 @@ class Way(NamedTuple):
     condenses: bool = False
 
 
+class Bounds(NamedTuple):
+    """Bounds of the errors of hyper-reduced models, for some scenes; the core has those of constant stiffness.
+
+    Attributes:
+        place: of a function ``(full, basis, forces, *, announce) -> Bound``, with the basis, (own, ell), and the
+            training forces, (N_lambda, S); it raises BoundError with the hypothesis that fails.
+        wanted: function of the full model.
+    """
+
+    place: str
+    wanted: Callable[..., bool]
+
+
 class Stage(NamedTuple):
     """A stage of the hyper-reduction, a function of a :class:`~hhr_dolfinx.reduction.build.Draft`.
 
@@ -77,6 +90,7 @@ class Plugin:
         recipes: places of functions ``(**changes) -> Recipe`` by their names as attributes of ``Recipe``.
         reductors: ways to build a model by name, which ``hhr.reduce`` tries after those of the core.
         stages: further stages of the hyper-reduction.
+        bounds: bounds of the errors of its models, which replace those of the core.
         memory: names of the parts of :class:`~hhr_dolfinx.memory.Memory` that its laws keep in answers.
         facets: places of objects that do for its laws what the core leaves to them, by words: each part of the core
             that needs one documents its word and protocol, and refuses a law without it, see :func:`facet`.
@@ -97,6 +111,7 @@ class Plugin:
     recipes: Mapping[str, str] = field(default=NOTHING)
     reductors: Mapping[str, Way] = field(default=NOTHING)
     stages: tuple[Stage, ...] = ()
+    bounds: tuple[Bounds, ...] = ()
     memory: tuple[str, ...] = ()
     facets: Mapping[str, str] = field(default=NOTHING)
     companions: tuple[str, ...] = ()

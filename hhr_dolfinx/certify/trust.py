@@ -229,11 +229,6 @@ def check_stability(stability: Stability, limits: TrustLimits) -> None:
 
 
 OF_A_RID = f"{MORE_LAYERS}, train on more points, or change the POD tolerance"
-OF_CONDENSATION = {
-    "displacement": "it is a combination of training answers, of which forces need none: train on more points",
-    "contact force": "S is interpolated: take GridSettings with a smaller tolerance or a larger budget",
-}
-"""Remedies for models with all contact conditions and without a RID, by the error."""
 
 
 def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str | Mapping[str, str] = OF_A_RID) -> None:

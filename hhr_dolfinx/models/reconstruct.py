@@ -29,7 +29,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.field_response import FieldResponse
     from hhr_dolfinx.models.functionals.functional import Functionals
     from hhr_dolfinx.models.many import ManyAnswers
-    from hhr_dolfinx.plugins.moduli.shaped_functionals import ReshapedFunctionals
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,7 +177,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     indicator: Callable[[Answer], float] | None = field(default=None, metadata=CODE)
     bound: Bound | None = None
-    functionals: Functionals | ReshapedFunctionals | None = None
+    functionals: Functionals | None = None
     output_bound: OutputDifference | None = None
     unbounded: str = ""
     response: FieldResponse | None = None

@@ -29,7 +29,6 @@ from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
     from hhr_dolfinx.models.histories.reduced_flow import ReducedEquilibrium, ReducedFlow
-    from hhr_dolfinx.plugins.moduli.interpolated import Compliances
 
 ADVICE: Mapping[Status, str] = MappingProxyType(
     {
@@ -58,7 +57,7 @@ class ReducedModel(KeptModel):
         flow: Gauss points and laws of the RID; None in elastic models.
         offline: record of the construction, a ``Record``; None for a model from a file.
         factorise: factors K~ and the active blocks.
-        compliances: interpolated elimination of gamma if K~ depends on few parameters; None factors K~ for each point.
+        compliances: elimination of gamma that is quicker than factors of K~ at each point; None factors K~.
 
     Attributes:
         eliminated: the model without gamma, which solves elastic problems; None for inelastic bodies.
@@ -82,7 +81,7 @@ class ReducedModel(KeptModel):
         flow: ReducedFlow | None = None,
         offline: Any = None,
         factorise: Factorise = dense_factors,
-        compliances: Compliances | None = None,
+        compliances: Elimination | None = None,
     ):
         self.compliances = compliances
         self.problem = problem
@@ -122,6 +121,8 @@ class ReducedModel(KeptModel):
         yield from super().faults(sizes)
         ell = len(self.problem.stiffness)
         conditions = len(self.problem.gaps)
+        if not isinstance(self.compliances, Elimination | None):
+            yield f"compliances is a {type(self.compliances).__name__}, and must be an Elimination"
         if conditions != self.fields.A_lambda.size or conditions > ell:
             yield f"{conditions} contact conditions on {ell} modes are dependent, or not those of the RID"
         if self.flow is not None:

@@ -174,7 +174,7 @@ def build(
     """Build an HHR model that passes the trust check, thesis sections 1.4.2-1.4.6 and 6.2.3.
 
     A :class:`~hhr_dolfinx.reduction.reductor.Reductor` instead of a recipe makes a model of another kind, as
-    :class:`~hhr_dolfinx.plugins.moduli.condense.Condensation` and
+    :class:`~hhr_dolfinx.reduction.exact.ExactCondensation` and
     :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings` do.
 
     A model that fails is built again with one more layer of cells, up to ``recipe.domain.most_layers``. For inelastic
@@ -371,7 +371,6 @@ class HyperReduction(Reductor[Offline]):
 
 _HERE = "hhr_dolfinx.reduction.build"
 _FLOW = "hhr_dolfinx.reduction.stages_of_flow"
-_VARYING = "hhr_dolfinx.plugins.moduli.stages"
 
 
 STAGES = (
@@ -383,8 +382,6 @@ STAGES = (
     Stage(f"{_HERE}:check_constants", f"{_HERE}:assess_projection", lambda full, recipe: recipe.trust is not None),
     Stage(f"{_HERE}:reconstruct", f"{_HERE}:assess_projection"),
     Stage(f"{_HERE}:assemble", f"{_HERE}:reconstruct"),
-    Stage(f"{_VARYING}:interpolate", f"{_HERE}:assemble",
-          lambda full, recipe: full.problem.varies and full.equilibrium is None),
     Stage(f"{_HERE}:start_along", f"{_HERE}:assemble",
           lambda full, recipe: not full.problem.varies and not full.law.remembers and full.equilibrium is None),
     Stage(f"{_FLOW}:check_tangents", f"{_HERE}:assemble",

@@ -11,6 +11,7 @@ import numpy as np
 from scipy import linalg
 from scipy.optimize import nnls
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.certify.differences import exact_difference, field_response
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, ReductionError
@@ -197,10 +198,9 @@ def bound_of(
     forces = snapshots.forces
     try:
         with log.stage("bound", announce):
-            if full.problem.varies and full.equilibrium is None:
-                from hhr_dolfinx.plugins.moduli.bounding import varying_bound
-
-                return Bounding(varying_bound(full, basis, forces, announce=announce), basis)
+            for given in [given for plugin in registry.installed().values() for given in plugin.bounds]:
+                if given.wanted(full):
+                    return Bounding(registry.load(given.place)(full, basis, forces, announce=announce), basis)
             if recipe.cone:  # forces outside the RID are then combinations of training forces
                 return Bounding(exact_difference(full, basis, forces), basis)
             made = field_response(full, forces, basis.shape[1])

@@ -11,8 +11,6 @@ from hhr_dolfinx.registry import Way
 OWN = (
     Way("hhr_dolfinx.reduction.exact:ExactCondensation",
         lambda full: full.equilibrium is None and not full.problem.varies, condenses=True),
-    Way("hhr_dolfinx.plugins.moduli.condense:Condensation",
-        lambda full: full.equilibrium is None and full.problem.varies, condenses=True),
     Way("hhr_dolfinx.reduction.condense_flow:CorrectionSettings",
         lambda full: full.equilibrium is not None, condenses=True),
     Way("hhr_dolfinx.reduction.build:HyperReduction", lambda full: full.problem.reshaped is None),
@@ -35,4 +33,7 @@ def condensing(full: FullModel) -> type[Reductor]:
     for way in ways(full):
         if way.condenses:
             return registry.load(way.place)
-    raise NotOfferedError(f"no installed reductor condenses scene '{full.scene.name}'")
+    of_what = "whose stiffness or shape depends on parameters" if full.problem.varies else "as it is"
+    raise NotOfferedError(
+        f"no installed reductor condenses scene '{full.scene.name}', {of_what}: it takes a plug-in that registers one"
+    )

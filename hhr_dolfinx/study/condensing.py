@@ -24,12 +24,13 @@ def condense(scene: Scene | FullOrderModel, settings: Any = None, *, fields: boo
 
     Args:
         scene: the scene, or its full model on one rank.
-        settings: a :class:`~hhr_dolfinx.plugins.moduli.interpolate.GridSettings` with the targets of interpolation. None
-            takes the defaults, or those of the bound if it is small. Without effect for constant stiffness.
+        settings: a ``GridSettings`` with the targets of interpolation. None takes the defaults, or those of the bound
+            if it is small. Without effect for constant stiffness.
         fields: whether answers have displacements if these are not exact at no cost; None if an output of the
             scene needs one. Without them answers have forces and their outputs, and no bound.
 
     Raises:
+        NotOfferedError: if moduli or shapes are parameters and no installed plug-in interpolates.
         ReductionError: for inelastic bodies, which are condensed from histories: ``train(...).condense()``; or for
             bodies with rigid motions and variable moduli or shapes.
         SceneError: for an invalid scene, or one that cannot be built.

@@ -10,7 +10,7 @@ from pathlib import Path
 import contract
 import numpy as np
 import pytest
-from needs import IN_TRUNK, needs, present
+from needs import needs, present
 from threadpoolctl import threadpool_info
 from threads import THREADS, at_once
 
@@ -49,7 +49,6 @@ def test_every_case_answers_or_is_refused_by_name(cases):
 
 
 def test_no_kind_is_left_out_whose_plug_ins_are_there():
-    assert contract.IN_TRUNK == IN_TRUNK
     assert len(contract.KINDS) == 26 or not present(*ALL)
 
 

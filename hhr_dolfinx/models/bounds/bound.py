@@ -1,7 +1,7 @@
 """Norms of errors, and the interface of bounds.
 
-For a constant stiffness the bound of an error is the error: :mod:`hhr_dolfinx.models.bounds.difference`. For an
-interpolated S it is :mod:`hhr_dolfinx.plugins.moduli.varying_bound`.
+For a constant stiffness the bound of an error is the error: :mod:`hhr_dolfinx.models.bounds.difference`. Plug-ins add
+those of other models.
 """
 
 from __future__ import annotations

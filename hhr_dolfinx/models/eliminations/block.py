@@ -12,23 +12,17 @@ from functools import cached_property, partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.linalg import LinAlgError, eigh
 from scipy.linalg.lapack import dgetrf, dgetrs
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import SingularError
-from hhr_dolfinx.models.displacement import dense
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem, ReducedTerms
 from hhr_dolfinx.plain import Rebuilt
 
 ROUND_OFF = 1e-12
 """Part of the largest entry of a part of K~ below which an entry couples no modes."""
-SYMMETRIC = 1e-10
-"""Largest relative difference of a part and its transpose in a Galerkin projection (equal test and trial functions)."""
-DEFINITE = 1e-11
-"""Smallest eigenvalue of the sum of the parts, relative to the largest, for which modes keep five digits."""
 
 
 class Block(NamedTuple):
@@ -116,47 +110,11 @@ class BlockElimination(Rebuilt, Elimination):
         """Arrays shared by points with these weights of the parts of K~, (Q,)."""
         m = len(self.problem.gaps)
         schur = np.zeros((m, m))
-        factors = [_factored(block, weights[block.parts]) for block in self.blocks]
+        factors = [factored(block, weights[block.parts]) for block in self.blocks]
         per_force = [dgetrs(*factor, block.test)[0] for block, factor in zip(self.blocks, factors, strict=True)]
         for block, columns in zip(self.blocks, per_force, strict=True):
             schur += block.trial @ columns
         return _Kept(weights, schur, factors, per_force)
-
-    def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """The unknown, (ell,), at a point under given contact forces, (m,). No S; diagonal blocks need no factors.
-
-        Raises:
-            SingularError: if K~ is singular there.
-        """
-        weights, loads = self._weights_and_loads(point)
-        found = np.empty(loads.size)
-        for block, diagonal in zip(self.blocks, self._diagonal, strict=True):
-            right = loads[block.modes] - block.test @ forces
-            own = weights[block.parts]
-            solved = dgetrs(*_factored(block, own), right)[0] if diagonal is None else diagonal.solved(own, right)
-            found[block.modes] = solved
-        return found
-
-    def many_under(self, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """The unknowns, (n, ell), at many points, (n, P), under the forces of each, (n, m)."""
-        if None in self._diagonal:
-            return np.array([self.under(*one) for one in zip(points, forces, strict=True)])
-        theta = dense(self.amplitudes.of_many(points))
-        weights = self._terms.many_weights(points)
-        loads = theta @ self._forces.T
-        if self._lifts is not None:
-            for part, lift in zip(weights.T, self._lifts, strict=True):
-                loads -= part[:, None] * (theta @ lift.T)
-        found = np.empty(loads.shape)
-        for block, diagonal in zip(self.blocks, self._diagonal, strict=True):
-            assert diagonal is not None
-            right = loads[:, block.modes] - forces @ block.test.T
-            found[:, block.modes] = diagonal.many_solved(weights[:, block.parts], right)
-        return found
-
-    @cached_property
-    def _diagonal(self) -> list[DiagonalBlock | None]:
-        return [DiagonalBlock.of(block) for block in self.blocks]
 
     @cached_property
     def _terms(self) -> ReducedTerms:
@@ -204,57 +162,13 @@ class BlockElimination(Rebuilt, Elimination):
         return slack, found
 
 
-def _factored(block: Block, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def factored(block: Block, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """LU factors of a block of K~ with weights of its parts, (q,)."""
     size = block.modes.size
     lu, pivots, info = dgetrf((weights @ block.entries).reshape(size, size).T, overwrite_a=1)
     if info:
         raise SingularError(f"K~ of {size} modes is singular")
     return lu, pivots
-
-
-@dataclass(frozen=True)
-class DiagonalBlock:
-    """Modes in which a block is diagonal at every parameter.
-
-    The sum of two positive semi-definite parts, changes of volume and of shape say, is diagonal in the same modes W
-    whatever their weights: with W^T (K_1 / |K_1| + K_2 / |K_2|) W = I and W^T K_q W = diag(d_q),
-    K~^-1 = W diag(1 / sum_q w_q d_q) W^T.
-
-    Attributes:
-        modes: W, (k, k).
-        entries: d_q, (q, k).
-    """
-
-    modes: np.ndarray
-    entries: np.ndarray
-
-    @classmethod
-    def of(cls, block: Block) -> DiagonalBlock | None:
-        """Diagonal form of a block; None if it has more than two parts, or is not symmetric and definite."""
-        size = block.modes.size
-        parts = block.entries.reshape(-1, size, size)
-        largest = np.abs(parts).max(axis=(1, 2), initial=0.0)
-        skew = np.abs(parts - parts.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
-        if not 0 < len(parts) < 3 or (skew > SYMMETRIC * largest).any():
-            return None
-        total = np.tensordot(1 / largest, parts, 1)
-        try:
-            sizes = eigh(total, eigvals_only=True)
-            if not sizes[0] > DEFINITE * sizes[-1]:
-                return None
-            _, modes = eigh(parts[0], total)
-        except LinAlgError:
-            return None
-        return cls(modes, np.array([np.sum(modes * (part @ modes), axis=0) for part in parts]))
-
-    def solved(self, weights: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """K~^-1 times a right-hand side, (k,), for weights of the parts, (q,)."""
-        return self.modes @ ((right @ self.modes) / (weights @ self.entries))
-
-    def many_solved(self, weights: np.ndarray, right: np.ndarray) -> np.ndarray:
-        """K~^-1 times many right-hand sides, (n, k), each with its weights, (n, q)."""
-        return ((right @ self.modes) / (weights @ self.entries)) @ self.modes.T
 
 
 def blocks_of(problem: ReducedProblem) -> list[Block]:

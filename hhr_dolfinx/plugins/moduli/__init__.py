@@ -1,8 +1,15 @@
 """Elastic bodies whose stiffness or shape depends on parameters: S and K~^-1, interpolated between few of them."""
 
-from hhr_dolfinx.registry import Plugin
+from typing import Any
+
+from hhr_dolfinx.registry import Bounds, Plugin, Stage, Way
 
 _HERE = "hhr_dolfinx.plugins.moduli"
+
+
+def _wanted(full: Any, recipe: Any = None) -> bool:
+    return full.equilibrium is None and full.problem.varies
+
 
 PLUGIN = Plugin(
     name="moduli",
@@ -13,4 +20,7 @@ PLUGIN = Plugin(
         f"{_HERE}.shaped": "InterpolatedProblem ReshapedElimination",
         f"{_HERE}.shaped_functionals": "ReshapedFunctionals Zone",
     },
+    reductors={"condensed": Way(f"{_HERE}.condense:Condensation", _wanted, condenses=True)},
+    stages=(Stage(f"{_HERE}.stages:interpolate", "hhr_dolfinx.reduction.build:assemble", _wanted),),
+    bounds=(Bounds(f"{_HERE}.bounding:varying_bound", _wanted),),
 )

@@ -14,7 +14,6 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.certify.compare import Comparison
-from hhr_dolfinx.certify.trust import OF_CONDENSATION
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, NotOfferedError, ReductionError, SceneWarning, StabilityWarning
@@ -31,11 +30,11 @@ from hhr_dolfinx.plugins.moduli.interpolated import Compliances, InterpolatedFie
 from hhr_dolfinx.plugins.moduli.interpolation import GrownGrid
 from hhr_dolfinx.plugins.moduli.shaped import ReshapedElimination
 from hhr_dolfinx.plugins.moduli.shaped_outputs import reshaped_functionals
+from hhr_dolfinx.plugins.moduli.starts import starts_of
 from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.recipe import Pod
 from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, compared, made
-from hhr_dolfinx.reduction.starts import starts_of
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import Announce, StageLog
@@ -74,6 +73,11 @@ FEW = 150_000
 that answers take hardly longer, and into a page."""
 
 
+OF_CONDENSATION = {
+    "displacement": "it is a combination of training answers, of which forces need none: train on more points",
+    "contact force": "S is interpolated: take GridSettings with a smaller tolerance or a larger budget",
+}
+"""Remedies for models with all contact conditions and without a RID, by the error."""
 GRID_PART = 1e-3
 """Target error of interpolated S in a search, as a part of its target: errors of forces are ten or more times larger,
 just after a contact has closed even more."""

@@ -23,14 +23,15 @@ from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.answer import Answer, ElasticFields, Meshed, SeveralAnswers, unanswered
 from hhr_dolfinx.models.bounds.bound import Bound
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
+from hhr_dolfinx.models.eliminations.block import BlockElimination
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination
 from hhr_dolfinx.models.estimates import Estimate, Estimates
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 from hhr_dolfinx.plugins.moduli.interpolation import Interpolant
+from hhr_dolfinx.plugins.moduli.known_forces import KnownForces
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Scalar
-    from hhr_dolfinx.models.eliminations.block import BlockElimination
     from hhr_dolfinx.models.functionals.functional import Functionals
     from hhr_dolfinx.plugins.moduli.shaped import ReshapedElimination
     from hhr_dolfinx.plugins.moduli.shaped_functionals import ReshapedFunctionals
@@ -533,13 +534,15 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
         _, fixed = galerkin.at_fixed_forces(answer.multipliers, galerkin.unknown(answer.multipliers))
         return fixed - galerkin.pushed(answer.gradient.multipliers)
 
-    @property
-    def _solver(self) -> BlockElimination | ReshapedElimination:
+    @cached_property
+    def _solver(self) -> KnownForces | ReshapedElimination:
         if self.galerkin is None:
             raise NotOfferedError(
                 "this model was condensed for contact forces, and has no displacement: hhr.condense(scene, "
                 "fields=True), or hhr.train(scene, ...).condense()"
             )
+        if isinstance(self.galerkin, BlockElimination):
+            return KnownForces(self.galerkin.problem, self.galerkin.amplitudes)
         return self.galerkin
 
 

@@ -28,9 +28,6 @@ from hhr_dolfinx.models.eliminations.floating import FloatingElimination
 from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.models.functionals.kinds import LOADED, Largest, Linear, Loaded
 from hhr_dolfinx.models.model import KeptModel
-from hhr_dolfinx.plugins.moduli.interpolated import Compliance, Compliances
-from hhr_dolfinx.plugins.moduli.interpolation import Interpolant, leja_points
-from hhr_dolfinx.plugins.pages.bounding import bound_tree
 from hhr_dolfinx.plugins.pages.packing import Packed, half, steps_of
 from hhr_dolfinx.plugins.pages.pictures import pictures_of
 from hhr_dolfinx.plugins.pages.scenery import Scenery
@@ -46,8 +43,8 @@ def check_model(model: Any, what: str = "a page") -> None:
 
         check_flow(model, what)
         return
-    known = ConstantElimination | Compliances | FloatingElimination
-    if not isinstance(model, CondensedModel) or not isinstance(model.eliminated, known):
+    known = ConstantElimination | FloatingElimination
+    if not isinstance(model, CondensedModel) or not (isinstance(model.eliminated, known) or interpolates(model)):
         raise NotOfferedError(
             f"{what} answers by all contact conditions, and {_kind(model)} does not: condense the scene, "
             "hhr.condense(scene) or hhr train SCENE --model condensed"
@@ -59,8 +56,17 @@ def check_model(model: Any, what: str = "a page") -> None:
         )
     if model.law.plugin:
         page_of(model.law, what)
-    if isinstance(model.eliminated, Compliances) and not model.eliminated.symmetric:
+    if interpolates(model) and not model.eliminated.symmetric:
         raise NotOfferedError(f"{what} solves with a symmetric S, and that of this model is not")
+
+
+def interpolates(model: CondensedModel) -> bool:
+    """True if S of a model is interpolated, which takes a plug-in that may be missing."""
+    if "moduli" not in registry.installed():
+        return False
+    from hhr_dolfinx.plugins.moduli.interpolated import Compliances
+
+    return isinstance(model.eliminated, Compliances)
 
 
 class LawOnPage(Protocol):
@@ -108,9 +114,18 @@ def packed(model: Any, scenery: Scenery, room: int) -> tuple[dict[str, Any], dic
         NotOfferedError: for a user-defined amplitude.
     """
     arrays = Packed()
-    tree = contact_tree(model, arrays) | {"bound": bound_tree(model, arrays)}
+    tree = contact_tree(model, arrays) | {"bound": _bound(model, arrays)}
     tree |= pictures_of(model, scenery, arrays, room)
     return tree, arrays.texts()
+
+
+def _bound(model: Any, arrays: Packed) -> dict[str, Any] | None:
+    """Bound of interpolated S; None for any other model."""
+    if flows(model) or not interpolates(model):
+        return None
+    from hhr_dolfinx.plugins.pages.bounding import bound_tree
+
+    return bound_tree(model, arrays)
 
 
 def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
@@ -191,15 +206,9 @@ def _eliminated(eliminated: Any, arrays: Packed) -> dict[str, Any]:
             "free_slack": arrays.put("free_slack", responses.free_slack),
             "parts": [],
         }
-    parts = [_part(part, number, arrays) for number, part in enumerate(eliminated.parts)]
-    reshaped = None if eliminated.reshaped is None else _interpolant(eliminated.reshaped, "gaps", arrays)
-    return {
-        "schur": None,
-        "free_slack": None,
-        "parts": parts,
-        "gaps": arrays.put("gaps", eliminated.gaps),
-        "reshaped": reshaped,
-    }
+    from hhr_dolfinx.plugins.pages.interpolated import compliances_tree
+
+    return compliances_tree(eliminated, arrays)
 
 
 def _floating(eliminated: FloatingElimination, arrays: Packed) -> dict[str, Any]:
@@ -207,35 +216,6 @@ def _floating(eliminated: FloatingElimination, arrays: Packed) -> dict[str, Any]
     return {
         "taken": arrays.put("floating_taken", eliminated.taken),
         "driving": arrays.put("floating_driving", eliminated.driving),
-    }
-
-
-def _part(part: Compliance, number: int, arrays: Packed) -> dict[str, Any]:
-    """Compliance of a connected component."""
-    m = part.conditions.size
-    modes = part.interpolant.modes.T.reshape(-1, m, m)
-    halves = np.array([half(mode) for mode in modes])
-    tree = _interpolant(part.interpolant, f"part{number}_", arrays, modes=halves)
-    return tree | {
-        "conditions": arrays.put(f"part{number}_conditions", part.conditions, "<i4"),
-        "terms": arrays.put(f"part{number}_terms", part.terms, "<i4"),
-        "forced": int(part.forced.size),
-        "factor": steps_of(part.factor),
-        "columns": arrays.put(f"part{number}_columns", part.columns),
-    }
-
-
-def _interpolant(found: Interpolant, name: str, arrays: Packed, modes: np.ndarray | None = None) -> dict[str, Any]:
-    """Polynomial on a sparse grid, with concatenated modes."""
-    top = int(found.levels.max(initial=0))
-    return {
-        "axes": found.axes.tolist(),
-        "lower": found.lower.tolist(),
-        "upper": found.upper.tolist(),
-        "nodes": list(leja_points()[: top + 1]),
-        "levels": arrays.put(f"{name}levels", found.levels, "<i4"),
-        "weights": arrays.put(f"{name}weights", found.weights),
-        "modes": arrays.put(f"{name}modes", found.modes.T if modes is None else modes),
     }
 
 

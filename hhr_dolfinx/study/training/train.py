@@ -81,13 +81,13 @@ class Training(TrainingAnswers):
         """Build a model that keeps all contact conditions, with its check.
 
         For elastic bodies of constant stiffness it is exact. If the stiffness or the shape depends on
-        parameters it is interpolated, by :class:`~hhr_dolfinx.plugins.moduli.interpolate.GridSettings`; without settings as
-        finely as the bound of its errors, if that is small. For inelastic bodies
-        the elastic response is eliminated and the plastic correction reduced, by
+        parameters it is interpolated, by ``GridSettings``; without settings as finely as the bound of its errors, if
+        that is small. For inelastic bodies the elastic response is eliminated and the plastic correction reduced, by
         :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings`. Each stage is announced as it begins.
 
         Raises:
-            NotOfferedError: for bodies with rigid motions whose moduli or shapes are parameters.
+            NotOfferedError: for bodies with rigid motions whose moduli or shapes are parameters, and if no installed
+                plug-in interpolates.
         """
         full = self.full_order
         if full.law.remembers and full.equilibrium is None:

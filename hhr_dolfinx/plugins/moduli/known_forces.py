@@ -1,0 +1,103 @@
+"""Galerkin's fields under known contact forces, for a stiffness that is a sum of parts with moduli: no S is needed."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from scipy.linalg import LinAlgError, eigh
+from scipy.linalg.lapack import dgetrs
+
+from hhr_dolfinx.models.displacement import dense
+from hhr_dolfinx.models.eliminations.block import Block, BlockElimination, factored
+
+SYMMETRIC = 1e-10
+"""Largest relative difference of a part and its transpose in a Galerkin projection (equal test and trial functions)."""
+DEFINITE = 1e-11
+"""Smallest eigenvalue of the sum of the parts, relative to the largest, for which modes keep five digits."""
+
+
+@dataclass(frozen=True)
+class KnownForces(BlockElimination):
+    """The elimination of a reduced problem, with the unknown under known forces; files hold a BlockElimination."""
+
+    def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """The unknown, (ell,), at a point under given contact forces, (m,). No S; diagonal blocks need no factors.
+
+        Raises:
+            SingularError: if K~ is singular there.
+        """
+        weights, loads = self._weights_and_loads(point)
+        found = np.empty(loads.size)
+        for block, diagonal in zip(self.blocks, self._diagonal, strict=True):
+            right = loads[block.modes] - block.test @ forces
+            own = weights[block.parts]
+            solved = dgetrs(*factored(block, own), right)[0] if diagonal is None else diagonal.solved(own, right)
+            found[block.modes] = solved
+        return found
+
+    def many_under(self, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
+        """The unknowns, (n, ell), at many points, (n, P), under the forces of each, (n, m)."""
+        if None in self._diagonal:
+            return np.array([self.under(*one) for one in zip(points, forces, strict=True)])
+        theta = dense(self.amplitudes.of_many(points))
+        weights = self._terms.many_weights(points)
+        loads = theta @ self._forces.T
+        if self._lifts is not None:
+            for part, lift in zip(weights.T, self._lifts, strict=True):
+                loads -= part[:, None] * (theta @ lift.T)
+        found = np.empty(loads.shape)
+        for block, diagonal in zip(self.blocks, self._diagonal, strict=True):
+            assert diagonal is not None
+            right = loads[:, block.modes] - forces @ block.test.T
+            found[:, block.modes] = diagonal.many_solved(weights[:, block.parts], right)
+        return found
+
+    @cached_property
+    def _diagonal(self) -> list[DiagonalBlock | None]:
+        return [DiagonalBlock.of(block) for block in self.blocks]
+
+
+@dataclass(frozen=True)
+class DiagonalBlock:
+    """Modes in which a block is diagonal at every parameter.
+
+    The sum of two positive semi-definite parts, changes of volume and of shape say, is diagonal in the same modes W
+    whatever their weights: with W^T (K_1 / |K_1| + K_2 / |K_2|) W = I and W^T K_q W = diag(d_q),
+    K~^-1 = W diag(1 / sum_q w_q d_q) W^T.
+
+    Attributes:
+        modes: W, (k, k).
+        entries: d_q, (q, k).
+    """
+
+    modes: np.ndarray
+    entries: np.ndarray
+
+    @classmethod
+    def of(cls, block: Block) -> DiagonalBlock | None:
+        """Diagonal form of a block; None if it has more than two parts, or is not symmetric and definite."""
+        size = block.modes.size
+        parts = block.entries.reshape(-1, size, size)
+        largest = np.abs(parts).max(axis=(1, 2), initial=0.0)
+        skew = np.abs(parts - parts.transpose(0, 2, 1)).max(axis=(1, 2), initial=0.0)
+        if not 0 < len(parts) < 3 or (skew > SYMMETRIC * largest).any():
+            return None
+        total = np.tensordot(1 / largest, parts, 1)
+        try:
+            sizes = eigh(total, eigvals_only=True)
+            if not sizes[0] > DEFINITE * sizes[-1]:
+                return None
+            _, modes = eigh(parts[0], total)
+        except LinAlgError:
+            return None
+        return cls(modes, np.array([np.sum(modes * (part @ modes), axis=0) for part in parts]))
+
+    def solved(self, weights: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """K~^-1 times a right-hand side, (k,), for weights of the parts, (q,)."""
+        return self.modes @ ((right @ self.modes) / (weights @ self.entries))
+
+    def many_solved(self, weights: np.ndarray, right: np.ndarray) -> np.ndarray:
+        """K~^-1 times many right-hand sides, (n, k), each with its weights, (n, q)."""
+        return ((right @ self.modes) / (weights @ self.entries)) @ self.modes.T
