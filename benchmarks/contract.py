@@ -232,11 +232,9 @@ OF_PLUGINS = {
     "local models": ("local",),
     "fallback": ("fallback",),
     "in a fallback": ("fallback",),
-    "interpolated condensation, floating": ("moduli",),
-    "interpolated condensation, friction": ("moduli",),
 }
 """Kinds and places that plug-ins add, which may have been deleted."""
-BY_WORD = {"friction": "friction", "flowing": "inelastic", "moduli": "moduli"}
+BY_WORD = {"friction": "friction", "flowing": "inelastic", "moduli": "moduli", "interpolated": "moduli"}
 """Plug-ins of all kinds that have a word in their names."""
 
 

@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 from mpi4py import MPI
-from needs import needs
+from needs import needs, present
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import SceneError
@@ -128,6 +128,8 @@ def test_fields_know_the_mesh_before_shapes_move_it():
     corner = np.linalg.norm(points - (2.0, 1.0), axis=1).argmin()
     np.testing.assert_allclose(answer.displacement().reshape(-1, 2)[corner], (0.0, -0.1), atol=1e-14)
     assert answer.active.any()
+    if not present("moduli"):
+        return
     # what a model interpolates between shapes is the same, whose grid has settled to 1e-5 of what varies
     model = hhr.condense(full, fields=True)
     np.testing.assert_allclose(

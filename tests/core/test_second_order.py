@@ -206,6 +206,7 @@ def test_what_is_refused():
         second(dataclasses.replace(contract.blocks(), order=3))
 
 
+@needs("moduli")
 @pytest.mark.filterwarnings("ignore:displacements are of second order:hhr_dolfinx.errors.PairingWarning")
 def test_shapes_as_parameters():
     scene = second(contract.blocks(box=contract.SHAPE, shapes=(contract.CROWNED,)))

@@ -5,13 +5,13 @@ import dataclasses
 import numpy as np
 import press_fit as demo
 import pytest
+from needs import needs, present
 from toy_output import MeanPressure
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import press_fit as geometry
-from hhr_dolfinx.plugins.moduli.shaped_functionals import ReshapedFunctionals
 from hhr_dolfinx.shapes import coordinate_names
 
 FLOOR, LID, AXIS = block.side(1, upper=False), block.side(1, upper=True), block.side(0, upper=False)
@@ -103,14 +103,25 @@ def blocks():
 
 
 @pytest.fixture(scope="module")
-def trained(blocks):
-    """Full and condensed models, by name."""
+def trainings(blocks):
+    """Of all scenes, by name."""
+    scenes = {**blocks, "fit": small_fit()}
+    return {name: hhr.train(scene, hhr.Sobol(4), held_out=1) for name, scene in scenes.items()}
+
+
+@pytest.fixture(scope="module")
+def fulls(trainings):
+    """Full models, by name."""
+    return {name: training.full_order for name, training in trainings.items()}
+
+
+@pytest.fixture(scope="module")
+def condensed(trainings):
+    """Condensed models, by name."""
     from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
 
-    scenes = {**blocks, "fit": small_fit()}
-    trainings = {name: hhr.train(scene, hhr.Sobol(4), held_out=1) for name, scene in scenes.items()}
     finer = GridSettings(1e-5)  # the forces of the fit have an error of 1e-3 with the usual one
-    return {name: (training.full_order, training.condense(finer)) for name, training in trainings.items()}
+    return {name: training.condense(finer) for name, training in trainings.items()}
 
 
 def check_close(found, expected, tolerance, scale=1.0):
@@ -121,8 +132,8 @@ def check_close(found, expected, tolerance, scale=1.0):
 
 
 @pytest.mark.parametrize("name", ["plane_strain", "axisymmetric", "fit"])
-def test_a_full_model_has_the_outputs_of_a_mesh_of_that_shape(trained, blocks, name):
-    full, _ = trained[name]
+def test_a_full_model_has_the_outputs_of_a_mesh_of_that_shape(fulls, blocks, name):
+    full = fulls[name]
     point = full.parameters.random(1, seed=3)[0]
     scene = placed(blocks[name], point) if name in blocks else full.scene
     expected = hhr.FullOrderModel(meshed(scene, point)).outputs(point)
@@ -130,18 +141,20 @@ def test_a_full_model_has_the_outputs_of_a_mesh_of_that_shape(trained, blocks, n
     check_close(full.outputs(point), expected, 2e-3 if name == "fit" else 1e-6, 1e-3)
 
 
+@needs("moduli")
 @pytest.mark.parametrize("name", ["plane_strain", "axisymmetric", "fit"])
-def test_condensation_has_the_outputs_of_the_full_model(trained, name):
-    full, model = trained[name]
+def test_condensation_has_the_outputs_of_the_full_model(fulls, condensed, name):
+    full, model = fulls[name], condensed[name]
     for point in full.parameters.random(3, seed=4):
         check_close(model.outputs(point), full.outputs(point), 1e-3, 1e-2)
 
 
-@pytest.mark.parametrize(
-    "name, which", [("plane_strain", 0), ("axisymmetric", 0), ("plane_strain", 1), ("axisymmetric", 1), ("fit", 1)]
-)
-def test_slopes_of_outputs_are_those_of_the_model(trained, name, which):
-    model = trained[name][which]
+CONDENSED = [pytest.param("condensed", name, marks=needs("moduli")) for name in ("plane_strain", "axisymmetric", "fit")]
+
+
+@pytest.mark.parametrize("kind, name", [("fulls", "plane_strain"), ("fulls", "axisymmetric"), *CONDENSED])
+def test_slopes_of_outputs_are_those_of_the_model(request, kind, name):
+    model = request.getfixturevalue(kind)[name]
     low, high = np.array([model.parameters.lower, model.parameters.upper])
     point = low + 0.45 * (high - low)
     exact = model.outputs(point, gradient=True)
@@ -186,6 +199,8 @@ def test_stress_on_cells_of_second_order(simplices, make):
     assert full.discretisation.order == 2
     point = full.parameters.random(1, seed=3)[0]
     check_close(full.outputs(point), hhr.FullOrderModel(meshed(full.scene, point)).outputs(point), 1e-6)
+    if not present("moduli"):
+        return
     model = hhr.condense(full, fields=True)
     for place in full.parameters.random(3, seed=4):
         check_close(model.outputs(place), full.outputs(place), 1e-2)
@@ -194,9 +209,9 @@ def test_stress_on_cells_of_second_order(simplices, make):
 @pytest.mark.parametrize(
     "case", ["plane_strain", "simplices", "axisymmetric", "plane_stress", "fit", "triangles", "quadrilaterals"]
 )
-def test_strain_of_moved_cells_is_that_of_the_mesh(case, trained):
-    if case in trained:
-        full = trained[case][0]
+def test_strain_of_moved_cells_is_that_of_the_mesh(case, fulls):
+    if case in fulls:
+        full = fulls[case]
     elif case in ("triangles", "quadrilaterals"):
         full = hhr.FullOrderModel(of_second_order(case == "triangles"))
     else:
@@ -214,8 +229,11 @@ def test_strain_of_moved_cells_is_that_of_the_mesh(case, trained):
         assert np.allclose(item.cells(point) @ field[item.cells.dofs, 0], found[:, 0], rtol=1e-12, atol=1e-12)
 
 
-def test_a_model_file_keeps_them(trained, tmp_path):
-    _, model = trained["fit"]
+@needs("moduli")
+def test_a_model_file_keeps_them(condensed, tmp_path):
+    from hhr_dolfinx.plugins.moduli.shaped_functionals import ReshapedFunctionals
+
+    model = condensed["fit"]
     hhr.save_model(tmp_path / "model.npz", model)
     loaded = hhr.load_model(tmp_path / "model.npz")
     assert isinstance(loaded.fields.functionals, ReshapedFunctionals)
@@ -230,8 +248,8 @@ def test_hyper_reduction_is_refused_where_shapes_are_parameters(blocks):
         hhr.train(blocks["plane_strain"], hhr.Sobol(4), held_out=1).build()
 
 
-def test_outputs_stay_with_their_nodes(trained):
-    full, _ = trained["plane_strain"]
+def test_outputs_stay_with_their_nodes(fulls):
+    full = fulls["plane_strain"]
     for crown in (0.05, 0.15):
         row = next(item for item in full.functionals.at(np.array([0.1, crown, 2.0, 0.0])).items if item.name == "u_x")
         assert np.allclose(full.problem.points[row.columns[0] // 2], crown_at(1.5, 0.0, 0.1))
@@ -248,6 +266,7 @@ class OfOtherConditions(MeanPressure):
         return dataclasses.replace(made, conditions=made.conditions[high], weights=made.weights[high])
 
 
+@needs("moduli")
 def test_an_output_that_jumps_between_shapes_is_refused():
     from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
     from hhr_dolfinx.plugins.moduli.shaped_outputs import reshaped_functionals

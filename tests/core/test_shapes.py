@@ -112,6 +112,7 @@ def training():
     return hhr.train(scene, hhr.Sobol(32), held_out=8)
 
 
+@needs("moduli")
 def test_interpolated_condensation_answers_at_shapes_that_were_not_trained(training):
     model, full = training.condense(), training.full_order
     for point in full.parameters.random(6, seed=5):
@@ -126,6 +127,7 @@ def test_interpolated_condensation_answers_at_shapes_that_were_not_trained(train
     assert largest_difference(found.multipliers * box, exact.multipliers * box) < 1e-3
 
 
+@needs("moduli")
 def test_condensation_converges_with_its_tolerance(training):
     from hhr_dolfinx.plugins.moduli.condense import Condensation
     from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
@@ -280,6 +282,7 @@ def test_a_contact_surface_that_turns_takes_its_normals_along():
     assert abs(fixed.contact - turned.contact).max() > 0.1
 
 
+@needs("moduli")
 def test_condensation_follows_a_surface_that_turns():
     training = hhr.train(wedge(None), hhr.Sobol(24), held_out=8)
     model, full = training.condense(), training.full_order

@@ -33,7 +33,10 @@ def scene(name, **changes):
     return pressed_pair("plane_strain", bodies, box, **more | changes)
 
 
-@pytest.fixture(scope="module", params=["constant", pytest.param("moduli", marks=needs("moduli")), "shape"])
+KINDS = ["constant", *(pytest.param(name, marks=needs("moduli")) for name in ("moduli", "shape"))]
+
+
+@pytest.fixture(scope="module", params=KINDS)
 def untrained(request):
     """The kind, the full model, and its condensation."""
     full = hhr.FullOrderModel(scene(request.param))
