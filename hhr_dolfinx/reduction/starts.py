@@ -87,12 +87,20 @@ def starts_of(
     if problem.friction is None:
         known = linear_starts(eliminated, points, problem.contact_pairs, comm=comm, announce=announce)
         return known, np.maximum(known.margins, 0.0)
+    return _frictional_starts(eliminated, points, problem, announce)
+
+
+def _frictional_starts(
+    eliminated: Elimination, points: np.ndarray, problem: ContactProblem, announce: Announce
+) -> tuple[KnownStatuses, np.ndarray]:
+    """See :func:`starts_of`."""
     from hhr_dolfinx.models.condensed import CondensedModel
 
     nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
     model = CondensedModel(
         problem.parameters, eliminated, nothing, NO_FIELDS, problem.contact_pairs, friction=problem.friction
     )
+    assert problem.friction is not None
     fixed = problem.friction.fixed
     found = []
     seen = []
