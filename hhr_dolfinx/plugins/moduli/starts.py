@@ -36,6 +36,13 @@ def starts_of(
     if not problem.law.remembers:
         known = linear_starts(eliminated, points, problem.contact_pairs, comm=comm, announce=announce)
         return known, np.maximum(known.margins, 0.0)
+    return _starts_along_paths(eliminated, points, problem, announce)
+
+
+def _starts_along_paths(
+    eliminated: Elimination, points: np.ndarray, problem: ContactProblem, announce: Announce
+) -> tuple[KnownStatuses, np.ndarray]:
+    """See :func:`starts_of`."""
     nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
     model = CondensedModel(problem.parameters, eliminated, nothing, NO_FIELDS, problem.contact_pairs, law=problem.law)
     fixed = problem.law.fixed
