@@ -279,8 +279,9 @@ class _Reader:
             raise FileContentError(f"the kind {_shown(name)} is no name of a class")
         if name not in self.kinds:
             raise ModelFileError(
-                f"the file holds a {name[:_SHOWN]}, which is unknown here: install the plug-in that has it, or pass the "
-                f"class, load_model(path, known=[{name[:_SHOWN]}]), or to a command, --known FILE.py:{name[:_SHOWN]}"
+                f"the file holds a {name[:_SHOWN]}, which is unknown here: install the plug-in that has it, or pass "
+                f"the class, load_model(path, known=[{name[:_SHOWN]}]), or to a command, --known "
+                f"FILE.py:{name[:_SHOWN]}"
             )
         return self.kinds[name]
 
