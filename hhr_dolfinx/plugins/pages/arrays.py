@@ -56,7 +56,8 @@ def check_model(model: Any, what: str = "a page") -> None:
         )
     if model.law.plugin:
         page_of(model.law, what)
-    if interpolates(model) and not model.eliminated.symmetric:
+    eliminated: Any = model.eliminated
+    if interpolates(model) and not eliminated.symmetric:
         raise NotOfferedError(f"{what} solves with a symmetric S, and that of this model is not")
 
 
