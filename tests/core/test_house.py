@@ -263,8 +263,6 @@ UNNEEDED = {
 OF_FILES = {
     "hhr_dolfinx.models.functionals.kinds",
     "hhr_dolfinx.models.functionals.functional",
-    "hhr_dolfinx.plugins.moduli.shaped",
-    "hhr_dolfinx.plugins.moduli.interpolation",
     "hhr_dolfinx.shapes",
     "hhr_dolfinx.formulas",
 }
