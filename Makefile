@@ -134,7 +134,7 @@ setup:
 
 # which of DOLFINx, PETSc, MUMPS, gmsh and the programs of the tests are there, and what they lack
 doctor: setup
-	@.venv/bin/python -m hhr_dolfinx.doctor
+	@.venv/bin/python -m hhr_dolfinx.plugins.checks.doctor
 
 # the site in out/site: tutorial, demos, reference; its examples are run, and a warning is an error
 docs: setup

@@ -26,8 +26,8 @@ from second_order import ring_errors
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import PairingWarning
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli
+from hhr_dolfinx.plugins.studies import report
 
 Row = dict[str, Any]
 

@@ -23,8 +23,8 @@ from mpi4py import MPI
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli
+from hhr_dolfinx.plugins.studies import report
 
 Row = dict[str, Any]
 FRICTION, YOUNG, POISSON, RADIUS = 0.3, fretting.YOUNG, fretting.POISSON, fretting.RADIUS

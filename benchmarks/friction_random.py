@@ -17,8 +17,8 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.plugins.friction.laws import Friction
 from hhr_dolfinx.plugins.friction.sliding_set import Increment, SlidingContact
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli
+from hhr_dolfinx.plugins.studies import report
 
 NONE = np.zeros(0)
 WRONG = 1e-8

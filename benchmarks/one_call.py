@@ -32,8 +32,8 @@ from hhr_dolfinx.geometries.two_blocks import side
 from hhr_dolfinx.plugins.one_call.context import SearchContext
 from hhr_dolfinx.plugins.one_call.target import Budget, Target
 from hhr_dolfinx.plugins.one_call.workers import Workers
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli
+from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.study.training.train import silent
 from hhr_dolfinx.timing import timed
 

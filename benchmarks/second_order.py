@@ -29,8 +29,8 @@ from hhr_dolfinx.contact.problem import ContactRows
 from hhr_dolfinx.errors import PairingWarning
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.pairings.surface import Surface, nodal_rows
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli
+from hhr_dolfinx.plugins.studies import report
 
 LINES = "x0", "y0"
 LAME = 5 / 32

@@ -22,9 +22,9 @@ import numpy as np
 import hhr_dolfinx as hhr
 from hhr_dolfinx.plugins.exporters.fmu import write_fmu
 from hhr_dolfinx.plugins.pages.scenery_of import scenery_of
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
-from hhr_dolfinx.study.report.console import shares_on
+from hhr_dolfinx.plugins.studies import cli
+from hhr_dolfinx.plugins.studies import report
+from hhr_dolfinx.command.console import shares_on
 from hhr_dolfinx.timing import timed
 
 STEP = Path(__file__).parent / "meshes" / "joint.step"

@@ -21,8 +21,8 @@ import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli
+from hhr_dolfinx.plugins.studies import report
 
 YOUNG, POISSON, RADIUS, SIZE = 1000.0, 0.3, 1000.0, 40.0
 """MPa and mm; radius and blocks are far larger than the contact, whose surfaces are those of half-planes."""

@@ -19,7 +19,7 @@ from typing import Any
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-from hhr_dolfinx.study import cli
+from hhr_dolfinx.plugins.studies import cli
 
 QUICK_MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 2}
 RADIUS, CONDUCTIVITY, CLADDING_EXPANSION = 4.1, 3.0, 6e-6

@@ -19,8 +19,8 @@ from parts.o_ring import o_ring_and_lid
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import stacked_blocks as blocks
 from hhr_dolfinx.geometries.two_blocks import side
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli
+from hhr_dolfinx.plugins.studies import report
 
 
 def o_ring(fine: float = 0.06) -> hhr.Scene:

@@ -19,7 +19,7 @@ import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import press_fit as geometry
-from hhr_dolfinx.study import cli
+from hhr_dolfinx.plugins.studies import cli
 
 RADIUS, BORE, LENGTH, DENSITY, SHAFT_E, FRICTION = 20.0, 8.0, 15.0, 7.85e-9, 210e3, 0.15
 QUICK_MESH = {"around": 6, "hub_cells": (3, 8), "shaft_cells": (3, 10)}

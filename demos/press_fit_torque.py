@@ -21,8 +21,8 @@ import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli
+from hhr_dolfinx.plugins.studies import report
 
 HUB, SHAFT = FIRST, SECOND
 BORE_OF_HUB, FREE_BORE = side(HUB, 0, False), 1

@@ -18,8 +18,8 @@ import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli
+from hhr_dolfinx.plugins.studies import report
 
 RADIUS, START, FRICTION = 4.0, -4.0, 0.3
 PUSH, WAY, STEPS = 0.03, 8.0, 80

@@ -21,8 +21,8 @@ from mpi4py import MPI
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import sphere_on_block as geometry
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli
+from hhr_dolfinx.plugins.studies import report
 
 RADIUS, YOUNG, POISSON = 10.0, {geometry.SPHERE: 210e3, geometry.BLOCK: 70e3}, 0.3
 MESH = {"sphere_cells": (24, 10), "block_cells": (18, 8)}

@@ -20,7 +20,7 @@ displacements of second order. `hhr study` measures what the mesh does, and says
 from pathlib import Path
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.study import cli
+from hhr_dolfinx.plugins.studies import cli
 
 MESH = Path(__file__).parent / "meshes" / "leaf_spring.msh"
 UNITS = hhr.Units("mm", "MPa")

@@ -96,7 +96,7 @@ def drawn(value: Any, path: Any, *parts: Any) -> Any:
 
     Methods ``plot`` belong to lower layers than the modules that draw: this is the only call upwards, by name.
     """
-    return importlib.import_module("hhr_dolfinx.study.report.drawing").figure_of(value, path, *parts)
+    return importlib.import_module("hhr_dolfinx.plugins.checks.drawing").figure_of(value, path, *parts)
 
 
 SOLVER = frozenset({"dolfinx", "ufl", "basix", "petsc4py", "slepc4py", "mpi4py"})

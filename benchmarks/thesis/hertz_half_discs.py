@@ -19,7 +19,7 @@ from typing import Any
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import hertz_half_discs as geometry
-from hhr_dolfinx.study import cli
+from hhr_dolfinx.plugins.studies import cli
 
 THESIS = hhr.Recipe.thesis(1e-8)
 """The thesis' own recipe: it needs no enrichment here."""

@@ -19,7 +19,7 @@ from typing import Any
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-from hhr_dolfinx.study import cli
+from hhr_dolfinx.plugins.studies import cli
 
 GRID, QUICK_MESH = (25, 20), {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 2}
 VIEW = hhr.View(((30.0, 5.25), (170.0, 3.2)), lambda places: places[:, 1], "z [mm]", (0, "u_r [mm]"), "MPa")

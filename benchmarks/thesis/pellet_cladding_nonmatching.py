@@ -22,9 +22,9 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.materials.elasticity import von_mises
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
-from hhr_dolfinx.study.study import Study
+from hhr_dolfinx.plugins.studies import cli
+from hhr_dolfinx.plugins.studies import report
+from hhr_dolfinx.plugins.studies.study import Study
 
 POINT = (190.0, 5.2)
 THESIS = {"primal_l2": 0.021, "dual_rid": 0.039, "von_mises": 0.0076, "sigma_rr": 0.0078}

@@ -30,7 +30,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.models.answer import Path
-from hhr_dolfinx.study import cli
+from hhr_dolfinx.plugins.studies import cli
 
 HEIGHT, NOMINAL = 0.9, 10e-3
 

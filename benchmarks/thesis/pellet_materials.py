@@ -19,7 +19,7 @@ from typing import Any
 import pellet_cladding as base
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.study import cli
+from hhr_dolfinx.plugins.studies import cli
 
 NAMES = ("P1", "h1", "E1", "nu1", "E2", "nu2")
 LOWER, UPPER = (5.0, 0.6, 100e3, 0.2, 60e3, 0.25), (200.0, 6.0, 250e3, 0.4, 100e3, 0.4)

@@ -29,7 +29,7 @@ from scipy.optimize import least_squares
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.models.answer import History
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.timing import timed
 
 

@@ -115,7 +115,7 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         if unique:
             click.echo(f"answers with {model.law.name}: {unique}")
     if out is not None:
-        from hhr_dolfinx.study.report.fields import write_fields
+        from hhr_dolfinx.plugins.checks.fields import write_fields
 
         write_fields(out, model, answer)
 
@@ -144,7 +144,7 @@ def answer(
     answers.3of8.csv.
     """
     from hhr_dolfinx.command.loading import checked_target, model_of
-    from hhr_dolfinx.online.tables import answer_table, checksum, read_points
+    from hhr_dolfinx.plugins.tables.tables import answer_table, checksum, read_points
 
     checked_target(out, TABLES)
     target = out or Path("answers.csv")

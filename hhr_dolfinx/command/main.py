@@ -83,7 +83,7 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
             raise click.UsageError(f"{scene} is a mesh: --at, --picture and --mesh-error are for scenes")
         console.print(contents_of(scene), highlight=False, markup=False, soft_wrap=True)
         return
-    from hhr_dolfinx.study.scene.check import check_scene
+    from hhr_dolfinx.plugins.checks.check import check_scene
 
     made = scene_of(scene)
     picture = picture or Path(f"{made.name}_check.png")
@@ -91,7 +91,7 @@ def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: 
     point = point_of(words, made.parameters, others=made.parameters.middle) if words else None
     found = check_scene(made, point)
     if mesh_error and not found.mistakes:
-        from hhr_dolfinx.study.scene.mesh import look_at_mesh_error
+        from hhr_dolfinx.plugins.checks.mesh import look_at_mesh_error
 
         look_at_mesh_error(found, point)
     for finding in found.findings:

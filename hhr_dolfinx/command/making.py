@@ -117,8 +117,8 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     from dataclasses import replace
 
     from hhr_dolfinx.command.loading import beside, scene_of
-    from hhr_dolfinx.study.report.view import View
-    from hhr_dolfinx.study.study import StudySettings, study_scene
+    from hhr_dolfinx.plugins.studies.view import View
+    from hhr_dolfinx.plugins.studies.study import StudySettings, study_scene
 
     console, progress = spoken()
     made = scene_of(scene)
@@ -168,7 +168,7 @@ def _settings_of(scene: str) -> Any:
     """
     from hhr_dolfinx.command.loading import beside
     from hhr_dolfinx.errors import SceneError
-    from hhr_dolfinx.study.study import StudySettings
+    from hhr_dolfinx.plugins.studies.study import StudySettings
 
     settings = beside(scene, "SETTINGS")
     if settings is not None and not isinstance(settings, StudySettings):
@@ -202,6 +202,6 @@ def _training_of(how: dict[str, Any], settings: Any) -> Any:
 @guarded
 def report(folder: Path) -> None:
     """Make report.html of the report.json and the pictures in a folder: one file that needs nothing else."""
-    from hhr_dolfinx.study.report.page import write_page
+    from hhr_dolfinx.plugins.studies.page import write_page
 
     click.echo(write_page(folder))

@@ -88,7 +88,7 @@ def first_rank() -> bool:
 
 def spoken() -> tuple[Any, Any]:
     """The console of the first rank, and its progress bars by label."""
-    from hhr_dolfinx.study.report.console import make_console, progress_on
+    from hhr_dolfinx.command.console import make_console, progress_on
 
     console = make_console(quiet=not first_rank())
     return console, progress_on(console)

@@ -10,9 +10,9 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hhr_dolfinx.study import measure
-from hhr_dolfinx.study.report import advice, page
-from hhr_dolfinx.study.report import report as figures
+from hhr_dolfinx.plugins.studies import measure
+from hhr_dolfinx.plugins.studies import advice, page
+from hhr_dolfinx.plugins.studies import report as figures
 
 
 def exact_report(condensed, reduced, error=1e-3):

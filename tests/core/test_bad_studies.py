@@ -13,7 +13,7 @@ from scenes import pressed_block
 import hhr_dolfinx as hhr
 from hhr_dolfinx import compat
 from hhr_dolfinx.errors import ParameterError, ReductionError, StudyError
-from hhr_dolfinx.study.cli import demo_parser
+from hhr_dolfinx.plugins.studies.cli import demo_parser
 
 
 def unbuilt():

@@ -7,7 +7,7 @@ from xml.etree import ElementTree
 import numpy as np
 import pytest
 
-from hhr_dolfinx.study.report import charts
+from hhr_dolfinx.plugins.studies import charts
 
 
 def drawn(svg, kind, of=None):

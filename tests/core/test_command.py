@@ -25,7 +25,7 @@ pytest.importorskip("click")
 from click.testing import CliRunner
 
 from hhr_dolfinx.command.main import hhr as command
-from hhr_dolfinx.study.report.page import write_page
+from hhr_dolfinx.plugins.studies.page import write_page
 
 
 @pytest.fixture(scope="module")

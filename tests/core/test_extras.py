@@ -53,7 +53,7 @@ NEEDED = {
     "flow": "hhr.FullOrderModel(pressed_block('plane_strain', poisson=0.4999))",
     "study": "hhr.study_scene",
     "tables": "hhr.read_points('table.parquet', hhr.ParameterSpace(('mu',), (0.0,), (1.0,)))",
-    "pictures": "import hhr_dolfinx.study.report.plots",
+    "pictures": "import hhr_dolfinx.plugins.studies.plots",
     "local": "from hhr_dolfinx.plugins.local.clusters import medoids; medoids([[0.0, 1.0], [1.0, 0.0]], 1)",
     "peers": "from peers import nonnegative_factors; nonnegative_factors(None, 1)",
     "mortar": """

@@ -12,7 +12,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.pairings.surface import area_vectors
-from hhr_dolfinx.study.scene.check import check_scene
+from hhr_dolfinx.plugins.checks.check import check_scene
 
 BULGE = 0.05
 """Depth of a convex side: its normals turn by 11 degrees at most, so that lengths along them differ by 2 %."""

@@ -525,7 +525,7 @@ def test_missing_numbers_are_answered_with_what_the_file_has(tmp_path):
 
 
 def test_check_of_a_scene_names_what_is_left_out(tmp_path):
-    from hhr_dolfinx.study.scene.check import check_scene
+    from hhr_dolfinx.plugins.checks.check import check_scene
 
     path = tmp_path / "beam.inp"
     path.write_text(BEAM)
@@ -569,7 +569,7 @@ def test_gaps_of_a_look_are_those_that_are_drawn(tmp_path):
     """Where moduli vary, imposed displacements had closed them already: -0.015 for a mesh that is drawn with 0.01."""
     from dataclasses import replace
 
-    from hhr_dolfinx.study.scene.check import check_scene
+    from hhr_dolfinx.plugins.checks.check import check_scene
 
     path = tmp_path / "blocks.inp"
     path.write_text(DECK)

@@ -196,7 +196,7 @@ UNNEEDED = {
         "hhr_dolfinx.full_order.flow",
         "hhr_dolfinx.full_order.gauss_points",
         "hhr_dolfinx.reduction.flow",
-        "hhr_dolfinx.study.histories",
+        "hhr_dolfinx.plugins.inelastic.study",
         "hhr_dolfinx.reduction.condense_flow",
         "hhr_dolfinx.models.histories.condensed_step",
         "hhr_dolfinx.models.histories.condensed_fields",
@@ -217,7 +217,7 @@ UNNEEDED = {
         "hhr_dolfinx.plugins.theorems.theorems",
     ],
     "pictures": [
-        "hhr_dolfinx.study.report.plots",
+        "hhr_dolfinx.plugins.studies.plots",
         "matplotlib",
         "pyvista",
     ],
@@ -276,7 +276,7 @@ UNNEEDED_BY_FLOW = {
         if name not in ("flow", "meshes that do not match")
     },
     "what only elastic scenes are compared with": [
-        "hhr_dolfinx.study.points",
+        "hhr_dolfinx.plugins.studies.points",
         "hhr_dolfinx.plugins.baselines.naive",
         "hhr_dolfinx.reduction.exact",
     ],

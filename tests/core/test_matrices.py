@@ -13,7 +13,7 @@ from scipy import sparse
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotSolvableError, OutsideTrainingError, ParameterError, SceneError
-from hhr_dolfinx.online.matrices import _factored
+from hhr_dolfinx.plugins.tables.matrices import _factored
 
 
 @pytest.fixture(scope="module")

@@ -12,7 +12,7 @@ import pytest
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileContentError
-from hhr_dolfinx.study.report.page import page_of, write_page
+from hhr_dolfinx.plugins.studies.page import page_of, write_page
 
 PNG = base64.b64decode(
     "iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mNk+M9QDwADhgGAWjR9awAAAABJRU5ErkJggg=="

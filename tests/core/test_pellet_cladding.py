@@ -29,7 +29,7 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-from hhr_dolfinx.study.measure import References
+from hhr_dolfinx.plugins.studies.measure import References
 
 ROOT = Path(__file__).parents[2]
 

@@ -14,7 +14,7 @@ from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.modes import deim
 from hhr_dolfinx.reduction.projection import project, reduced_domain
-from hhr_dolfinx.study.measure import References
+from hhr_dolfinx.plugins.studies.measure import References
 
 
 def test_index_sets_follow_their_definitions(hertz, hertz_reduction):

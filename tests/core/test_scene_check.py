@@ -19,9 +19,9 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.geometries import block, stacked_blocks
 from hhr_dolfinx.pairings.surface import Surface, make_surface
-from hhr_dolfinx.study.scene.check import check_scene, sag_of
-from hhr_dolfinx.study.scene.findings import MISTAKE, NOTE, OK, SceneCheck
-from hhr_dolfinx.study.scene.mesh import depth_inside, worst_cell
+from hhr_dolfinx.plugins.checks.check import check_scene, sag_of
+from hhr_dolfinx.plugins.checks.findings import MISTAKE, NOTE, OK, SceneCheck
+from hhr_dolfinx.plugins.checks.mesh import depth_inside, worst_cell
 
 LOWER, UPPER = stacked_blocks.LOWER, stacked_blocks.UPPER
 

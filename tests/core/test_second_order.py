@@ -167,7 +167,7 @@ def test_reduced_models_are_as_good_as_of_first_order(training):
 def test_files_and_pictures(training, tmp_path):
     import pyvista
 
-    from hhr_dolfinx.study.report.fields import write_fields
+    from hhr_dolfinx.plugins.checks.fields import write_fields
 
     full, model = training.full_order, training.build()
     hhr.save_model(tmp_path / "model.npz", model)

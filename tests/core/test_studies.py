@@ -16,9 +16,9 @@ from toy_rival import NearestAnswer, NearestHistory
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, StudyError, UnstableModelError
-from hhr_dolfinx.study.report.console import make_console
-from hhr_dolfinx.study.report.report import print_report
-from hhr_dolfinx.study.study import run_study
+from hhr_dolfinx.command.console import make_console
+from hhr_dolfinx.plugins.studies.report import print_report
+from hhr_dolfinx.plugins.studies.study import run_study
 
 ROOT = Path(__file__).parents[2]
 

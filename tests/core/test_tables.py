@@ -13,7 +13,7 @@ from rich.console import Console
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileError
 from hhr_dolfinx.models import model as base
-from hhr_dolfinx.online.tables import TableRow, answer_table
+from hhr_dolfinx.plugins.tables.tables import TableRow, answer_table
 
 ROWS = 23
 

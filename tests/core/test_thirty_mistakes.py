@@ -18,8 +18,8 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.geometries.raw_mesh import RawMesh
 from hhr_dolfinx.online.model_file import load_model
-from hhr_dolfinx.study.scene.check import check_scene
-from hhr_dolfinx.study.scene.findings import OK
+from hhr_dolfinx.plugins.checks.check import check_scene
+from hhr_dolfinx.plugins.checks.findings import OK
 
 MESH, UNITS, Pair, Slope = your_scene.MESH, your_scene.UNITS, hhr.NodeToSurface, hhr.Amplitude
 ROLLER, STOP = Pair("roller_round", "spring_top"), Pair("stop_round", "spring_bottom")

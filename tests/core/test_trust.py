@@ -31,7 +31,7 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.reduction.completion import Completion, spanning_rays
-from hhr_dolfinx.study.measure import References
+from hhr_dolfinx.plugins.studies.measure import References
 
 COARSE = {"arc_segments": 28, "flat_segments": 7}
 

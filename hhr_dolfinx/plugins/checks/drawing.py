@@ -14,8 +14,8 @@ from hhr_dolfinx.geometries.cells import CORNERS
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.shown import point_of
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.study.scene.check import check_scene
-from hhr_dolfinx.study.scene.picture import AROUND, figure_of_scene
+from hhr_dolfinx.plugins.checks.check import check_scene
+from hhr_dolfinx.plugins.checks.picture import AROUND, figure_of_scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -75,7 +75,7 @@ class SceneCheck:
 
     def draw(self, path: Path) -> None:
         """Draw bodies, contact surfaces, supports and loads."""
-        from hhr_dolfinx.study.scene.picture import draw_scene
+        from hhr_dolfinx.plugins.checks.picture import draw_scene
 
         draw_scene(self, path)
 

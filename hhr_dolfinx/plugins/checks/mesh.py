@@ -18,7 +18,7 @@ from hhr_dolfinx.full_order.checks import CORNERS
 from hhr_dolfinx.geometries.mesh_file import MeshFile
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.parameters import ParameterSpace, PointLike
-from hhr_dolfinx.study.scene.findings import NOTE, OK, SceneCheck
+from hhr_dolfinx.plugins.checks.findings import NOTE, OK, SceneCheck
 
 BAD_CELL = 0.1
 """Scaled Jacobian of a cell below which it is reported."""
@@ -112,7 +112,7 @@ def look_at_mesh_error(found: SceneCheck, point: PointLike | None = None) -> Non
     """Solve in full once, at a parameter or in the middle of the box, and report the estimated error of the mesh."""
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.full_order.mesh_error import mesh_error
-    from hhr_dolfinx.study.report.report import mesh_error_in_words
+    from hhr_dolfinx.plugins.studies.report import mesh_error_in_words
 
     if any(body.law is not None or body.stress is not None for body in found.scene.bodies):
         found.say(NOTE, "the error of the mesh is estimated for elastic bodies alone, and some have laws of their own")

@@ -39,7 +39,7 @@ def reduce(scene: str, out: Path | None, error: float, of: tuple[str, ...], seed
     from hhr_dolfinx.plugins.one_call.search import KEPT
     from hhr_dolfinx.plugins.one_call.search import reduce as reduced
     from hhr_dolfinx.plugins.one_call.target import Budget
-    from hhr_dolfinx.study.report.console import shares_on
+    from hhr_dolfinx.command.console import shares_on
 
     console, _ = spoken()
     progress = shares_on(console)

@@ -13,9 +13,9 @@ from mpi4py import MPI
 
 from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.models.model import AnsweringModel
-from hhr_dolfinx.online.tables import TableRow, answer_table, read_points
+from hhr_dolfinx.plugins.tables.tables import TableRow, answer_table, read_points
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.study.report.console import make_console, progress_on
+from hhr_dolfinx.command.console import make_console, progress_on
 
 
 def demo_parser(name: str, description: str) -> argparse.ArgumentParser:

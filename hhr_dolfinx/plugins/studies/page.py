@@ -13,8 +13,8 @@ from typing import Any
 
 from hhr_dolfinx.errors import FileContentError
 from hhr_dolfinx.files import replacing
-from hhr_dolfinx.study.report import charts
-from hhr_dolfinx.study.report.advice import in_words
+from hhr_dolfinx.plugins.studies import charts
+from hhr_dolfinx.plugins.studies.advice import in_words
 
 LONG = 18
 """Length of the text of a cell above which it may break into several lines."""

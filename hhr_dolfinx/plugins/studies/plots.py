@@ -21,7 +21,7 @@ from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.study.report.view import View
+from hhr_dolfinx.plugins.studies.view import View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -313,7 +313,7 @@ def draw_study(study: Any, view: View, folder: Path) -> None:
 
 def _draw_scene(full: FullOrderModel, folder: Path) -> None:
     """The scene as ``hhr check`` draws it."""
-    from hhr_dolfinx.study.scene.check import check_scene
+    from hhr_dolfinx.plugins.checks.check import check_scene
 
     looked = check_scene(full.scene)
     if looked.drawable:

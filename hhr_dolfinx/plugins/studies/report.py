@@ -15,9 +15,9 @@ from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.compat import versions
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.study.measure import Measurement, Row
-from hhr_dolfinx.study.report.advice import TRAINING, advice, in_words
-from hhr_dolfinx.study.report.console import Column, Console, Table
+from hhr_dolfinx.plugins.studies.measure import Measurement, Row
+from hhr_dolfinx.plugins.studies.advice import TRAINING, advice, in_words
+from hhr_dolfinx.command.console import Column, Console, Table
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 

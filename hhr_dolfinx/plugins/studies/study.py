@@ -18,10 +18,10 @@ from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSetting
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.study.measure import Measurement
-from hhr_dolfinx.study.report.console import Console, make_console
-from hhr_dolfinx.study.report.report import make_report, model_report, print_report, write_report
-from hhr_dolfinx.study.report.view import View
+from hhr_dolfinx.plugins.studies.measure import Measurement
+from hhr_dolfinx.command.console import Console, make_console
+from hhr_dolfinx.plugins.studies.report import make_report, model_report, print_report, write_report
+from hhr_dolfinx.plugins.studies.view import View
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.study.training.train import (
     Progress,
@@ -147,7 +147,7 @@ class Study:
         If the report advises condensation, that model is kept too, as ``condensed.npz``.
         """
         from hhr_dolfinx.online.model_file import save_model
-        from hhr_dolfinx.study.report.page import write_page
+        from hhr_dolfinx.plugins.studies.page import write_page
 
         console = console or make_console()
         folder = checked_folder(folder)
@@ -159,7 +159,7 @@ class Study:
         if advised is not None and advised is not model:
             save_model(folder / "condensed.npz", advised)
         if view is not None:
-            from hhr_dolfinx.study.report.plots import draw_study
+            from hhr_dolfinx.plugins.studies.plots import draw_study
 
             draw_study(self, view, folder)
         write_page(folder)
@@ -252,10 +252,10 @@ def _measured(
 ) -> tuple[Any, Measurement]:
     """The model under study, measured at points or along paths; modules of the other kind are not imported."""
     if isinstance(tests, dict):
-        from hhr_dolfinx.study.histories import measure_histories
+        from hhr_dolfinx.plugins.inelastic.study import measure_histories
 
         return measure_histories(training, settings, tests, progress)
-    from hhr_dolfinx.study.points import measure_points
+    from hhr_dolfinx.plugins.studies.points import measure_points
 
     model = training.build(settings.recipe)
     return model, measure_points(training, model, settings, tests, progress)

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from hhr_dolfinx.compat import extra
-from hhr_dolfinx.online.batch import answer_points
-from hhr_dolfinx.online.tables import columns_of
+from hhr_dolfinx.plugins.tables.batch import answer_points
+from hhr_dolfinx.plugins.tables.tables import columns_of
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.model import AnsweringModel
@@ -20,7 +20,7 @@ def to_pandas(model: AnsweringModel, points: Any, *, outside: str = "refuse", fo
     Args:
         model: any model that answers points.
         points: (S, P), or names with columns, such as a frame of parameters.
-        outside: see :func:`~hhr_dolfinx.online.batch.answer_points`.
+        outside: see :func:`~hhr_dolfinx.plugins.tables.batch.answer_points`.
         forces: include columns of the nodal contact forces, one for each condition.
 
     Returns:

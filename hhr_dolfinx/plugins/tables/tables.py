@@ -24,7 +24,7 @@ from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileError, ParameterError
 from hhr_dolfinx.files import clear_leftovers, make_folder, replacing
 from hhr_dolfinx.models.model import AnsweringModel
-from hhr_dolfinx.online.batch import OK, Answers, Query
+from hhr_dolfinx.plugins.tables.batch import OK, Answers, Query
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.timing import timed
 
@@ -109,7 +109,7 @@ def answer_table(
     """Answer a table on all ranks into a file, CSV or Parquet, and print the bad rows with their reasons.
 
     Args:
-        model: see :func:`~hhr_dolfinx.online.batch.answer_points`.
+        model: see :func:`~hhr_dolfinx.plugins.tables.batch.answer_points`.
         rows: rows of the table, the same on all ranks.
         path: file of the answers.
         console: console of the first rank.
@@ -317,7 +317,7 @@ def write_answers(
     Args:
         path: file to write.
         space: parameters, whose names head their columns.
-        answers: answers of :func:`~hhr_dolfinx.online.batch.answer_points`.
+        answers: answers of :func:`~hhr_dolfinx.plugins.tables.batch.answer_points`.
         cells: given text of the parameters; None writes the numbers.
         forces: include a column of the force of each contact condition.
 

@@ -13,7 +13,7 @@ from test_mpi import launch
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import BoundError, ReductionError
 from hhr_dolfinx.plugins.local.models import LocalModels
-from hhr_dolfinx.study.report.console import make_console
+from hhr_dolfinx.command.console import make_console
 
 
 @pytest.fixture(scope="module")
@@ -76,7 +76,7 @@ def test_tables_say_which_model_answered(local, tmp_path, capsys):
 ON_RANKS = """
 import sys
 import hhr_dolfinx as hhr
-from hhr_dolfinx.study.report.console import make_console
+from hhr_dolfinx.command.console import make_console
 model = hhr.load_model(sys.argv[1])
 hhr.answer_table(model, hhr.read_points(sys.argv[2], model.parameters), sys.argv[3], make_console())
 """

@@ -16,7 +16,7 @@ from hhr_dolfinx.errors import LocalModelWarning, StudyError, TrainingWarning, U
 from hhr_dolfinx.plugins.local import splitting
 from hhr_dolfinx.plugins.local.clustered import built, force_errors, least_forces, moving
 from hhr_dolfinx.plugins.local.clusters import forest_tree, separating_cut, tree_of_cells
-from hhr_dolfinx.study.measure import References
+from hhr_dolfinx.plugins.studies.measure import References
 
 FINE = hhr.Recipe(hhr.Pod(1e-12, relative=True)).as_it_is()
 
