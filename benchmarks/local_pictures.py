@@ -6,7 +6,6 @@ import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.plugins.local.models import LocalModels
-from hhr_dolfinx.plugins.studies.measure import References
 from hhr_dolfinx.study.training.train import Training
 
 LABELS = ("P1 [MPa]", "h1 [mm]")
@@ -58,6 +57,7 @@ def _draw_domains(training: Training, local: LocalModels, path: Path) -> None:
 
 def _draw_maps(training: Training, models: dict, folder: Path, name: str, quick: bool) -> None:
     """Errors of forces over both parameters, figures 4.5, 4.6 and 4.10."""
+    from hhr_dolfinx.plugins.studies.measure import References
     from hhr_dolfinx.plugins.studies.plots import plot_maps
 
     points = training.full_order.parameters.grid([12, 10] if quick else [40, 30])

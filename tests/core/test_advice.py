@@ -10,8 +10,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from hhr_dolfinx.plugins.studies import measure
-from hhr_dolfinx.plugins.studies import advice, page
+from hhr_dolfinx.plugins.studies import advice, measure, page
 from hhr_dolfinx.plugins.studies import report as figures
 
 

@@ -38,9 +38,8 @@ def test_a_gmsh_that_does_not_load_is_named_with_the_reason(monkeypatch, tmp_pat
 
 
 def test_it_ends_in_lines_that_a_person_reads():
-    run = subprocess.run(
-        [sys.executable, "-m", "hhr_dolfinx.plugins.checks.doctor"], capture_output=True, text=True, timeout=WAIT, check=True
-    )
+    program = [sys.executable, "-m", "hhr_dolfinx.plugins.checks.doctor"]
+    run = subprocess.run(program, capture_output=True, text=True, timeout=WAIT, check=True)
     words = [line.split()[0] for line in run.stdout.splitlines()]
     assert words == ["Python", "DOLFINx", "PETSc", "MUMPS", "gmsh", "compiler", "mpirun", "node", "chromium"]
 

@@ -24,12 +24,12 @@ from rich.console import Console
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import files
+from hhr_dolfinx.command.console import make_console
 from hhr_dolfinx.errors import FileContentError, FileError, ParameterError, SnapshotFileWarning
 from hhr_dolfinx.files import read_arrays, write_arrays
-from hhr_dolfinx.plugins.tables.batch import Answers
 from hhr_dolfinx.plugins.studies import cli
-from hhr_dolfinx.command.console import make_console
 from hhr_dolfinx.plugins.studies.report import print_report, print_rows, write_report
+from hhr_dolfinx.plugins.tables.batch import Answers
 
 TESTS = Path(__file__).parents[1]
 POINT = np.array([0.25, 3.0])

@@ -27,11 +27,11 @@ from hhr_dolfinx.errors import NotSolvableError, ReductionError, StabilityWarnin
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.plugins.studies.measure import References
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.enrichment import enrich
 from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.projection import load_nodes, open_conditions, project, reduced_domain
-from hhr_dolfinx.plugins.studies.measure import References
 
 MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
 

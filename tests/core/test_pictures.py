@@ -5,7 +5,7 @@ import pytest
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.plugins.studies.plots import _front, _point, plot_work_precision
-from hhr_dolfinx.plugins.studies.view import View
+from hhr_dolfinx.study.view import View
 
 WIDE = np.array([[0.0, 1.0], [4.0, 1.1], [2.0, 1.0]])
 

@@ -11,10 +11,10 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.plugins.studies.measure import References
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.modes import deim
 from hhr_dolfinx.reduction.projection import project, reduced_domain
-from hhr_dolfinx.plugins.studies.measure import References
 
 
 def test_index_sets_follow_their_definitions(hertz, hertz_reduction):

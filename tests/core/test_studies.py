@@ -15,8 +15,8 @@ from scenes import pressed_block
 from toy_rival import NearestAnswer, NearestHistory
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ConvergenceError, StudyError, UnstableModelError
 from hhr_dolfinx.command.console import make_console
+from hhr_dolfinx.errors import ConvergenceError, StudyError, UnstableModelError
 from hhr_dolfinx.plugins.studies.report import print_report
 from hhr_dolfinx.plugins.studies.study import run_study
 

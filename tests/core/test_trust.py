@@ -30,8 +30,8 @@ from hhr_dolfinx.errors import (
     UncheckedWarning,
     UnstableModelError,
 )
-from hhr_dolfinx.reduction.completion import Completion, spanning_rays
 from hhr_dolfinx.plugins.studies.measure import References
+from hhr_dolfinx.reduction.completion import Completion, spanning_rays
 
 COARSE = {"arc_segments": 28, "flat_segments": 7}
 

@@ -15,9 +15,9 @@ from hhr_dolfinx.full_order.expected import expected_in_space
 from hhr_dolfinx.full_order.motions import described, free_bodies
 from hhr_dolfinx.loads import Load, checked_terms, parted, placed
 from hhr_dolfinx.pairings.surface import Surface
-from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.plugins.checks.findings import MISTAKE, NOTE, OK, SceneCheck
 from hhr_dolfinx.plugins.checks.mesh import depth_inside, look_at_common_nodes, look_at_joints, look_at_mesh
+from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.law import PairLaw

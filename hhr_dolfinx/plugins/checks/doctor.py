@@ -1,4 +1,7 @@
-"""Check of the packages that full models need, and of their missing features: ``python -m hhr_dolfinx.plugins.checks.doctor``."""
+"""Check of the packages that full models need, and of their missing features.
+
+python -m hhr_dolfinx.plugins.checks.doctor
+"""
 
 from __future__ import annotations
 

@@ -13,9 +13,9 @@ from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.geometries.cells import CORNERS
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.shown import point_of
-from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.plugins.checks.check import check_scene
 from hhr_dolfinx.plugins.checks.picture import AROUND, figure_of_scene
+from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -48,7 +48,7 @@ def figure_of(value: Scene | Answer, path: str | Path | None, full: FullOrderMod
 def _of_scene(scene: Scene) -> Figure:
     found = check_scene(scene)
     if found.discretisation is None:
-        raise SceneError(f"scene '{scene.name}' cannot be drawn: hhr.check_scene(scene) says why")
+        raise SceneError(f"scene '{scene.name}' cannot be drawn: `hhr check` says why")
     return figure_of_scene(found)
 
 

@@ -112,7 +112,6 @@ def look_at_mesh_error(found: SceneCheck, point: PointLike | None = None) -> Non
     """Solve in full once, at a parameter or in the middle of the box, and report the estimated error of the mesh."""
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.full_order.mesh_error import mesh_error
-    from hhr_dolfinx.plugins.studies.report import mesh_error_in_words
 
     if any(body.law is not None or body.stress is not None for body in found.scene.bodies):
         found.say(NOTE, "the error of the mesh is estimated for elastic bodies alone, and some have laws of their own")
@@ -123,7 +122,7 @@ def look_at_mesh_error(found: SceneCheck, point: PointLike | None = None) -> Non
         off = mesh_error(full, answer)
         remedy = f"; more than {COARSE:.0%} is much: refine the mesh, or take Scene(order=2)"
         level, said = (NOTE, remedy) if off[0] > COARSE else (OK, "")
-        found.say(level, mesh_error_in_words(*off) + said)
+        found.say(level, off.in_words() + said)
 
 
 def look_at_joints(found: SceneCheck) -> None:

@@ -16,9 +16,9 @@ from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History, Model, Path
 from hhr_dolfinx.models.histories.equilibrium import SEARCHES, MarchSettings, told_once
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.snapshots.records import Lost
 from hhr_dolfinx.plugins.studies.measure import Errors, Measurement, Row, answer_errors, conditions_inside
 from hhr_dolfinx.plugins.studies.report import condensed_report, model_report
+from hhr_dolfinx.snapshots.records import Lost
 from hhr_dolfinx.study.training.train import Progress, Training
 from hhr_dolfinx.timing import timed
 

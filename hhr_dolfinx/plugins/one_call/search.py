@@ -47,6 +47,7 @@ from hhr_dolfinx.models.estimates import check_asked, relative_errors
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.path_families import PathFamily
+from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.one_call.attempts import MANY, attempts
 from hhr_dolfinx.plugins.one_call.context import FRESH, SURE, BudgetSpentError, SearchContext
 from hhr_dolfinx.plugins.one_call.target import DISPLACEMENT, Budget, Exact, Target
@@ -55,7 +56,6 @@ from hhr_dolfinx.reduction.reductor import Outcome, Proposal, outcomes
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.arrays import ArrayStore
 from hhr_dolfinx.snapshots.store import SnapshotStore
-from hhr_dolfinx.plugins.studies.report import finite
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.study.training.train import checked_folder
 from hhr_dolfinx.timing import WARM_UP, Announce, ShareLines, Stopwatch, median_time, timed

@@ -7,15 +7,17 @@ import logging
 import os
 import tempfile
 from pathlib import Path
-from typing import NoReturn
+from typing import TYPE_CHECKING, NoReturn
 
 from mpi4py import MPI
 
+from hhr_dolfinx.command.console import make_console, progress_on
 from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.models.model import AnsweringModel
-from hhr_dolfinx.plugins.tables.tables import TableRow, answer_table, read_points
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.command.console import make_console, progress_on
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.tables.tables import TableRow
 
 
 def demo_parser(name: str, description: str) -> argparse.ArgumentParser:
@@ -40,6 +42,8 @@ def _seed(text: str) -> int:
 
 def points_or_exit(parser: argparse.ArgumentParser, table: Path | None, space: ParameterSpace) -> list[TableRow] | None:
     """Rows of a table of parameters, read before anything is computed; None without a table."""
+    from hhr_dolfinx.plugins.tables.tables import read_points
+
     try:
         return None if table is None else read_points(table, space)
     except ParameterError as error:
@@ -48,6 +52,8 @@ def points_or_exit(parser: argparse.ArgumentParser, table: Path | None, space: P
 
 def answer_and_exit(model: AnsweringModel, rows: list[TableRow], options: argparse.Namespace) -> NoReturn:
     """Answer a table of parameters and exit on all ranks, with exit code 1 if a row has no answer."""
+    from hhr_dolfinx.plugins.tables.tables import answer_table
+
     bad = answer_table(model, rows, options.out / "answers.csv", options.console, options.progress("answers"))
     raise SystemExit(1 if bad else 0)
 

@@ -15,13 +15,14 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from dolfinx.plot import vtk_mesh
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.materials.elasticity import von_mises
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.plugins.studies.view import View
+from hhr_dolfinx.study.view import View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -312,12 +313,9 @@ def draw_study(study: Any, view: View, folder: Path) -> None:
 
 
 def _draw_scene(full: FullOrderModel, folder: Path) -> None:
-    """The scene as ``hhr check`` draws it."""
-    from hhr_dolfinx.plugins.checks.check import check_scene
-
-    looked = check_scene(full.scene)
-    if looked.drawable:
-        looked.draw(folder / "scene.png")
+    """The scene, if a plug-in draws it."""
+    if "drawing" in registry.named("tools"):
+        full.scene.plot(folder / "scene.png")
 
 
 def _draw_answers(

@@ -19,9 +19,9 @@ from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.plugins.studies.measure import Errors, Measurement, References, Row
 from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.snapshots.records import SnapshotSet
-from hhr_dolfinx.plugins.studies.measure import Errors, Measurement, References, Row
 from hhr_dolfinx.study.training.train import Progress, Training
 from hhr_dolfinx.timing import time_queries
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import platform
 from collections.abc import Iterator
 from pathlib import Path
@@ -12,12 +11,13 @@ from typing import TYPE_CHECKING, Any
 from mpi4py import MPI
 
 from hhr_dolfinx.certify.accuracy import summary
+from hhr_dolfinx.command.console import Column, Console, Table
 from hhr_dolfinx.compat import versions
 from hhr_dolfinx.files import replacing
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.plugins.studies.measure import Measurement, Row
+from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.studies.advice import TRAINING, advice, in_words
-from hhr_dolfinx.command.console import Column, Console, Table
+from hhr_dolfinx.plugins.studies.measure import Measurement, Row
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 
@@ -260,7 +260,7 @@ def print_report(report: dict[str, Any], console: Console) -> None:
         queries = ", ".join(f"{count:.0f} queries for {name}" for name, count in counts.items())
         console.print(f"cheaper than the best full order, training included, after {queries}")
     if "discretisation" in report:
-        console.print(mesh_error_in_words(**report["discretisation"]))
+        console.print(_mesh_error_in_words(report["discretisation"]))
     for name, paths in _paths_by_model(report).items():
         for line in _path_lines(paths):
             console.print(f"{name}: {line}")
@@ -293,10 +293,11 @@ def _sizes_in_words(report: dict[str, Any]) -> str:
     )
 
 
-def mesh_error_in_words(energy: float, peak_pressure: float) -> str:
+def _mesh_error_in_words(row: dict[str, float]) -> str:
     """Sentence on the error of the mesh, the scale of all other errors."""
-    peak = "no contact there" if math.isnan(peak_pressure) else f"{peak_pressure:.2%} of the peak pressure"
-    return f"mesh: off by {energy:.2%} of the stress in energy and {peak}, estimated by recovered stresses"
+    from hhr_dolfinx.full_order.mesh_error import MeshError
+
+    return MeshError(**row).in_words()
 
 
 def _time_error_in_words(row: dict[str, Any]) -> str:
@@ -366,14 +367,3 @@ def _cpu() -> str:
     lines = info.read_text().splitlines() if info.exists() else []
     names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
     return names[0] if names else platform.processor() or platform.machine()
-
-
-def finite(value: Any) -> Any:
-    """The same plain value with None for numbers that are not finite, which JSON does not have."""
-    if isinstance(value, dict):
-        return {key: finite(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [finite(item) for item in value]
-    if isinstance(value, float) and not math.isfinite(value):
-        return None
-    return value

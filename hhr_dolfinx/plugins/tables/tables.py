@@ -24,8 +24,8 @@ from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileError, ParameterError
 from hhr_dolfinx.files import clear_leftovers, make_folder, replacing
 from hhr_dolfinx.models.model import AnsweringModel
-from hhr_dolfinx.plugins.tables.batch import OK, Answers, Query
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plugins.tables.batch import OK, Answers, Query
 from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:

@@ -9,8 +9,8 @@ import pytest
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.errors import ParameterError
 from hhr_dolfinx.command.console import make_console
+from hhr_dolfinx.errors import ParameterError
 
 POOR = hhr.Recipe().as_it_is()
 OUTPUTS = (hhr.LargestPressure("peak", 0, unit="MPa"), hhr.ContactWidth("area", 0))

@@ -11,9 +11,9 @@ from scenes import largest_difference
 from test_mpi import launch
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.command.console import make_console
 from hhr_dolfinx.errors import BoundError, ReductionError
 from hhr_dolfinx.plugins.local.models import LocalModels
-from hhr_dolfinx.command.console import make_console
 
 
 @pytest.fixture(scope="module")
