@@ -63,7 +63,7 @@ def test_points_without_an_answer(monkeypatch):
     assert training.snapshots.points.ravel() == pytest.approx([0.0, 0.1]) and training.snapshots.forces.shape[1] == 2
 
 
-@needs("inelastic")
+@needs("inelastic", "studies")
 def test_a_study_leaves_out_tests_without_an_answer(yielding, tmp_path):
     paths = family(yielding).paths(np.array([[0.4], [0.6], [0.7]]))
     tests = dict(zip("ab", family(yielding).paths(np.array([[0.5], [1.7]])), strict=True))

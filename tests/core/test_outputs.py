@@ -231,6 +231,7 @@ def test_exact_condensation_gives_the_full_outputs(constant):
         assert dict(exact.outputs(point)) == pytest.approx(dict(full.outputs(point)), rel=1e-8, abs=1e-12)
 
 
+@needs("tables")
 def test_file_and_table_have_the_outputs(constant, tmp_path):
     model, points = constant.build(), constant.full_order.parameters.random(3, seed=1)
     hhr.save_model(tmp_path / "model.npz", model)
@@ -253,6 +254,7 @@ def test_file_and_table_have_the_outputs(constant, tmp_path):
         hhr.save_model(tmp_path / "broken.npz", model.changed(fields=fields))
 
 
+@needs("studies")
 def test_a_study_reports_their_errors(constant):
     settings = hhr.StudySettings((8, 6), tests=5, queries=2, naive=False)
     study = hhr.run_study(constant, settings)

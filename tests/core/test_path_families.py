@@ -225,7 +225,7 @@ def pushed(scene):
     return PathFamily("pushed", scene.parameters, own, {name: 0.0}, legs)
 
 
-@needs("inelastic")
+@needs("inelastic", "studies")
 def test_training_and_studies_take_them(tmp_path):
     """The last depths of histories are halves of those drawn, and tests are labelled by the names of paths."""
     scene = block()

@@ -10,8 +10,9 @@ from bare import WAIT
 from libraries import MED
 from petsc4py import PETSc
 
-from hhr_dolfinx import compat, doctor
+from hhr_dolfinx import compat
 from hhr_dolfinx.linear.factors import gives_back
+from hhr_dolfinx.plugins.checks import doctor
 
 
 def test_versions_are_those_of_the_libraries():

@@ -177,6 +177,7 @@ def test_formulas_of_all_kinds_mean_the_same_in_c(tmp_path):
             assert call(ctypes.c_void_p(point.ctypes.data)) == known, texts[k]
 
 
+@needs("tables")
 @compiled
 def test_what_is_not_finite_has_no_answer(tmp_path, monkeypatch):
     """A formula that nobody has looked at; Python says the same."""

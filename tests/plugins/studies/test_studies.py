@@ -20,7 +20,7 @@ from hhr_dolfinx.errors import ConvergenceError, StudyError, UnstableModelError
 from hhr_dolfinx.plugins.studies.report import print_report
 from hhr_dolfinx.plugins.studies.study import run_study
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 
 def flowing():
