@@ -79,7 +79,8 @@ def check_friction(report):
 CHECKS = {"fretting": check_friction, "press_fit_torque": check_friction}
 """What reports must hold besides."""
 OF_PLUGINS = {
-    "bolted_joint": ("checks", "exporters", "moduli", "one_call", "pages"), "calculix": ("exporters",), "calibrate": ("moduli",),
+    "bolted_joint": ("checks", "exporters", "moduli", "one_call", "pages"),
+    "calculix": ("exporters",), "calibrate": ("moduli",),
     "certified": ("fallback", "moduli", "theorems"), "extreme_cases": ("baselines", "inelastic"),
     "contract": ("baselines", "fallback", "friction", "inelastic", "local", "moduli", "sliding"),
     "fretting": ("friction",), "friction": ("friction",), "friction_flow": ("friction", "inelastic"),
