@@ -384,7 +384,7 @@ def checked_histories(
     snapshots: Solutions,
     held_out: Solutions | None,
     limits: TrustLimits | None,
-    remedy: str = OF_A_RID,
+    remedy: str | Mapping[str, str] = OF_A_RID,
 ) -> tuple[Comparison | None, TrainedPaths | None]:
     """Errors against known load paths, and the training range; None without limits, or without any path.
 
@@ -414,7 +414,7 @@ def compared_histories(
     snapshots: Solutions,
     held_out: Solutions | None,
     limits: TrustLimits | None,
-    remedy: str = OF_A_RID,
+    remedy: str | Mapping[str, str] = OF_A_RID,
 ) -> tuple[Comparison | None, dict[str, list[Signs]]]:
     """Errors against known load paths, None without limits, and the signs of their steps by label.
 

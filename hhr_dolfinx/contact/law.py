@@ -25,7 +25,7 @@ from hhr_dolfinx.memory import NO_MEMORY, Memory
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
-    from hhr_dolfinx.contact.problem import ContactRows
+    from hhr_dolfinx.contact.rows import ContactRows
     from hhr_dolfinx.parameters import ParameterSpace
 
 _NO_PLACE = np.zeros(0, dtype=np.int64)

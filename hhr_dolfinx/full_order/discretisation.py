@@ -20,7 +20,8 @@ from ufl.core.expr import Expr
 
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw, MeshArrays, PairLaw
-from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, joined, masked, strained
+from hhr_dolfinx.contact.problem import ContactProblem, masked, strained
+from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.full_order.checks import (

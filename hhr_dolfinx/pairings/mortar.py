@@ -17,7 +17,7 @@ from scipy.sparse import csc_matrix, csr_matrix, diags, identity
 from scipy.spatial import cKDTree
 
 from hhr_dolfinx.contact.law import LAW, PairLaw
-from hhr_dolfinx.contact.problem import ContactRows
+from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NeverFacingError, SceneError
 from hhr_dolfinx.pairings.facing import opposed
 from hhr_dolfinx.pairings.projection import ROUND_OFF, near_pairs

@@ -11,7 +11,7 @@ from scipy import linalg
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.law import LAW, PairLaw
-from hhr_dolfinx.contact.problem import ContactRows, joined
+from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.errors import NeverFacingError, SceneError
 from hhr_dolfinx.pairings.facing import BEYOND, opposed
 from hhr_dolfinx.pairings.projection import ClosestPoints, closest_points, project

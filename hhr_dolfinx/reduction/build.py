@@ -266,21 +266,24 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
         if solutions is None and name == "held_out":
             continue
         check_of_problem(name, solutions, problem)
-        if full.equilibrium is None:
-            if solutions.states:
-                raise ReductionError(f"bodies of {name} flow, and none of the model do: they belong to another scene")
-            if problem.law.remembers and not solutions.histories:
-                raise ReductionError(
-                    f"{name} of a scene with {problem.law.name} must be histories: SnapshotSet.of_histories"
-                )
-            continue
-        if not solutions.histories:
-            raise ReductionError(f"{name} of a scene whose bodies flow must be histories: SnapshotSet.of_histories")
-        if not solutions.states:
-            raise ReductionError(f"bodies of the model flow, and none of {name} do: they belong to another scene")
-        size = full.equilibrium.material.gauss_points
-        if (given := len(solutions.states[0].state.cumulated)) != size:
-            raise ReductionError(f"{name} have {given} Gauss points, the model {size}: they belong to another mesh")
+        if full.equilibrium is not None:
+            _check_inelastic(name, solutions, full.equilibrium.material.gauss_points)
+        elif solutions.states:
+            raise ReductionError(f"bodies of {name} flow, and none of the model do: they belong to another scene")
+        elif problem.law.remembers and not solutions.histories:
+            raise ReductionError(
+                f"{name} of a scene with {problem.law.name} must be histories: SnapshotSet.of_histories"
+            )
+
+
+def _check_inelastic(name: str, solutions: SnapshotSet, size: int) -> None:
+    """Raise ReductionError for solutions that are no histories of inelastic bodies with so many Gauss points."""
+    if not solutions.histories:
+        raise ReductionError(f"{name} of a scene whose bodies flow must be histories: SnapshotSet.of_histories")
+    if not solutions.states:
+        raise ReductionError(f"bodies of the model flow, and none of {name} do: they belong to another scene")
+    if (given := len(solutions.states[0].state.cumulated)) != size:
+        raise ReductionError(f"{name} have {given} Gauss points, the model {size}: they belong to another mesh")
 
 
 @dataclass(frozen=True)

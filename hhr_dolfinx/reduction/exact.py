@@ -47,9 +47,9 @@ class ExactCondensation(Reductor[Task]):
         """The model."""
         full = prepared.full
         snapshots = prepared.snapshots
-        untrained = snapshots is None or full.law.remembers
-        known = _known_statuses(full) if untrained else snapshots.known_statuses()
-        return exact_condensation(full, known, field=self.field), None
+        if snapshots is None or full.law.remembers:
+            return exact_condensation(full, _known_statuses(full), field=self.field), None
+        return exact_condensation(full, snapshots.known_statuses(), field=self.field), None
 
     def compare(self, task: Task, model: Any) -> tuple[None, None]:
         """Nothing: the driver compares the claim of exactness."""

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import nullcontext
+from contextlib import nullcontext, suppress
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
@@ -416,20 +416,18 @@ def _pairs_of(full: FullModel, model: Any, known: SnapshotSet) -> Iterator[tuple
     """Displacement and forces of known answers, the answer of the model, None if it has none, and where."""
     problem = full.problem
     for number, history in enumerate(known.histories[:1]):
-        try:
+        found: list[Any] = [None] * len(history.answers)
+        with suppress(HHRError):
             found = retraced(model, history).answers
-        except HHRError:
-            found = [None] * len(history.answers)
         for here, there in zip(found, history.answers, strict=True):
             yield there.displacement(), there.forces(), here, f"t = {there.time:g} s of history {number}"
     count = 0 if known.histories else len(known.points)
     for place in np.unique(np.linspace(0, count - 1, min(count, MOST_SURE)).astype(int)):
         point = known.points[place]
         own = problem.spread.whole(known.displacements[:, place]) + problem.lifts @ problem.amplitudes(point)
-        try:
+        answer = None
+        with suppress(HHRError):
             answer = model.solve(point, outside="ignore")
-        except HHRError:
-            answer = None
         yield own, known.forces[:, place], answer, problem.parameters.described(point)
 
 

@@ -87,6 +87,13 @@ def starts_of(
     if not problem.law.remembers:
         known = linear_starts(eliminated, points, problem.contact_pairs, comm=comm, announce=announce)
         return known, np.maximum(known.margins, 0.0)
+    return _starts_along_paths(eliminated, points, problem, announce)
+
+
+def _starts_along_paths(
+    eliminated: Elimination, points: np.ndarray, problem: ContactProblem, announce: Announce
+) -> tuple[KnownStatuses, np.ndarray]:
+    """See :func:`starts_of`."""
     from hhr_dolfinx.models.condensed import CondensedModel
 
     nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))

@@ -14,7 +14,7 @@ from scenes import pressed_block, whole_domain
 import hhr_dolfinx as hhr
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
-from hhr_dolfinx.contact.problem import joined
+from hhr_dolfinx.contact.rows import joined
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, SingularError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.linear.dense import LapackLU, PetscLU

@@ -9,7 +9,8 @@ from mpi4py import MPI
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
-from hhr_dolfinx.contact.problem import ContactProblem, ContactRows
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.expected import expected_in_space
 from hhr_dolfinx.full_order.motions import described, free_bodies

@@ -26,7 +26,7 @@ from hhr_dolfinx.plain import Rebuilt
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix
 
-    from hhr_dolfinx.contact.problem import ContactRows
+    from hhr_dolfinx.contact.rows import ContactRows
 
 OPEN, STICKS, SLIPS = 0, 1, 2
 """Statuses of a contact with friction."""

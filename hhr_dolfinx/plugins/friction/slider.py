@@ -196,9 +196,9 @@ class Slider:
         found = solved.found
         if found.status is Status.ADRIFT:
             return {found.status: "friction does not bear its loads, or nothing presses on it"}
-        return (
-            {found.status: f"conditions {found.unsettled[:8].tolist()} keep changing"} if found.unsettled.size else {}
-        )
+        if not found.unsettled.size:
+            return {}
+        return {found.status: f"between stick and slip, conditions {found.unsettled[:8].tolist()} keep changing"}
 
     def forces(self, solved: Solved) -> np.ndarray:
         """Forces by which two increments are compared, (M,)."""

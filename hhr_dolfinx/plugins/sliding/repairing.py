@@ -20,7 +20,7 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.problem import ContactRows
+from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NeverFacingError, PairingWarning
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer

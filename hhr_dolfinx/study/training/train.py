@@ -130,9 +130,8 @@ def train(
         scene: the scene.
         training: the number of points along each parameter, on a regular grid; a sampling, ``Sobol(512)`` or
             ``LatinHypercube(100)``; ``Greedy(budget=100)``, which chooses points where present models are worst; or
-            an array of points, (S, P). For inelastic bodies, or contacts that remember, a list of paths, each of
-            times in seconds and parameters, or drawn from a family, ``family.paths(Sobol(12))``; if inelastic
-            ``Greedy(family=family)``.
+            an array of points, (S, P). If answers depend on their path, a list of paths, each of times in seconds and
+            parameters, or drawn from a family, ``family.paths(Sobol(12))``; if inelastic ``Greedy(family=family)``.
         held_out: for the trust check: a number of random parameters (100, a fifth of them with grazing contact; 0 for
             none), or paths.
         seed: of random parameters.
