@@ -37,7 +37,6 @@ PUBLIC = {
     "pairings.node_to_surface": "DoublePass NodeToSurface",
     "pairings.obstacle": "Obstacle",
     "parameters": "ParameterSpace",
-    "path_families": "Leg NamedPath PathFamily",
     "reduction.build": "build",
     "reduction.exact": "exact_condensation",
     "reduction.recipe": "Deim Enrich FlowDeim ForceDeim LoadNodes Pod Recipe Rid StressDeim Tangents Zone",

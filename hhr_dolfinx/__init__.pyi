@@ -36,9 +36,6 @@ from .pairings.node_to_surface import DoublePass as DoublePass
 from .pairings.node_to_surface import NodeToSurface as NodeToSurface
 from .pairings.obstacle import Obstacle as Obstacle
 from .parameters import ParameterSpace as ParameterSpace
-from .path_families import Leg as Leg
-from .path_families import NamedPath as NamedPath
-from .path_families import PathFamily as PathFamily
 from .plugins.checks.fields import write_fields as write_fields
 from .plugins.fallback.model import FallbackModel as FallbackModel
 from .plugins.friction.laws import Coulomb as Coulomb
@@ -64,6 +61,9 @@ from .plugins.one_call.target import Budget as Budget
 from .plugins.pages.page import write_model_page as write_model_page
 from .plugins.pages.scenery import Scenery as Scenery
 from .plugins.pages.scenery_of import scenery_of as scenery_of
+from .plugins.paths.path_families import Leg as Leg
+from .plugins.paths.path_families import NamedPath as NamedPath
+from .plugins.paths.path_families import PathFamily as PathFamily
 from .plugins.sliding.slide import slide as slide
 from .plugins.studies.study import Rival as Rival
 from .plugins.studies.study import run_study as run_study

@@ -256,7 +256,7 @@ UNNEEDED = {
         "hhr_dolfinx.plugins.greedy.indicators",
     ],
     "families of paths": [
-        "hhr_dolfinx.path_families",
+        "hhr_dolfinx.plugins.paths.path_families",
     ],
 }
 """What a study of an elastic scene on matching meshes does without; numba is not listed: DOLFINx loads it itself."""
@@ -317,6 +317,7 @@ def modules_of_a_study(program, folder):
     [(ELASTIC, UNNEEDED), pytest.param(FLOWING, UNNEEDED_BY_FLOW, marks=(pytest.mark.slow, needs("inelastic")))],
     ids=["elastic", "inelastic"],
 )
+@needs("studies")
 def test_a_scene_loads_what_it_names(program, unneeded, tmp_path):
     found = modules_of_a_study(program, tmp_path)
     assert not {what: found & set(names) for what, names in unneeded.items() if found & set(names)}
@@ -330,7 +331,11 @@ def test_what_is_not_loaded_exists():
 
 
 @pytest.mark.parametrize(
-    "name", ["hhr_dolfinx.reduction.modes", "hhr_dolfinx.reduction.modes", "hhr_dolfinx.path_families"]
+    "name",
+    [
+        "hhr_dolfinx.reduction.modes",
+        pytest.param("hhr_dolfinx.plugins.paths.path_families", marks=needs("paths")),
+    ],
 )
 def test_examples_in_docstrings(name):
     found = doctest.testmod(importlib.import_module(name), extraglobs={"np": np})

@@ -17,8 +17,8 @@ from scenes import pressed_block
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ParameterError, SceneError, StudyError
 from hhr_dolfinx.models.histories.path import checked_path
-from hhr_dolfinx.path_families import Leg, NamedPath, PathFamily
 from hhr_dolfinx.plain import as_plain, by_name, restored
+from hhr_dolfinx.plugins.paths.path_families import Leg, NamedPath, PathFamily
 
 SPACE = hhr.ParameterSpace(("load", "gap"), (0.0, 0.0), (450.0, 0.02))
 OWN = hhr.ParameterSpace(("gap", "hold", "back"), (5.0, 0.0, 0.0), (15.0, 10.0, 1.0))
@@ -259,7 +259,7 @@ def test_a_sampling_or_a_family_is_no_list_of_paths():
 
 @needs("inelastic")
 def test_the_lines_of_the_documentation():
-    text = (Path(__file__).parents[2] / "docs/flow.md").read_text()
+    text = (Path(__file__).parents[3] / "docs/flow.md").read_text()
     (code,) = (block for block in re.findall(r"```python\n(.*?)```", text, re.DOTALL) if "PathFamily" in block)
     names = {"hhr": hhr, "scene": demo.scene()}
     exec(code, names)

@@ -9,6 +9,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from needs import needs
 
 from hhr_dolfinx.plugins.studies import advice, measure, page
 from hhr_dolfinx.plugins.studies import report as figures
@@ -124,6 +125,7 @@ def test_columns_of_the_page_hold_what_their_heads_say(tmp_path):
     ]  # fmt: skip
 
 
+@needs("one_call")
 def test_the_mutation_run_still_finds_these_rules():
     """``make mutants`` changes lines of the code by their text: each is there once, and what comes out is Python."""
     place = Path(__file__).parents[3] / "scripts" / "mutants.py"
