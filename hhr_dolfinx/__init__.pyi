@@ -38,8 +38,6 @@ from .pairings.obstacle import Obstacle as Obstacle
 from .parameters import ParameterSpace as ParameterSpace
 from .plugins.checks.fields import write_fields as write_fields
 from .plugins.fallback.model import FallbackModel as FallbackModel
-from .plugins.friction.laws import Coulomb as Coulomb
-from .plugins.friction.laws import Tresca as Tresca
 from .plugins.friction.outputs import DissipatedWork as DissipatedWork
 from .plugins.friction.outputs import FrictionForce as FrictionForce
 from .plugins.friction.outputs import LargestSlip as LargestSlip
@@ -47,6 +45,8 @@ from .plugins.friction.outputs import LargestWear as LargestWear
 from .plugins.friction.outputs import SlipArea as SlipArea
 from .plugins.friction.outputs import StickArea as StickArea
 from .plugins.friction.outputs import Torque as Torque
+from .plugins.friction.pair_laws import Coulomb as Coulomb
+from .plugins.friction.pair_laws import Tresca as Tresca
 from .plugins.greedy.greedy import Greedy as Greedy
 from .plugins.greedy.indicators import Eta as Eta
 from .plugins.greedy.indicators import Eta2 as Eta2

@@ -21,14 +21,15 @@ def _calibrated(full: Any, recipe: Any) -> bool:
 
 PLUGIN = Plugin(
     name=_OURS,
-    public={f"{_HERE}.laws": "Coulomb Tresca", f"{_HERE}.outputs": _OUTPUTS},
+    public={f"{_HERE}.pair_laws": "Coulomb Tresca", f"{_HERE}.outputs": _OUTPUTS},
     parts={"outputs": {name: f"{_HERE}.outputs:{name}" for name in _OUTPUTS.split()}},
     classes={
-        f"{_HERE}.laws": "Coulomb Friction FrictionLaw Tresca",
+        f"{_HERE}.laws": "Friction FrictionLaw",
+        f"{_HERE}.pair_laws": "Coulomb Tresca",
         f"{_HERE}.fields": "FrictionalFields",
         f"{_HERE}.functionals": "Remembered StatusArea",
     },
-    pair_laws={"friction": f"{_HERE}.laws:law_of"},
+    pair_laws={"friction": f"{_HERE}.pair_laws:law_of"},
     memory=("slip",),
     recipes={"with_friction": f"{_HERE}.reduction:with_friction"},
     stages=(

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 
-from hhr_dolfinx.plugins.friction.laws import Law
+from hhr_dolfinx.plugins.friction.pair_laws import Law
 
 STICK = 0.1
 """Stiffness of sticking contacts in a deck, as a part of that of pressures."""

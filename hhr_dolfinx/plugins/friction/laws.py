@@ -1,4 +1,4 @@
-"""Friction of contact pairs: laws that users define, and the tangential rows of B.
+"""Friction of contact pairs: laws over the parameter range, and the tangential rows of B.
 
 A contact with friction has one tangential row in the plane and two in space, see
 :mod:`hhr_dolfinx.plugins.friction.tangents`. The slack of such a row decreases by the relative displacement along a
@@ -11,11 +11,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
-from hhr_dolfinx.contact.law import ContactLaw, LawfulScene, MeshArrays, PairLaw
+from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ParameterError, SceneError
 from hhr_dolfinx.formulas import Scalar, check_over_box, formula_of
@@ -23,124 +23,20 @@ from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import Rebuilt
 
-if TYPE_CHECKING:
-    from scipy.sparse import csc_matrix
-
-    from hhr_dolfinx.contact.rows import ContactRows
-
 OPEN, STICKS, SLIPS = 0, 1, 2
 """Statuses of a contact with friction."""
 SLIP = "slip"
 """Name of the :class:`SlipState` in the memory of an answer."""
 
 
-class _Tangential(PairLaw):
-    """A law of the tangential forces of a contact pair, by two constants."""
-
-    plugin: ClassVar[str] = "friction"
-    remembers: ClassVar[bool] = True
-    coefficient: Any
-    limit: Any
+class PairConstants(Protocol):
+    """A user's law of a pair: numbers or formulas; None for one that the law does not have."""
 
     @property
-    def texts(self) -> tuple[str, ...]:
-        """See :class:`PairLaw`."""
-        return tuple(text for text in (self.coefficient, self.limit) if isinstance(text, str))
+    def coefficient(self) -> float | str | None: ...  # noqa: D102
 
     @property
-    def words(self) -> str:
-        """See :class:`PairLaw`."""
-        parts = [] if self.coefficient is None else [f"friction {self.coefficient}"]
-        parts += [] if self.limit is None else [f"shear stress up to {self.limit}"]
-        return ", ".join(parts)
-
-    def check(self, scene: LawfulScene, what: str) -> None:
-        """See :class:`PairLaw`."""
-        FrictionLaw.of(self, scene.parameters, what)  # type: ignore[arg-type]
-        if scene.shapes and self.limit is not None:
-            raise SceneError(
-                f"scene '{scene.name}' has friction with a limit of its stress, and bodies that change their shape, "
-                "and with it their areas: that is not built in. Give Coulomb's coefficient alone"
-            )
-
-    @classmethod
-    def attached(
-        cls,
-        laws: Mapping[int, Law],
-        scene: LawfulScene,
-        rows: ContactRows,
-        pairs: np.ndarray,
-        free: np.ndarray,
-        lifts: csc_matrix,
-        mesh: MeshArrays,
-    ) -> tuple[ContactRows, np.ndarray, Friction]:
-        """See :class:`PairLaw`: tangential rows."""
-        from hhr_dolfinx.plugins.friction.tangents import Mesh, with_tangents
-
-        own = {place: FrictionLaw.of(law, scene.parameters, f"contact {place}") for place, law in laws.items()}
-        shaped: set[str] = set().union(*(shape.variables for shape in scene.shapes))
-
-        def places(some: set[str]) -> np.ndarray:
-            return np.array([k for k, name in enumerate(scene.parameters.names) if name in some], dtype=np.int64)
-
-        return with_tangents(rows, pairs, own, free, lifts, places(scene.named), places(shaped), Mesh(*mesh))
-
-
-@dataclass(frozen=True)
-class Coulomb(_Tangential):
-    """Coulomb's law: the tangential force of a contact is at most its pressure times a coefficient.
-
-    Attributes:
-        coefficient: not negative; a number, or an expression of the parameters.
-        limit: largest shear stress at any pressure, in the unit of stress; a number or an expression; None for no
-            limit.
-    """
-
-    coefficient: float | str
-    limit: float | str | None = None
-
-    def __post_init__(self) -> None:
-        formula_of(self.coefficient, "the coefficient of friction")
-        if self.limit is not None:
-            formula_of(self.limit, "the limit of friction")
-
-
-@dataclass(frozen=True)
-class Tresca(_Tangential):
-    """Tresca's law: the tangential stress is at most a given one at any pressure, also on open contacts.
-
-    This is the classical problem, which has one solution. For a stress that vanishes on open contacts use a limit of
-    Coulomb's law, ``Coulomb(coefficient, limit)``.
-
-    Attributes:
-        limit: shear stress, not negative, in the unit of stress; a number, or an expression of the parameters.
-    """
-
-    limit: float | str
-    coefficient: ClassVar[None] = None  # type: ignore[misc]
-
-    def __post_init__(self) -> None:
-        formula_of(self.limit, "the limit of friction")
-
-
-Law = Coulomb | Tresca
-
-
-def law_of(friction: Any, what: str) -> Law | None:
-    """Law for the friction that a user gave for a pair: None, a law, or the coefficient of Coulomb's law.
-
-    Raises:
-        SceneError: for anything else.
-    """
-    if friction is None or isinstance(friction, Coulomb | Tresca):
-        return friction
-    try:
-        return Coulomb(friction)
-    except SceneError:
-        raise SceneError(
-            f"friction = {friction!r} of {what} is unknown: give the coefficient as a number or a formula, "
-            "friction=0.3, or a law, Coulomb(0.3, limit) or Tresca(limit)"
-        ) from None
+    def limit(self) -> float | str | None: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -156,7 +52,7 @@ class FrictionLaw(Rebuilt):
     limit: Scalar | None
 
     @classmethod
-    def of(cls, law: Law, space: ParameterSpace, what: str) -> FrictionLaw:
+    def of(cls, law: PairConstants, space: ParameterSpace, what: str) -> FrictionLaw:
         """Law over the parameter range of a scene.
 
         Raises:
