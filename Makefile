@@ -99,9 +99,10 @@ test: setup
 	@echo "About ten minutes on two idle cores, three times as long on busy ones; dots come as tests are done."
 	.venv/bin/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
-QUICK = active_set bad_input bad_meshes bad_pairings basis bounds cubature enrichment fields formulas forms full_order house \
-  loads locking many mesh_files model_files path_families peers pictures reduced registry restriction sampling stability subspaces timing trust
-QUICK_PLUGINS = inelastic/test_history_files inelastic/test_laws moduli/test_interpolation
+QUICK = active_set bad_input bad_meshes bad_pairings basis bounds cubature enrichment formulas forms full_order house \
+  loads locking many mesh_files model_files peers reduced registry restriction sampling stability subspaces timing trust
+QUICK_PLUGINS = checks/test_fields inelastic/test_history_files inelastic/test_laws moduli/test_interpolation \
+  paths/test_path_families studies/test_pictures
 
 # for people at work: each room of the house, and that what was installed works, in less than a minute
 quick: setup
@@ -120,7 +121,7 @@ without: setup
 slow: setup
 	.venv/bin/python -m pytest -m slow -n auto --maxprocesses 4 --dist loadfile
 
-# rules of study and certify are changed one at a time, and changes that no test sees are printed: an hour
+# rules of studies and certify are changed one at a time, and changes that no test sees are printed: an hour
 mutants: setup
 	.venv/bin/python scripts/mutants.py
 
@@ -134,7 +135,7 @@ setup:
 
 # which of DOLFINx, PETSc, MUMPS, gmsh and the programs of the tests are there, and what they lack
 doctor: setup
-	@.venv/bin/python -m hhr_dolfinx.doctor
+	@.venv/bin/python -m hhr_dolfinx.plugins.checks.doctor
 
 # the site in out/site: tutorial, demos, reference; its examples are run, and a warning is an error
 docs: setup

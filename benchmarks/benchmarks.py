@@ -26,8 +26,6 @@ from second_order import ring_errors
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import PairingWarning
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
 
 Row = dict[str, Any]
 
@@ -185,6 +183,8 @@ def told(found: Row) -> dict[str, str]:
 
 def main() -> None:
     """Run all of them, print and write the table."""
+    from hhr_dolfinx.plugins.studies import cli, report
+
     options = cli.parse_on_first_rank(cli.demo_parser("benchmarks", __doc__))
     runs = (line_contact, lambda quick: line_contact(quick, 2), ball, patch, rates, rates_of_second_order)
     rows = [found for run in runs for found in run(options.quick)]

@@ -22,8 +22,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.geometries.two_blocks import side, two_blocks
 from hhr_dolfinx.plugins.exporters.deck import write_deck
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli, report
 
 WIDE, PRESSED = 1, 2
 PUSH = 0.01

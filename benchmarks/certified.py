@@ -34,8 +34,7 @@ from mpi4py import MPI
 from scipy.stats import spearmanr
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli, report
 from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import timed
 

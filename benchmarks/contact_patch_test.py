@@ -17,8 +17,6 @@ from verify import recorded_warnings
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import stacked_blocks as geometry
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
 
 YOUNG, PUSH = {geometry.LOWER: 3.0, geometry.UPPER: 7.0}, 0.05
 PRESSURE = PUSH / sum(1 / young for young in YOUNG.values())
@@ -66,7 +64,7 @@ def solve(built: hhr.Scene) -> tuple[np.ndarray, np.ndarray, float]:
 
 def main() -> None:
     """Measure all pairings on several meshes, print a table, draw the pressures."""
-    from hhr_dolfinx.study.report import plots
+    from hhr_dolfinx.plugins.studies import cli, plots, report
 
     options = cli.parse_on_first_rank(cli.demo_parser("contact_patch_test", __doc__))
     meshes = {"3 on 5": ((3, 3), (5, 4)), "5 on 3": ((5, 4), (3, 3)), "7 on 8": ((7, 4), (8, 4)),

@@ -18,8 +18,7 @@ from extreme_surfaces import surface_cases
 from extreme_tubes import tube_cases
 from verify import as_report, verify
 
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli, report
 
 
 def main() -> int:

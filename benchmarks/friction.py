@@ -23,8 +23,6 @@ from mpi4py import MPI
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
 
 Row = dict[str, Any]
 FRICTION, YOUNG, POISSON, RADIUS = 0.3, fretting.YOUNG, fretting.POISSON, fretting.RADIUS
@@ -241,6 +239,8 @@ def references(quick: bool) -> Iterator[Row]:
 
 def main() -> None:
     """Run all cases, print and write the table."""
+    from hhr_dolfinx.plugins.studies import cli, report
+
     options = cli.parse_on_first_rank(cli.demo_parser("friction", __doc__))
     rows = list(references(options.quick))
     report.write_report({"scene": "friction", "friction": {"reference": rows}, **report.environment()}, options.out)

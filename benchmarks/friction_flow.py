@@ -17,8 +17,7 @@ import pellet_cladding_plastic as plastic
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli, report
 from hhr_dolfinx.timing import timed
 
 COEFFICIENT = 0.3

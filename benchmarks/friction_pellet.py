@@ -24,8 +24,7 @@ from scipy.stats import qmc
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli, report
 from hhr_dolfinx.timing import timed
 
 LEGS, STEPS = 5, 8

@@ -17,8 +17,6 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.plugins.friction.laws import Friction
 from hhr_dolfinx.plugins.friction.sliding_set import Increment, SlidingContact
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
 
 NONE = np.zeros(0)
 WRONG = 1e-8
@@ -101,6 +99,8 @@ def tried(count: int, rng: np.random.Generator) -> dict[str, Any]:
 
 def main() -> None:
     """Try, report."""
+    from hhr_dolfinx.plugins.studies import cli, report
+
     parser = cli.demo_parser("friction_random", __doc__)
     parser.add_argument("--count", type=int, default=20_000, help="how many problems (%(default)s)")
     options = cli.parse_on_first_rank(parser)

@@ -27,9 +27,8 @@ import pellet_materials
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.measure import References
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli, report
+from hhr_dolfinx.plugins.studies.measure import References
 from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import timed
 

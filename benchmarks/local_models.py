@@ -31,9 +31,8 @@ from mpi4py import MPI
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import summary
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.measure import References
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli, report
+from hhr_dolfinx.plugins.studies.measure import References
 from hhr_dolfinx.timing import time_queries, timed
 
 TABLE_4_1 = np.array([[170.0, 3.2], [30.0, 5.25]])

@@ -6,7 +6,6 @@ import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.plugins.local.models import LocalModels
-from hhr_dolfinx.study.measure import References
 from hhr_dolfinx.study.training.train import Training
 
 LABELS = ("P1 [MPa]", "h1 [mm]")
@@ -41,7 +40,7 @@ def _draw_domains(training: Training, local: LocalModels, path: Path) -> None:
     """Reduced domains of flat meshes side by side, figures 4.4 and 4.9."""
     import pyvista
 
-    from hhr_dolfinx.study.report.plots import field_grid
+    from hhr_dolfinx.plugins.studies.plots import field_grid
 
     shown = local.models[:4]
     plotter = pyvista.Plotter(off_screen=True, shape=(1, len(shown)), window_size=(400 * len(shown), 600), border=False)
@@ -58,7 +57,8 @@ def _draw_domains(training: Training, local: LocalModels, path: Path) -> None:
 
 def _draw_maps(training: Training, models: dict, folder: Path, name: str, quick: bool) -> None:
     """Errors of forces over both parameters, figures 4.5, 4.6 and 4.10."""
-    from hhr_dolfinx.study.report.plots import plot_maps
+    from hhr_dolfinx.plugins.studies.measure import References
+    from hhr_dolfinx.plugins.studies.plots import plot_maps
 
     points = training.full_order.parameters.grid([12, 10] if quick else [40, 30])
     references = References.at(points, training.full_order, training.snapshots)

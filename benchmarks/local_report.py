@@ -2,15 +2,17 @@
 
 from __future__ import annotations
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.plugins.local.clustered import sizes_of
 from hhr_dolfinx.plugins.local.models import LocalModels
-from hhr_dolfinx.study.measure import Errors, References
 from hhr_dolfinx.timing import time_queries
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.studies.measure import Errors, References
 
 BORDER = 0.05
 """Part of the width of the part of a model within which a point lies by its border."""

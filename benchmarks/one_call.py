@@ -32,8 +32,6 @@ from hhr_dolfinx.geometries.two_blocks import side
 from hhr_dolfinx.plugins.one_call.context import SearchContext
 from hhr_dolfinx.plugins.one_call.target import Budget, Target
 from hhr_dolfinx.plugins.one_call.workers import Workers
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
 from hhr_dolfinx.study.training.train import silent
 from hhr_dolfinx.timing import timed
 
@@ -181,6 +179,8 @@ def measured(case: Case, fresh: int) -> dict[str, Any]:
 
 def main() -> None:
     """All cases, one after another."""
+    from hhr_dolfinx.plugins.studies import cli, report
+
     parser = cli.demo_parser("one_call", __doc__)
     parser.add_argument("--only", help="the case of this name alone")
     options = cli.parse_on_first_rank(parser)

@@ -23,9 +23,8 @@ from mpi4py import MPI
 from recipes import judged, recipe, summed_up, warnings_given
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.measure import References
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli, report
+from hhr_dolfinx.plugins.studies.measure import References
 from hhr_dolfinx.study.training.train import Training
 
 MESH = {"radial_cells": 20, "axial_cells": 40, "cladding_radial_cells": 3}

@@ -10,7 +10,7 @@ import numpy as np
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.errors import HHRError, StabilityWarning
-from hhr_dolfinx.study.measure import References
+from hhr_dolfinx.plugins.studies.measure import References
 from hhr_dolfinx.study.training.train import Training
 
 REQUIRED, RIGHT = {"p95": 0.1, "max": 0.3}, {"p95": 0.03, "max": 0.1}

@@ -30,8 +30,7 @@ from mpi4py import MPI
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.linear.sparse import FreeCholesky
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli, report
 from hhr_dolfinx.timing import timed
 
 MESHES = ((6, 3, 4, 2), (8, 4, 6, 3), (12, 6, 9, 4), (16, 8, 12, 6), (20, 10, 15, 7), (26, 13, 19, 9),

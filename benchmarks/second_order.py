@@ -29,8 +29,6 @@ from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import PairingWarning
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.pairings.surface import Surface, nodal_rows
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
 
 LINES = "x0", "y0"
 LAME = 5 / 32
@@ -228,6 +226,8 @@ def reduction_rows(names: Sequence[str], seed: int) -> list[dict[str, Any]]:
 
 def main() -> None:
     """Compare, print, report."""
+    from hhr_dolfinx.plugins.studies import cli, report
+
     options = cli.parse_on_first_rank(cli.demo_parser("second_order", __doc__))
     quick = options.quick
     with warnings.catch_warnings():

@@ -149,7 +149,7 @@ class Case:
 
     def check_reduced(self, full: FullOrderModel, checked: Checked, counts: tuple[int, ...], seed: int) -> Line:
         """Row of the reduced model at random parameters."""
-        from hhr_dolfinx.study.measure import References
+        from hhr_dolfinx.plugins.studies.measure import References
 
         space = full.parameters
         with recorded_warnings() as warned:

@@ -22,9 +22,6 @@ import numpy as np
 import hhr_dolfinx as hhr
 from hhr_dolfinx.plugins.exporters.fmu import write_fmu
 from hhr_dolfinx.plugins.pages.scenery_of import scenery_of
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
-from hhr_dolfinx.study.report.console import shares_on
 from hhr_dolfinx.timing import timed
 
 STEP = Path(__file__).parent / "meshes" / "joint.step"
@@ -89,6 +86,9 @@ def scene(mesh: Path) -> hhr.Scene:
 
 def main() -> None:
     """Mesh, reduce, ask, and hand on as a page and as a unit."""
+    from hhr_dolfinx.command.console import shares_on
+    from hhr_dolfinx.plugins.studies import cli, report
+
     options = cli.parse_on_first_rank(cli.demo_parser("bolted_joint", __doc__))
     out, console = options.out, options.console
     gmsh.initialize()

@@ -16,8 +16,8 @@ from scipy.optimize import least_squares
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import coated_block as geometry
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report.report import write_report
+from hhr_dolfinx.plugins.studies import cli
+from hhr_dolfinx.plugins.studies.report import write_report
 from hhr_dolfinx.timing import timed
 
 LOWER, UPPER, TRUE = np.array([150e3, 60e3]), np.array([500e3, 160e3]), np.array([320e3, 95e3])

@@ -21,8 +21,6 @@ import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
 
 YOUNG, POISSON, RADIUS, SIZE = 1000.0, 0.3, 1000.0, 40.0
 """MPa and mm; radius and blocks are far larger than the contact, whose surfaces are those of half-planes."""
@@ -83,6 +81,8 @@ def scene(
 
 def main() -> None:
     """Rub, compare with the full order and with closed forms, draw."""
+    from hhr_dolfinx.plugins.studies import cli, report
+
     options = cli.parse_on_first_rank(cli.demo_parser("fretting", __doc__))
     from parts import fretting_study
 

@@ -19,7 +19,6 @@ from typing import Any
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-from hhr_dolfinx.study import cli
 
 QUICK_MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 2}
 RADIUS, CONDUCTIVITY, CLADDING_EXPANSION = 4.1, 3.0, 6e-6
@@ -68,6 +67,8 @@ def free_growth(power: float, expansion: float) -> float:
 
 def main() -> None:
     """Train, study, report."""
+    from hhr_dolfinx.plugins.studies import cli
+
     options = cli.parse(cli.demo_parser("fuel_rod", __doc__))
     mesh, training = (QUICK_MESH, hhr.Sobol(64)) if options.quick else ({}, hhr.Sobol(512))
     settings = hhr.StudySettings(training).adapted(seed=options.seed, quick=options.quick)

@@ -19,8 +19,6 @@ from parts.o_ring import o_ring_and_lid
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import stacked_blocks as blocks
 from hhr_dolfinx.geometries.two_blocks import side
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
 
 
 def o_ring(fine: float = 0.06) -> hhr.Scene:
@@ -64,6 +62,8 @@ def punch(cells: int = 24) -> hhr.Scene:
 def main() -> None:
     """Both scenes; print the table, write ``report.json`` and the models."""
     from parts.held_by_contact_study import measured
+
+    from hhr_dolfinx.plugins.studies import cli, report
 
     options = cli.parse_on_first_rank(cli.demo_parser("held_by_contact", __doc__))
     found: dict[str, Any] = {"scene": "held_by_contact", "seed": options.seed, "scenes": {}, **report.environment()}

@@ -24,7 +24,6 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import sphere_on_block as geometry
 from hhr_dolfinx.models.answer import Path
 from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
-from hhr_dolfinx.study import cli
 
 RADIUS, WIDTH, SPHERE_E, BLOCK_E, POISSON = 10.0, 0.4, 210e3, 70e3, 0.3
 BOX = {"depth": (0.0, 0.03), "sy": (100.0, 300.0), "H": (0.0, 10e3), "E": (60e3, 80e3)}
@@ -101,6 +100,8 @@ def tests(count: int = 8) -> list[Path]:
 
 def main() -> None:
     """Train on meshes of growing fineness, compare with the full order; on the last calibrate, and look at Tabor."""
+    from hhr_dolfinx.plugins.studies import cli
+
     parser = cli.demo_parser("indentation", __doc__)
     parser.add_argument("--cells", type=int, nargs="+", help="cells of the block along a side: 10 14, quick 10")
     parser.add_argument("--hhr", action="store_true", help="build and time the hyper-reduced model too")

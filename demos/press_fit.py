@@ -19,7 +19,6 @@ import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import press_fit as geometry
-from hhr_dolfinx.study import cli
 
 RADIUS, BORE, LENGTH, DENSITY, SHAFT_E, FRICTION = 20.0, 8.0, 15.0, 7.85e-9, 210e3, 0.15
 QUICK_MESH = {"around": 6, "hub_cells": (3, 8), "shaft_cells": (3, 10)}
@@ -72,6 +71,8 @@ def lame_pressure(interference: float, wall: float, young: float) -> float:
 
 def main() -> None:
     """Train on Sobol points, measure, report."""
+    from hhr_dolfinx.plugins.studies import cli
+
     options = cli.parse(cli.demo_parser("press_fit", __doc__))
     training, tests = (hhr.Sobol(64), 20) if options.quick else (hhr.Sobol(96), 50)
     # a query of the full order takes seconds: a hundred of them would take an hour

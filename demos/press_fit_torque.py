@@ -21,8 +21,6 @@ import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
 
 HUB, SHAFT = FIRST, SECOND
 BORE_OF_HUB, FREE_BORE = side(HUB, 0, False), 1
@@ -83,6 +81,8 @@ def scene(**mesh: int) -> hhr.Scene:
 
 def main() -> None:
     """Condense, compare designs with the full order, study a thousand, draw."""
+    from hhr_dolfinx.plugins.studies import cli, report
+
     parser = cli.demo_parser("press_fit_torque", __doc__)
     parser.add_argument("--designs", type=int, default=5, help="designs that the full order answers (%(default)s)")
     parser.add_argument("--cases", type=int, default=1000, help="designs of the study (%(default)s)")

@@ -18,8 +18,6 @@ import numpy as np
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
 
 RADIUS, START, FRICTION = 4.0, -4.0, 0.3
 PUSH, WAY, STEPS = 0.03, 8.0, 80
@@ -71,6 +69,8 @@ def path(steps: int = STEPS) -> list:
 
 def main() -> None:
     """Condense, draw the punch over the block, compare with the full order, draw the picture."""
+    from hhr_dolfinx.plugins.studies import cli, report
+
     options = cli.parse_on_first_rank(cli.demo_parser("sliding_punch", __doc__))
     from parts import sliding_punch_study
 

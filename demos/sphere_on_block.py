@@ -21,8 +21,6 @@ from mpi4py import MPI
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import sphere_on_block as geometry
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
 
 RADIUS, YOUNG, POISSON = 10.0, {geometry.SPHERE: 210e3, geometry.BLOCK: 70e3}, 0.3
 MESH = {"sphere_cells": (24, 10), "block_cells": (18, 8)}
@@ -72,6 +70,8 @@ def beside_hertz(full: hhr.FullOrderModel, push: float) -> dict[str, float]:
 
 def main() -> None:
     """Train, study, compare with Hertz, report."""
+    from hhr_dolfinx.plugins.studies import cli, report
+
     options = cli.parse(cli.demo_parser("sphere_on_block", __doc__))
     mesh, settings = QUICK_MESH if options.quick else MESH, SETTINGS.adapted(seed=options.seed, quick=options.quick)
     study = hhr.study_scene(scene(**mesh), settings, options.out, progress=options.progress)

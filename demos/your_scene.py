@@ -20,7 +20,6 @@ displacements of second order. `hhr study` measures what the mesh does, and says
 from pathlib import Path
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.study import cli
 
 MESH = Path(__file__).parent / "meshes" / "leaf_spring.msh"
 UNITS = hhr.Units("mm", "MPa")
@@ -69,6 +68,8 @@ VIEW = hhr.View(points=((0.9, 0.1),), deformed=True)
 
 def main() -> None:
     """Train, validate, time; save the model, and write everything to the output folder."""
+    from hhr_dolfinx.plugins.studies import cli
+
     options = cli.parse(cli.demo_parser("your_scene", __doc__))
     built, settings = scene(), SETTINGS.adapted(seed=options.seed, quick=options.quick)
     points = built.parameters.random(20 if options.quick else 200, seed=options.seed + 7)

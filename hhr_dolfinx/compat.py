@@ -91,14 +91,6 @@ def netcdf4(what: str) -> Any:
             sys.setdlopenflags(given)
 
 
-def drawn(value: Any, path: Any, *parts: Any) -> Any:
-    """Figure of a scene or an answer; the module that draws it is imported at the first call.
-
-    Methods ``plot`` belong to lower layers than the modules that draw: this is the only call upwards, by name.
-    """
-    return importlib.import_module("hhr_dolfinx.study.report.drawing").figure_of(value, path, *parts)
-
-
 SOLVER = frozenset({"dolfinx", "ufl", "basix", "petsc4py", "slepc4py", "mpi4py"})
 """Packages that are installed as a set: by conda, by a distribution, or by the wheel of the extra ``solver``."""
 GET_DOLFINX = (

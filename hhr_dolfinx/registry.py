@@ -94,6 +94,7 @@ class Plugin:
         memory: names of the parts of :class:`~hhr_dolfinx.memory.Memory` that its laws keep in answers.
         facets: places of objects that do for its laws what the core leaves to them, by words: each part of the core
             that needs one documents its word and protocol, and refuses a law without it, see :func:`facet`.
+        tools: places of functions that the core calls by a word, of all plug-ins one for each word, see :func:`tool`.
         companions: places of functions ``(full, folder) -> None`` that write further files next to a model;
             collective over the ranks of the full model.
     """
@@ -114,6 +115,7 @@ class Plugin:
     bounds: tuple[Bounds, ...] = ()
     memory: tuple[str, ...] = ()
     facets: Mapping[str, str] = field(default=NOTHING)
+    tools: Mapping[str, str] = field(default=NOTHING)
     companions: tuple[str, ...] = ()
 
 
@@ -211,6 +213,36 @@ def facet(plugin: str, word: str, what: str) -> Any:
     if word not in known[plugin].facets:
         raise NotOfferedError(f"{what} is not built in for what the plug-in '{plugin}' adds: it has no facet '{word}'")
     return load(known[plugin].facets[word])
+
+
+class Drawing(Protocol):
+    """The tool ``drawing``: figures of scenes and of answers."""
+
+    def __call__(self, value: Any, path: Any, full: Any = None) -> Any:
+        """Figure of matplotlib, saved if a path is given, of a scene, or of an answer on the mesh of a full model."""
+
+
+class FieldsFile(Protocol):
+    """The tool ``fields``: files of fields for viewers."""
+
+    def __call__(self, path: Any, full: Any, answer: Any) -> list[Path]:
+        """Write the fields of an answer on the mesh of a full model, and return the files."""
+
+
+def tool(word: str, what: str) -> Any:
+    """Function that a plug-in offers by a word: ``drawing``, a :class:`Drawing`; ``fields``, a :class:`FieldsFile`.
+
+    Args:
+        word: name of the tool.
+        what: what needs it, for the message.
+
+    Raises:
+        NotOfferedError: if no installed plug-in has it.
+    """
+    places = named("tools")
+    if word not in places:
+        raise NotOfferedError(f"{what} needs a plug-in with the tool '{word}', and none is installed")
+    return load(places[word])
 
 
 def listed(what: str) -> list[Any]:

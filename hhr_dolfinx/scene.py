@@ -13,9 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude, check_formula
 from hhr_dolfinx.body import Body
-from hhr_dolfinx.compat import drawn
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.loads import Load
@@ -239,9 +239,11 @@ class Scene:
 
         Raises:
             SceneError: if the mesh cannot be made.
+            NotOfferedError: without a plug-in that draws.
             MissingPackageError: without matplotlib.
         """
-        return drawn(self, path)
+        draw: registry.Drawing = registry.tool("drawing", "a figure of a scene")
+        return draw(self, path)
 
     def opened(self, contact: int, point: np.ndarray) -> float:
         """Gap that openings add to a contact pair, given by its index, at a point, (P,)."""

@@ -1,6 +1,6 @@
 """Mutation run: change a rule of the code, run the tests that name its file, and print each change that no test sees.
 
-    python scripts/mutants.py                     # the decisions below, and 40 random mutants of study and certify
+    python scripts/mutants.py                     # the decisions below, and 40 random mutants of studies and certify
     python scripts/mutants.py --count 200 --seed 2
     python scripts/mutants.py --count 10 hhr_dolfinx/plugins/one_call/search.py
 
@@ -28,12 +28,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[1]
-FOLDERS = ("hhr_dolfinx/study", "hhr_dolfinx/certify", "hhr_dolfinx/plugins/one_call")
+FOLDERS = ("hhr_dolfinx/study", "hhr_dolfinx/certify", "hhr_dolfinx/plugins/studies", "hhr_dolfinx/plugins/one_call")
 MOST_TESTS = 3
 """Test files that are run for one mutant, those with the fewest lines of all that name its file."""
 LEFT_OUT = shutil.ignore_patterns(".git", ".venv", "out", "__pycache__", ".mypy_cache", ".pytest_cache", ".ruff_cache")
 ONE_CALL = "hhr_dolfinx/plugins/one_call"
-REPORT = "hhr_dolfinx/study/report"
+STUDIES = "hhr_dolfinx/plugins/studies"
 DECISIONS = (
     ("the worst error counts once", f"{ONE_CALL}/search.py", "ROOM = 2.0", "ROOM = 1.0"),
     ("no check where the worst is expected", f"{ONE_CALL}/search.py",
@@ -44,18 +44,18 @@ DECISIONS = (
     ("a bound is looked at in 5 points", f"{ONE_CALL}/search.py", "LOOKED_AT = 500", "LOOKED_AT = 5"),
     ("checks are not set apart", f"{ONE_CALL}/context.py", "FRESH_SEED = 7000", "FRESH_SEED = 0"),
     ("unsettled interpolation is believed", f"{ONE_CALL}/search.py", "    if off:\n", "    if False:\n"),
-    ("condensation though 300 times slower", f"{REPORT}/advice.py", "exact <= 3 * reduced", "exact <= 300 * reduced"),
-    ("speed whatever the error", f"{REPORT}/advice.py",
+    ("condensation though 300 times slower", f"{STUDIES}/advice.py", "exact <= 3 * reduced", "exact <= 300 * reduced"),
+    ("speed whatever the error", f"{STUDIES}/advice.py",
      'key=lambda method: (max(rows[method]["dual_full_floored_max"], ALIKE), seconds[method])', "key=seconds.get"),
-    ("95 % and worst exchanged in a row", "hhr_dolfinx/study/measure.py",
+    ("95 % and worst exchanged in a row", f"{STUDIES}/measure.py",
      'f"{name}_p95": figures["p95"], f"{name}_max": figures["max"]',
      'f"{name}_p95": figures["max"], f"{name}_max": figures["p95"]'),
-    ("columns of a page exchanged", f"{REPORT}/page.py",
+    ("columns of a page exchanged", f"{STUDIES}/page.py",
      'figures.get(name)) for name in ("median", "p95", "max"))]',
      'figures.get(name)) for name in ("median", "max", "p95"))]'),
-    ("break-even forgets the reduced time", f"{REPORT}/report.py",
+    ("break-even forgets the reduced time", f"{STUDIES}/report.py",
      'saved = times["fom_best"]["median"] - times[kind]["median"]', 'saved = times["fom_best"]["median"]'),
-    ("answers of files cost nothing", f"{REPORT}/report.py",
+    ("answers of files cost nothing", f"{STUDIES}/report.py",
      'return {FROM_FILES: training.read / steps * fom_best["median"]}', "return {FROM_FILES: 0.0}"),
 )  # fmt: skip
 """Rules that decide which model a user gets, or what he reads of it: each of these changes must fail a test."""
@@ -178,7 +178,7 @@ def drawn(given: Sequence[str], count: int, seed: int) -> list[Mutant]:
 def main() -> int:
     """Run the mutants, and print what survives."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("paths", nargs="*", help="files to change; study and certify by default")
+    parser.add_argument("paths", nargs="*", help="files to change; those of studies and certify by default")
     parser.add_argument("--count", type=int, default=40, help="random mutants")
     parser.add_argument("--seed", type=int, default=1, help="of the random mutants")
     parser.add_argument(

@@ -143,11 +143,13 @@ say "Set-up 3 of 3: trying what was installed"
 # 'from dolfinx import mesh' may be the first line of a program, before hhr_dolfinx
 "$venv/bin/python" hhr_dolfinx/solver_first.py >/dev/null
 "$venv/bin/python" -c 'from dolfinx import mesh
-import hhr_dolfinx, hhr_dolfinx.geometries.hertz_half_discs, hhr_dolfinx.study.report.plots
-for name in hhr_dolfinx.__all__: getattr(hhr_dolfinx, name)' || {
+import hhr_dolfinx, hhr_dolfinx.geometries.hertz_half_discs
+from hhr_dolfinx import registry
+for name in hhr_dolfinx.__all__: getattr(hhr_dolfinx, name)
+for place in registry.named("tools").values(): registry.load(place)' || {
     say "The installation does not work; the message above says why."
     exit 1
 }
-"$venv/bin/python" -m hhr_dolfinx.doctor | while IFS= read -r line; do say "    $line"; done
+[ ! -f hhr_dolfinx/plugins/checks/doctor.py ] || "$venv/bin/python" -m hhr_dolfinx.plugins.checks.doctor | while IFS= read -r line; do say "    $line"; done
 printf '%s\n' "$extras" >"$stamp"
 say "Set up in $(($(date +%s) - begin)) s: $(du -sm "$venv" | cut -f1) MB in $venv"

@@ -19,7 +19,6 @@ from typing import Any
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import hertz_half_discs as geometry
-from hhr_dolfinx.study import cli
 
 THESIS = hhr.Recipe.thesis(1e-8)
 """The thesis' own recipe: it needs no enrichment here."""
@@ -50,6 +49,8 @@ def scene(**mesh_options: Any) -> hhr.Scene:
 
 def main() -> None:
     """Train, validate, time, and write everything to the output folder."""
+    from hhr_dolfinx.plugins.studies import cli
+
     options = cli.parse(cli.demo_parser("hertz_half_discs", __doc__))
     built, settings = scene(), SETTINGS.adapted(seed=options.seed, quick=options.quick)
     points = built.parameters.grid([11 if options.quick else 101])

@@ -19,7 +19,6 @@ from typing import Any
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-from hhr_dolfinx.study import cli
 
 GRID, QUICK_MESH = (25, 20), {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 2}
 VIEW = hhr.View(((30.0, 5.25), (170.0, 3.2)), lambda places: places[:, 1], "z [mm]", (0, "u_r [mm]"), "MPa")
@@ -55,6 +54,8 @@ def scene(bottom: str = "obstacle", **mesh_options: Any) -> hhr.Scene:
 
 def main() -> None:
     """Train, then study or answer a table of parameters."""
+    from hhr_dolfinx.plugins.studies import cli
+
     parser = cli.demo_parser("pellet_cladding", __doc__)
     parser.add_argument("--batch", type=Path, help="CSV file of parameters to answer, spread over the ranks")
     parser.add_argument("--study", choices=["thesis"], help="rows of the thesis' tables 3.1 to 3.3 beside ours")

@@ -14,7 +14,7 @@ with layers of cells it answers. The default recipe is as good as on matching me
 
 import dataclasses
 from collections.abc import Iterator
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import pellet_cladding as matching
 
@@ -22,9 +22,9 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.materials.elasticity import von_mises
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
-from hhr_dolfinx.study.study import Study
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.plugins.studies.study import Study
 
 POINT = (190.0, 5.2)
 THESIS = {"primal_l2": 0.021, "dual_rid": 0.039, "von_mises": 0.0076, "sigma_rr": 0.0078}
@@ -49,7 +49,7 @@ def variants() -> Iterator[tuple[str, hhr.Recipe]]:
         yield f"relative {tolerance:.0e}", hhr.Recipe(hhr.Pod(tolerance, relative=True))
 
 
-def errors_at_point(study: Study) -> dict[str, float]:
+def errors_at_point(study: "Study") -> dict[str, float]:
     """Errors at the point of section 5.3.2 in the norms of the thesis."""
     full, inside = study.training.full_order, study.model.fields.A_lambda
     answers = study.model.solve(POINT), full.solve(POINT)
@@ -63,6 +63,8 @@ def errors_at_point(study: Study) -> dict[str, float]:
 
 def main() -> None:
     """Train, study, report."""
+    from hhr_dolfinx.plugins.studies import cli, report
+
     parser = cli.demo_parser("pellet_cladding_nonmatching", __doc__)
     parser.add_argument("--pairing", choices=PAIRINGS, default="node_to_surface")
     parser.add_argument("--bottom", choices=("obstacle", "held"), default="obstacle")

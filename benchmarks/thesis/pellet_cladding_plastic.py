@@ -30,7 +30,6 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.models.answer import Path
-from hhr_dolfinx.study import cli
 
 HEIGHT, NOMINAL = 0.9, 10e-3
 
@@ -85,6 +84,8 @@ def recipe(tolerance: float = 3e-10, layers: int = 3) -> hhr.Recipe:
 
 def main() -> None:
     """Train, compare, time full and reduced in turns, report."""
+    from hhr_dolfinx.plugins.studies import cli
+
     parser = cli.demo_parser("pellet_cladding_plastic", __doc__)
     parser.add_argument("--exponent", type=float, default=4.0, help="exponent of Norton's law (%(default)s)")
     parser.add_argument("--pod", type=float, default=3e-10, help="tolerance of the POD of displacements (%(default)s)")

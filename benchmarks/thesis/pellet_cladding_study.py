@@ -11,8 +11,8 @@ from pellet_cladding_tables import POINTS, thesis
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
-from hhr_dolfinx.study.measure import References
-from hhr_dolfinx.study.study import Study
+from hhr_dolfinx.plugins.studies.measure import References
+from hhr_dolfinx.plugins.studies.study import Study
 from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import time_queries
 
@@ -61,7 +61,7 @@ def thesis_size(study: Study) -> dict[str, float]:
 
 def draw_maps(study: Study, folder: Path, quick: bool) -> None:
     """Errors of three recipes over both parameters, thesis figure 3.9."""
-    from hhr_dolfinx.study.report import plots
+    from hhr_dolfinx.plugins.studies import plots
 
     training = study.training
     points = training.full_order.problem.parameters.grid([12, 10] if quick else [40, 30])

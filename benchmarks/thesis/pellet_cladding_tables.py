@@ -7,10 +7,10 @@ import numpy as np
 from rich.table import Table
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.command.console import Console
 from hhr_dolfinx.errors import HHRError
-from hhr_dolfinx.study.measure import References
-from hhr_dolfinx.study.report.console import Console
-from hhr_dolfinx.study.report.report import write_report
+from hhr_dolfinx.plugins.studies.measure import References
+from hhr_dolfinx.plugins.studies.report import write_report
 from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import time_queries
 

@@ -19,7 +19,6 @@ from typing import Any
 import pellet_cladding as base
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.study import cli
 
 NAMES = ("P1", "h1", "E1", "nu1", "E2", "nu2")
 LOWER, UPPER = (5.0, 0.6, 100e3, 0.2, 60e3, 0.25), (200.0, 6.0, 250e3, 0.4, 100e3, 0.4)
@@ -44,6 +43,8 @@ def scene(**mesh_options: Any) -> hhr.Scene:
 
 def main() -> None:
     """Train on Sobol points, measure, report."""
+    from hhr_dolfinx.plugins.studies import cli
+
     options = cli.parse(cli.demo_parser("pellet_materials", __doc__))
     mesh, count = (base.QUICK_MESH, 128) if options.quick else ({}, 512)
     settings = hhr.StudySettings(hhr.Sobol(count), recipe=RECIPE, variants=VARIANTS, queries=100, naive=False)

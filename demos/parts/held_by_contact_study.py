@@ -9,7 +9,6 @@ from mpi4py import MPI
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import summary
 from hhr_dolfinx.errors import SceneWarning
-from hhr_dolfinx.study.measure import References
 from hhr_dolfinx.timing import time_queries
 
 
@@ -24,6 +23,8 @@ def imbalance(model: Any, full: hhr.FullOrderModel, point: np.ndarray) -> float:
 
 def measured(scene: hhr.Scene, options: Any) -> tuple[dict[str, Any], dict[str, Any]]:
     """Train, build, compare at random points: for the report, and a line of the table."""
+    from hhr_dolfinx.plugins.studies.measure import References
+
     with warnings.catch_warnings():
         # a punch without friction may slide, and nothing drives it to
         warnings.filterwarnings("ignore", ".*no contact resists and no load drives", SceneWarning)

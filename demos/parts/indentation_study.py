@@ -29,7 +29,6 @@ from scipy.optimize import least_squares
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.models.answer import History
-from hhr_dolfinx.study.report import report
 from hhr_dolfinx.timing import timed
 
 
@@ -180,6 +179,8 @@ def tabor(full: hhr.FullOrderModel) -> tuple[list[dict[str, Any]], list[dict[str
 
 def told(scaling: dict[str, list], rows: list, imprints: list, calibration: dict[str, Any], options: Any) -> None:
     """Write ``report.json`` and print its tables."""
+    from hhr_dolfinx.plugins.studies import report
+
     report.write_report({"scene": "indentation", "seed": options.seed, **report.environment(),
                          "calibration": calibration, "tabor": rows,
                          "models": {name: {"scaling": table} for name, table in scaling.items()},

@@ -1,16 +1,15 @@
-"""Commands that evaluate parameters, one of them or a table."""
+"""The command ``hhr solve``: the answer of one parameter."""
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx import ranks
-from hhr_dolfinx.command.speaking import first_rank, guarded, spoken
-from hhr_dolfinx.command.words import AT, KNOWN, NO_ANSWER, PART, examples
+from hhr_dolfinx import registry
+from hhr_dolfinx.command.speaking import first_rank, guarded
+from hhr_dolfinx.command.words import AT, KNOWN, examples
 from hhr_dolfinx.compat import extra
 
 if TYPE_CHECKING:
@@ -21,7 +20,6 @@ with extra("study", "the command hhr"):
     import click
 
 FIELDS = (".vtkhdf", ".vtu")
-TABLES = (".csv", ".parquet")
 
 
 def largest_values(
@@ -75,6 +73,8 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     if out is not None and is_model(what):
         raise click.UsageError("--out needs a mesh, which a model in a file has not: solve the scene")
     checked_target(out, FIELDS)
+    if out is not None:
+        write: registry.FieldsFile = registry.tool("fields", "--out, a file of fields,")
     model: Any
     if is_model(what):
         model = model_of(what, known)
@@ -115,48 +115,4 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         if unique:
             click.echo(f"answers with {model.law.name}: {unique}")
     if out is not None:
-        from hhr_dolfinx.study.report.fields import write_fields
-
-        write_fields(out, model, answer)
-
-
-@click.command(
-    epilog=examples(
-        "hhr answer model.npz questions.csv --out answers.csv", "mpirun -n 2 hhr answer model.npz q.parquet"
-    )
-)
-@click.argument("model", type=click.Path(path_type=Path))
-@click.argument("table", type=click.Path(path_type=Path))
-@click.option("--out", type=click.Path(path_type=Path), help="the answers, .csv or .parquet [answers.csv]")
-@click.option("--displacement", is_flag=True, help="a column of the largest displacement, which takes the whole field")
-@click.option("--estimates/--no-estimates", default=True, show_default=True, help="columns of what is known of errors")
-@click.option("--forces/--no-forces", default=True, show_default=True, help="a column for each contact condition")
-@PART
-@KNOWN
-@guarded
-def answer(
-    model: Path, table: Path, out: Path | None, part: tuple[int, int] | None, known: tuple[str, ...], **columns: bool
-) -> None:
-    """Answer a table of parameters, one row each, with outputs and bounds of errors. Rows may fail, others go on.
-
-    Answers are kept block by block: a command that was interrupted goes on. Where bodies flow each row is one step from
-    rest; paths are for Python, model.march. With --part 3/8 the third of eight blocks of rows is answered, into
-    answers.3of8.csv.
-    """
-    from hhr_dolfinx.command.loading import checked_target, model_of
-    from hhr_dolfinx.online.tables import answer_table, checksum, read_points
-
-    checked_target(out, TABLES)
-    target = out or Path("answers.csv")
-    target = target if part is None else target.with_name(f"{target.stem}.{part[0]}of{part[1]}{target.suffix}")
-    if target.exists() and table.exists() and target.samefile(table):
-        raise click.UsageError(f"{target} holds the questions, which its answers would replace: give another --out")
-    console, progress = spoken()
-    loaded = model_of(model, known)
-    rows = read_points(table, loaded.parameters)
-    rows = rows if part is None else [rows[k] for k in ranks.share(len(rows), part[0] - 1, part[1])]
-    if loaded.flows:
-        console.print("bodies flow: each row is one step from rest, of one second; paths are for Python, model.march")
-    console.print(f"errors of its answers: {loaded.known_error}", highlight=False, markup=False)
-    bad = answer_table(loaded, rows, target, console, progress("answers"), **columns, resume=checksum(model))
-    sys.exit(NO_ANSWER if bad else 0)
+        write(out, model, answer)

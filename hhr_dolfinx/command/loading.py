@@ -17,30 +17,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.scene import Scene
 
 
-MESHES = frozenset(
-    (
-        ".msh",
-        ".inp",
-        ".e",
-        ".ex2",
-        ".exo",
-        ".xdmf",
-        ".vtk",
-        ".vtu",
-        ".med",
-        ".unv",
-        ".bdf",
-        ".nas",
-        ".cgns",
-        ".su2",
-        ".mesh",
-    )
-)
-"""Endings of mesh files, which are never scenes."""
-MOST_NAMES = 1000
-"""Bodies, surfaces and sets of a mesh file that are listed."""
-
-
 def scene_of(name: str) -> Scene:
     """The scene of ``file.py``, ``file.py:name`` or an entry point: a Scene, or a function that returns one.
 
@@ -133,25 +109,6 @@ def model_of(path: str | Path, known: Iterable[str] = ()) -> Any:
         if not isinstance(found, type):
             raise SceneError(f"--known {name} is {type(found).__name__} and no class: name one, --known law.py:MyLaw")
     return load_model(path, known=classes)
-
-
-def is_mesh(name: str) -> bool:
-    """True for the name of a mesh file, or of a file or folder that cannot be anything else."""
-    path = Path(name)
-    return (path.exists() and path.suffix not in (".py", ".npz")) or path.suffix.lower() in MESHES
-
-
-def contents_of(name: str) -> str:
-    """Contents of a mesh file, and how a scene refers to it.
-
-    Raises:
-        FileContentError: for a file that is not a mesh.
-    """
-    from hhr_dolfinx.geometries.mesh_file import MeshFile
-    from hhr_dolfinx.geometries.summary import summary_of
-
-    found = summary_of(MeshFile(name).read(), Path(name)).text(MOST_NAMES)
-    return f"{found}\nA scene names these as Body, contacts and loads of its geometry, hhr.MeshFile({name!r})"
 
 
 def checked_target(path: Path | None, endings: tuple[str, ...]) -> None:

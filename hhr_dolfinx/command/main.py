@@ -8,26 +8,18 @@ from __future__ import annotations
 
 import logging
 import os
-import sys
-from pathlib import Path
 
 from hhr_dolfinx import registry
-from hhr_dolfinx.command.speaking import guarded, spoken
-from hhr_dolfinx.command.words import AT, NO_ANSWER, SCENE, examples
+from hhr_dolfinx.command.speaking import guarded
+from hhr_dolfinx.command.words import examples
 from hhr_dolfinx.compat import extra
 
 with extra("study", "the command hhr"):
     import click
 
-PICTURES = (".png", ".pdf", ".svg")
-
-
 OWN = {
     "train": "hhr_dolfinx.command.making:train",
-    "study": "hhr_dolfinx.command.making:study",
-    "report": "hhr_dolfinx.command.making:report",
     "solve": "hhr_dolfinx.command.answering:solve",
-    "answer": "hhr_dolfinx.command.answering:answer",
 }
 """Commands of the core, loaded when they are called, like those of plug-ins."""
 
@@ -57,49 +49,6 @@ def hhr(verbose: bool) -> None:
     (file.py:name).
     """
     logging.basicConfig(level=logging.INFO if verbose else logging.WARNING, format="%(message)s")
-
-
-@hhr.command(epilog=examples("hhr check my_scene.py", "hhr check my_scene.py --at load=3", "hhr check part.msh"))
-@SCENE
-@AT
-@click.option("--picture", type=click.Path(path_type=Path), help="where to draw it [<scene>_check.png]")
-@click.option("--mesh-error", is_flag=True, help="solve once in full, and estimate how far the mesh is off")
-@guarded
-def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: bool) -> None:
-    """Look at a scene without solving it: tags, supports, surfaces, gaps, loads, parameters; with a picture.
-
-    SCENE may be a mesh file too, or a deck: its bodies, surfaces and sets are listed, and what is left out of it.
-
-    With --mesh-error it is solved once, in full, and the error of the mesh is estimated.
-    """
-    from hhr_dolfinx.command.loading import checked_target, is_mesh, point_of, scene_of
-
-    checked_target(picture, PICTURES)
-    console, _ = spoken()
-    if is_mesh(scene):
-        from hhr_dolfinx.command.loading import contents_of
-
-        if words or picture is not None or mesh_error:
-            raise click.UsageError(f"{scene} is a mesh: --at, --picture and --mesh-error are for scenes")
-        console.print(contents_of(scene), highlight=False, markup=False, soft_wrap=True)
-        return
-    from hhr_dolfinx.study.scene.check import check_scene
-
-    made = scene_of(scene)
-    picture = picture or Path(f"{made.name}_check.png")
-    checked_target(picture, PICTURES)
-    point = point_of(words, made.parameters, others=made.parameters.middle) if words else None
-    found = check_scene(made, point)
-    if mesh_error and not found.mistakes:
-        from hhr_dolfinx.study.scene.mesh import look_at_mesh_error
-
-        look_at_mesh_error(found, point)
-    for finding in found.findings:
-        console.print(f"{finding.level:8} {finding.text}", highlight=False)
-    if found.drawable:
-        found.draw(picture)
-        console.print(f"picture: {picture}")
-    sys.exit(NO_ANSWER if found.mistakes else 0)
 
 
 @hhr.command("list", epilog=examples("hhr list", "hhr list pairings"))

@@ -1,4 +1,4 @@
-"""Commands that make models of a scene, and reports of models: train, study, report."""
+"""The command ``hhr train``: a model of a scene."""
 
 from __future__ import annotations
 
@@ -6,12 +6,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx import ranks, registry
-from hhr_dolfinx.command.speaking import Command, first_rank, guarded, spoken
+from hhr_dolfinx.command.speaking import Command, first_rank, resumable, spoken
 from hhr_dolfinx.command.words import OUT, PART, SCENE, examples
 from hhr_dolfinx.compat import extra
 
 if TYPE_CHECKING:
     from hhr_dolfinx.scene import Scene
+    from hhr_dolfinx.study.settings import StudySettings
 
 with extra("study", "the command hhr"):
     import click
@@ -25,7 +26,7 @@ TRAINING = (
 )
 
 
-def _with_training(command: Command) -> Command:
+def with_training(command: Command) -> Command:
     """Add the options of a training to a command."""
     for option in reversed(TRAINING):
         command = option(command)
@@ -34,7 +35,7 @@ def _with_training(command: Command) -> Command:
 
 @click.command(epilog=examples("hhr train my_scene.py --sobol 64", "mpirun -n 4 hhr train my_scene.py --greedy 0.01"))
 @SCENE
-@_with_training
+@with_training
 @click.option("--model", "kind", type=click.Choice(list(KINDS)), default="hhr", show_default=True, help="what to build")
 @click.option(
     "--together/--side-by-side",
@@ -43,7 +44,7 @@ def _with_training(command: Command) -> Command:
 )
 @PART
 @OUT
-@guarded
+@resumable
 def train(
     scene: str, out: Path | None, kind: str, together: bool | None, part: tuple[int, int] | None, **how: Any
 ) -> None:
@@ -76,9 +77,9 @@ def train(
         full = FullOrderModel(made, MPI.COMM_SELF)
         model = condense(full, fields=True)
     else:
-        settings = _settings_of(scene)
+        settings = settings_of(scene)
         held_out = None if settings is None else settings.held_out
-        sampling = _training_of(how, settings)
+        sampling = training_of(how, settings)
         if part is not None:
             _solve_part(console, made, sampling, part, folder / "snapshots", held_out=held_out, progress=progress)
             return
@@ -102,38 +103,6 @@ def train(
     console.print(f"{made.name}: {problem.free.size} dofs and {len(problem.gaps)} contacts -> {_described(model)}")
     console.print(f"errors of its answers: {model.known_error}", highlight=False, markup=False)
     console.print(f"model: {target}")
-
-
-@click.command(epilog=examples("hhr study my_scene.py --grid 16,16 --tests 200", "hhr report out/my_scene"))
-@SCENE
-@_with_training
-@click.option("--tests", type=click.IntRange(1), default=200, show_default=True, help="random test points")
-@click.option("--queries", type=click.IntRange(6), default=200, show_default=True, help="timed queries of each method")
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="of random points")
-@OUT
-@guarded
-def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **how: Any) -> None:
-    """Train, then measure errors and times beside the full order and condensation; report, pictures and model."""
-    from dataclasses import replace
-
-    from hhr_dolfinx.command.loading import beside, scene_of
-    from hhr_dolfinx.study.report.view import View
-    from hhr_dolfinx.study.study import StudySettings, study_scene
-
-    console, progress = spoken()
-    made = scene_of(scene)
-    settings = _settings_of(scene)
-    given = _training_of(how, settings)
-    settings = replace(settings or StudySettings(given), training=given, seed=seed, queries=queries)
-    if not any(body.law is not None for body in made.bodies):
-        settings = replace(settings, tests=tests)
-    folder = out or Path("out") / made.name
-    found = study_scene(made, settings, folder, progress=progress)
-    if found is None:
-        return
-    middle = tuple((low + high) / 2 for low, high in zip(made.parameters.lower, made.parameters.upper, strict=True))
-    found.write(folder, console, beside(scene, "VIEW") or View(points=(middle,)))
-    console.print(f"errors of its answers: {found.model.known_error}", highlight=False, markup=False)
 
 
 def _solve_part(console: Any, scene: Scene, training: Any, part: tuple[int, int], folder: Path, **how: Any) -> None:
@@ -160,7 +129,7 @@ def _described(model: Any) -> str:
     return f"{model.conditions} contacts, all of them kept"
 
 
-def _settings_of(scene: str) -> Any:
+def settings_of(scene: str) -> StudySettings | None:
     """The ``SETTINGS`` in the file of a scene, or None.
 
     Raises:
@@ -168,7 +137,7 @@ def _settings_of(scene: str) -> Any:
     """
     from hhr_dolfinx.command.loading import beside
     from hhr_dolfinx.errors import SceneError
-    from hhr_dolfinx.study.study import StudySettings
+    from hhr_dolfinx.study.settings import StudySettings
 
     settings = beside(scene, "SETTINGS")
     if settings is not None and not isinstance(settings, StudySettings):
@@ -176,7 +145,7 @@ def _settings_of(scene: str) -> Any:
     return settings
 
 
-def _training_of(how: dict[str, Any], settings: Any) -> Any:
+def training_of(how: dict[str, Any], settings: StudySettings | None) -> Any:
     """Training by the options, or by the scene's file, or by 64 Sobol points."""
     from hhr_dolfinx.sampling import Sobol
 
@@ -195,13 +164,3 @@ def _training_of(how: dict[str, Any], settings: Any) -> Any:
     if given == ["sobol"]:
         return Sobol(how["sobol"])
     return Sobol(64) if settings is None else settings.training
-
-
-@click.command(epilog=examples("hhr report out/my_scene"))
-@click.argument("folder", type=click.Path(path_type=Path))
-@guarded
-def report(folder: Path) -> None:
-    """Make report.html of the report.json and the pictures in a folder: one file that needs nothing else."""
-    from hhr_dolfinx.study.report.page import write_page
-
-    click.echo(write_page(folder))

@@ -19,15 +19,17 @@ with extra("study", "the command hhr"):
 REFUSED = 3
 INTERRUPTED = 130
 _GOES_ON = ": answers that were done are kept, and the same command goes on from there"
-KEPT = dict.fromkeys(("train", "reduce", "study", "answer"), _GOES_ON)
-"""Results that interrupted commands keep, by name."""
 Command = Callable[..., Any]
 
 
-def guarded(command: Command) -> Command:
+def guarded(command: Command, kept: str = "") -> Command:
     """A command whose errors are sentences and exit codes, and which prints a message when it is interrupted.
 
     A fault of this package, which has no such sentence, keeps its traceback.
+
+    Args:
+        command: a function with the options of click.
+        kept: what the message adds on results that are kept.
     """
 
     @wraps(command)
@@ -39,13 +41,18 @@ def guarded(command: Command) -> Command:
             try:
                 return command(*args, **kwargs)
             except KeyboardInterrupt:
-                _say("interrupted" + KEPT.get(command.__name__, ""))
+                _say("interrupted" + kept)
                 sys.exit(INTERRUPTED)
             except Exception as error:
                 _say(f"error: {_explained(error)}")
             sys.exit(REFUSED)
 
     return run
+
+
+def resumable(command: Command) -> Command:
+    """A guarded command that keeps its answers when it is interrupted, and goes on from them."""
+    return guarded(command, _GOES_ON)
 
 
 def _explained(error: Exception) -> str:
@@ -88,7 +95,7 @@ def first_rank() -> bool:
 
 def spoken() -> tuple[Any, Any]:
     """The console of the first rank, and its progress bars by label."""
-    from hhr_dolfinx.study.report.console import make_console, progress_on
+    from hhr_dolfinx.command.console import make_console, progress_on
 
     console = make_console(quiet=not first_rank())
     return console, progress_on(console)

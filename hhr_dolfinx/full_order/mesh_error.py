@@ -8,6 +8,7 @@ Eng. 24, 1987). It is an estimate, not a bound.
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
@@ -40,6 +41,12 @@ class MeshError(NamedTuple):
 
     energy: float
     peak_pressure: float
+
+    def in_words(self) -> str:
+        """One sentence."""
+        none = math.isnan(self.peak_pressure)
+        peak = "no contact there" if none else f"{self.peak_pressure:.2%} of the peak pressure"
+        return f"mesh: off by {self.energy:.2%} of the stress in energy and {peak}, estimated by recovered stresses"
 
 
 def mesh_error(full: FullOrderModel, answer: Answer) -> MeshError:

@@ -11,7 +11,6 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 import numpy as np
 
 from hhr_dolfinx import registry
-from hhr_dolfinx.compat import drawn
 from hhr_dolfinx.contact.active_set import Status, Statuses
 from hhr_dolfinx.errors import ConvergenceError, HHRError, NotOfferedError, NotSolvableError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
@@ -250,10 +249,11 @@ class Answer(NamedTuple):
             full: see :meth:`pressure`.
 
         Raises:
-            NotOfferedError: by a copy, or a model from a file, without ``full``.
+            NotOfferedError: by a copy, or a model from a file, without ``full``; or without a plug-in that draws.
             MissingPackageError: without matplotlib.
         """
-        return drawn(self, path, self._meshed(full, "a picture needs the mesh"))
+        draw: registry.Drawing = registry.tool("drawing", "a figure of an answer")
+        return draw(self, path, self._meshed(full, "a picture needs the mesh"))
 
     def _meshed(self, full: Meshed | None, why: str) -> Meshed:
         found = self.fields.full if full is None else full

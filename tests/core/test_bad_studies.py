@@ -13,7 +13,6 @@ from scenes import pressed_block
 import hhr_dolfinx as hhr
 from hhr_dolfinx import compat
 from hhr_dolfinx.errors import ParameterError, ReductionError, StudyError
-from hhr_dolfinx.study.cli import demo_parser
 
 
 def unbuilt():
@@ -58,6 +57,7 @@ def test_paths_held_out_may_be_an_array():
         training.build({}, checked=False)
 
 
+@needs("studies")
 @pytest.mark.parametrize("below", ["", "snapshots"])
 def test_a_folder_that_is_a_file(tmp_path, below):
     (tmp_path / "file").write_text("")
@@ -95,12 +95,14 @@ def test_studies_that_measure_nothing(settings, message):
             demo.SETTINGS.adapted(seed=-1, quick=True)
 
 
+@needs("studies")
 @pytest.mark.parametrize("points", [[[0.2, 0.3]], [], ["text"]])
 def test_test_points_that_are_none(tmp_path, points):
     with pytest.raises(ParameterError, match=r"\('mu',\)"):
         hhr.study_scene(unbuilt(), hhr.StudySettings([3]), tmp_path, points=points)
 
 
+@needs("studies")
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
@@ -109,12 +111,15 @@ def test_test_points_that_are_none(tmp_path, points):
     ],
 )
 def test_options_of_demos(tmp_path, capsys, arguments, message):
+    from hhr_dolfinx.plugins.studies.cli import demo_parser
+
     (tmp_path / "file").write_text("")
     with pytest.raises(SystemExit):
         demo_parser("demo", "A demo.").parse_args([text.format(file=tmp_path / "file") for text in arguments])
     assert re.search(message, capsys.readouterr().err)
 
 
+@needs("studies")
 def test_a_study_in_a_folder_given_as_text(tmp_path, monkeypatch):
     """From the training to the report, with test points of one parameter in a row."""
     monkeypatch.chdir(tmp_path)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from needs import present
+from needs import needs, present
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import by_name
@@ -134,6 +134,7 @@ def test_a_plug_in_of_another_package_registers_as_ours_do(installed, tmp_path):
     assert (tmp_path / "note.txt").read_text() == "slab"
 
 
+@needs("checks")
 def test_the_command_knows_installed_scenes(installed, tmp_path):
     listed = hhr_command(installed, tmp_path, "list")
     assert listed.returncode == 0 and "  slab_on_ramp (contact-toys)" in listed.stdout.splitlines()

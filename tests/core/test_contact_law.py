@@ -123,7 +123,9 @@ REFUSING = {
 }
 
 
-@pytest.mark.parametrize("reader", REFUSING)
+@pytest.mark.parametrize(
+    "reader", [pytest.param(name, marks=needs("checks") if name == "fields for viewers" else ()) for name in REFUSING]
+)
 def test_what_does_not_know_it_refuses_it(reader, full, tmp_path):
     with pytest.raises(NotOfferedError, match="not built in"):
         REFUSING[reader](full, tmp_path)
@@ -152,6 +154,7 @@ def test_surfaces_that_slide_refuse_it(wear):
         hhr.slide(scene(law=wear))
 
 
+@needs("studies")
 def test_a_study_refuses_it(wear, tmp_path):
     with pytest.raises(NotOfferedError, match="remember their path"):
         hhr.study_scene(scene(law=wear), hhr.StudySettings(training=hhr.Sobol(8)), tmp_path)

@@ -163,8 +163,9 @@ def test_a_problem_that_cannot_be_made_is_no_answer(kind, error, monkeypatch):
         model.solve(mu, outside="ignore")
     point = np.array([list(mu.values())])
     assert not model.solve_many(point, raise_on_failure=False, outside="ignore").converged.any()
-    table = hhr.answer_points(model, point, outside="ignore")
-    assert str(error) in table.status[0] and np.isnan(table.forces).all()
+    if present("tables"):
+        table = hhr.answer_points(model, point, outside="ignore")
+        assert str(error) in table.status[0] and np.isnan(table.forces).all()
 
 
 @needs("fallback")
@@ -218,7 +219,9 @@ def bits(kind, number, folder):
         if answer.gradient is not None:
             found += [answer.gradient.multipliers.tobytes(), answer.gradient.unknown.tobytes()]
     many = model.solve_many(np.stack([point, 0.99 * point]), **quiet)
-    found += [many.forces().tobytes(), hhr.answer_points(model, point[None], **quiet).forces.tobytes()]
+    found.append(many.forces().tobytes())
+    if present("tables"):
+        found.append(hhr.answer_points(model, point[None], **quiet).forces.tobytes())
     file = folder / "model.npz"
     if file.exists():
         found.append(hhr.load_model(file).solve(point, **quiet).forces().tobytes())

@@ -6,13 +6,13 @@ import warnings
 import numpy as np
 import pytest
 from dolfinx import mesh as dmesh
+from needs import needs
 from test_pairings_independent import make
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.pairings.surface import area_vectors
-from hhr_dolfinx.study.scene.check import check_scene
 
 BULGE = 0.05
 """Depth of a convex side: its normals turn by 11 degrees at most, so that lengths along them differ by 2 %."""
@@ -223,7 +223,10 @@ def test_a_constant_pressure_passes_between_whole_outsides(pairing, dim, simplic
     assert dict(answer.outputs()) == pytest.approx({"pressure": 10.0, "force": 10.0}, abs=1e-8)
 
 
+@needs("checks")
 def test_a_check_says_how_much_of_a_surface_faces_nothing():
     """Three sides of a square of 4 by 2 cells have 9 nodes, 5 of them on the side that faces the other one."""
+    from hhr_dolfinx.plugins.checks.check import check_scene
+
     told = str(check_scene(pressed_squares(hhr.Mortar, 2, whole=True)).findings)
     assert "5 conditions" in told and "4 of 9 nodes of 2 face nothing" in told

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from dolfinx import io
 from mpi4py import MPI
+from needs import needs
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.compat import linear_mesh, netcdf4, tags_of
@@ -524,8 +525,9 @@ def test_missing_numbers_are_answered_with_what_the_file_has(tmp_path):
     assert "    14  1 facet, x 0 to 1, y 0 to 1, z = 2.01" in str(found.value)
 
 
+@needs("checks")
 def test_check_of_a_scene_names_what_is_left_out(tmp_path):
-    from hhr_dolfinx.study.scene.check import check_scene
+    from hhr_dolfinx.plugins.checks.check import check_scene
 
     path = tmp_path / "beam.inp"
     path.write_text(BEAM)
@@ -533,6 +535,7 @@ def test_check_of_a_scene_names_what_is_left_out(tmp_path):
     assert any("TABLE: 1 element of type S4" in text for text in notes)
 
 
+@needs("checks")
 def test_check_of_a_file_lists_what_it_holds(tmp_path, monkeypatch):
     from click.testing import CliRunner
 
@@ -565,11 +568,12 @@ def test_files_that_are_no_meshes_say_why(tmp_path):
             hhr.MeshFile(tmp_path / name).read()
 
 
+@needs("checks")
 def test_gaps_of_a_look_are_those_that_are_drawn(tmp_path):
     """Where moduli vary, imposed displacements had closed them already: -0.015 for a mesh that is drawn with 0.01."""
     from dataclasses import replace
 
-    from hhr_dolfinx.study.scene.check import check_scene
+    from hhr_dolfinx.plugins.checks.check import check_scene
 
     path = tmp_path / "blocks.inp"
     path.write_text(DECK)

@@ -20,16 +20,14 @@ import pellet_cladding as demo
 import pytest
 from bare import BareFull, answer, bare_problem, on_disk, rewrite_signed
 from mpi4py import MPI
+from needs import needs, present
 from rich.console import Console
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import files
+from hhr_dolfinx.command.console import make_console
 from hhr_dolfinx.errors import FileContentError, FileError, ParameterError, SnapshotFileWarning
 from hhr_dolfinx.files import read_arrays, write_arrays
-from hhr_dolfinx.online.batch import Answers
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report.console import make_console
-from hhr_dolfinx.study.report.report import print_report, print_rows, write_report
 
 TESTS = Path(__file__).parents[1]
 POINT = np.array([0.25, 3.0])
@@ -55,13 +53,22 @@ def fails(number):
     return fail
 
 
-WRITERS = {
-    "model.npz": lambda folder, reduction: hhr.save_model(folder / "model.npz", reduction),
-    "report.json": lambda folder, reduction: write_report({"a": 1.0}, folder),
-    "answers.csv": lambda folder, reduction: hhr.write_answers(
-        folder / "answers.csv", reduction.parameters, Answers(np.ones((1, 2)), ["ok"], np.ones((1, 3)))
-    ),
-}
+def write_a_report(folder, reduction):
+    from hhr_dolfinx.plugins.studies.report import write_report
+
+    write_report({"a": 1.0}, folder)
+
+
+def write_an_answer(folder, reduction):
+    from hhr_dolfinx.plugins.tables.batch import Answers
+
+    answers = Answers(np.ones((1, 2)), ["ok"], np.ones((1, 3)))
+    hhr.write_answers(folder / "answers.csv", reduction.parameters, answers)
+
+
+WRITERS = {"model.npz": lambda folder, reduction: hhr.save_model(folder / "model.npz", reduction)}
+WRITERS |= {"report.json": write_a_report} if present("studies") else {}
+WRITERS |= {"answers.csv": write_an_answer} if present("tables") else {}
 
 
 @pytest.mark.parametrize("name", WRITERS)
@@ -319,12 +326,14 @@ def table(tmp_path):
     return path
 
 
+@needs("tables")
 def test_lines_of_a_table_are_those_of_the_file(table, small):
     rows = hhr.read_points(table, small.parameters)
     assert [row.line for row in rows] == [2, 4, 5, 6, 7, 9, 10]
     assert rows[0].cells == ["170", "3.2"]
 
 
+@needs("tables")
 def test_every_answer_has_all_columns_and_a_bad_one_names_its_column(table, small_reduction, tmp_path):
     space = small_reduction.parameters
     console = Console(record=True, width=200, file=open(os.devnull, "w"))
@@ -341,6 +350,7 @@ def test_every_answer_has_all_columns_and_a_bad_one_names_its_column(table, smal
     assert "line 5 (100, nine): h1 = 'nine' is no number" in printed and "line 10 (" in printed
 
 
+@needs("tables")
 @pytest.mark.parametrize(
     "content", [b"", b"P1;h1\n1;2\n", b"P1,h1,P1\n1,2,3\n", "P1,h1\n1,2\n".encode("utf-16"), b"P1,h1\n\x00\xff\n"]
 )
@@ -352,7 +362,10 @@ def test_a_file_that_is_no_table(content, small, tmp_path):
         hhr.read_points(tmp_path, small.parameters)
 
 
+@needs("studies", "tables")
 def test_a_batch_with_bad_rows_ends_with_1(table, small_reduction, tmp_path):
+    from hhr_dolfinx.plugins.studies import cli
+
     options = SimpleNamespace(out=tmp_path, console=Console(quiet=True), progress=lambda label: iter)
     rows = hhr.read_points(table, small_reduction.parameters)
     for given, code in ((rows, 1), (rows[:1], 0)):
@@ -382,6 +395,7 @@ class Trained:
         return hhr.build(self.full_order, self.snapshots)
 
 
+@needs("tables")
 def test_a_fault_of_the_program_is_no_reason_of_a_row(small_reduction, monkeypatch):
     points = small_reduction.parameters.random(3, 1)
     monkeypatch.setattr(small_reduction, "solve_many", lambda *_, **__: None + 1)
@@ -392,6 +406,7 @@ def test_a_fault_of_the_program_is_no_reason_of_a_row(small_reduction, monkeypat
 # ---------------------------------------------------------------- arrays
 
 
+@needs("tables")
 def test_many_points_as_arrays(small_reduction):
     """What a sampling wants: numbers, and a reason where there are none."""
     space = small_reduction.parameters
@@ -412,6 +427,7 @@ def test_many_points_as_arrays(small_reduction):
         hhr.answer_points(small_reduction, points[:, :1])
 
 
+@needs("tables")
 def test_answers_without_a_table_are_written_as_numbers(small_reduction, tmp_path):
     space = small_reduction.parameters
     answers = hhr.answer_points(small_reduction, np.array([[170.0, 3.2], [np.nan, 3.2]]))
@@ -443,6 +459,7 @@ def test_a_pipe_or_a_device_is_never_replaced(name, small_reduction, tmp_path):
     assert (tmp_path / name).is_fifo() and os.listdir(tmp_path) == [name]
 
 
+@needs("tables")
 def test_names_that_are_none(small, small_reduction, tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     for path in ("", ".", "/"):
@@ -459,8 +476,11 @@ def test_names_that_are_none(small, small_reduction, tmp_path, monkeypatch):
         hhr.save_model("loop", small_reduction)
 
 
+@needs("studies", "tables")
 def test_brackets_in_names_are_printed(small_reduction, tmp_path, capsys):
     """To rich ``[bold]`` is a colour, and ``[/x]`` the end of one that never began."""
+    from hhr_dolfinx.plugins.studies.report import print_report, print_rows
+
     folder = tmp_path / "run [bold] a[" / "x]"
     hhr.answer_table(small_reduction, [], folder / "answers.csv", make_console())
     assert f"{folder}/answers.csv" in capsys.readouterr().out
@@ -473,6 +493,7 @@ def test_brackets_in_names_are_printed(small_reduction, tmp_path, capsys):
     assert all(text in printed for text in ("a[/x]", "[red] [/]", "[0, 1] [red]"))
 
 
+@needs("tables")
 @pytest.mark.parametrize(
     "points", ([["a", "b"]], [[1.0, 2.0], [1.0]], [[1j, 2.0]], {"P1": 1.0}, None, [1.0, 2.0]), ids=repr
 )
@@ -481,6 +502,7 @@ def test_points_that_are_no_table(points, small_reduction):
         hhr.answer_points(small_reduction, points)
 
 
+@needs("tables")
 def test_an_unknown_word_for_outside_is_refused_inside_too(small_reduction):
     inside = np.array([[100.0, 3.0]])
     with pytest.raises(ParameterError, match="outside = 'Refuse' is unknown, one of warn, refuse, ignore"):

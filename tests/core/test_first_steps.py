@@ -9,6 +9,7 @@ from pathlib import Path
 
 import pytest
 from bare import WAIT
+from needs import needs
 from test_mpi import launch
 
 from hhr_dolfinx.solver_first import COPY, install_for_all
@@ -16,8 +17,8 @@ from hhr_dolfinx.solver_first import COPY, install_for_all
 ROOT = Path(__file__).parents[2]
 LONG = "word " * 60 + "end"
 SPEAKS = f"""
-from hhr_dolfinx.study import cli
-from hhr_dolfinx.study.report import report
+from hhr_dolfinx.plugins.studies import cli
+from hhr_dolfinx.plugins.studies import report
 options = cli.parse(cli.demo_parser("talk", "A demo that only talks."))
 for label in ("snapshots", "held out"):
     assert list(options.progress(label)(range(3))) == [0, 1, 2]
@@ -27,6 +28,7 @@ report.print_rows("cases", [{{"case": "a", "why": "long " * 30, "what": "longer 
 """
 
 
+@needs("studies")
 @pytest.mark.parametrize("wishes", [{}, {"TERM": "dumb"}, {"COLUMNS": "40"}, {"FORCE_COLOR": "1", "TERM": "dumb"}])
 def test_output_in_a_file_is_whole_lines(tmp_path, wishes):
     """No blank lines, nothing wrapped, nothing that moves a cursor; colours only where they are asked for."""
@@ -45,6 +47,7 @@ def test_output_in_a_file_is_whole_lines(tmp_path, wishes):
     assert len(lines[5:]) == 5 and len({len(line) for line in lines[5:]}) == 1
 
 
+@needs("studies")
 def test_a_terminal_gets_bars_and_its_own_width(tmp_path):
     pty = pytest.importorskip("pty")
     struct, fcntl, termios = (pytest.importorskip(name) for name in ("struct", "fcntl", "termios"))
@@ -75,6 +78,7 @@ def run_talk(folder, out):
     return subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=WAIT)
 
 
+@needs("studies")
 def test_a_folder_that_cannot_be_made_ends_at_once(tmp_path):
     (tmp_path / "file").write_text("")
     for out in ("file", "file/results"):
@@ -85,9 +89,10 @@ def test_a_folder_that_cannot_be_made_ends_at_once(tmp_path):
         assert "Traceback" not in run.stderr
 
 
+@needs("studies")
 def test_a_folder_of_somebody_else_ends_at_once(tmp_path, monkeypatch, capsys):
     """The system's refusal is played, for nothing is refused to root; whose the folder is, is true."""
-    from hhr_dolfinx.study import cli
+    from hhr_dolfinx.plugins.studies import cli
 
     def refuse(*args, **kwargs):
         raise PermissionError(13, "Permission denied")
@@ -104,11 +109,12 @@ def test_a_folder_of_somebody_else_ends_at_once(tmp_path, monkeypatch, capsys):
     assert "mkdir -p out" in said and '--user "$(id -u):$(id -g)"' in said
 
 
+@needs("studies")
 def test_on_two_ranks_one_speaks_and_both_end(tmp_path):
     """The first rank alone tries the folder; the other must not wait, nor go on, nor repeat what was said."""
     program = (
         "import contextlib, sys\n"
-        "from hhr_dolfinx.study import cli\n"
+        "from hhr_dolfinx.plugins.studies import cli\n"
         "with contextlib.redirect_stderr(sys.stdout):\n"
         "    for out in ('good', 'file'):\n"
         "        sys.argv[1:] = ['--out', out]\n"
@@ -126,6 +132,7 @@ def test_on_two_ranks_one_speaks_and_both_end(tmp_path):
     assert printed.count("results cannot be written") == 1 and printed.count("ended with 2") == 2
 
 
+@needs("studies")
 def test_nothing_stays_of_the_trial(tmp_path):
     run = run_talk(tmp_path, "results/deep")
     assert run.returncode == 0, run.stderr

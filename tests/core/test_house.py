@@ -196,7 +196,7 @@ UNNEEDED = {
         "hhr_dolfinx.full_order.flow",
         "hhr_dolfinx.full_order.gauss_points",
         "hhr_dolfinx.reduction.flow",
-        "hhr_dolfinx.study.histories",
+        "hhr_dolfinx.plugins.inelastic.study",
         "hhr_dolfinx.reduction.condense_flow",
         "hhr_dolfinx.models.histories.condensed_step",
         "hhr_dolfinx.models.histories.condensed_fields",
@@ -217,7 +217,7 @@ UNNEEDED = {
         "hhr_dolfinx.plugins.theorems.theorems",
     ],
     "pictures": [
-        "hhr_dolfinx.study.report.plots",
+        "hhr_dolfinx.plugins.studies.plots",
         "matplotlib",
         "pyvista",
     ],
@@ -256,7 +256,7 @@ UNNEEDED = {
         "hhr_dolfinx.plugins.greedy.indicators",
     ],
     "families of paths": [
-        "hhr_dolfinx.path_families",
+        "hhr_dolfinx.plugins.paths.path_families",
     ],
 }
 """What a study of an elastic scene on matching meshes does without; numba is not listed: DOLFINx loads it itself."""
@@ -274,7 +274,7 @@ UNNEEDED_BY_FLOW = {
         if name not in ("flow", "meshes that do not match")
     },
     "what only elastic scenes are compared with": [
-        "hhr_dolfinx.study.points",
+        "hhr_dolfinx.plugins.studies.points",
         "hhr_dolfinx.plugins.baselines.naive",
         "hhr_dolfinx.reduction.exact",
     ],
@@ -315,6 +315,7 @@ def modules_of_a_study(program, folder):
     [(ELASTIC, UNNEEDED), pytest.param(FLOWING, UNNEEDED_BY_FLOW, marks=(pytest.mark.slow, needs("inelastic")))],
     ids=["elastic", "inelastic"],
 )
+@needs("studies")
 def test_a_scene_loads_what_it_names(program, unneeded, tmp_path):
     found = modules_of_a_study(program, tmp_path)
     assert not {what: found & set(names) for what, names in unneeded.items() if found & set(names)}
@@ -328,7 +329,11 @@ def test_what_is_not_loaded_exists():
 
 
 @pytest.mark.parametrize(
-    "name", ["hhr_dolfinx.reduction.modes", "hhr_dolfinx.reduction.modes", "hhr_dolfinx.path_families"]
+    "name",
+    [
+        "hhr_dolfinx.reduction.modes",
+        pytest.param("hhr_dolfinx.plugins.paths.path_families", marks=needs("paths")),
+    ],
 )
 def test_examples_in_docstrings(name):
     found = doctest.testmod(importlib.import_module(name), extraglobs={"np": np})

@@ -10,7 +10,6 @@ from scenes import pressed_block
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, TrainingWarning
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.path_families import Leg, PathFamily
 from hhr_dolfinx.snapshots.records import compute_snapshots
 from hhr_dolfinx.study.training.train import train
 
@@ -26,10 +25,10 @@ def yielding():
 def family(scene):
     """Loaded to a pressure."""
     own = hhr.ParameterSpace(("to",), (0.1,), (2.0,))
-    return PathFamily("load", scene.parameters, own, {"p": 0.0}, (Leg({"p": "to"}, 1.0, 4),))
+    return hhr.PathFamily("load", scene.parameters, own, {"p": 0.0}, (hhr.Leg({"p": "to"}, 1.0, 4),))
 
 
-@needs("inelastic")
+@needs("inelastic", "paths")
 def test_histories_without_an_answer_are_named_and_left_out(yielding):
     paths = family(yielding).paths(np.array([[0.4], [0.6], [1.6], [0.7]]))
     with pytest.warns(TrainingWarning, match=r"1 of 4 training queries have no answer .*: load \(to = 1\.6\): step \d"):
@@ -41,7 +40,7 @@ def test_histories_without_an_answer_are_named_and_left_out(yielding):
         compute_snapshots(training.full_order, paths)
 
 
-@needs("inelastic")
+@needs("inelastic", "paths")
 def test_too_few_left_are_no_training(yielding):
     for ends, words in (((0.4, 1.6, 1.7), "2 of 3 .* Fewer than 2 are left"), ((1.6, 1.7), "none of 2 queries")):
         with pytest.raises(ConvergenceError, match=words):
@@ -63,7 +62,7 @@ def test_points_without_an_answer(monkeypatch):
     assert training.snapshots.points.ravel() == pytest.approx([0.0, 0.1]) and training.snapshots.forces.shape[1] == 2
 
 
-@needs("inelastic")
+@needs("inelastic", "studies", "paths")
 def test_a_study_leaves_out_tests_without_an_answer(yielding, tmp_path):
     paths = family(yielding).paths(np.array([[0.4], [0.6], [0.7]]))
     tests = dict(zip("ab", family(yielding).paths(np.array([[0.5], [1.7]])), strict=True))

@@ -38,6 +38,7 @@ MAKE = {
 NEEDED = {"condensed": ("moduli",), "HHR": ("moduli",), "fallback": ("moduli", "fallback")}
 
 
+@needs("tables")
 @pytest.mark.filterwarnings("ignore")
 @pytest.mark.parametrize(
     "kind", [pytest.param(kind, marks=needs(*NEEDED[kind]) if kind in NEEDED else ()) for kind in MAKE]

@@ -14,6 +14,8 @@ from bare import SCENE_FOLDERS, WAIT
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from mpi4py import MPI
+from needs import needs
+from referenced import references_at
 from scenes import node_dofs, whole_domain
 from scipy import linalg
 
@@ -31,7 +33,6 @@ from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.enrichment import enrich
 from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.projection import load_nodes, open_conditions, project, reduced_domain
-from hhr_dolfinx.study.measure import References
 
 MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
 
@@ -404,6 +405,7 @@ def test_a_turned_scene_has_the_same_reduced_model():
     assert max(errors.values()) < 2e-3
 
 
+@needs("studies")
 @pytest.mark.parametrize("pairing", ["node_to_surface", "mortar"])
 def test_errors_of_the_demo_on_a_coarse_mesh(pellet, pairing):
     """The default recipe on 20 random points: what the demo shows on the fine mesh holds on a coarse one."""
@@ -413,7 +415,7 @@ def test_errors_of_the_demo_on_a_coarse_mesh(pellet, pairing):
     problem = pellet.full_order.problem
     assert open_conditions(problem, reduction.offline.sets).size == 0
     points = problem.parameters.random(20, seed=3)
-    errors = References.at(points, pellet.full_order, pellet.snapshots).errors(reduction)
+    errors = references_at(points, pellet.full_order, pellet.snapshots).errors(reduction)
     assert errors.unanswered == 0 and not any(reduction.solve(point).cycled for point in points)
     assert np.median(errors.values["dual_full_floored"]) < 0.02
     assert np.percentile(errors.values["primal_l2"], 95) < 0.01

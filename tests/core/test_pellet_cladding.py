@@ -14,6 +14,8 @@ import pellet_cladding as demo
 import pytest
 from bare import WAIT
 from hertz_half_discs import scene as hertz_scene
+from needs import needs
+from referenced import references_at
 from rich.console import Console
 from scenes import check_contact_conditions, largest_difference
 from scipy.sparse import csc_matrix, issparse
@@ -29,7 +31,6 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.geometries import pellet_cladding as geometry
-from hhr_dolfinx.study.measure import References
 
 ROOT = Path(__file__).parents[2]
 
@@ -107,10 +108,11 @@ def test_pellet_may_lift_off_or_not(small):
     check_contact_conditions(small.problem, lifting.displacement(), lifting.forces(), point)
 
 
+@needs("studies")
 def test_default_recipe(small, small_snapshots, small_reduction):
     """Measured on 280 cells: 1e-6 median, 4e-4 at worst; the full mesh is checked by the demo."""
     points = small.problem.parameters.random(40, 3)
-    errors = References.at(points, small, small_snapshots).errors(small_reduction)
+    errors = references_at(points, small, small_snapshots).errors(small_reduction)
     assert errors.values["dual_full_floored"].max() < 0.01
     assert errors.values["primal_l2"].max() < 0.005
     assert errors.unanswered == 0 and not any(small_reduction.solve(point).cycled for point in points)
@@ -225,6 +227,7 @@ def test_damaged_and_foreign_snapshots_are_not_used(small, store, tmp_path):
     assert hhr.SnapshotStore(tmp_path, softer).load(points[0]) is None
 
 
+@needs("tables")
 def test_batch_answers_good_rows_and_names_bad_ones(small, small_reduction, tmp_path):
     table = tmp_path / "points.csv"
     table.write_text("h1,P1\n3.2,170\n3.2,nan\nnine,100\n3.2,500\n,100\n5.25,30\n")
@@ -243,6 +246,7 @@ def test_batch_answers_good_rows_and_names_bad_ones(small, small_reduction, tmp_
     assert [float(value) for value in answers[0][8:]] == pytest.approx(forces, rel=1e-11)
 
 
+@needs("tables")
 def test_batch_without_a_column_or_file(small, tmp_path):
     (tmp_path / "points.csv").write_text("P1\n1\n")
     with pytest.raises(ParameterError, match="h1"):

@@ -6,6 +6,7 @@ from html.parser import HTMLParser
 
 import numpy as np
 import pytest
+from needs import needs
 from scenes import pressed_block
 
 import hhr_dolfinx as hhr
@@ -109,6 +110,7 @@ def test_pressures_are_those_of_a_uniform_strip(values, training):
         np.testing.assert_allclose(pressure, expected, rtol=1e-9)
 
 
+@needs("checks")
 def test_a_copy_needs_the_full_model_for_pressures(values, training):
     for name in ("condensed", "reduced"):
         for model in (copy.deepcopy(values[name]), pickle.loads(pickle.dumps(values[name]))):
@@ -121,6 +123,7 @@ def test_a_copy_needs_the_full_model_for_pressures(values, training):
             np.testing.assert_allclose(answer.pressure(training.full_order), known, rtol=1e-12)
 
 
+@needs("checks")
 def test_answers_and_scenes_draw_themselves(values, training, tmp_path):
     pytest.importorskip("matplotlib")
     figure = values["answer of condensed"].plot(tmp_path / "answer.png")
@@ -135,6 +138,7 @@ def test_answers_and_scenes_draw_themselves(values, training, tmp_path):
         assert (tmp_path / f"{name}.png").stat().st_size > 10_000
 
 
+@needs("tables")
 def test_tables_go_to_pandas_and_xarray_in_one_call(values):
     """Rows outside of the box have a reason and no numbers; the others those of the model."""
     pandas, xarray = pytest.importorskip("pandas"), pytest.importorskip("xarray")
@@ -152,6 +156,7 @@ def test_tables_go_to_pandas_and_xarray_in_one_call(values):
     assert data.coords["push"].to_numpy().tolist() == [0.04, 0.05]
 
 
+@needs("tables")
 def test_a_table_of_answers_prints_as_one_line(values):
     text = repr(hhr.answer_points(values["condensed"], np.array([[0.04], [7.0]])))
     assert text == "<Answers: 2 rows, 1 ok, 1 parameter, outputs: none>"

@@ -5,6 +5,8 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from needs import needs
+from referenced import references_at
 from scenes import THESIS, check_contact_conditions, node_dofs, whole_domain
 
 import hhr_dolfinx as hhr
@@ -14,7 +16,6 @@ from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.modes import deim
 from hhr_dolfinx.reduction.projection import project, reduced_domain
-from hhr_dolfinx.study.measure import References
 
 
 def test_index_sets_follow_their_definitions(hertz, hertz_reduction):
@@ -119,23 +120,25 @@ def test_nearest_known_statuses():
     assert known.nearest(np.array([0.1, 1e5])) == 0
 
 
+@needs("studies")
 def test_errors_of_the_thesis(hertz, hertz_snapshots, hertz_reduction):
     """Section 3.5.1, figure 3.3: the bounds the thesis reports on its 101 points."""
     assert 8 <= hertz_reduction.offline.basis.shape[1] <= 10
     assert 7 <= len(hertz_reduction.offline.sets.A_lambda) <= 9
     assert hertz_reduction.offline.stability.kappa_B <= 5
     points = hertz.problem.parameters.grid([101])
-    errors = References.at(points, hertz, hertz_snapshots).errors(hertz_reduction)
+    errors = references_at(points, hertz, hertz_snapshots).errors(hertz_reduction)
     assert errors.values["primal_euclid"].max() <= 5e-4
     assert errors.values["dual_rid"].max() <= 8e-3
     assert errors.values["energy_minimum"].max() <= 1e-4
     assert not any(hertz_reduction.solve(point).cycled for point in points)
 
 
+@needs("studies")
 def test_displacement_converges_with_the_basis(hertz, hertz_snapshots):
     """A smaller POD tolerance gives a smaller error, down to exactness on 14 modes."""
     points = hertz.problem.parameters.random(20, seed=0)
-    references = References.at(points, hertz, hertz_snapshots)
+    references = references_at(points, hertz, hertz_snapshots)
     worst = []
     for tolerance in (1e-6, 1e-8, 1e-12):
         reduction = hhr.build(hertz, hertz_snapshots, hhr.Recipe.thesis(tolerance).as_it_is())

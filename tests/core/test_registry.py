@@ -7,10 +7,11 @@ from pathlib import Path
 
 import pytest
 from needs import present
+from scenes import pressed_block
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
-from hhr_dolfinx.errors import PluginWarning, SceneError
+from hhr_dolfinx.errors import NotOfferedError, PluginWarning, SceneError
 from hhr_dolfinx.registry import Plugin
 
 ROOT = Path(__file__).parents[2]
@@ -73,6 +74,29 @@ def test_a_name_that_two_plug_ins_register_is_refused(registered):
         registry.named("public")
 
 
+def test_a_tool_that_no_plug_in_has_is_named(registered):
+    registered(Entry(Plugin("a", tools={"writing": "json:dumps"})))
+    assert registry.tool("writing", "a note")([1]) == "[1]"
+    scene = pressed_block("plane_strain", cells=2)
+    with pytest.raises(NotOfferedError, match="a figure of a scene needs a plug-in with the tool 'drawing', and none"):
+        scene.plot()
+    full = hhr.FullOrderModel(scene)
+    with pytest.raises(NotOfferedError, match="a figure of an answer needs a plug-in with the tool 'drawing'"):
+        full.solve({"push": 0.05}).plot()
+
+
+def test_the_tool_of_a_plug_in_draws(registered, monkeypatch):
+    """It gets what is drawn, and for an answer the full model, whose mesh it needs."""
+    monkeypatch.setattr(registry, "drawn_by_a_test", lambda *given: given, raising=False)
+    registered(Entry(Plugin("a", tools={"drawing": "hhr_dolfinx.registry:drawn_by_a_test"})))
+    scene = pressed_block("plane_strain", cells=2)
+    full = hhr.FullOrderModel(scene)
+    answer = full.solve({"push": 0.05})
+    assert scene.plot("a.png") == (scene, "a.png")
+    found, path, mesh = answer.plot("b.png")
+    assert found is answer and path == "b.png" and mesh is full
+
+
 def test_our_plug_ins_register_as_those_of_others_do():
     entries = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["entry-points"][registry.GROUP]
     assert entries == {name: f"hhr_dolfinx.plugins.{name}:PLUGIN" for name in FOLDERS}
@@ -91,7 +115,7 @@ def test_what_a_plug_in_registers_is_there(name):
             assert what != "public" or getattr(hhr, key) is found
     for parts in plugin.parts.values():
         assert all(callable(registry.load(place)) for place in parts.values())
-    assert all(callable(registry.load(place)) for place in plugin.companions)
+    assert all(callable(registry.load(place)) for place in (*plugin.companions, *plugin.tools.values()))
 
 
 def test_the_stub_for_type_checkers_has_all_public_names():

@@ -4,6 +4,7 @@ import ast
 import importlib
 import json
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -11,7 +12,7 @@ from pathlib import Path
 
 import pytest
 from bare import SCENE_FOLDERS, WAIT
-from needs import needs
+from needs import needs, present
 
 ROOT = Path(__file__).parents[2]
 FILES = sorted(path for folder in SCENE_FOLDERS[2:] for path in Path(folder).glob("*.py"))
@@ -25,6 +26,9 @@ def missing_names(path):
     """Names that a file imports from the package, inside of functions too, and that are not there."""
     for node in ast.walk(ast.parse(path.read_text())):
         if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("hhr_dolfinx"):
+            plugin = re.match(r"hhr_dolfinx\.plugins\.(\w+)", node.module)
+            if plugin and not present(plugin[1]):
+                continue
             module = importlib.import_module(node.module)
             for alias in node.names:
                 try:
@@ -75,7 +79,8 @@ def check_friction(report):
 CHECKS = {"fretting": check_friction, "press_fit_torque": check_friction}
 """What reports must hold besides."""
 OF_PLUGINS = {
-    "bolted_joint": ("exporters", "moduli", "one_call", "pages"), "calculix": ("exporters",), "calibrate": ("moduli",),
+    "bolted_joint": ("checks", "exporters", "moduli", "one_call", "pages"),
+    "calculix": ("exporters",), "calibrate": ("moduli",),
     "certified": ("fallback", "moduli", "theorems"), "extreme_cases": ("baselines", "inelastic"),
     "contract": ("baselines", "fallback", "friction", "inelastic", "local", "moduli", "sliding"),
     "fretting": ("friction",), "friction": ("friction",), "friction_flow": ("friction", "inelastic"),
@@ -86,14 +91,14 @@ OF_PLUGINS = {
     "press_fit": ("moduli",), "press_fit_torque": ("friction",), "random_recipes": ("baselines",),
     "scale": ("moduli",), "sliding_punch": ("sliding", "friction"),
 }  # fmt: skip
-"""Plug-ins that scripts need."""
+"""Plug-ins that scripts need, besides that of studies."""
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
     "name",
     [
-        pytest.param(name, marks=needs(*OF_PLUGINS.get(name, ())))
+        pytest.param(name, marks=needs("studies", *OF_PLUGINS.get(name, ())))
         for name in sorted(set(PROGRAMS) - {"leaf_spring", "joint", "figures"})
     ],
 )

@@ -109,6 +109,7 @@ def test_no_error_where_the_mesh_leaves_nothing_out():
     assert max(hhr.mesh_error(full, full.solve({"p": 0.5}))) < 1e-6
 
 
+@needs("checks")
 def test_a_check_says_the_order_and_the_error_of_the_mesh(tmp_path):
     (tmp_path / "scene.py").write_text(
         "import sys\nfrom dataclasses import replace\nimport hertz_half_discs as demo\n"
@@ -164,10 +165,11 @@ def test_reduced_models_are_as_good_as_of_first_order(training):
         assert outputs["force"] == pytest.approx(wanted["force"], rel=0.01)
 
 
+@needs("checks")
 def test_files_and_pictures(training, tmp_path):
     import pyvista
 
-    from hhr_dolfinx.study.report.fields import write_fields
+    from hhr_dolfinx.plugins.checks.fields import write_fields
 
     full, model = training.full_order, training.build()
     hhr.save_model(tmp_path / "model.npz", model)

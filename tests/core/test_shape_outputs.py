@@ -28,10 +28,12 @@ def crowned(hypothesis, *, poisson=0.3, simplices=False, outputs=None):
     """A block with a crowned lower side, pressed on a floor; crown, push, E and the pull of a side are parameters."""
     middle = 0.1
     corner = crown_at(1.5, 0.0, middle)
+    axis = [] if hypothesis == "axisymmetric" else [(0.2, 0.0)]
+    torques = [hhr.Torque("torque", 0, 0.3, *axis)] if present("friction") else []
     named = (
         hhr.LargestPressure("peak", 0),
         hhr.ContactForce("up", 0, (0.0, 1.0)),
-        hhr.Torque("torque", 0, 0.3, *([] if hypothesis == "axisymmetric" else [(0.2, 0.0)])),
+        *torques,
         hhr.ContactWidth("area", 0),
         hhr.LostContact("lost", 0),
         hhr.GapAt("gap", 0, corner),

@@ -73,6 +73,7 @@ def test_the_full_order_answers_it(full, elastic):
     assert abs(with_it / without - 1) > 0.3
 
 
+@needs("tables")
 def test_it_answers_along_paths_and_in_tables(full):
     points = full.parameters.random(4, 2)
     table = hhr.answer_points(full, points).forces
@@ -128,6 +129,7 @@ OF_PLUGINS = {
     "greedy training": "greedy",
     "naive full order": "baselines",
     "slide": "sliding",
+    "study": "studies",
 }
 
 

@@ -275,6 +275,7 @@ def test_workers_of_a_pool(pellet, reduced, small_flow):
     assert histories == [history_bits(small_flow["reduced"], gap, 6) for gap in (8.0, 10.0)]
 
 
+@needs("tables")
 def test_a_machine_without_petsc_answers(tmp_path, pellet, reduced):
     """LAPACK takes the place of PETSc: round-off of another order of sums, cond(K~) times 1e-16."""
     hhr.save_model(tmp_path / "model.npz", reduced)

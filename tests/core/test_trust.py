@@ -11,6 +11,7 @@ import pytest
 from bare import rewrite_signed
 from mpi4py import MPI
 from needs import needs, present
+from referenced import references_at
 from scenes import THESIS, pressed_pair
 from scipy.optimize import nnls
 from scipy.sparse import csr_matrix
@@ -31,7 +32,6 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.reduction.completion import Completion, spanning_rays
-from hhr_dolfinx.study.measure import References
 
 COARSE = {"arc_segments": 28, "flat_segments": 7}
 
@@ -43,6 +43,7 @@ def press_fit():
     return hhr.train(demo.scene("held", gap=-0.01, **mesh), [12, 10], held_out=30, comm=MPI.COMM_SELF)
 
 
+@needs("studies")
 def test_forces_outside_the_rid_where_contact_never_opens(press_fit):
     """Gaps measured by the largest slack, which is round-off there, made closed contact count as open: 82 %."""
     reduction = press_fit.build(hhr.Recipe(domain=hhr.Rid(0)), checked=False)
@@ -51,7 +52,7 @@ def test_forces_outside_the_rid_where_contact_never_opens(press_fit):
     slack = problem.amplitudes.sum_columns(problem.gaps, snapshots.points) - problem.contact @ snapshots.displacements
     assert slack.max() < 1e-12, "contact never opens"
     points = problem.parameters.random(30, 5)
-    errors = References.at(points, press_fit.full_order, snapshots).errors(reduction).values["dual_full_floored"]
+    errors = references_at(points, press_fit.full_order, snapshots).errors(reduction).values["dual_full_floored"]
     # measured 4.6 %, and 5.2 % at the worst
     assert np.percentile(errors, 95) < 0.1
 
@@ -289,10 +290,11 @@ def test_zones(hertz):
             hhr.Zone(lambda problem, zone=zone: zone).nodes(problem, None, None)
 
 
+@needs("studies")
 def test_of_random_recipes_none_is_accepted_in_silence_and_wrong():
     """A few of the 120 of the study, on the coarse half-discs; others by ``benchmarks/random_recipes.py``."""
     training = hhr.train(hertz_demo.scene(**COARSE), [21], held_out=60, comm=MPI.COMM_SELF)
-    references = References.at(
+    references = references_at(
         training.full_order.problem.parameters.random(100, 11), training.full_order, training.snapshots
     )
     rng, accepted = np.random.default_rng(2), 0

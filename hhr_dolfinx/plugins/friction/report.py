@@ -10,7 +10,7 @@ from hhr_dolfinx.plugins.friction.laws import SLIP, Friction
 
 
 class FrictionReport:
-    """See :func:`hhr_dolfinx.study.report.fields.grid_of`."""
+    """See :func:`hhr_dolfinx.plugins.checks.fields.grid_of`."""
 
     def point_fields(self, problem: ContactProblem, answer: Answer, forces: np.ndarray) -> dict[str, np.ndarray]:
         """Friction at the nodes of the mesh: traction on slaves (nodes, 3), length slipped, and status.

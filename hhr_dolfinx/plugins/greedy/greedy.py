@@ -25,7 +25,6 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
-from hhr_dolfinx.path_families import PathFamily
 from hhr_dolfinx.plugins.greedy.indicators import ForceError, GreedyIndicator, LargestEstimate, Score
 from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Pod, Recipe
@@ -39,6 +38,7 @@ if TYPE_CHECKING:
 
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.models.model import AnsweringModel
+    from hhr_dolfinx.plugins.paths.path_families import PathFamily
 
 
 _log = logging.getLogger(__name__)
@@ -80,6 +80,14 @@ class Choice(NamedTuple):
     points: np.ndarray
     rounds: tuple[Round, ...]
     recipe: Recipe
+
+
+def _check_family(family: Any) -> None:
+    """StudyError for what is no family of paths; its type is imported only by trainings that have one."""
+    from hhr_dolfinx.plugins.paths.path_families import PathFamily
+
+    if not isinstance(family, PathFamily):
+        raise StudyError(f"family = {family!r} of Greedy must be a PathFamily")
 
 
 @dataclass(frozen=True)
@@ -127,9 +135,10 @@ class Greedy:
                 raise StudyError(f"{name} = {given!r} of Greedy must be a sampling, such as Sobol(16)")
         if self.indicator is not None and not callable(getattr(self.indicator, "prepared", None)):
             raise StudyError(f"indicator = {self.indicator!r} of Greedy must have prepared(full), as Eta2() has")
-        for name, kind in (("recipe", Recipe), ("family", PathFamily)):
-            if not isinstance(getattr(self, name), kind | None):
-                raise StudyError(f"{name} = {getattr(self, name)!r} of Greedy must be a {kind.__name__}")
+        if not isinstance(self.recipe, Recipe | None):
+            raise StudyError(f"recipe = {self.recipe!r} of Greedy must be a Recipe")
+        if self.family is not None:
+            _check_family(self.family)
 
     def space(self, scene: Any) -> ParameterSpace:
         """Box of the points.

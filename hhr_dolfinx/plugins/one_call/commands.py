@@ -6,7 +6,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from hhr_dolfinx.command.speaking import guarded, spoken
+from hhr_dolfinx.command.speaking import resumable, spoken
 from hhr_dolfinx.command.words import NO_ANSWER, OUT, SCENE, Share, examples
 from hhr_dolfinx.compat import extra
 
@@ -27,19 +27,19 @@ with extra("study", "the command hhr"):
 @click.option("--megabytes", type=float, help="largest model in a file")
 @click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="of random points")
 @OUT
-@guarded
+@resumable
 def reduce(scene: str, out: Path | None, error: float, of: tuple[str, ...], seed: int, **limits: Any) -> None:
     """Find a model of the scene that is as exact as wished, and save it: condensed, hyper-reduced, or local ones.
 
     Each kind is tried as far as it takes, checked and timed; a table says so, and reduction.json. Where bodies flow the
     file of the scene holds PATHS, a hhr.PathFamily. Full answers are kept: a command that was interrupted goes on.
     """
+    from hhr_dolfinx.command.console import shares_on
     from hhr_dolfinx.command.loading import beside, scene_of
     from hhr_dolfinx.errors import StudyError
     from hhr_dolfinx.plugins.one_call.search import KEPT
     from hhr_dolfinx.plugins.one_call.search import reduce as reduced
     from hhr_dolfinx.plugins.one_call.target import Budget
-    from hhr_dolfinx.study.report.console import shares_on
 
     console, _ = spoken()
     progress = shares_on(console)

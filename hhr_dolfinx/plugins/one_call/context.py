@@ -34,7 +34,7 @@ from hhr_dolfinx.warn import ignored, warn
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.models.model import AnsweringModel
-    from hhr_dolfinx.path_families import PathFamily
+    from hhr_dolfinx.plugins.paths.path_families import PathFamily
     from hhr_dolfinx.snapshots.arrays import ArrayStore
 
 FRESH_SEED = 7000

@@ -46,7 +46,7 @@ from hhr_dolfinx.models.answer import Path as AnswerPath
 from hhr_dolfinx.models.estimates import check_asked, relative_errors
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.online.model_file import save_model
-from hhr_dolfinx.path_families import PathFamily
+from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.one_call.attempts import MANY, attempts
 from hhr_dolfinx.plugins.one_call.context import FRESH, SURE, BudgetSpentError, SearchContext
 from hhr_dolfinx.plugins.one_call.target import DISPLACEMENT, Budget, Exact, Target
@@ -55,7 +55,6 @@ from hhr_dolfinx.reduction.reductor import Outcome, Proposal, outcomes
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.arrays import ArrayStore
 from hhr_dolfinx.snapshots.store import SnapshotStore
-from hhr_dolfinx.study.report.report import finite
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.study.training.train import checked_folder
 from hhr_dolfinx.timing import WARM_UP, Announce, ShareLines, Stopwatch, median_time, timed
@@ -63,6 +62,7 @@ from hhr_dolfinx.warn import ignored, repeat, warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.model import KeptModel
+    from hhr_dolfinx.plugins.paths.path_families import PathFamily
 
 
 _log = logging.getLogger(__name__)
@@ -363,11 +363,19 @@ def _full_model(scene: Any) -> FullOrderModel:
     return full
 
 
+def _check_family(paths: Any) -> None:
+    """StudyError for what is no family of paths; its type is imported only by searches along paths."""
+    from hhr_dolfinx.plugins.paths.path_families import PathFamily
+
+    if not isinstance(paths, PathFamily):
+        raise StudyError(f"paths = {paths!r} must be a PathFamily, from which paths to train and to check on are drawn")
+
+
 def _check_paths(full: FullOrderModel, paths: Any) -> None:
     """Check that paths are given exactly if answers depend on them."""
     name = full.scene.name
-    if paths is not None and not isinstance(paths, PathFamily):
-        raise StudyError(f"paths = {paths!r} must be a PathFamily, from which paths to train and to check on are drawn")
+    if paths is not None:
+        _check_family(paths)
     if full.equilibrium is not None and paths is None:
         raise NotOfferedError(
             f"bodies of scene '{name}' flow, so that answers depend on the path that leads to them: give "

@@ -7,10 +7,11 @@ import numpy as np
 import pellet_cladding as demo
 import pytest
 from mpi4py import MPI
+from needs import needs
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.command.console import make_console
 from hhr_dolfinx.errors import ParameterError
-from hhr_dolfinx.study.report.console import make_console
 
 POOR = hhr.Recipe().as_it_is()
 OUTPUTS = (hhr.LargestPressure("peak", 0, unit="MPa"), hhr.ContactWidth("area", 0))
@@ -71,6 +72,7 @@ def test_a_safe_model_of_a_constant_stiffness_is_the_condensed_one(pellet):
 # ---------------------------------------------------------------- batches and studies
 
 
+@needs("tables")
 def test_batches_report_how_many_fell_back(pellet, tmp_path, capsys):
     model = hhr.FallbackModel(pellet.build(POOR, checked=False), pellet.full_order, 0.05)
     points = pellet.full_order.parameters.random(8, 3)
@@ -99,6 +101,7 @@ def test_batches_report_how_many_fell_back(pellet, tmp_path, capsys):
     assert f"8 answers ({fell.sum()} by the full model)" in capsys.readouterr().out
 
 
+@needs("tables")
 def test_a_batch_of_a_reduced_model_has_its_bounds(pellet):
     model = pellet.build(checked=False)
     answers = hhr.answer_points(model, pellet.full_order.parameters.random(3, 4), outside="ignore")

@@ -15,6 +15,7 @@ import pyvista
 from click.testing import CliRunner
 from friction_random import NONE, layout, random_problem, violation
 from mpi4py import MPI
+from needs import needs
 from parts import fretting_study
 from sheared import PATH, driven, round_block, rubbing
 
@@ -489,6 +490,7 @@ def test_bad_friction_is_refused_at_the_door(friction, message):
         rubbing(friction)
 
 
+@needs("checks", "tables")
 def test_the_command_knows_friction(tmp_path):
     """check, train --model condensed, answer and solve of a scene in a file; the sum of forces is that of pressures."""
     runner = CliRunner()

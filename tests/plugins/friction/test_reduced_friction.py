@@ -154,6 +154,7 @@ def test_derivatives_along_a_path_are_those_of_differences(model):
         np.testing.assert_allclose(own, forces, atol=1e-4 * np.abs(forces).max())
 
 
+@needs("tables")
 def test_a_file_keeps_it(model, tmp_path):
     hhr.save_model(tmp_path / "model.npz", model)
     read = hhr.load_model(tmp_path / "model.npz")
@@ -224,7 +225,7 @@ def test_the_usual_recipe_takes_the_enrichment_that_it_advises(monkeypatch):
     assert np.linalg.norm(found - exact) < 1e-8 * np.linalg.norm(exact)
 
 
-@needs("greedy")
+@needs("greedy", "studies")
 def test_what_is_not_built_in_is_refused_by_name(scene, training):
     with pytest.raises(StudyError, match="depend on the path that leads to them: train on a list of paths"):
         hhr.train(scene, hhr.Sobol(8))
@@ -305,7 +306,7 @@ def test_a_training_that_was_interrupted_goes_on(flows, tolerance, tmp_path):
                 assert second.time_error == pytest.approx(first.time_error, rel=1e-6, nan_ok=True)
 
 
-@needs("fallback")
+@needs("fallback", "tables")
 def test_a_path_of_which_too_little_is_known_is_answered_in_full(training, model):
     """Forces handed out are those of the full order to the tolerance where the indicator of any increment says less.
 

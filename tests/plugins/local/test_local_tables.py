@@ -11,9 +11,9 @@ from scenes import largest_difference
 from test_mpi import launch
 
 import hhr_dolfinx as hhr
+from hhr_dolfinx.command.console import make_console
 from hhr_dolfinx.errors import BoundError, ReductionError
 from hhr_dolfinx.plugins.local.models import LocalModels
-from hhr_dolfinx.study.report.console import make_console
 
 
 @pytest.fixture(scope="module")
@@ -42,6 +42,7 @@ def points_of(model, count=40):
     return points
 
 
+@needs("tables")
 def test_tables_say_which_model_answered(local, tmp_path, capsys):
     points = np.vstack([points_of(local, 10), [[1e9, 1.0]]])
     answers = hhr.answer_points(local, points)
@@ -76,12 +77,13 @@ def test_tables_say_which_model_answered(local, tmp_path, capsys):
 ON_RANKS = """
 import sys
 import hhr_dolfinx as hhr
-from hhr_dolfinx.study.report.console import make_console
+from hhr_dolfinx.command.console import make_console
 model = hhr.load_model(sys.argv[1])
 hhr.answer_table(model, hhr.read_points(sys.argv[2], model.parameters), sys.argv[3], make_console())
 """
 
 
+@needs("tables")
 def test_on_two_ranks_a_table_is_the_same(local, tmp_path):
     hhr.save_model(tmp_path / "local.npz", local)
     np.savetxt(tmp_path / "points.csv", points_of(local, 15), delimiter=",", header="P1,h1", comments="")
@@ -95,6 +97,7 @@ def test_on_two_ranks_a_table_is_the_same(local, tmp_path):
         assert {row["model"] for row in csv.DictReader(file)} == {"0", "1", "2"}
 
 
+@needs("tables")
 def test_local_models_fall_back_on_the_full_one(local, training, tmp_path):
     model, points = hhr.FallbackModel(local, training.full_order, 1e-3), np.vstack([points_of(local, 20), [[1e9, 1.0]]])
     answers = hhr.answer_points(model, points)

@@ -8,7 +8,9 @@ import pellet_cladding as pellet
 import pytest
 from local_report import local_part, near_borders, stripe
 from mpi4py import MPI
+from needs import needs
 from parted import AS_IT_IS, OUTPUTS, one_cut
+from referenced import references_at
 from scenes import pressed_pair
 
 import hhr_dolfinx as hhr
@@ -16,7 +18,6 @@ from hhr_dolfinx.errors import LocalModelWarning, StudyError, TrainingWarning, U
 from hhr_dolfinx.plugins.local import splitting
 from hhr_dolfinx.plugins.local.clustered import built, force_errors, least_forces, moving
 from hhr_dolfinx.plugins.local.clusters import forest_tree, separating_cut, tree_of_cells
-from hhr_dolfinx.study.measure import References
 
 FINE = hhr.Recipe(hhr.Pod(1e-12, relative=True)).as_it_is()
 
@@ -45,7 +46,7 @@ def moving_block():
 
 def errors_of(training, model, count=60, seed=5):
     """Of the forces on the whole surface at random points."""
-    references = References.at(
+    references = references_at(
         training.full_order.parameters.random(count, seed), training.full_order, training.snapshots
     )
     return references, references.errors(model)
@@ -71,6 +72,7 @@ def test_clusters_of_a_grid_follow_the_height(regular):
     assert regular.choice.axis[0] == 1 and (labels == labels[1]).mean() > 0.9
 
 
+@needs("studies")
 def test_clusters_of_any_points_ask_a_forest(training):
     scattered = dataclasses.replace(training, snapshots=training.snapshots.take(np.r_[0:80:3, 1:80:7, 2:80:5]))
     local = scattered.local(hhr.Clusters(2, overlap=0.1), recipe=AS_IT_IS)
@@ -134,6 +136,7 @@ def test_regions_tile_the_box_and_hold_their_training(training, split):
         assert near.all() and len(member.snapshots) >= member.own
 
 
+@needs("studies")
 def test_what_is_wrong_is_asked_of_the_full_model(training):
     """From so few answers that nothing is right: the training grows, and errors fall."""
     few = dataclasses.replace(training, snapshots=training.snapshots.take(np.arange(0, 80, 9)))
@@ -146,6 +149,7 @@ def test_what_is_wrong_is_asked_of_the_full_model(training):
     assert better < 0.2 * worse
 
 
+@needs("studies")
 def test_no_stripe_by_the_borders(training, split, regular):
     references, errors = errors_of(training, split, 150)
     part = local_part(split, references, errors, training.full_order.parameters.random(20, 1))

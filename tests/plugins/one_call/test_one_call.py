@@ -126,7 +126,7 @@ def test_friction_without_paths_is_asked_at_points():
     assert model.reduction.met and model.law.plugin
 
 
-@needs("inelastic")
+@needs("inelastic", "paths")
 @pytest.mark.slow
 def test_bodies_that_flow_are_answered_along_paths():
     import indentation
@@ -222,6 +222,7 @@ def test_bad_wishes_are_refused(how, kind, said, varying):
         hhr.reduce(varying, **how)
 
 
+@needs("paths")
 def test_what_is_no_scene_and_paths_that_miss_are_refused():
     with pytest.raises(StudyError, match="is no scene"):
         hhr.reduce("scene.py")

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 import sliding_punch as demo
 from mpi4py import MPI
+from needs import needs
 from parts import sliding_punch_study as study
 
 import hhr_dolfinx as hhr
@@ -224,6 +225,7 @@ def test_what_is_not_built_in_is_refused_by_name(rough):
             hhr.slide(dataclasses.replace(scene, **change))
 
 
+@needs("checks", "tables")
 def test_what_tables_and_fields_say_of_sliding(rough, tmp_path):
     """The whole force of a table is that of the pressures of slave nodes; fields of dofs are refused."""
     points = np.array([(0.03, 0.0), (0.02, 0.005)])

@@ -1,0 +1,12 @@
+"""Checks of scenes before they are solved, and of the installation; figures of scenes and answers, and fields."""
+
+from hhr_dolfinx.registry import Plugin
+
+_HERE = "hhr_dolfinx.plugins.checks"
+
+PLUGIN = Plugin(
+    name="checks",
+    public={f"{_HERE}.fields": "write_fields"},
+    commands={"check": f"{_HERE}.commands:check"},
+    tools={"drawing": f"{_HERE}.drawing:figure_of", "fields": f"{_HERE}.fields:write_fields"},
+)

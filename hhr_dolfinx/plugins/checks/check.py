@@ -1,0 +1,311 @@
+"""Checks of a scene before anything is solved: mesh, pairing, supports and loads, parts without effect."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from mpi4py import MPI
+from scipy.sparse import csc_matrix
+
+from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.contact.rows import ContactRows
+from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.full_order.expected import expected_in_space
+from hhr_dolfinx.full_order.motions import described, free_bodies
+from hhr_dolfinx.loads import Load, checked_terms, parted, placed
+from hhr_dolfinx.pairings.surface import Surface
+from hhr_dolfinx.plugins.checks.findings import MISTAKE, NOTE, OK, SceneCheck
+from hhr_dolfinx.plugins.checks.mesh import depth_inside, look_at_common_nodes, look_at_joints, look_at_mesh
+from hhr_dolfinx.scene import Scene
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.law import PairLaw
+    from hhr_dolfinx.full_order.flow import GaussModel
+    from hhr_dolfinx.parameters import PointLike
+
+TOUCHING = 1e-6
+"""Gaps below so many times the sag of facets count as zero: the bodies touch as drawn."""
+SMALL_GAP = 2.0
+"""Gaps below so many times the sag of facets come from the mesh rather than from the bodies: a round side that touches
+between two of its nodes is off by the sag."""
+LARGE_IN_SPACE = 20_000
+"""Number of dofs above which the expected time of a full model in space is reported."""
+MOST_LEFT_OUT = 5
+"""Most left-out names of a mesh file that are listed."""
+OVERLAP = 2.0
+"""Overlaps beyond so many times the sag of facets come from the bodies rather than from the mesh."""
+
+
+def check_scene(scene: Scene, point: PointLike | None = None) -> SceneCheck:
+    """Check a scene at a parameter, or in the middle of its box; nothing is factored or solved.
+
+    Raises:
+        ParameterError: for a point outside the box.
+    """
+    found = SceneCheck(scene)
+    space = scene.parameters
+    middle = space.middle if point is None else space.point(point)
+    with found.heard():
+        found.discretisation = Discretisation(scene, MPI.COMM_SELF)
+    if found.discretisation is None:
+        return found
+    look_at_mesh(found)
+    _names(found)
+    _pairs(found)
+    look_at_joints(found)
+    look_at_common_nodes(found)
+    if found.mistakes:
+        return found
+    problem = None
+    gauss = None
+    with found.heard():
+        problem, gauss = _problem(found.discretisation)
+    if problem is not None:
+        _size(found, problem)
+        _gaps(found, problem, middle)
+        _supports(found, problem)
+        _loads(found, middle)
+        _outputs(found, problem, gauss)
+    return found
+
+
+def _problem(discretisation: Discretisation) -> tuple[ContactProblem, GaussModel | None]:
+    """The problem, with its stiffness assembled, and the Gauss points of inelastic bodies, which exist in any case."""
+    gauss = None
+    if any(body.law is not None for body in discretisation.scene.bodies):
+        from hhr_dolfinx.full_order.flow import GaussModel
+
+        gauss = GaussModel.of(discretisation.scene, MPI.COMM_SELF)
+    terms = discretisation.stiffness_terms() if gauss is None else (gauss.stiffness, gauss.moduli)
+    problem = discretisation.contact_problem(*terms)
+    if discretisation.reshaped is not None:
+        problem = discretisation.reshaped.attached(problem)
+    return discretisation.checked(problem), gauss
+
+
+def _size(found: SceneCheck, problem: ContactProblem) -> None:
+    """Report the size of the problem, and in space the expected cost of a full model."""
+    dofs = problem.free.size
+    conditions = len(problem.gaps)
+    size = f"{dofs} dofs and {conditions} conditions of contact"
+    if problem.block_size == 2 or dofs < LARGE_IN_SPACE:
+        found.say(OK, size)
+        return
+    memory, seconds, keeps = expected_in_space(problem.contact)
+    kept = "" if keeps else ", and a displacement one more solution"
+    time = f"{seconds:.0f} s" if seconds < 120 else f"{seconds / 60:.0f} minutes"
+    found.say(OK, f"{size}: a full model takes about {memory:.2g} GB and {time} on one core{kept}")
+
+
+def _names(found: SceneCheck) -> None:
+    """Report surfaces of the mesh that the scene does not name."""
+    scene = found.scene
+    discretisation = found.discretisation
+    assert discretisation is not None  # checked by check_scene
+    used: set[Any] = {item.tag for item in scene.displacements} | {tag for item in scene.contacts for tag in item.tags}
+    used |= {getattr(load, "tag", None) for load in scene.loads}
+    facets = discretisation.names.facets
+    # a set of all nodes has the facets of all surfaces
+    named = {number for tag in used if isinstance(tag, int | str) for number in facets.get(tag, (tag,))}
+    idle = sorted(name for name, own in facets.items() if isinstance(name, str) and not named & set(own))
+    if idle:
+        found.say(NOTE, f"the mesh has surfaces that nothing names: {', '.join(idle)}")
+    left_out = [f"{name}: {why}" for name, why in discretisation.names.summary.left_out.items()]
+    if left_out:
+        more = f"; and {len(left_out) - MOST_LEFT_OUT} more" if len(left_out) > MOST_LEFT_OUT else ""
+        said = "; ".join(left_out[:MOST_LEFT_OUT])
+        found.say(NOTE, f"the mesh file has what is left out: {said}{more}. `hhr check` of the file itself lists all")
+
+
+def _pairs(found: SceneCheck) -> None:
+    """Check each contact pair separately, so that all of them are reported."""
+    discretisation = found.meshed
+    for item in found.scene.contacts:
+        surfaces: list[Surface] = []
+        rows = None
+        with found.heard():
+            surfaces = [discretisation.surface(tag) for tag in item.tags]
+            rows = item.rows(surfaces, discretisation.size)
+        found.pairs.append((surfaces, rows))
+
+
+def _law_of(law: PairLaw | None) -> str:
+    """Text on a law of a contact, after that on the contact."""
+    return "" if law is None else f", {law.words}"
+
+
+def _left_out(surface: Surface, rows: ContactRows | None) -> str:
+    """Text on the nodes of the first surface of a pair without a condition, after that on its contact."""
+    idle = 0 if rows is None else np.setdiff1d(surface.nodes, rows.slaves).size
+    return f", {idle} of {surface.nodes.size} nodes of {surface.tag!r} face nothing" if idle else ""
+
+
+def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None:
+    """Compare distances of the surfaces with the sag of their facets."""
+    theta = problem.amplitudes(point)
+    gaps = problem.gaps @ theta
+    # before imposed displacements close them
+    still = gaps if problem.whole_contact is None else gaps + problem.whole_contact @ (problem.lifts @ theta)
+    unit = found.length
+    for place, (surfaces, made) in enumerate(found.pairs):
+        rows = problem.pressing_of(place)
+        names = " and ".join(repr(surface.tag) for surface in surfaces)
+        if not rows.size:
+            found.say(
+                NOTE,
+                f"contact {place} of {names}: displacements are imposed on all of its nodes, and it does "
+                "nothing. Leave it out, or hold other surfaces",
+            )
+            continue
+        sag = max(sag_of(surface) for surface in surfaces)
+        own = still[rows]
+        closed = ""
+        if not np.allclose(own, gaps[rows], rtol=1e-9, atol=1e-9 * np.abs(own).max()):
+            low = gaps[rows].min()
+            high = gaps[rows].max()
+            closed = (
+                f" as drawn, which imposed displacements bring to {low:.3g} to {high:.3g}{unit} at "
+                f"{_said(found.scene, point)}"
+            )
+        found.say(
+            OK,
+            f"contact {place} of {names}: {own.size} conditions, gaps from {own.min():.3g} to {own.max():.3g}{unit}"
+            f"{closed}, facets sag by {sag:.2g}{unit}{_law_of(found.scene.laws[place])}"
+            f"{_left_out(surfaces[0], made)}",
+        )
+        _overlap(found, place, -float(still[rows].min()), sag, point)
+        small = [float(own.min()), _least_gap(problem, rows)]
+        small = [gap for gap in small if TOUCHING * sag < gap < SMALL_GAP * sag]
+        if small:
+            found.say(
+                NOTE,
+                f"contact {place} of {names}: the smallest gap, {small[0]:.3g}{unit}, is below twice the sag of "
+                f"facets, {sag:.2g}{unit}: which nodes touch first is made by the mesh. Refine the curved surfaces",
+            )
+
+
+def _said(scene: Scene, point: np.ndarray) -> str:
+    """A point in words: names and values of the parameters."""
+    return ", ".join(f"{name} = {value:g}" for name, value in zip(scene.parameters.names, point, strict=True))
+
+
+def _least_gap(problem: ContactProblem, rows: np.ndarray) -> float:
+    """Smallest gap of some conditions in the box, from its affine part."""
+    amplitudes = problem.amplitudes
+    space = problem.parameters
+    affine = problem.gaps[rows][:, : len(amplitudes.constant)]
+    slopes = affine @ amplitudes.slopes
+    ends = np.minimum(slopes * np.array(space.lower), slopes * np.array(space.upper)).sum(axis=1)
+    return float((affine @ amplitudes.constant + ends).min())
+
+
+def _overlap(found: SceneCheck, place: int, depth: float, sag: float, point: np.ndarray) -> None:
+    """Report bodies that overlap by their gaps, (m,), or as drawn; pairings miss deep overlaps."""
+    scene = found.scene
+    surfaces = found.pairs[place][0]
+    names = " and ".join(repr(surface.tag) for surface in surfaces)
+    why = ""
+    opened = scene.opened(place, point)
+    for first, second in (surfaces, surfaces[::-1]) if len(surfaces) == 2 else ():
+        count, deep = depth_inside(found, first, second)
+        if deep - opened > max(depth, OVERLAP * sag):
+            depth = deep - opened
+            why = f", and {count} nodes of {first.tag!r} lie inside the body of {second.tag!r}"
+    if depth > OVERLAP * max(sag, 1e-12):
+        found.say(
+            NOTE,
+            f"contact {place} of {names}: bodies overlap by {depth:.3g}{found.length} before anything moves{why}. Move "
+            "them apart in the mesh, or by an Opening; leave it where a press fit is meant",
+        )
+
+
+def sag_of(surface: Surface) -> float:
+    """Largest distance of the facets of a surface from the arcs that they approximate, by their neighbours.
+
+    An arc that turns by 2 a along a facet of length h is h a / 4 away from it; a is the angle from the normal of the
+    facet to that at its corners, which is averaged except at edges of the body.
+    """
+    if not surface.facets.size:
+        return 0.0
+    cosines = np.einsum("fd,fkd->fk", surface.outward, surface.corner_normals).min(axis=1)
+    angles = np.arccos(np.clip(cosines, -1.0, 1.0))
+    lengths = np.linalg.norm(np.ptp(surface.corners, axis=1), axis=1)
+    return float((lengths * angles * surface.sag_shares()).max() / 4)
+
+
+def _supports(found: SceneCheck, problem: ContactProblem) -> None:
+    """Report the supports of each body."""
+    discretisation = found.discretisation
+    scene = found.scene
+    assert discretisation is not None
+    free = free_bodies(scene, problem.points, problem.cell_nodes, discretisation.cell_bodies(), problem.free)
+    for body in free:
+        found.say(
+            NOTE,
+            f"{body.name} is held by contact alone, and without it {described(body, body.left)}. Where that is not "
+            "meant, hold it by a Displacement",
+        )
+    if not free:
+        found.say(OK, "displacements hold every body")
+
+
+def _loads(found: SceneCheck, point: np.ndarray) -> None:
+    """Report the resultant of each load for the amplitude 1, and loads without effect."""
+    for load in found.scene.loads:
+        with found.heard():
+            _load(found, load, point)
+
+
+def _load(found: SceneCheck, load: Load, point: np.ndarray) -> None:
+    discretisation = found.meshed
+    dim = discretisation.mesh.geometry.dim
+    terms = load.terms(discretisation.assembler(load))
+    name = f"{type(load).__name__} on {getattr(load, 'tag', 'the scene')!r}"
+    columns = [
+        csc_matrix(np.atleast_2d(one).T if np.ndim(one) == 1 else one) for one in (term.columns for term in terms)
+    ]
+    if not any(part.count_nonzero() for part in columns):
+        found.say(MISTAKE, f"{name} reaches nothing: its nodal forces are zero. Name another tag, or leave it out")
+        return
+    found.forces.append((name, _forces(found, load, point).reshape(-1, dim)))
+    if all(_vanishes(term.amplitude) for term in terms):
+        found.say(
+            NOTE, f"{name} has the amplitude 0 for all parameters, and does nothing: give it another, or leave it out"
+        )
+        return
+    if all(part.shape[1] == 1 for part in columns):
+        total = np.sum([part.toarray().reshape(-1, dim).sum(axis=0) for part in columns], axis=0)
+        # balanced forces leave round-off
+        total[np.abs(total) < 1e-12 * sum(abs(part).sum() for part in columns)] = 0.0
+        found.say(OK, f"{name}: resultant [{', '.join(f'{value:.6g}' for value in total)}] for the amplitude 1")
+    else:
+        found.say(OK, f"{name}: {sum(part.shape[1] for part in columns)} columns that depend on parameters")
+
+
+def _forces(found: SceneCheck, load: Load, point: np.ndarray) -> np.ndarray:
+    """Nodal forces of a load at a point, (N,)."""
+    discretisation = found.meshed
+    terms = [term for part in parted(checked_terms(load, discretisation.assembler(load))) for term in part]
+    amplitudes = Amplitudes.collect([term.amplitude for term in terms], found.scene.parameters)
+    return placed(terms, 1, (discretisation.size, amplitudes.firsts[-1])) @ amplitudes(point)
+
+
+def _vanishes(amplitude: Any) -> bool:
+    """True if an amplitude is zero for all parameters."""
+    return isinstance(amplitude, Amplitude) and not amplitude.constant and not any(amplitude.slopes.values())
+
+
+def _outputs(found: SceneCheck, problem: ContactProblem, gauss: GaussModel | None) -> None:
+    """Report outputs of missing parts."""
+    assert found.discretisation is not None
+    from hhr_dolfinx.full_order.outputs import probe_of
+
+    read = []
+    for output in found.scene.outputs:
+        with found.heard():
+            output.prepared(probe_of(output, found.discretisation, problem, gauss, problem))
+            read.append(repr(output.name))
+    if read:
+        found.say(OK, f"outputs: {', '.join(read)}")

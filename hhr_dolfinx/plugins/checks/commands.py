@@ -1,0 +1,97 @@
+"""The command ``hhr check``: a scene, or a mesh file, before anything is solved."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from hhr_dolfinx.command.speaking import guarded, spoken
+from hhr_dolfinx.command.words import AT, NO_ANSWER, SCENE, examples
+from hhr_dolfinx.compat import extra
+
+with extra("study", "the command hhr"):
+    import click
+
+PICTURES = (".png", ".pdf", ".svg")
+MESHES = frozenset(
+    (
+        ".msh",
+        ".inp",
+        ".e",
+        ".ex2",
+        ".exo",
+        ".xdmf",
+        ".vtk",
+        ".vtu",
+        ".med",
+        ".unv",
+        ".bdf",
+        ".nas",
+        ".cgns",
+        ".su2",
+        ".mesh",
+    )
+)
+"""Endings of mesh files, which are never scenes."""
+MOST_NAMES = 1000
+"""Bodies, surfaces and sets of a mesh file that are listed."""
+
+
+@click.command(epilog=examples("hhr check my_scene.py", "hhr check my_scene.py --at load=3", "hhr check part.msh"))
+@SCENE
+@AT
+@click.option("--picture", type=click.Path(path_type=Path), help="where to draw it [<scene>_check.png]")
+@click.option("--mesh-error", is_flag=True, help="solve once in full, and estimate how far the mesh is off")
+@guarded
+def check(scene: str, words: tuple[str, ...], picture: Path | None, mesh_error: bool) -> None:
+    """Look at a scene without solving it: tags, supports, surfaces, gaps, loads, parameters; with a picture.
+
+    SCENE may be a mesh file too, or a deck: its bodies, surfaces and sets are listed, and what is left out of it.
+
+    With --mesh-error it is solved once, in full, and the error of the mesh is estimated.
+    """
+    from hhr_dolfinx.command.loading import checked_target, point_of, scene_of
+
+    checked_target(picture, PICTURES)
+    console, _ = spoken()
+    if _is_mesh(scene):
+        if words or picture is not None or mesh_error:
+            raise click.UsageError(f"{scene} is a mesh: --at, --picture and --mesh-error are for scenes")
+        console.print(_contents_of(scene), highlight=False, markup=False, soft_wrap=True)
+        return
+    from hhr_dolfinx.plugins.checks.check import check_scene
+
+    made = scene_of(scene)
+    picture = picture or Path(f"{made.name}_check.png")
+    checked_target(picture, PICTURES)
+    point = point_of(words, made.parameters, others=made.parameters.middle) if words else None
+    found = check_scene(made, point)
+    if mesh_error and not found.mistakes:
+        from hhr_dolfinx.plugins.checks.mesh import look_at_mesh_error
+
+        look_at_mesh_error(found, point)
+    for finding in found.findings:
+        console.print(f"{finding.level:8} {finding.text}", highlight=False)
+    if found.drawable:
+        found.draw(picture)
+        console.print(f"picture: {picture}")
+    sys.exit(NO_ANSWER if found.mistakes else 0)
+
+
+def _is_mesh(name: str) -> bool:
+    """True for the name of a mesh file, or of a file or folder that cannot be anything else."""
+    path = Path(name)
+    return (path.exists() and path.suffix not in (".py", ".npz")) or path.suffix.lower() in MESHES
+
+
+def _contents_of(name: str) -> str:
+    """Contents of a mesh file, and how a scene refers to it.
+
+    Raises:
+        FileContentError: for a file that is not a mesh.
+    """
+    from hhr_dolfinx.geometries.mesh_file import MeshFile
+    from hhr_dolfinx.geometries.summary import summary_of
+
+    found = summary_of(MeshFile(name).read(), Path(name)).text(MOST_NAMES)
+    return f"{found}\nA scene names these as Body, contacts and loads of its geometry, hhr.MeshFile({name!r})"

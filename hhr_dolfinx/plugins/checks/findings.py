@@ -1,0 +1,97 @@
+"""Findings of the check of a scene, as sentences."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+
+from hhr_dolfinx.contact.rows import ContactRows
+from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.pairings.surface import Surface
+from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.warn import collected
+
+OK = "ok"
+NOTE = "note"
+MISTAKE = "mistake"
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One sentence about a scene.
+
+    Attributes:
+        level: ``ok``, ``note`` or ``mistake``.
+        text: finding and remedy.
+    """
+
+    level: str
+    text: str
+
+
+@dataclass
+class SceneCheck:
+    """Findings of a check.
+
+    Attributes:
+        scene: the scene.
+        findings: in the order of the check, each once.
+        discretisation: its mesh; None if it has none.
+        pairs: surfaces and rows of each contact pair; no rows if they were refused.
+        forces: for each load its name and its nodal forces at the checked parameter, (nodes, dim).
+    """
+
+    scene: Scene
+    findings: list[Finding] = field(default_factory=list)
+    discretisation: Discretisation | None = None
+    pairs: list[tuple[list[Surface], ContactRows | None]] = field(default_factory=list)
+    forces: list[tuple[str, np.ndarray]] = field(default_factory=list)
+
+    @property
+    def mistakes(self) -> list[Finding]:
+        """Findings that make the scene unsolvable or meaningless."""
+        return [finding for finding in self.findings if finding.level == MISTAKE]
+
+    @property
+    def meshed(self) -> Discretisation:
+        """Its mesh, for parts of a check that run only if it has one."""
+        assert self.discretisation is not None
+        return self.discretisation
+
+    @property
+    def drawable(self) -> bool:
+        """True if there is a mesh to draw."""
+        return self.discretisation is not None
+
+    @property
+    def length(self) -> str:
+        """Unit of length after a blank; empty if it is not given."""
+        return "" if self.scene.units is None else f" {self.scene.units.length}"
+
+    def draw(self, path: Path) -> None:
+        """Draw bodies, contact surfaces, supports and loads."""
+        from hhr_dolfinx.plugins.checks.picture import draw_scene
+
+        draw_scene(self, path)
+
+    def say(self, level: str, text: str) -> None:
+        """Add a finding, unless it is there already: a pair is checked separately and with all others."""
+        finding = Finding(level, text)
+        if finding not in self.findings:
+            self.findings.append(finding)
+
+    @contextmanager
+    def heard(self) -> Iterator[None]:
+        """Turn warnings of a block into notes, and errors into mistakes."""
+        with collected(UserWarning) as caught:
+            try:
+                yield
+            except HHRError as error:
+                self.say(MISTAKE, str(error))
+        for item in caught:
+            self.say(NOTE, item.message)

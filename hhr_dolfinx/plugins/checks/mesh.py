@@ -1,0 +1,301 @@
+"""Checks of the mesh of a scene: sizes, shapes of cells, bodies in several pieces, merged, or inside each other."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import combinations
+
+import numpy as np
+from dolfinx import geometry
+from mpi4py import MPI
+from scipy.sparse import csr_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+from hhr_dolfinx.amplitudes import Amplitude, bound
+from hhr_dolfinx.body import Body
+from hhr_dolfinx.full_order.checks import CORNERS
+from hhr_dolfinx.geometries.mesh_file import MeshFile
+from hhr_dolfinx.pairings.surface import Surface
+from hhr_dolfinx.parameters import ParameterSpace, PointLike
+from hhr_dolfinx.plugins.checks.findings import NOTE, OK, SceneCheck
+
+BAD_CELL = 0.1
+"""Scaled Jacobian of a cell below which it is reported."""
+SMALL = 1e-4
+LARGE = 50.0
+"""Extent of a mesh in m beyond which its unit may be another one than the scene states."""
+SOFT = 1e9
+STIFF = 1.2e12
+"""Moduli in Pa: structural plastics are stiffer than the first, and diamond is the stiffest material."""
+APART = 1e6
+"""Ratio of the moduli of two bodies above which one may be in another unit: steel is 1e5 times as stiff as rubber."""
+SAME_PLACE = 1e-9
+"""Distance of two nodes over the extent of the mesh below which they coincide."""
+
+
+@dataclass(frozen=True)
+class MeshLook:
+    """Nodes and cells of a whole mesh.
+
+    Attributes:
+        points: (nodes, dim).
+        cells: nodes of each cell, (cells, k).
+        owner: index in the scene of the body of each cell, (cells,).
+        corners: number of corners of a cell, its first nodes.
+    """
+
+    points: np.ndarray
+    cells: np.ndarray
+    owner: np.ndarray
+    corners: int
+
+    @classmethod
+    def of(cls, found: SceneCheck) -> MeshLook:
+        """Nodes and cells of a scene with a mesh."""
+        discretisation = found.meshed
+        corners = CORNERS[discretisation.mesh.topology.cell_name()]
+        return cls(discretisation._points(), discretisation._cell_nodes(), discretisation.cell_bodies(), corners)
+
+    @property
+    def extent(self) -> float:
+        """Longest side of the box around it."""
+        return float(np.ptp(self.points, axis=0).max())
+
+    def nodes_of(self, body: int) -> np.ndarray:
+        """True for each node of a body, (nodes,) bool."""
+        inside = np.zeros(len(self.points), dtype=bool)
+        inside[self.cells[self.owner == body]] = True
+        return inside
+
+    def pieces_of(self, body: int) -> np.ndarray:
+        """Connected component of a body that each node belongs to, from 0; -1 for other nodes, (nodes,)."""
+        cells = self.cells[self.owner == body]
+        count = len(self.points)
+        starts = np.repeat(cells[:, :1], cells.shape[1], axis=1)
+        graph = csr_matrix((np.ones(cells.size), (starts.ravel(), cells.ravel())), shape=(count, count))
+        part = connected_components(graph, directed=False)[1]
+        inside = self.nodes_of(body)
+        pieces = np.full(count, -1)
+        pieces[inside] = np.unique(part[inside], return_inverse=True)[1]
+        return pieces
+
+
+def look_at_mesh(found: SceneCheck) -> None:
+    """Check bodies one by one, and compare their sizes with the units."""
+    look = MeshLook.of(found)
+    for place, body in enumerate(found.scene.bodies):
+        own = look.points[look.cells[look.owner == place]]
+        size = _size(own.reshape(-1, look.points.shape[1]))
+        corners = own[:, : look.corners]
+        kind = "cells" if own.shape == corners.shape else "cells of second order"
+        text = f"body {body.tag!r}: {len(corners)} {kind}, {size}{found.length}, E = {body.young}, nu = {body.poisson}"
+        found.say(OK, text)
+        worst, where = worst_cell(corners)
+        if worst < BAD_CELL:
+            found.say(
+                NOTE,
+                f"body {body.tag!r} has bad cells, the worst at {np.round(where, 6).tolist()} with a quality of "
+                f"{worst:.2g} of 1: stresses are wrong there. Mesh it more evenly",
+            )
+        _modulus(found, body)
+    _stiffness_apart(found)
+    _unit_of_length(found, look)
+    _large_motions(found, look)
+
+
+COARSE = 0.1
+"""Estimated part of the stress in energy above which a mesh is reported as coarse."""
+
+
+def look_at_mesh_error(found: SceneCheck, point: PointLike | None = None) -> None:
+    """Solve in full once, at a parameter or in the middle of the box, and report the estimated error of the mesh."""
+    from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.full_order.mesh_error import mesh_error
+
+    if any(body.law is not None or body.stress is not None for body in found.scene.bodies):
+        found.say(NOTE, "the error of the mesh is estimated for elastic bodies alone, and some have laws of their own")
+        return
+    with found.heard():
+        full = FullOrderModel(found.scene, MPI.COMM_SELF)
+        answer = full.solve(full.parameters.middle if point is None else point)
+        off = mesh_error(full, answer)
+        remedy = f"; more than {COARSE:.0%} is much: refine the mesh, or take Scene(order=2)"
+        level, said = (NOTE, remedy) if off[0] > COARSE else (OK, "")
+        found.say(level, off.in_words() + said)
+
+
+def look_at_joints(found: SceneCheck) -> None:
+    """Report doubled or shared nodes: bodies that are split or merged by mistake."""
+    look = MeshLook.of(found)
+    tags = [body.tag for body in found.scene.bodies]
+    inside = [look.nodes_of(place) for place in range(len(tags))]
+    paired = _paired_bodies(found, inside)
+    twins = cKDTree(look.points).query_pairs(SAME_PLACE * look.extent, output_type="ndarray")
+    for place, tag in enumerate(tags):
+        pieces = look.pieces_of(place)
+        own = twins[(pieces[twins] >= 0).all(axis=1)]
+        if len(own) and (place, place) not in paired:
+            found.say(
+                NOTE,
+                f"body {tag!r} falls apart: {len(own)} of its nodes are there twice, e.g. at "
+                f"{look.points[own[0, 0]].tolist()}, and its cells do not hang together there. Merge these nodes, in "
+                "gmsh by removeDuplicateNodes or by a fragment of its volumes before they are meshed",
+            )
+        elif pieces.max() > 0:
+            found.say(OK, f"body {tag!r} is made of {pieces.max() + 1} pieces")
+    for one, other in combinations(range(len(tags)), 2):
+        common = np.flatnonzero(inside[one] & inside[other])
+        if common.size:
+            found.say(OK, f"bodies {tags[one]!r} and {tags[other]!r} share {common.size} nodes: they are glued there")
+        between = (inside[one][twins] & inside[other][twins][:, ::-1]).any(axis=1)
+        if between.any() and (one, other) not in paired:
+            found.say(
+                NOTE,
+                f"bodies {tags[one]!r} and {tags[other]!r} touch at {int(between.sum())} nodes, e.g. at "
+                f"{look.points[twins[between][0, 0]].tolist()}, and no contact pair is between them: they go through "
+                "each other. Give their surfaces a contact pair, or merge these nodes to glue them",
+            )
+
+
+def look_at_common_nodes(found: SceneCheck) -> None:
+    """Report nodes that belong to both surfaces of a pair: no contact acts there."""
+    for place, (surfaces, _) in enumerate(found.pairs):
+        for first, second in combinations(surfaces, 2):
+            common = np.isin(first.nodes, second.nodes)
+            if common.any():
+                found.say(
+                    NOTE,
+                    f"contact {place}: surfaces {first.tag!r} and {second.tag!r} share {int(common.sum())} nodes, e.g. "
+                    f"at {first.points[common][0].tolist()}: they are glued there and cannot open. Give each body "
+                    "nodes of its own, in gmsh without a fragment or removeDuplicateNodes",
+                )
+
+
+def depth_inside(found: SceneCheck, first: Surface, second: Surface) -> tuple[int, float]:
+    """Number of nodes of a surface inside the body of another one as drawn, and the depth of the deepest.
+
+    Depths are those below the nearest facet of the other surface.
+    """
+    look, mesh = MeshLook.of(found), found.discretisation.mesh  # type: ignore[union-attr]
+    bodies = [place for place in range(len(found.scene.bodies)) if look.nodes_of(place)[second.nodes].all()]
+    points = np.zeros((len(first.nodes), 3))
+    points[:, : look.points.shape[1]] = first.points
+    near = geometry.compute_collisions_points(geometry.bb_tree(mesh, mesh.topology.dim), points)
+    hits = geometry.compute_colliding_cells(mesh, near, points)
+    _, nearest = cKDTree(second.corners.mean(axis=1)).query(first.points)
+    heights = np.einsum("nd,nd->n", second.outward[nearest], first.points - second.corners.mean(axis=1)[nearest])
+    depths = []
+    for number, node in enumerate(first.nodes):
+        cells = hits.links(number)
+        # a node of both bodies lies in cells of both
+        others = cells[np.isin(look.owner[cells], bodies) & ~(look.cells[cells] == node).any(axis=1)]
+        if others.size and heights[number] < 0:
+            depths.append(-float(heights[number]))
+    return len(depths), max(depths, default=0.0)
+
+
+def worst_cell(corners: np.ndarray) -> tuple[float, np.ndarray]:
+    """Smallest scaled Jacobian of cells, (c, k, dim), and its position: volume at a corner over its edges.
+
+    Stretched bricks have 1, a sliver nearly 0.
+    """
+    count, dim = corners.shape[1:]
+    numbers = range(count)
+    worst = np.ones(len(corners))
+    for at in numbers:
+        others = [n for n in numbers if n != at] if count == dim + 1 else [at ^ (1 << axis) for axis in range(dim)]
+        edges = corners[:, others] - corners[:, [at]]
+        lengths = np.linalg.norm(edges, axis=2).prod(axis=1)
+        worst = np.minimum(worst, np.abs(np.linalg.det(edges)) / lengths)
+    where = int(worst.argmin())
+    return float(worst[where]), corners[where].mean(axis=0)
+
+
+def _size(points: np.ndarray) -> str:
+    """Extents in words."""
+    return " x ".join(f"{value:.4g}" for value in np.ptp(points, axis=0))
+
+
+def _paired_bodies(found: SceneCheck, inside: list[np.ndarray]) -> set[tuple[int, int]]:
+    """Pairs of bodies in contact, by their indices, the smaller one first."""
+    pairs = set()
+    for surfaces, _ in found.pairs:
+        sides = [[k for k, own in enumerate(inside) if own[surface.nodes].any()] for surface in surfaces]
+        pairs |= {(min(k, m), max(k, m)) for one, other in combinations(sides, 2) for k in one for m in other}
+    return pairs
+
+
+def young_of(body: Body, space: ParameterSpace) -> float:
+    """Young's modulus, in the middle of the box if it is a parameter; NaN for another formula."""
+    if not isinstance(body.young, str):
+        return float(body.young)
+    place = space.names.index(body.young) if body.young in space.names else None
+    return np.nan if place is None else (space.lower[place] + space.upper[place]) / 2
+
+
+def _modulus(found: SceneCheck, body: Body) -> None:
+    """Report a modulus that no material has in the units of the scene."""
+    units = found.scene.units
+    if units is None:
+        return
+    young = young_of(body, found.scene.parameters)
+    pascals = units.pascals(young)
+    unit = f"give E in {units.stress}, the unit of stress of the scene"
+    if pascals < SOFT:
+        text = f"is softer than plastics (1 GPa), as rubber and foam are: where a stiffer one is meant, {unit}"
+        found.say(NOTE, f"body {body.tag!r}: E = {young:g} {units.stress} {text}")
+    elif pascals > STIFF:
+        found.say(NOTE, f"body {body.tag!r}: E = {young:g} {units.stress} is stiffer than diamond (1200 GPa): {unit}")
+
+
+def _stiffness_apart(found: SceneCheck) -> None:
+    """Report bodies whose moduli are far from each other."""
+    space = found.scene.parameters
+    known = [body for body in found.scene.bodies if not np.isnan(young_of(body, space))]
+    bodies = sorted(known, key=lambda body: young_of(body, space))
+    if not bodies:
+        return
+    soft, stiff = (young_of(body, space) for body in (bodies[0], bodies[-1]))
+    if stiff > APART * soft:
+        found.say(
+            NOTE,
+            f"body {bodies[-1].tag!r} with E = {stiff:g} is {stiff / soft:.2g} times as stiff as body "
+            f"{bodies[0].tag!r} with E = {soft:g}: give both in one unit; where that is meant, take the stiff one as "
+            "rigid, an Obstacle or imposed displacements",
+        )
+
+
+def _unit_of_length(found: SceneCheck, look: MeshLook) -> None:
+    """Report a mesh that is tiny or huge in the unit of the scene."""
+    units = found.scene.units
+    if units is None or SMALL <= units.metres(look.extent) <= LARGE:
+        return
+    made = found.scene.geometry
+    what = f"the mesh of file {made.path}" if isinstance(made, MeshFile) else f"the mesh of scene '{found.scene.name}'"
+    found.say(
+        NOTE,
+        f"{what} is {_size(look.points)} {units.length}: where that is not meant, its coordinates are in another unit. "
+        "Say by what they are to be multiplied, MeshFile(path, scale=...), or give the scene the Units of the mesh",
+    )
+
+
+def _large_motions(found: SceneCheck, look: MeshLook) -> None:
+    """Report displacements and openings that exceed the mesh somewhere in the box."""
+    space = found.scene.parameters
+    box = np.array([space.lower, space.upper], dtype=float)
+    named = [(f"the displacement on {item.tag!r}", item.amplitude) for item in found.scene.displacements]
+    named += [(f"the opening of contact {item.contact}", item.amplitude) for item in found.scene.openings]
+    for what, amplitude in named:
+        amplitude = bound(amplitude, space)
+        if isinstance(amplitude, Amplitude):
+            reached = np.sort(box * amplitude.row(space), axis=0).sum(axis=1) + amplitude.constant
+        else:
+            reached = np.array([amplitude.value(point) for point in space.random(64, seed=0)])
+        largest = float(np.abs(reached).max())
+        if largest > look.extent:
+            found.say(
+                NOTE,
+                f"{what} reaches {largest:.4g}{found.length}, and the whole mesh is {look.extent:.4g}{found.length} "
+                "long: bring parameters and mesh to one unit, by MeshFile(path, scale=...) or by the slopes",
+            )

@@ -1,0 +1,381 @@
+"""Error against run time of histories: full and small models in turns, on the same paths in the same process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx.certify.accuracy import force_floor, relative_error, summary
+from hhr_dolfinx.certify.compare import largest_errors, residuals_of
+from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.models.answer import History, Model, Path
+from hhr_dolfinx.models.histories.equilibrium import SEARCHES, MarchSettings, told_once
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.plugins.studies.measure import Errors, Measurement, Row, answer_errors, conditions_inside
+from hhr_dolfinx.plugins.studies.report import condensed_report, model_report
+from hhr_dolfinx.snapshots.records import Lost
+from hhr_dolfinx.study.training.train import Progress, Training
+from hhr_dolfinx.timing import timed
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
+
+
+class Run(NamedTuple):
+    """A history with its median seconds over repetitions, or the error that ended it and the seconds spent."""
+
+    history: History | None
+    seconds: float
+    failure: HHRError | None = None
+
+
+def run_in_turns(
+    models: Mapping[str, Model], path: Path, settings: MarchSettings, repetitions: int = 1
+) -> dict[str, Run]:
+    """Histories of several models, by name: all once, then all again, so that a busy machine slows each of them."""
+    runs: dict[str, list[Run]] = {name: [] for name in models}
+    for _ in range(repetitions):
+        for name, model in models.items():
+            runs[name].append(timed_run(model, path, settings))
+    return {name: own[0]._replace(seconds=float(np.median([run.seconds for run in own]))) for name, own in runs.items()}
+
+
+def run_beside(
+    models: Mapping[str, Model], path: Path, settings: MarchSettings, repetitions: int, exact: History
+) -> dict[str, Run]:
+    """Histories of several models compared with a full one: timed as a user runs them, answered in its parts of steps.
+
+    With a time tolerance each model has different parts, whose time errors would count as model errors.
+    """
+    runs = run_in_turns(models, path, settings, repetitions)
+    if settings.time_tolerance is None:
+        return runs
+    plain = replace(settings, time_tolerance=None)
+    times = [answer.time for answer in exact.answers]
+    for name, run in runs.items():
+        if run.history is not None:
+            same = timed_run(models[name], exact.solved_path, plain)
+            thin = None if same.history is None else same.history.thinned(times)
+            runs[name] = Run(thin, run.seconds, same.failure)
+    return runs
+
+
+def timed_run(model: Model, path: Path, settings: MarchSettings) -> Run:
+    """A history, timed once; one that does not converge counts with the time it took."""
+
+    def march() -> History | HHRError:
+        try:
+            return model.march(path, settings)
+        except HHRError as error:
+            return error
+
+    found, seconds = timed(march)
+    return Run(None, seconds, found) if isinstance(found, HHRError) else Run(found, seconds)
+
+
+def run_in_full(full: FullOrderModel, path: Path, ways: Sequence[MarchSettings]) -> Run:
+    """A full history by the first of some settings that solves it; ConvergenceError of the last one."""
+    for settings in ways:
+        run = timed_run(full, path, settings)
+        if run.failure is None:
+            return run
+    assert run.failure is not None
+    raise run.failure
+
+
+def timed_searches(
+    full: FullOrderModel, path: Path, march: MarchSettings
+) -> tuple[list[MarchSettings], dict[str, float], list[dict[str, str]]]:
+    """Settings for full histories, the fastest search operator first; seconds of each on a path; those that failed.
+
+    Raises:
+        ConvergenceError: if none converges.
+    """
+    ways = {
+        search: march if search == march.search else replace(march, search=search, iterations=200)
+        for search in (march.search, *SEARCHES)
+    }
+    # compilation and reading at the first step belong to none of them
+    timed_run(full, path[:2], march)
+    runs = {search: timed_run(full, path, settings) for search, settings in ways.items()}
+    seconds = {search: run.seconds for search, run in runs.items() if run.failure is None}
+    failed = {search: run.failure for search, run in runs.items() if run.failure is not None}
+    if not seconds:
+        raise failed[march.search]
+    skipped = [{"stage": f"fom_searches, {search}", "why": str(error)} for search, error in failed.items()]
+    return [ways[search] for search in sorted(seconds, key=seconds.__getitem__)], seconds, skipped
+
+
+def history_errors(
+    full: FullOrderModel, model: Model, history: History, exact: History, floor: float = 0.0
+) -> dict[str, Any]:
+    """Relative errors at the last step as in thesis table 6.1, and the largest ones of the history.
+
+    ``resultant`` is the error of the sum of all contact forces at the last step over the largest sum in the history.
+    Errors in the RID are left out for a model without one; ``floor`` is the force norm below which a relative error is
+    not meaningful.
+    """
+    here = history.answers[-1]
+    there = exact.answers[-1]
+    found, known = ((answer.displacement(), answer.forces()) for answer in (here, there))
+    errors = answer_errors(full.problem, found, known, floor, conditions_inside(model))
+    stress = there.stress()
+    flowed = there.plastic_strain()
+    if isinstance(model, ReducedModel) and model.flow is not None and "gauss" in here.memory:
+        inside = model.flow.points
+        errors["stress_rr"] = relative_error(here.gauss.stress[:, 0], stress[inside, 0])
+        errors["plastic_strain"] = relative_error(here.gauss.state.cumulated, flowed[inside])
+    errors["plastic_strain_everywhere"] = relative_error(here.plastic_strain(), flowed)
+    errors["stress_rr_everywhere"] = relative_error(here.stress()[:, 0], stress[:, 0])
+    largest = max(float(np.abs(answer.forces().sum())) for answer in exact.answers)
+    wrong = float(np.abs(found[1].sum() - known[1].sum()))
+    errors["resultant"] = wrong / max(largest, floor) if wrong > 0 else 0.0
+    errors["largest_displacement"], errors["largest_forces"] = largest_errors(full, history, exact, floor)
+    return {**errors, "kkt": asdict(residuals_of(full, here))}
+
+
+def errors_of_runs(
+    full: FullOrderModel, model: Model, runs: Sequence[Run], exact: Sequence[History], floor: float
+) -> list[dict[str, Any]]:
+    """Errors of each history, infinite for one without result.
+
+    Raises:
+        HHRError: without any: the error that ended the first one.
+    """
+    rows = [
+        None if run.history is None else history_errors(full, model, run.history, known, floor)
+        for run, known in zip(runs, exact, strict=True)
+    ]
+    answered = next((row for row in rows if row is not None), None)
+    if answered is None:
+        assert runs[0].failure is not None
+        raise runs[0].failure
+    missing: dict[str, Any] = dict.fromkeys(answered, np.inf) | {"kkt": {}}
+    return [missing if row is None else row for row in rows]
+
+
+def row_of_runs(method: str, setting: str, runs: Sequence[Run], errors: Sequence[dict[str, Any]]) -> Row:
+    """Row of a method, from its histories and the errors of each."""
+    values = {name: np.array([row[name] for row in errors]) for name in errors[0] if name != "kkt"}
+    residuals = [row["kkt"] for row in errors if row["kkt"]]
+    kkt = {name: max(row[name] for row in residuals) for name in residuals[0]} if residuals else {}
+    answered = np.array([run.history is not None for run in runs])
+    return Row(method, setting, np.array([run.seconds for run in runs]), Errors(values, answered, kkt))
+
+
+def seconds_of_parts(full_or_reduced: FullOrderModel | ReducedModel, history: History) -> dict[str, float]:
+    """Seconds of each part of an iteration in the last step of a history, and of a new tangent."""
+    model: Any = full_or_reduced.equilibrium
+    (before, _), (time, _), answer = *history.path[-2:], history.answers[-1]
+    theta = model.amplitudes(answer.parameter)
+    step = time - before
+    gauss = answer.state()
+    material = model.material.at(answer.parameter)
+    strain = model.strain(answer.unknown, theta)
+    update = material.update(strain, gauss.state, step, tangent=True)
+    residual, _ = model.residual(answer.unknown, update, theta)
+    operator = model.at(answer.parameter).linearised(update.tangents)
+    parts = {
+        "strain": lambda: model.strain(answer.unknown, theta),
+        "laws": lambda: material.update(strain, gauss.state, step, tangent=False),
+        "residual": lambda: model.residual(answer.unknown, update, theta),
+        "tangent": lambda: model.at(answer.parameter).linearised(update.tangents),
+        "contact": lambda: operator.correct(residual, answer.unknown, theta, answer.active),
+    }
+    return {name: timed(part, 20)[1] for name, part in parts.items()}
+
+
+KEYS = {"HHR": "hhr", "condensed": "condensed"}
+"""Names of the methods in the ``models`` of a report."""
+SETTINGS = {"HHR": "this model", "condensed": "plastic correction"}
+"""Entry in rows of the work-precision table for a method that was refused."""
+
+
+@told_once()
+def measure_histories(
+    training: Training, settings: Any, tests: Mapping[Any, Path], progress: Progress
+) -> tuple[ReducedModel | CondensedFlowModel, Measurement]:
+    """The model under study, and errors and times of both kinds of small models compared with the full model.
+
+    Under study is the hyper-reduced model, or the condensed inelastic one if that is refused. A path that one of them
+    does not solve counts with infinite errors and the time that it took. The full model is no more accurate than its
+    time steps, which is reported without a warning.
+
+    Raises:
+        ReductionError, UnstableModelError: if both are refused.
+        ConvergenceError: if the full model does not solve the first path, or no small model solves any.
+
+    Warns:
+        TrainingWarning: for paths that the full model does not solve, which are left out.
+    """
+    full = training.full_order
+    models, refused = _built(training, settings)
+    floor = force_floor(full.problem, training.snapshots)
+    ways, searches, skipped = timed_searches(full, next(iter(tests.values())), settings.march)
+    tests, exact, found = _runs(full, models, tests, ways, settings, progress)
+    paths = list(tests.values())
+    known = [run.history for run in exact if run.history is not None]
+
+    def beside(method: str, setting: str, other: Model) -> Row:
+        how = (settings.march, settings.repetitions)
+        pairs = zip(paths, known, strict=True)
+        runs = [run_beside({"": other}, path, *how, there)[""] for path, there in pairs]
+        return row_of_runs(method, setting, runs, errors_of_runs(full, other, runs, known, floor))
+
+    measured = {}
+    for name, model in models.items():
+        try:
+            errors = errors_of_runs(full, model, found[name], known, floor)
+        except HHRError as error:
+            refused[name] = error
+            continue
+        row = row_of_runs(name, _setting(name, model), found[name], errors)
+        measured[name] = _Measured(model, found[name], errors, row)
+    if not measured:
+        raise next(iter(refused.values()))
+    name, own = next(iter(measured.items()))
+    nothing: dict[str, Any] = dict.fromkeys(own.row.errors.values, 0.0) | {"kkt": {}}
+    best = row_of_runs("fom_best", ways[0].search, exact, [nothing] * len(exact))
+    drawn = [(there, run.history) for there, run in zip(known, own.runs, strict=True) if run.history is not None][-1]
+    report = _report(measured, refused, best, searches, tests, exact)
+    if name == "HHR":
+        parts = {"fom": seconds_of_parts(full, drawn[0]), "online": seconds_of_parts(own.model, drawn[1])}
+        report["times"]["parts"] = parts
+        report["ratios"]["laws"] = parts["fom"]["laws"] / parts["online"]["laws"]
+    skipped += [{"stage": method, "why": str(error)} for method, error in refused.items()]
+    others = [*(item.row for item in measured.values() if item is not own), best]
+    rows = [{"method": method, "setting": SETTINGS[method], "refused": str(why)} for method, why in refused.items()]
+    by_key = {KEYS[method]: item.model for method, item in measured.items()}
+    return own.model, Measurement(own.row, others, beside, report, skipped, drawn, rows, by_key)
+
+
+def _runs(
+    full: FullOrderModel,
+    models: Mapping[str, Any],
+    tests: Mapping[Any, Path],
+    ways: Any,
+    settings: Any,
+    progress: Progress,
+) -> tuple[dict[Any, Path], list[Run], dict[str, list[Run]]]:
+    """Paths that the full model solves, by label, and histories along them: of the full model, and of each model."""
+    exact: list[Run] = []
+    found: dict[str, list[Run]] = {name: [] for name in models}
+    lost = Lost()
+    solved = {}
+    for label, path in progress("tests")(list(tests.items())):
+        with lost.recorded(str(label)):
+            exact.append(run_in_full(full, path, ways))
+            solved[label] = path
+        if label not in solved:
+            continue
+        there = exact[-1].history
+        assert there is not None
+        for name, run in run_beside(models, path, settings.march, settings.repetitions, there).items():
+            found[name].append(run)
+    lost.warn(len(tests), 1, "test paths")
+    return solved, exact, found
+
+
+@dataclass(frozen=True)
+class _Measured:
+    """A small model, its histories, and the errors of each."""
+
+    model: Any
+    runs: list[Run]
+    errors: list[dict[str, Any]]
+    row: Row
+
+
+def _built(training: Training, settings: Any) -> tuple[dict[str, Any], dict[str, HHRError]]:
+    """Small models by method, HHR first, and the errors of refused ones."""
+    makers: dict[str, Callable[[], Any]] = {
+        "HHR": partial(training.build, settings.recipe),
+        "condensed": partial(training.condense, settings.correction),
+    }
+    models: dict[str, Any] = {}
+    refused: dict[str, HHRError] = {}
+    for name, make in makers.items():
+        try:
+            models[name] = make()
+        except (ReductionError, UnstableModelError) as error:
+            refused[name] = error
+    if not models:
+        raise refused["HHR"]
+    return models, refused
+
+
+def _setting(method: str, model: Any) -> str:
+    """Text on a model in its row."""
+    if method == "HHR":
+        return SETTINGS[method]
+    return f"{model.offline.modes} modes, {model.offline.points} points"
+
+
+def _report(
+    measured: dict[str, _Measured],
+    refused: dict[str, HHRError],
+    best: Row,
+    searches: dict[str, float],
+    tests: Mapping[Any, Path],
+    exact: list[Run],
+) -> dict[str, Any]:
+    """Parts of a report for histories only."""
+    seconds = {name: measured[name].row.seconds if name in measured else None for name in KEYS}
+    models: dict[str, Any] = {KEYS[name]: {"refused": str(error)} for name, error in refused.items()}
+    if "HHR" in measured:
+        models["hhr"] = model_report(measured["HHR"].model, measured["HHR"].row)
+    times: dict[str, Any] = {
+        "fom_best": summary(best.seconds),
+        "fom_searches": searches,
+        "condensed": None if seconds["condensed"] is None else summary(seconds["condensed"]),
+        "online": None if seconds["HHR"] is None else summary(seconds["HHR"]),
+    }
+    if "condensed" in measured:
+        models["condensed"] = condensed_report(measured["condensed"].model, measured["condensed"].row)
+        times["offline_condensed"] = dict(measured["condensed"].model.offline.log.times)
+    names = {"HHR": "fom_best/online", "condensed": "fom_best/condensed"}
+    return {
+        "histories": _described(tests, measured, exact),
+        "time_error": _time_error(exact),
+        "times": times,
+        "ratios": {names[name]: _ratio(best.seconds, values) for name, values in seconds.items()},
+        "models": {name: models[name] for name in KEYS.values()},
+    }
+
+
+def _time_error(exact: list[Run]) -> dict[str, Any]:
+    """Largest estimated error of the time steps of all histories of the full model; the tolerance."""
+    histories = [run.history for run in exact if run.history is not None]
+    largest = [float(history.time_error.max(initial=0.0)) for history in histories]
+    return {**summary(np.array(largest)), "tolerance": histories[0].time_tolerance}
+
+
+def _ratio(slow: np.ndarray, fast: np.ndarray | None) -> float | None:
+    return None if fast is None else float(np.median(slow) / np.median(fast))
+
+
+def _described(tests: Mapping[Any, Path], measured: dict[str, _Measured], exact: list[Run]) -> list[dict[str, Any]]:
+    """The ``histories`` part of a report: errors of the model under study, and of the condensed model if it has one."""
+    rows = []
+    own = next(iter(measured.values()))
+    for k, (label, known) in enumerate(zip(tests, exact, strict=True)):
+        assert known.history is not None
+        steps = {"parts": sum(known.history.parts), "time_error": float(known.history.time_error.max(initial=0.0))}
+        row = {"value": label, **_history_row(own, k), "full_iterations": known.history.iterations, "full": steps}
+        rows.append(row | ({"condensed": _history_row(measured["condensed"], k)} if "condensed" in measured else {}))
+    return rows
+
+
+def _history_row(item: _Measured, k: int) -> dict[str, Any]:
+    """One history of a model: errors, seconds, iterations, or the reason why there are none."""
+    run = item.runs[k]
+    row = {**item.errors[k], "seconds": item.runs[k].seconds}
+    if run.history is None:
+        return row | {"cuts": None, "iterations": None, "failed": str(run.failure)}
+    history: History = run.history
+    return row | {"cuts": history.cuts, "iterations": history.iterations}

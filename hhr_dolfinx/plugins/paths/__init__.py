@@ -1,0 +1,5 @@
+"""Families of load paths: paths of one kind by a few parameters, to train and to test on."""
+
+from hhr_dolfinx.registry import Plugin
+
+PLUGIN = Plugin(name="paths", public={"hhr_dolfinx.plugins.paths.path_families": "Leg NamedPath PathFamily"})

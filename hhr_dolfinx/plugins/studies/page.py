@@ -1,0 +1,447 @@
+"""``report.html``: the report and the pictures of a study in one file that needs no network and no other file."""
+
+from __future__ import annotations
+
+import base64
+import json
+import math
+from collections.abc import Mapping, Sequence
+from html import escape
+from importlib import resources
+from pathlib import Path
+from typing import Any
+
+from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.files import replacing
+from hhr_dolfinx.plugins.studies import charts
+from hhr_dolfinx.plugins.studies.advice import in_words
+
+LONG = 18
+"""Length of the text of a cell above which it may break into several lines."""
+MAPPED = 3
+"""Number of parameters whose neighbours are mapped against each other."""
+FIRST = ("primal_l2", "dual_full_floored", "stress_rr", "plastic_strain")
+"""Main errors; the same in other norms, or of a part, are folded."""
+ERRORS = {
+    "primal_l2": "displacement, mean square",
+    "primal_energy": "displacement, in energy",
+    "primal_euclid": "displacement, node by node",
+    "energy_minimum": "energy above its minimum",
+    "dual_rid": "contact forces inside the reduced domain, whatever their size",
+    "dual_rid_floored": "contact forces inside the reduced domain",
+    "dual_full": "contact forces on the whole surface, whatever their size",
+    "dual_full_floored": "contact forces, on the whole surface",
+    "resultant": "resultant of the contact forces",
+}
+"""Names of errors for readers; others have the names of their keys."""
+MATERIALS = {"young": "Young's modulus", "poisson": "Poisson's ratio"}
+TIMES = {
+    "fom_naive": "a first program: everything assembled and factored for each query",
+    "fom_best": "the full order at its best: the stiffness factored once",
+    "condensed": "condensation, contact forces",
+    "condensed_full": "condensation, fields and forces",
+    "online": "the reduced model, contact forces",
+    "online_lapack": "the same, each system factored by LAPACK",
+    "online_full": "the reduced model, fields and forces",
+    "online_forces": "the reduced model, forces on the whole surface",
+}
+PICTURES = {
+    "scene.png": "The scene: bodies, contact surfaces, supports and loads.",
+    "work_precision.png": "Error against time of one query. What lies on the line is beaten by nothing in both.",
+    "pressures.png": "Contact pressures: lines of the full order, marks of the reduced model.",
+    "fields.png": "The cells on which the reduced model integrates (RID), and fields beside each other.",
+    "errors.png": "Errors over the parameter.",
+    "contact_force.png": "Contact force over time.",
+    "largest_plastic_strain.png": "Largest plastic strain over time.",
+    "iterations_of_a_step.png": "Iterations of the steps of a history.",
+}
+SIZES = {
+    "N": "unknowns",
+    "N_lambda": "contact conditions",
+    "ell_bar": "modes",
+    "N_lambda_C": "kept contact conditions",
+    "rid_cells": "cells of the reduced domain",
+    "snapshots": "training answers",
+}
+TOLD = frozenset(
+    (
+        "scene seed date parameters materials units advice outputs work_precision kkt break_even skipped machine "
+        "versions samples discretisation"
+    ).split()
+)
+"""Parts of a report with a separate place on the page; the others follow in their raw form."""
+
+
+POLICY = (
+    '<meta http-equiv="Content-Security-Policy" content="default-src \'none\'; img-src data:; '
+    "style-src 'unsafe-inline'; base-uri 'none'; form-action 'none'\">"
+)
+"""Policy of the page: it has pictures and styles inside, and neither runs nor loads anything from a report.json."""
+
+
+def write_page(folder: str | Path) -> Path:
+    """Write ``report.html`` next to ``report.json``, with the pictures of the folder inside.
+
+    Raises:
+        FileContentError: if there is no report, or it is damaged.
+        FileError: if the page cannot be written.
+    """
+    folder = Path(folder)
+    source = folder if folder.suffix == ".json" else folder / "report.json"
+    try:
+        report = json.loads(source.read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise FileContentError(
+            f"there is no report {source}: run a study first, hhr study SCENE --out {folder}"
+        ) from None
+    except NotADirectoryError:
+        raise FileContentError(f"{folder} is no folder: name the one that holds a report.json") from None
+    except (OSError, ValueError, RecursionError) as error:
+        raise FileContentError(f"{source} is no report ({error})") from error
+    if not isinstance(report, dict) or not report:
+        raise FileContentError(f"{source} is no report: it names no figures")
+    path = source.with_suffix(".html")
+    page = page_of({"scene": source.absolute().parent.name, **report}, source.parent)
+    with replacing(path, text=True) as file:
+        # UTF-8 has no half characters, which JSON may contain
+        file.write(page.encode(errors="replace").decode())
+    return path
+
+
+def page_of(report: Mapping[str, Any], folder: Path) -> str:
+    """The page of a report and the pictures in a folder; missing parts of the report are left out."""
+    name = escape(str(report["scene"]))
+    parts = [
+        f"<h1>{name}</h1>",
+        _sizes(_mapping(report.get("sizes"))),
+        _advice(report.get("advice")),
+        _asked(report),
+        _figure(folder / "scene.png"),
+        _errors(_mapping(report.get("errors")), _mapping(report.get("discretisation"))),
+        _charts(report),
+        _times(_mapping(report.get("times"))),
+        _break_even(_mapping(report.get("break_even"))),
+        _outputs(_mapping(report.get("outputs"))),
+        _methods(_mappings(report.get("work_precision"))),
+        _pictures(folder),
+        _loading(folder),
+        _checks(_mapping(report.get("kkt"))),
+        _left_out(_mappings(report.get("skipped"))),
+        _others(report),
+        _machine(report),
+    ]
+    body = "\n".join(part for part in parts if part)
+    return (
+        f'<!doctype html>\n<html lang="en"><head><meta charset="utf-8">{POLICY}'
+        f'<meta name="viewport" content="width=device-width, initial-scale=1"><title>{name}</title>'
+        f"<style>{_style()}</style></head>\n<body>\n{body}\n</body></html>\n"
+    )
+
+
+def _style() -> str:
+    return (resources.files(__package__) / "report.css").read_text(encoding="utf-8")
+
+
+def _mapping(value: Any) -> Mapping[str, Any]:
+    """A part of a report that is a table by name; empty if it is missing or no table."""
+    return value if isinstance(value, Mapping) else {}
+
+
+def _mappings(value: Any) -> list[Mapping[str, Any]]:
+    """The rows of a part of a report."""
+    return [row for row in value if isinstance(row, Mapping)] if isinstance(value, list) else []
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and not math.isnan(value)
+
+
+def _is_summary(value: Any) -> bool:
+    return isinstance(value, Mapping) and "median" in value
+
+
+def _section(title: str, *parts: str) -> str:
+    """Parts under a title; empty without any."""
+    return f"<h2>{escape(title)}</h2>" + "".join(parts) if any(parts) else ""
+
+
+def _table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
+    """A table of texts, which are escaped here; empty for no rows."""
+    if not rows:
+        return ""
+    # a narrow screen scrolls a wide table, and not the page
+    lines = _line(head, "th") + "".join(_line(row, "td") for row in rows)
+    return f'<div class="wide"><table>{lines}</table></div>'
+
+
+def _line(cells: Sequence[str], tag: str) -> str:
+    marks = (f'<{tag} class="long">' if len(cell) > LONG else f"<{tag}>" for cell in cells)
+    return "<tr>" + "".join(f"{mark}{escape(cell)}</{tag}>" for mark, cell in zip(marks, cells, strict=True)) + "</tr>"
+
+
+def _percent(value: Any) -> str:
+    if not _is_number(value):
+        return "-"
+    if math.isinf(value):
+        return "no answer"
+    return "round-off" if abs(value) < 1e-10 else f"{100 * value:.2g} %"
+
+
+def _seconds(value: Any) -> str:
+    return in_words(value) if _is_number(value) and math.isfinite(value) else "-"
+
+
+def _text(value: Any) -> str:
+    """Anything of a report as text."""
+    if value is None or (isinstance(value, float) and math.isnan(value)):
+        return "-"
+    if isinstance(value, bool):
+        return "yes" if value else "no"
+    if isinstance(value, float):
+        return f"{value:.4g}"
+    if isinstance(value, list):
+        return ", ".join(_text(item) for item in value)
+    if isinstance(value, Mapping):
+        return ", ".join(f"{name} {_text(item)}" for name, item in value.items())
+    return str(value)
+
+
+def _words(name: Any) -> str:
+    return str(name).replace("_", " ")
+
+
+def _sizes(sizes: Mapping[str, Any]) -> str:
+    found = [f"{_text(sizes[key])} {what}" for key, what in SIZES.items() if sizes.get(key) is not None]
+    return f'<p class="small">{escape(", ".join(found))}</p>' if found else ""
+
+
+def _asked(report: Mapping[str, Any]) -> str:
+    """Parameters, materials and units of the scene."""
+    box = [
+        [_named(row), *(_text(row.get(name)) for name in ("from", "to"))] for row in _mappings(report.get("parameters"))
+    ]
+    given = _mappings(report.get("materials"))
+    names = list(dict.fromkeys(name for row in given for name in row))
+    materials = [[_text(row.get(name, "")) for name in names] for row in given]
+    units = _mapping(report.get("units"))
+    listed = ", ".join(f"{name} in {_text(unit)}" for name, unit in units.items())
+    return _section(
+        "What was asked",
+        _table(["parameter", "from", "to"], box),
+        _table([MATERIALS.get(name, _words(name)) for name in names], materials),
+        f'<p class="small">{escape(listed)}</p>' if listed else "",
+    )
+
+
+def _named(row: Mapping[str, Any]) -> str:
+    """A parameter with its unit."""
+    unit = row.get("unit")
+    return _text(row.get("name")) + (f" [{_text(unit)}]" if unit else "")
+
+
+def _advice(text: Any) -> str:
+    return f'<p class="advice">{escape(str(text))}</p>' if text else ""
+
+
+def _errors(errors: Mapping[str, Any], mesh: Mapping[str, Any]) -> str:
+    head = ["error of", "half of the answers below", "95 % below", "worst seen"]
+    rows = {
+        key: [ERRORS.get(key, _words(key)), *(_percent(figures.get(name)) for name in ("median", "p95", "max"))]
+        for key, figures in errors.items()
+        if _is_summary(figures)
+    }
+    main = [row for key, row in rows.items() if key in FIRST] or list(rows.values())
+    rest = [row for row in rows.values() if row not in main]
+    note = "<p class='small'>Relative to the full order, at parameters that no model was trained on.</p>"
+    table = _table(head, main)
+    caption = (
+        f"<p>Beside these, the mesh: its stress is off by some {_percent(mesh.get('energy'))} in energy, its peak "
+        f"pressure by {_percent(mesh.get('peak_pressure'))}, as estimated at one answer. All models here share it.</p>"
+    )
+    parts = [table and table + note, _folded("in other norms", _table(head, rest)), caption if mesh else ""]
+    return _section("How large are the errors?", *parts)
+
+
+def _times(times: Mapping[str, Any]) -> str:
+    base: Any = _mapping(times.get("online") or times.get("condensed")).get("median")
+    rows = []
+    for key, figures in times.items():
+        if _is_summary(figures):
+            median = figures["median"]
+            ratio = f"{median / base:.1f}" if _is_number(median) and _is_number(base) and base > 0 else "-"
+            rows.append([TIMES.get(key, _words(key)), _seconds(median), _seconds(figures.get("p95")), ratio])
+    stages = {name: value for name, value in _mapping(times.get("offline")).items() if _is_number(value)}
+    cost = f"<p>Before the first answer: {escape(_seconds(sum(stages.values())))} of training and building.</p>"
+    return _section(
+        "How long does an answer take?",
+        _table(["way to answer", "median", "95 %", "times the reduced model"], rows),
+        cost if stages else "",
+    )
+
+
+def _break_even(even: Mapping[str, Any]) -> str:
+    counts = [f"{count:.0f} queries ({what})" for what, count in even.items() if _is_number(count)]
+    return f"<p>It pays after {escape(', '.join(counts))}.</p>" if counts else ""
+
+
+def _outputs(outputs: Mapping[str, Any]) -> str:
+    rows = []
+    for name, item in outputs.items():
+        figures = _mapping(item)
+        errors = [_percent(figures.get(key)) for key in ("median", "p95", "max")]
+        head = f"{name} [{figures['unit']}]" if figures.get("unit") else name
+        rows.append([head, _text(figures.get("largest")), *errors])
+    return _section("Outputs", _table(["output", "largest", "median error", "95 %", "worst"], rows))
+
+
+def _methods(methods: Sequence[Mapping[str, Any]]) -> str:
+    rows = []
+    for row in methods:
+        named = [_text(row.get("method")), _text(row.get("setting"))]
+        if "refused" in row:
+            rows.append([*named, "refused", "", "", "", _text(row["refused"])])
+        else:
+            errors = [_percent(row.get(key)) for key in ("primal_l2", "dual_full_floored", "dual_full_floored_max")]
+            rows.append([*named, _seconds(row.get("online_s")), *errors, _text(row.get("warning", ""))])
+    head = ["method", "setting", "time", "displacement", "forces, median", "forces, worst", "remark"]
+    return _section("All methods that were measured", _table(head, rows))
+
+
+def _charts(report: Mapping[str, Any]) -> str:
+    """Errors over times of all methods; for elastic scenes distributions of errors and bounds, and their position."""
+    marks = [
+        charts.Mark(
+            " ".join(dict.fromkeys(_text(row.get(key, "")) for key in ("method", "setting"))).strip(),
+            row["online_s"],
+            row["dual_full_floored"],
+            row.get("dual_full_floored_p95"),
+            own=row.get("setting") == "this model",
+        )
+        for row in _mappings(report.get("work_precision"))
+        if _is_number(row.get("online_s")) and _is_number(row.get("dual_full_floored"))
+    ]
+    found = [
+        (
+            charts.work_precision(marks, "error of contact forces"),
+            "Error of the contact forces over the time of a query: half of the answers are below a mark, 95 % below "
+            "the end of its tail. Nothing beats what lies on the dashed line in both.",
+        )
+    ]
+    samples = _mapping(report.get("samples"))
+    errors = _numbers(_mapping(samples.get("errors")).get("forces"))
+    kind = _text(samples.get("kind") or "bound")
+    bounds = _numbers(_mapping(samples.get("bounds")).get("forces"))
+    caption = f"Bars: errors of contact forces at {len(errors)} points that no model was trained on."
+    caption += f" Line: what the model said beforehand of each, without the full answer ({kind})." if bounds else ""
+    found.append((charts.histogram(errors, bounds, "error of contact forces", f"{kind} of each answer"), caption))
+    found += [
+        (chart, "Where errors are large: the redder and larger a point, the larger.") for chart in _maps(report, errors)
+    ]
+    figures = (f"<figure>{svg}<figcaption>{escape(caption)}</figcaption></figure>" for svg, caption in found if svg)
+    body = "".join(figures)
+    return f'<section class="charts">{body}</section>' if body else ""
+
+
+def _maps(report: Mapping[str, Any], errors: list[float]) -> list[str]:
+    """Errors over each of the first parameters and the next one; empty if the points do not have these parameters."""
+    box = _mappings(report.get("parameters"))
+    ends: list[Any] = [(row.get("from"), row.get("to")) for row in box]
+    rows = _mapping(report.get("samples")).get("points")
+    points = [_numbers(row) for row in rows] if isinstance(rows, list) else []
+    fits = len(points) == len(errors) and all(len(point) == len(box) for point in points)
+    if not fits or not all(_is_number(low) and _is_number(high) and 0 < high - low < math.inf for low, high in ends):
+        return []
+    return [
+        charts.map_of(
+            [(point[k], point[k + 1]) for point in points],
+            errors,
+            (_named(box[k]), _named(box[k + 1])),
+            ends[k : k + 2],
+        )
+        for k in range(min(len(box) - 1, MAPPED))
+    ]
+
+
+def _numbers(values: Any) -> list[float]:
+    """Numbers of a list, with NaN for other values."""
+    return [float(value) if _is_number(value) else math.nan for value in values] if isinstance(values, list) else []
+
+
+def _figure(path: Path) -> str:
+    """A picture with its caption; empty if it is missing."""
+    if not path.is_file():
+        return ""
+    data = base64.b64encode(path.read_bytes()).decode()
+    caption = escape(PICTURES.get(path.name, _words(path.stem)))
+    image = f'<img alt="{caption}" src="data:image/png;base64,{data}">'
+    return f"<figure>{image}<figcaption>{caption}</figcaption></figure>"
+
+
+def _pictures(folder: Path) -> str:
+    order = {name: place for place, name in enumerate(PICTURES)}
+    found = [path for path in folder.glob("*.png") if path.name != "scene.png"]
+    found.sort(key=lambda path: (order.get(path.name, len(order)), path.name))
+    return _section("Pictures", *(_figure(path) for path in found))
+
+
+def _loading(folder: Path) -> str:
+    """Code that loads and queries the models in the folder of a report."""
+    models = [path.name for path in sorted(folder.glob("*.npz")) if path.name in ("study.npz", "condensed.npz")]
+    if not models:
+        return ""
+    lines = ["import hhr_dolfinx as hhr", ""]
+    lines += [f'model = hhr.load_model("{name}")' for name in models]
+    lines += ["answer = model.solve(point)  # parameters by name, or in their order; path: model.march(path)"]
+    lines += ["answer.forces(), answer.displacement(), answer.estimate()"]
+    hint = (
+        "It needs NumPy and SciPy, no DOLFINx. A table is answered by "
+        f"<code>hhr answer {models[-1]} questions.csv</code>."
+    )
+    return _section("How is the model used?", f"<pre>{escape(chr(10).join(lines))}</pre>", f"<p>{hint}</p>")
+
+
+def _checks(residuals: Mapping[str, Any]) -> str:
+    rows = [[_words(name), f"{value:.2g}"] for name, value in residuals.items() if _is_number(value)]
+    caption = (
+        "<p class='small'>Equilibrium: forces that are out of balance node by node, over the contact forces, which "
+        "says little of the error of a displacement; penetration: of the largest gap or motion; sign: pull, of the "
+        "largest force.</p>"
+    )
+    table = _table(["residual of what is handed out, relative", "largest"], rows)
+    return _section("What is left of the equations", table and table + caption)
+
+
+def _left_out(items: Sequence[Mapping[str, Any]]) -> str:
+    rows = [[_text(item.get("stage")), _text(item.get("why"))] for item in items]
+    return _section("What was left out, and why", _table(["what", "why"], rows))
+
+
+def _others(report: Mapping[str, Any]) -> str:
+    """Parts without a separate place, folded, each as a table."""
+    shown = {key: value for key, value in report.items() if key not in TOLD}
+    for key in ("errors", "times"):
+        shown[key] = {name: item for name, item in _mapping(report.get(key)).items() if not _is_summary(item)}
+    return _section("Everything else", *(_folded(_words(key), _plain(value)) for key, value in shown.items()))
+
+
+def _folded(title: str, content: str) -> str:
+    return f"<details><summary>{escape(title)}</summary>{content}</details>" if content else ""
+
+
+def _plain(value: Any) -> str:
+    """A part of a report as a table: rows that share their keys, or values by name."""
+    if rows := _mappings(value):
+        head = list(dict.fromkeys(name for row in rows for name in row))
+        return _table([_words(name) for name in head], [[_text(row.get(name, "")) for name in head] for row in rows])
+    if isinstance(value, Mapping):
+        parts = {name: item for name, item in value.items() if isinstance(item, Mapping | list) and item}
+        own = _table(["", "value"], [[_words(name), _text(item)] for name, item in value.items() if name not in parts])
+        return own + "".join(_folded(_words(name), _plain(item)) for name, item in parts.items())
+    return f"<p>{escape(_text(value))}</p>" if value not in (None, []) else ""
+
+
+def _machine(report: Mapping[str, Any]) -> str:
+    parts = {**_mapping(report.get("machine")), **_mapping(report.get("versions"))}
+    parts |= {name: report[name] for name in ("seed", "date") if name in report}
+    listed = ", ".join(f"{name} {_text(value)}" for name, value in parts.items())
+    return f'<p class="small">{escape(listed)}</p>' if listed else ""

@@ -1,0 +1,224 @@
+"""Error against run time at single parameters: all methods on the same points in the same process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx import registry
+from hhr_dolfinx.certify.accuracy import summary
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import HHRError, NotOfferedError
+from hhr_dolfinx.full_order.full import FullOrderModel
+from hhr_dolfinx.linear.dense import Factorise, LapackLU, PetscLU
+from hhr_dolfinx.models.answer import Answer, Model
+from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.models.estimates import Estimates
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.plugins.studies.measure import Errors, Measurement, References, Row
+from hhr_dolfinx.reduction.exact import exact_condensation
+from hhr_dolfinx.snapshots.records import SnapshotSet
+from hhr_dolfinx.study.training.train import Progress, Training
+from hhr_dolfinx.timing import time_queries
+
+COMPARED = ("fom_naive", "fom_best", "condensed")
+TIMED = (*COMPARED, "condensed_full", "online", "online_forces", "online_lapack", "online_full")
+COLD = (*COMPARED, "online", "online_lapack")
+
+SAMPLED = {"displacement": "primal_energy", "forces": "dual_full_floored"}
+"""Errors that a report keeps point by point, under their names in estimates."""
+
+Queries = dict[str, Callable[[np.ndarray], Any]]
+"""Queries of a parameter by name."""
+Times = dict[str, np.ndarray]
+"""Seconds per query by name."""
+
+
+def measure_points(
+    training: Training, model: ReducedModel, settings: Any, points: np.ndarray, progress: Progress
+) -> Measurement:
+    """Errors of the reduced model at test points, and its time compared with those of all other models."""
+    full = training.full_order
+    space = training.full_order.parameters
+    known = training.snapshots.known_statuses()
+    references = References.at(points, full, training.snapshots, progress("references"))
+    points = references.solutions.points
+    answers = [model.solve(point, raise_on_failure=False, outside="ignore") for point in points]
+    models: dict[str, Model] = {"fom_best": full, "online": model, "online_lapack": _twin(model, LapackLU)}
+    whole: Queries = {
+        "online_forces": _forces(_twin(model, PetscLU)),
+        "online_full": _everywhere(_twin(model, PetscLU)),
+    }
+    skipped = []
+    errors = {"fom_best": references.errors(full), "online": references.errors(model)}
+    offline = {}
+    try:
+        forces_only, condensed = _condensed(training, known)
+    except NotOfferedError as error:
+        skipped.append({"stage": "condensed", "why": str(error)})
+    else:
+        models["condensed"] = forces_only
+        whole["condensed_full"] = _everywhere(condensed)
+        errors["condensed"] = references.errors(condensed)
+        if forces_only.offline is not None:
+            offline = {"offline_condensed": dict(forces_only.offline.log.times)}
+    baselines = {}
+    if settings.naive and full.problem.pins is None:
+        baselines = {name: registry.load(place)(full) for name, (place, _) in registry.parts("baselines").items()}
+    models |= baselines
+    # timed points belong neither to training nor to tests
+    fresh, others = (space.random(settings.queries + 5, settings.seed + k) for k in (1000, 4000))
+    warm = time_queries(_warm(models, known) | whole, fresh)
+    cold = time_queries({name: partial(item.solve, start=None) for name, item in models.items()}, others)
+
+    def beside(method: str, setting: str, other: Model) -> Row:
+        errors = references.errors(other)
+        return Row(method, setting, time_queries({"online": other.solve}, fresh)["online"], errors)
+
+    errors |= {name: references.errors(item) for name, item in baselines.items()}
+    if not baselines:
+        skipped.append({"stage": "fom_naive", "why": _without_naive(full)})
+    report = {
+        "active_set": _searches(answers),
+        "samples": _samples(points, answers, errors["online"]),
+    }
+    report |= _times(warm, cold, baselines, offline)
+    report |= _mesh_error(full, skipped) | _outputs(full, references.solutions, answers)
+    own = Row("HHR", "this model", warm["online"], errors["online"])
+    how = dict.fromkeys(baselines, "baseline") | ({"condensed": "interpolated"} if offline else {})
+    order = [name for name in ("condensed", "fom_best", *baselines) if name in errors]
+    rows = [Row(name, how.get(name, "exact"), warm[name], errors[name]) for name in order]
+    small = {name: models[name] for name in ("condensed",) if name in models}
+    return Measurement(own, rows, beside, report, skipped, models=small)
+
+
+def _samples(points: np.ndarray, answers: list[Answer], errors: Errors) -> dict[str, Any]:
+    """The ``samples`` part of a report: test points, errors there, and their estimates, relative."""
+    found: dict[str, Any] = {
+        "points": points.tolist(),
+        "errors": {name: errors.values[key].tolist() for name, key in SAMPLED.items()},
+    }
+    known = Estimates.of([answer.estimate() for answer in answers])
+    if known is not None:
+        bounds = {"displacement": known.primal_relative, "forces": known.forces_euclid_relative}
+        found |= {"kind": known.kind, "bounds": {name: values.tolist() for name, values in bounds.items()}}
+    return found
+
+
+def _mesh_error(full: FullOrderModel, skipped: list[dict[str, str]]) -> dict[str, Any]:
+    """The ``discretisation`` part of a report; empty, with the reason, if it cannot be estimated."""
+    from hhr_dolfinx.full_order.mesh_error import mesh_error
+
+    try:
+        return {"discretisation": mesh_error(full, full.solve(full.parameters.middle))._asdict()}
+    except HHRError as error:
+        skipped.append({"stage": "discretisation", "why": str(error)})
+        return {}
+
+
+def _without_naive(full: FullOrderModel) -> str:
+    """Reason why the naive full model is not measured."""
+    if full.problem.pins is not None:
+        return "nothing but contact holds a body: without it K is singular, and the first program fails"
+    if not registry.parts("baselines"):
+        return "no plug-in of baselines is installed"
+    return "not asked for: one query takes too long to measure a hundred"
+
+
+def _searches(answers: list[Answer]) -> dict[str, Any]:
+    """The ``active_set`` part of a report."""
+    iterations = [answer.iterations for answer in answers]
+    cycles = sum(answer.cycled for answer in answers)
+    return {"iterations_median": float(np.median(iterations)), "iterations_max": max(iterations), "cycles": cycles}
+
+
+def _condensed(training: Training, known: KnownStatuses) -> tuple[CondensedModel, ...]:
+    """Condensation with forces alone and with fields: exact, or interpolated if the stiffness varies."""
+    full = training.full_order
+    if full.problem.varies:
+        model: Any = training.condense()
+        return model, model
+    return exact_condensation(full, known, field=False), exact_condensation(full, known, field=True)
+
+
+def _warm(models: dict[str, Model], known: KnownStatuses) -> Queries:
+    """Queries that start from the nearest training statuses, which full models need as an argument."""
+
+    def near(solve: Callable) -> Callable:
+        return lambda point: solve(point, start=known.active[known.nearest(point)])
+
+    return {name: near(model.solve) if name.startswith("fom") else model.solve for name, model in models.items()}
+
+
+def _forces(model: Model) -> Callable[[np.ndarray], np.ndarray]:
+    """Queries of a model for the forces on the whole contact surface, as users run them."""
+    return lambda point: model.solve(point).forces()
+
+
+def _everywhere(model: Model) -> Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Queries of a model for fields and all forces."""
+
+    def query(point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        answer = model.solve(point)
+        return answer.displacement(), answer.forces()
+
+    return query
+
+
+def _outputs(full: FullOrderModel, solutions: SnapshotSet, answers: list[Answer]) -> dict[str, Any]:
+    """The ``outputs`` part of a report: unit, largest absolute value and errors relative to it, by name.
+
+    Errors are infinite without an answer. Empty for a scene without outputs.
+    """
+    if full.functionals is None:
+        return {}
+    exact = []
+    for point, unknown, forces in zip(solutions.points, solutions.displacements.T, solutions.forces.T, strict=True):
+        exact.append(Answer(point, unknown, forces, forces > 0, 0, Status.CONVERGED, False, full).outputs())
+    found = [answer.outputs() for answer in answers]
+    report = {}
+    for name, unit in exact[0].units.items():
+        values, others = (np.array([outputs[name] for outputs in part]) for part in (exact, found))
+        largest = float(np.abs(values).max())
+        errors = np.abs(others - values) / (largest or 1.0)
+        report[name] = {"unit": unit, "largest": largest, **summary(np.where(np.isfinite(errors), errors, np.inf))}
+    return {"outputs": report}
+
+
+def _twin(model: ReducedModel, factorise: Factorise) -> ReducedModel:
+    """A model without results kept from earlier queries."""
+    return model.changed(trained=None, factorise=factorise)
+
+
+def _times(warm: Times, cold: Times, baselines: Iterable[str], offline: dict[str, Any]) -> dict[str, Any]:
+    """The ``times`` and ``ratios`` parts of a report, with the baselines that are registered.
+
+    Args:
+        warm, cold: seconds per query, from the usual and from no initial statuses.
+        baselines: their names.
+        offline: seconds of the stages of models that were made for the comparison.
+    """
+    return {
+        "times": {
+            **_summaries(warm, (*TIMED, *baselines)),
+            "cold_start": _summaries(cold, (*COLD, *baselines)),
+            **offline,
+        },
+        "ratios": {**_ratios(warm, baselines), "cold_start": _ratios(cold, baselines)},
+    }
+
+
+def _summaries(times: Times, names: tuple[str, ...]) -> dict[str, Any]:
+    """Summaries by name; null for a model that was not run."""
+    return {name: summary(times[name]) if name in times else None for name in names}
+
+
+def _ratios(times: Times, baselines: Iterable[str]) -> dict[str, float | None]:
+    """Median times over that of the reduced model; null for a model that was not run."""
+    online = np.median(times["online"])
+    names = (*COMPARED, *baselines)
+    return {f"{name}/online": float(np.median(times[name]) / online) if name in times else None for name in names}

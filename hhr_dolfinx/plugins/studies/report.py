@@ -1,0 +1,369 @@
+"""The report of a study: ``report.json`` and a short table."""
+
+from __future__ import annotations
+
+import json
+import platform
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from mpi4py import MPI
+
+from hhr_dolfinx.certify.accuracy import summary
+from hhr_dolfinx.command.console import Column, Console, Table
+from hhr_dolfinx.compat import versions
+from hhr_dolfinx.files import replacing
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.plain import finite
+from hhr_dolfinx.plugins.studies.advice import TRAINING, advice, in_words
+from hhr_dolfinx.plugins.studies.measure import Measurement, Row
+from hhr_dolfinx.timing import today
+from hhr_dolfinx.version import __version__
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
+    from hhr_dolfinx.scene import Scene
+    from hhr_dolfinx.study.training.train import Training
+
+
+FROM_FILES = "answers read from files"
+"""Stage of a training whose answers existed already."""
+
+
+def make_report(
+    training: Training,
+    model: ReducedModel | CondensedFlowModel,
+    measured: Measurement,
+    rows: list[dict[str, Any]],
+    seed: int,
+) -> dict[str, Any]:
+    """All figures of a study under the keys that scenes share; SI units, seconds, fractions."""
+    report = {
+        **frame(training, model, seed),
+        "errors": measured.own.errors.summaries(),
+        "kkt": measured.own.errors.residuals,
+        **measured.report,
+        "work_precision": rows,
+    }
+    report["times"] = {"offline": {**training.log.times, **model.offline.log.times}, **report["times"]}
+    report["times"]["offline"] |= _read_from_files(training, report["times"]["fom_best"])
+    report["skipped"] += measured.skipped
+    report["break_even"] = break_even(report["times"])
+    report["advised"], report["advice"] = advice(report)
+    return report
+
+
+def model_report(model: ReducedModel, row: Row) -> dict[str, Any]:
+    """One of the ``models`` of a report: a reduced model, its errors and the seconds of its answers."""
+    return {
+        "sizes": reduced_sizes(model),
+        "stability": model.offline.stability.as_report(),
+        **_errors_and_times(model, row),
+    }
+
+
+def condensed_report(model: CondensedFlowModel, row: Row) -> dict[str, Any]:
+    """The ``condensed`` one of the ``models`` of a report on an inelastic scene, with its check.
+
+    ``check`` holds the misfit of the cubature, the largest energy of a mode by it (the exact one is at most 1), and the
+    largest errors along training and held-out histories; ``refused_before`` the attempts refused before.
+    """
+    record = model.offline
+    known = model.offline.comparison
+    columns = () if known is None else (known.labels, known.primal.tolist(), known.dual.tolist())
+    compared = [
+        {"history": label, "displacement": primal, "forces": dual} for label, primal, dual in zip(*columns, strict=True)
+    ]
+    return {
+        "sizes": {"modes": record.modes, "points": record.points, "candidates": record.candidates},
+        "check": {"misfit": record.misfit, "energy": record.energy, "compared": compared},
+        "refused_before": list(record.log.refused),
+        **_errors_and_times(model, row),
+    }
+
+
+def _errors_and_times(model: ReducedModel | CondensedFlowModel, row: Row) -> dict[str, Any]:
+    """Common part of all ``models`` of a report."""
+    return {
+        "errors": row.errors.summaries(),
+        "unconverged": row.errors.unanswered,
+        "kkt": row.errors.residuals,
+        "times": {"offline": dict(model.offline.log.times), "online": summary(row.seconds)},
+    }
+
+
+def reduced_sizes(model: ReducedModel) -> dict[str, int]:
+    """Numbers of functions, conditions and cells of a reduced model."""
+    offline = model.offline
+    functions = offline.basis.shape[1]
+    # for inelastic bodies, cells of the RID without a test function cost nothing
+    cells = offline.sets.cells if model.flow is None else model.flow.cells
+    return {
+        "ell": functions - len(offline.enrichment.added),
+        "ell_bar": functions,
+        "N_lambda_C": len(offline.sets.A_lambda),
+        "rid_cells": len(cells),
+    }
+
+
+def _read_from_files(training: Training, fom_best: dict[str, float] | None) -> dict[str, float]:
+    """A stage for answers that were read from files, with their present cost by the best full model."""
+    if not training.read or fom_best is None:
+        return {}
+    histories = training.snapshots.histories
+    steps = len(training.snapshots.points) / len(histories) if histories else 1.0
+    return {FROM_FILES: training.read / steps * fom_best["median"]}
+
+
+def break_even(times: dict[str, Any]) -> dict[str, float | None]:
+    """Break-even: queries after which training and reduced answers are cheaper than the best full model; None if never.
+
+    Queries are for all forces, or fields and all forces; histories count as a whole. The cost includes training answers
+    that were read from files. Forces by condensation need no training, see :func:`hhr_dolfinx.condense`.
+    """
+    offline = sum(times["offline"].values())
+    found = dict[str, float | None](forces=None)
+    if "condensed_full" not in times:
+        found["fields"] = _pays(times, offline, "online")
+        shared = sum(times["offline"].get(stage, 0.0) for stage in (*TRAINING, FROM_FILES))
+        spent = shared + sum(times.get("offline_condensed", {}).values())
+        return found | {"fields, condensed": _pays(times, spent, "condensed")}
+    for name, kind in {"forces": "online_forces", "fields": "online_full"}.items():
+        found[name] = _pays(times, offline, kind)
+    if "offline_condensed" in times:
+        stages = times["offline_condensed"]
+        spent = times["offline"].get("full_order", 0.0) + stages["compliances"] + stages["starts"]
+        found["forces, condensed"] = _pays(times, spent, "condensed")
+    return found
+
+
+def _pays(times: dict[str, Any], spent: float, kind: str) -> float | None:
+    """Queries after which the seconds of training are saved; None if never, or if there is no such model."""
+    if times[kind] is None:
+        return None
+    saved = times["fom_best"]["median"] - times[kind]["median"]
+    return spent / saved if saved > 0 else None
+
+
+def frame(training: Training, model: ReducedModel | CondensedFlowModel, seed: int) -> dict[str, Any]:
+    """The part of a report without measurements."""
+    problem = training.full_order.problem
+    offline = model.offline
+    report: dict[str, Any] = {
+        "scene": training.full_order.scene.name,
+        "seed": seed,
+        **environment(),
+        **_asked(training.full_order.scene),
+        "sizes": {
+            "N": problem.free.size,
+            "N_lambda": problem.contact.shape[0],
+            "cells": len(problem.cell_nodes),
+            "snapshots": len(training.snapshots.points),
+        },
+        "skipped": [*training.log.skipped, *offline.log.skipped],
+        "refused_before": [],
+    }
+    if not isinstance(model, ReducedModel):
+        return report
+    stability = offline.stability.as_report()
+    if offline.tangent_margin is not None:
+        stability["tangent"] = offline.tangent_margin
+    report["sizes"] |= reduced_sizes(model) | {"layers": offline.layers}
+    return report | {
+        "stability": {
+            **stability,
+            # kappa(B~) after each added function; the first row is the basis before any
+            "enrichment": [{"added": k, "kappa": kappa} for k, kappa in enumerate(offline.enrichment.kappas)],
+        },
+        "recipe": offline.recipe.described(),
+        "refused_before": list(offline.log.refused),
+    }
+
+
+def _asked(scene: Scene) -> dict[str, Any]:
+    """The ``parameters`` and ``materials`` parts of a report, in the units of the scene."""
+    box = scene.parameters
+    units = scene.units
+    return {
+        "parameters": [
+            {"name": name, "from": low, "to": high, "unit": scene.parameter_units.get(name, "")}
+            for name, low, high in zip(box.names, box.lower, box.upper, strict=True)
+        ],
+        "materials": [
+            {"body": str(body.tag), "young": body.young, "poisson": body.poisson}
+            | ({} if body.law is None else {"law": repr(body.law)})
+            for body in scene.bodies
+        ],
+        "units": None if units is None else {"length": units.length, "stress": units.stress, "force": units.force},
+    }
+
+
+def environment() -> dict[str, Any]:
+    """The ``date``, ``versions`` and ``machine`` parts of a report."""
+    return {
+        "date": today(),
+        "versions": {"hhr_dolfinx": __version__, **versions()},
+        "machine": {"cpu": _cpu(), "threads": 1, "ranks": MPI.COMM_WORLD.size},
+    }
+
+
+def write_report(report: dict[str, Any] | list[dict[str, Any]], folder: str | Path, name: str = "report") -> Path:
+    """Write ``report.json``, or rows under another name; numbers that are not finite become null, as JSON requires."""
+    path = Path(folder) / f"{name}.json"
+    text = json.dumps(finite(report), indent=2, allow_nan=False)
+    with replacing(path, text=True) as file:
+        file.write(text + "\n")
+    return path
+
+
+def print_rows(title: str, rows: list[dict[str, Any]], console: Console) -> None:
+    """Print rows with common keys as a table; long texts are shortened, the file has them whole."""
+    table = Table(*rows[0], title=title)
+    for row in rows:
+        cells = (
+            f"{value:.1e}" if isinstance(value, float) else "" if value is None else f"{value}"[:160]
+            for value in row.values()
+        )
+        table.add_row(*cells)
+    console.print(table)
+
+
+def print_report(report: dict[str, Any], console: Console) -> None:
+    """Print the main figures."""
+    console.print(_sizes_in_words(report))
+    errors = Table("error", "median", "95 %", "max")
+    for name, row in report["errors"].items():
+        if isinstance(row, dict):
+            errors.add_row(name, *(f"{row[key]:.2e}" for key in ("median", "p95", "max")))
+    reduced = report["times"]["online"] or report["times"]["condensed"]
+    times = Table("time per query", "median", "95 %", "x online")
+    for name, row in report["times"].items():
+        if row is not None and "median" in row:
+            times.add_row(
+                name, in_words(row["median"]), in_words(row["p95"]), f"{row['median'] / reduced['median']:.1f}"
+            )
+    console.print(errors, times)
+    if "histories" in report:
+        console.print(_methods(report["work_precision"]))
+    if "outputs" in report:
+        outputs = Table("output", "largest", "median error", "95 %", "max")
+        for name, row in report["outputs"].items():
+            head = f"{name} [{row['unit']}]" if row["unit"] else name
+            outputs.add_row(head, *(f"{row[key]:.2e}" for key in ("largest", "median", "p95", "max")))
+        console.print(outputs)
+    for name, row in report["times"].items():
+        for line in _lines(name, row):
+            console.print(line)
+    counts = {name: count for name, count in report.get("break_even", {}).items() if count is not None}
+    if counts:
+        queries = ", ".join(f"{count:.0f} queries for {name}" for name, count in counts.items())
+        console.print(f"cheaper than the best full order, training included, after {queries}")
+    if "discretisation" in report:
+        console.print(_mesh_error_in_words(report["discretisation"]))
+    for name, paths in _paths_by_model(report).items():
+        for line in _path_lines(paths):
+            console.print(f"{name}: {line}")
+    if report.get("time_error", {}).get("max"):
+        console.print(_time_error_in_words(report["time_error"]))
+    if "advice" in report:
+        console.print(report["advice"])
+    for item in report["refused_before"]:
+        console.print(f"{item['layers']} layers refused: {item['why']}")
+    for item in report.get("models", {}).get("condensed", {}).get("refused_before", []):
+        console.print(f"condensed flow, attempt {item['attempt']} refused: {item['why']}")
+    for item in report["skipped"]:
+        console.print(f"left out: {item['stage']}: {item['why']}")
+
+
+def _sizes_in_words(report: dict[str, Any]) -> str:
+    """The first printed line: sizes of the full model and of the model under study."""
+    size = report["sizes"]
+    stability = report.get("stability", {})
+    head = f"{report['scene']}: {size['N']} dofs, {size['N_lambda']} contacts"
+    if "ell_bar" not in size:
+        own = report["models"]["condensed"]["sizes"]
+        return f"{head} -> {own['modes']} modes, all contacts, {own['points']} points; {size['snapshots']} snapshots"
+    shown = {"kappa_B": "kappa(B~)", "cond_K": "cond(K~)", "tangent": "tangents"}
+    constants = ", ".join(f"{name} {stability[key]:.2g}" for key, name in shown.items() if key in stability)
+    return (
+        f"{head} -> {size['ell_bar']} modes, "
+        f"{size['N_lambda_C']} contacts on {size['rid_cells']} of {size['cells']} cells, "
+        f"{size['snapshots']} snapshots; {constants}"
+    )
+
+
+def _mesh_error_in_words(row: dict[str, float]) -> str:
+    """Sentence on the error of the mesh, the scale of all other errors."""
+    from hhr_dolfinx.full_order.mesh_error import MeshError
+
+    return MeshError(**row).in_words()
+
+
+def _time_error_in_words(row: dict[str, Any]) -> str:
+    """Sentence on the time error of the full model, the scale of errors of small models."""
+    how = "in the steps of the paths" if row["tolerance"] is None else f"cut to a tolerance of {row['tolerance']:g}"
+    return (
+        f"time steps of the full order, {how}: off by {row['median']:.2%} of the largest stress by estimate (median of "
+        f"the histories), {row['max']:.2%} at worst; small models take the same ones"
+    )
+
+
+def _methods(rows: list[dict[str, Any]]) -> Table:
+    """The work-precision table of histories."""
+    table = Table("method", "setting", "history", "displacement", "forces, median", "95 %", "max")
+    for row in rows:
+        if "refused" in row:
+            table.add_row(row["method"], row["setting"], f"refused: {row['refused']}"[:160])
+            continue
+        names = ("primal_l2", "dual_full_floored", "dual_full_floored_p95", "dual_full_floored_max")
+        table.add_row(row["method"], row["setting"], in_words(row["online_s"]), *(f"{row[name]:.2e}" for name in names))
+    return table
+
+
+def _paths_by_model(report: dict[str, Any]) -> dict[str, Any]:
+    """Results of models on paths inside and outside the training range, by model."""
+    own = {"paths": report["paths"]} if "paths" in report else {}
+    models = report.get("models", {}).items()
+    return own | {f"paths, {name}": item["paths"] for name, item in models if "paths" in item}
+
+
+def print_beside(title: str, ours: dict[str, dict], theirs: dict[str, dict], console: Console) -> None:
+    """Print relative errors by label and name in per cent, those of another source in brackets if it has any."""
+    table = Table(Column("", no_wrap=True), *ours, title=f"{title}, in % (in brackets: thesis)")
+    for name in next(iter(ours.values())):
+        pairs = ((row[name], theirs.get(label, {}).get(name)) for label, row in ours.items())
+        cells = (f"{100 * here:.2g}" + ("" if there is None else f" ({100 * there:.2g})") for here, there in pairs)
+        table.add_row(name, *cells)
+    console.print(table)
+
+
+def _lines(name: str, row: dict[str, Any] | None) -> Iterator[str]:
+    """Seconds by name in words, also of nested tables; summaries have a separate table."""
+    if row is None or "median" in row:
+        return
+    seconds = {key: value for key, value in row.items() if isinstance(value, float)}
+    if seconds:
+        yield f"{name}: " + ", ".join(f"{key} {in_words(value)}" for key, value in seconds.items())
+    for key, value in row.items():
+        if isinstance(value, dict):
+            yield from _lines(f"{name}, {key}", value)
+
+
+def _path_lines(paths: dict[str, Any]) -> Iterator[str]:
+    """Results of a model on paths inside and outside its training range, in words."""
+    inside = paths["inside"]
+    outside = paths["outside"]
+    if inside:
+        errors = ", ".join(f"{name} {row['max']:.1%}" for name, row in inside.items())
+        yield f"paths inside what was trained, worst errors: {errors}; {paths['false_alarms']} false alarms"
+    silent = ", ".join(f"{name} {value:.1%}" for name, value in outside["silent_worst"].items())
+    yield f"paths outside: {outside['warned']} of {outside['n']} warned of; worst errors without a warning: {silent}"
+
+
+def _cpu() -> str:
+    """Name of the processor, if the system reports it."""
+    info = Path("/proc/cpuinfo")
+    lines = info.read_text().splitlines() if info.exists() else []
+    names = [line.split(":", 1)[1].strip() for line in lines if line.startswith("model name")]
+    return names[0] if names else platform.processor() or platform.machine()

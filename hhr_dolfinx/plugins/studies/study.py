@@ -1,0 +1,228 @@
+"""Error against run time of one scene, elastic or inelastic: all models on the same queries in the same process."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from mpi4py import MPI
+
+from hhr_dolfinx.command.console import Console, make_console
+from hhr_dolfinx.errors import HHRError, NotOfferedError, StabilityWarning, StudyError
+from hhr_dolfinx.models.answer import Model
+from hhr_dolfinx.models.answer import Path as HistoryPath
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.plugins.studies.measure import Measurement
+from hhr_dolfinx.plugins.studies.report import make_report, model_report, print_report, write_report
+from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.study.settings import StudySettings
+from hhr_dolfinx.study.training.train import (
+    Progress,
+    Training,
+    checked_folder,
+    silent,
+    train,
+    training_paths,
+)
+from hhr_dolfinx.study.view import View
+from hhr_dolfinx.warn import collected
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
+
+
+@dataclass(frozen=True)
+class Rival:
+    """Another approximation to compare with, a baseline.
+
+    Attributes:
+        method: its name.
+        setting: what distinguishes it from others of the same method.
+        model: any object with ``solve(mu)``, or ``march(path, settings)`` for inelastic bodies, whose answers have
+            ``displacement()`` (N,) and ``forces()`` (N_lambda,). The call is timed, the fields are compared.
+    """
+
+    method: str
+    setting: str
+    model: Model
+
+
+@dataclass(frozen=True)
+class Study:
+    """Measurements of a scene.
+
+    Attributes:
+        training: full model and training answers.
+        model: the reduced model under study; for inelastic bodies the condensed one if hyper-reduction is refused.
+        tests: test points, (n, P), or paths by label.
+        measured: errors and times of the model and of those compared with it.
+        settings: of the study.
+        report: all figures under the keys that scenes share; a demo may add others.
+    """
+
+    training: Training
+    model: ReducedModel | CondensedFlowModel
+    tests: np.ndarray | dict[Any, HistoryPath]
+    measured: Measurement
+    settings: StudySettings
+    report: dict[str, Any]
+
+    def write(self, folder: str | Path, console: Console | None = None, view: View | None = None) -> None:
+        """Write and print the report, keep the model, draw the pictures of a view; all of them in ``report.html``.
+
+        If the report advises condensation, that model is kept too, as ``condensed.npz``.
+        """
+        from hhr_dolfinx.online.model_file import save_model
+        from hhr_dolfinx.plugins.studies.page import write_page
+
+        console = console or make_console()
+        folder = checked_folder(folder)
+        write_report(self.report, folder)
+        print_report(self.report, console)
+        model: Any = self.model
+        save_model(folder / "study.npz", model)
+        advised: Any = self.measured.models.get(self.report["advised"])
+        if advised is not None and advised is not model:
+            save_model(folder / "condensed.npz", advised)
+        if view is not None:
+            from hhr_dolfinx.plugins.studies.plots import draw_study
+
+            draw_study(self, view, folder)
+        write_page(folder)
+        console.print(f"report, pictures, fields and model are in {folder}", markup=False)
+
+
+def study_scene(
+    scene: Scene,
+    settings: StudySettings,
+    folder: str | Path,
+    *,
+    points: Any = None,
+    rivals: Callable[[Training], Iterable[Rival]] = lambda training: (),
+    progress: Progress = silent,
+) -> Study | None:
+    """Train on all ranks, then build, measure and report on the first; None on the others.
+
+    Args:
+        scene: the scene.
+        settings: what to measure.
+        folder: keeps training answers for later runs.
+        points: test points, (n, P); None takes those of the settings.
+        rivals: builds other approximations for the work-precision table.
+        progress: for progress bars.
+
+    Raises:
+        StudyError: for a folder that is a file, or a training or tests that do not suit the scene.
+        ParameterError: for invalid test points.
+        HHRError: if the reduced model under study is refused; for inelastic bodies, if the condensed one is too.
+    """
+    folder = checked_folder(folder)
+    _tests_of(scene, settings, points)
+    training = train(
+        scene,
+        settings.training,
+        held_out=settings.held_out,
+        seed=settings.seed,
+        folder=folder / "snapshots",
+        march=settings.march,
+        progress=progress,
+    )
+    if MPI.COMM_WORLD.rank > 0:
+        return None
+    return run_study(training, settings, points, rivals=list(rivals(training)), progress=progress)
+
+
+def run_study(
+    training: Training,
+    settings: StudySettings,
+    points: Any = None,
+    *,
+    rivals: Sequence[Rival] = (),
+    progress: Progress = silent,
+) -> Study:
+    """Build the reduced model, measure its errors and time it against all other models; see :func:`study_scene`.
+
+    Raises:
+        ValueError: if the full model is distributed over ranks: the models compared with it are serial.
+        ConvergenceError: if a full history does not converge, or no reduced one does.
+    """
+    full = training.full_order
+    if full.comm.size > 1:
+        raise ValueError("a study runs on one rank: give it a full model on MPI.COMM_SELF, as train does")
+    tests = _tests_of(full.scene, settings, points)
+    model, measured = _measured(training, settings, tests, progress)
+    rows = [measured.own.as_report()]
+    for label, recipe in progress("variants")(settings.variants):
+        rows.append(_row(measured, "HHR", label, partial(training.build, recipe)))
+    for rival in progress("rivals")(rivals):
+        rows.append(_row(measured, rival.method, rival.setting, partial(getattr, rival, "model")))
+    rows += [*(row.as_report() for row in measured.others), *measured.refused]
+    report = make_report(training, model, measured, rows, settings.seed)
+    if settings.models:
+        others = {name: training.build(recipe, checked=False) for name, recipe in settings.models.items()}
+        # a study of histories has its two models already
+        first = {} if "models" in report else {"default": model_report(model, measured.own)}
+        report["models"] = (
+            report.get("models", {})
+            | first
+            | {name: model_report(other, measured.beside("HHR", name, other)) for name, other in others.items()}
+        )
+    return Study(training, model, tests, measured, settings, report)
+
+
+def _measured(
+    training: Training,
+    settings: StudySettings,
+    tests: np.ndarray | dict[Any, HistoryPath],
+    progress: Progress,
+) -> tuple[Any, Measurement]:
+    """The model under study, measured at points or along paths; modules of the other kind are not imported."""
+    if isinstance(tests, dict):
+        from hhr_dolfinx.plugins.inelastic.study import measure_histories
+
+        return measure_histories(training, settings, tests, progress)
+    from hhr_dolfinx.plugins.studies.points import measure_points
+
+    model = training.build(settings.recipe)
+    return model, measure_points(training, model, settings, tests, progress)
+
+
+def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray | dict[Any, HistoryPath]:
+    """Test points, (n, P), or checked paths by label for inelastic bodies; StudyError for the wrong kind."""
+    tests = settings.tests
+    if scene.remembers:
+        raise NotOfferedError(
+            f"a study of scene '{scene.name}' is not built in, as its contacts remember their path: train or condense "
+            "it, and march along paths of your own"
+        )
+    if any(body.law is not None for body in scene.bodies):
+        if points is None and isinstance(tests, Mapping):
+            return dict(zip(tests, training_paths(scene, tests.values()), strict=True))
+        what = f"tests = {tests!r}" if points is None else "points"
+        raise StudyError(f"bodies of scene '{scene.name}' flow: {what} must be paths, tests={{label: path, ...}}")
+    if settings.correction is not None:
+        raise StudyError(
+            f"nothing flows in scene '{scene.name}': leave out the correction, which is one of plastic strains"
+        )
+    if points is not None:
+        return scene.parameters.points(points)
+    if isinstance(tests, Mapping):
+        raise StudyError(f"nothing flows in scene '{scene.name}': tests must be a number of random points, not paths")
+    return scene.parameters.random(tests, settings.seed)
+
+
+def _row(measured: Measurement, method: str, setting: str, make: Callable[[], Model]) -> dict[str, Any]:
+    """Row of another model; a refused one has the reason instead, an unreliable one a warning."""
+    try:
+        with collected(StabilityWarning) as caught:
+            model = make()
+        if isinstance(model, ReducedModel):
+            setting = f"{setting} ({len(model.problem.stiffness)}+{len(model.problem.gaps)})"
+        row = measured.beside(method, setting, model).as_report()
+    except HHRError as error:
+        return {"method": method, "setting": setting, "refused": str(error)}
+    return row | ({"warning": caught[0].message} if caught else {})

@@ -1,0 +1,74 @@
+"""Answers to a table of parameters as a data frame of pandas or a data set of xarray, in one call."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx.compat import extra
+from hhr_dolfinx.plugins.tables.batch import answer_points
+from hhr_dolfinx.plugins.tables.tables import columns_of
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.model import AnsweringModel
+
+
+def to_pandas(model: AnsweringModel, points: Any, *, outside: str = "refuse", forces: bool = False) -> Any:
+    """Answer a table of points in a data frame with a row for each point.
+
+    Args:
+        model: any model that answers points.
+        points: (S, P), or names with columns, such as a frame of parameters.
+        outside: see :func:`~hhr_dolfinx.plugins.tables.batch.answer_points`.
+        forces: include columns of the nodal contact forces, one for each condition.
+
+    Returns:
+        Columns: the parameters, ``status`` (``ok`` or the reason), the total contact force, outputs, and estimates of
+        errors, as ``hhr answer`` writes them. Numbers of rows without an answer are NaN.
+
+    Raises:
+        MissingPackageError: without pandas.
+        ParameterError: for points that are no table.
+    """
+    with extra("tables", "a frame of pandas"):
+        import pandas
+
+    names = model.parameters.names
+    answers: Any = answer_points(model, _table(points, names), outside=outside)
+    columns = {name: values for name, values in columns_of(answers).items() if forces or not name.startswith("force_")}
+    return pandas.DataFrame(dict(zip(names, answers.points.T, strict=True)) | {"status": answers.status} | columns)
+
+
+def to_xarray(model: AnsweringModel, points: Any, *, outside: str = "refuse") -> Any:
+    """Answer a table of points in a data set with the dimensions ``point`` and ``condition``.
+
+    Args:
+        model, points, outside: see :func:`to_pandas`.
+
+    Returns:
+        The columns of :func:`to_pandas` along ``point``, parameters as coordinates, and ``forces``, the nodal contact
+        forces, along ``point`` and ``condition``.
+
+    Raises:
+        MissingPackageError: without xarray.
+        ParameterError: for points that are no table.
+    """
+    with extra("tables", "a data set of xarray"):
+        import xarray
+
+    names = model.parameters.names
+    answers: Any = answer_points(model, _table(points, names), outside=outside)
+    values: dict[str, Any] = {
+        name: ("point", item) for name, item in columns_of(answers).items() if not name.startswith("force_")
+    }
+    values |= {"status": ("point", answers.status), "forces": (("point", "condition"), answers.forces)}
+    coordinates = {name: ("point", column) for name, column in zip(names, answers.points.T, strict=True)}
+    return xarray.Dataset(values, coords=coordinates)
+
+
+def _table(points: Any, names: tuple[str, ...]) -> np.ndarray:
+    """Points as an array; columns with names are selected by name."""
+    if not hasattr(points, "keys"):
+        return np.asarray(points, dtype=float)
+    return np.column_stack([np.asarray(points[name], dtype=float) for name in names])

@@ -1,0 +1,443 @@
+"""Tables of parameters in files, CSV or Parquet, and tables of their answers, which are written block by block.
+
+The blocks of a long table are files in a folder next to the target, each complete or missing. A run that was killed
+continues with the missing blocks. At the end the blocks become one file.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import json
+import re
+import shutil
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx import ranks
+from hhr_dolfinx.compat import extra
+from hhr_dolfinx.errors import FileError, ParameterError
+from hhr_dolfinx.files import clear_leftovers, make_folder, replacing
+from hhr_dolfinx.models.model import AnsweringModel
+from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plugins.tables.batch import OK, Answers, Query
+from hhr_dolfinx.timing import timed
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+
+Progress = Callable[[Iterable], Iterable]
+"""Wrapper of an iteration, for a progress bar."""
+
+PARQUET = ".parquet"
+"""Ending of binary tables."""
+MARK = "blocks of answers by hhr_dolfinx"
+"""Content of the file ``of.json`` in a folder of blocks; a folder without it has another owner and is not touched."""
+WORKBOOKS = (".xlsx", ".xls", ".xlsm", ".ods")
+"""Endings of tables that only spreadsheets read."""
+SHOWN = 20
+"""Largest count of bad rows whose reasons are printed; the table has all of them."""
+_STATUS = "status"
+
+
+class TableRow(NamedTuple):
+    """One row of a table of parameters.
+
+    Attributes:
+        line: number of its line in the file, from 1; the header counts.
+        cells: parameters as text, in the order of the space.
+        fault: fault of the row as a whole, or empty.
+    """
+
+    line: int
+    cells: list[str]
+    fault: str = ""
+
+
+def read_points(path: str | Path, space: ParameterSpace) -> list[TableRow]:
+    """Read the rows of a CSV file (UTF-8, commas), without empty lines, or of Parquet. The header names the parameters.
+
+    Raises:
+        ParameterError: if the file is missing, cannot be read, or its header does not name each parameter once.
+    """
+    if Path(path).suffix.lower() in WORKBOOKS:
+        raise ParameterError(f"{path} is a workbook of a spreadsheet: save its table as CSV, in UTF-8 and with commas")
+    if Path(path).suffix == PARQUET:
+        return [TableRow(k, row) for k, row in enumerate(read_columns(Path(path), space.names), start=2)]
+    try:
+        # with or without the byte-order mark that spreadsheets write
+        with open(path, newline="", encoding="utf-8-sig") as file:
+            reader = csv.reader(file, skipinitialspace=True)
+            rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if row not in ([], [""])]
+    except FileNotFoundError:
+        raise ParameterError(f"there is no table of parameters {path}") from None
+    except (OSError, ValueError, csv.Error) as error:
+        raise ParameterError(f"{path} cannot be read as a table of UTF-8 text ({error})") from error
+    header = rows[0][1] if rows else []
+    wrong = sorted(name for name in space.names if header.count(name) != 1)
+    if wrong:
+        if any(mark in cell for cell in header for mark in ";\t"):
+            raise ParameterError(
+                f"{path} is separated by semicolons or tabs, as spreadsheets of some languages save it: separate its "
+                "columns by commas, and write numbers with a decimal point"
+            )
+        raise ParameterError(
+            f"{path} has no column {wrong} or has it twice: its header must name {space.names}, separated by commas"
+        )
+    columns = [header.index(name) for name in space.names]
+    return [_row(line, cells, columns, len(header)) for line, cells in rows[1:]]
+
+
+def answer_table(
+    model: AnsweringModel,
+    rows: Sequence[TableRow],
+    path: str | Path,
+    console: Console,
+    progress: Progress = iter,
+    *,
+    displacement: bool = False,
+    estimates: bool = True,
+    forces: bool = True,
+    resume: str | None = None,
+) -> int:
+    """Answer a table on all ranks into a file, CSV or Parquet, and print the bad rows with their reasons.
+
+    Args:
+        model: see :func:`~hhr_dolfinx.plugins.tables.batch.answer_points`.
+        rows: rows of the table, the same on all ranks.
+        path: file of the answers.
+        console: console of the first rank.
+        progress: wrapper of the iteration over blocks, for a progress bar.
+        displacement: include a column of the largest displacement of any node.
+        estimates: include columns of estimates of errors.
+        forces: include a column of the force of each contact condition.
+        resume: text that identifies the model, such as a checksum of its file: blocks of an earlier run with the same
+            text are kept. None starts from the beginning.
+
+    Returns:
+        Number of rows without an answer, on all ranks.
+
+    Raises:
+        FileError: if the answers cannot be written.
+        HHRError: on all ranks, if anything but a row failed on another rank.
+    """
+    comm = ranks.world()
+    rank, size = (0, 1) if comm is None else (comm.rank, comm.size)
+    blocks = _Blocks(Query(model, "refuse", displacement, estimates), rows, Path(path), resume, forces)
+    with nullcontext() if comm is None else ranks.each_for_itself(comm, "preparing the answers"):
+        if rank == 0:
+            blocks.prepare()
+    with nullcontext() if comm is None else ranks.each_for_itself(comm, "answering the table"):
+        _, seconds = timed(lambda: blocks.answer(range(rank, len(blocks), size), progress))
+    bad = list[tuple[int, str]]()
+    sums: dict[str, float] = {}
+    with nullcontext() if comm is None else ranks.each_for_itself(comm, "writing the answers"):
+        if rank == 0:
+            bad, sums = blocks.join()
+    count = len(bad) if comm is None else comm.bcast(len(bad))
+    if rank == 0:
+        good = f"{len(rows) - len(bad)} answers{model.summed_up(sums)}"
+        console.print(f"{good} and {len(bad)} bad rows on {size} ranks in {seconds:.1f} s: {path}", markup=False)
+        _print_bad(console, rows, bad)
+    return count
+
+
+@dataclass(frozen=True)
+class _Blocks:
+    """Blocks of a table, each answered into a file, and joined to one file at the end.
+
+    Attributes:
+        query: evaluation of the blocks.
+        rows: rows of the table.
+        path: file of the answers.
+        resume, forces: see :func:`answer_table`.
+    """
+
+    query: Query
+    rows: Sequence[TableRow]
+    path: Path
+    resume: str | None
+    forces: bool = True
+
+    def __len__(self) -> int:
+        return max(1, -(-len(self.rows) // self.size))
+
+    @property
+    def size(self) -> int:
+        """Rows of a block."""
+        return self.query.model.rows_at_once
+
+    @property
+    def folder(self) -> Path:
+        """Folder of the blocks, next to the target."""
+        return self.path.with_name(f"{self.path.name}.parts")
+
+    @property
+    def _mark(self) -> Path:
+        """File that identifies the table and model of the blocks."""
+        return self.folder / "of.json"
+
+    def _digest(self) -> str:
+        """Digest of everything on which the answers depend."""
+        columns = self.query.displacement, self.query.estimates, self.forces
+        digest = hashlib.sha256(repr((self.resume, *columns, self.query.outside, self.size)).encode())
+        for row in self.rows:
+            digest.update(repr(row).encode())
+        return digest.hexdigest()
+
+    def prepare(self) -> None:
+        """Make the folder, and empty it if its blocks are those of another table or model.
+
+        Raises:
+            FileError: if the folder has other files, or cannot be made.
+        """
+        mark = {MARK: self._digest()}
+        found = self._marked()
+        if self.resume is None or found != mark:
+            if found is None:
+                self._refuse_others()
+            else:
+                self._clear()
+            make_folder(self.folder)
+            with replacing(self._mark, text=True) as file:
+                json.dump(mark, file)
+
+    def _marked(self) -> dict[str, Any] | None:
+        """The mark of the folder; None if it is missing or not a folder of blocks."""
+        try:
+            found = json.loads(self._mark.read_text(encoding="utf-8"))
+        except (OSError, ValueError, RecursionError):
+            return None
+        return found if isinstance(found, dict) and found.keys() == {MARK} else None
+
+    def _refuse_others(self) -> None:
+        """Refuse a folder with other files; an empty one is accepted.
+
+        Raises:
+            FileError: for a folder with other files.
+        """
+        if not self.folder.is_dir():
+            return
+        clear_leftovers(self.folder)
+        if others := sorted(path.name for path in self.folder.iterdir()):
+            raise FileError(
+                f"{self.folder} is where blocks of answers are kept on their way to {self.path}, and it holds files "
+                f"that are not: {', '.join(others[:3])}{', ...' if others[3:] else ''}. Move the folder, or give the "
+                "answers another name"
+            )
+
+    def _clear(self) -> None:
+        """Remove the blocks, then the mark, as a run may be killed, and the folder if nothing else is in it."""
+        clear_leftovers(self.folder)
+        own = re.compile(rf"[0-9]{{6,}}(\.json|{re.escape(self.path.suffix)})")
+        for path in self.folder.iterdir():
+            if own.fullmatch(path.name):
+                path.unlink(missing_ok=True)
+        self._mark.unlink(missing_ok=True)
+        with suppress(OSError):
+            self.folder.rmdir()
+
+    def _file(self, number: int, ending: str) -> Path:
+        return self.folder / f"{number:06d}{ending}"
+
+    def _is_whole(self, number: int) -> bool:
+        """True if a block is complete and undamaged; other blocks are answered again."""
+        try:
+            return json.loads(self._file(number, ".json").read_text())[2] == checksum(
+                self._file(number, self.path.suffix)
+            )
+        except (OSError, ValueError, LookupError, TypeError):
+            return False
+
+    def answer(self, numbers: Iterable[int], progress: Progress) -> None:
+        """Answer those of some blocks, by number, that are missing."""
+        space = self.query.model.parameters
+        for number in progress([number for number in numbers if not self._is_whole(number)]):
+            rows = self.rows[number * self.size : (number + 1) * self.size]
+            parsed = [_numbers(row, space) for row in rows]
+            points = np.array([point for point, _ in parsed]).reshape(len(rows), len(space.names))
+            answers = self.query(points)
+            # the fault of a cell that is no number replaces the status of the model
+            status = [fault or found for (_, fault), found in zip(parsed, answers.status, strict=True)]
+            answers = answers._replace(status=status)
+            given = [row.cells for row in rows]
+            write_answers(self._file(number, self.path.suffix), space, answers, given, forces=self.forces)
+            bad = [(number * self.size + k, why) for k, why in enumerate(status) if why != OK]
+            sums = {head: float(np.nansum(values)) for head, values in answers.columns.items()}
+            with replacing(self._file(number, ".json"), text=True) as file:
+                json.dump([bad, sums, checksum(self._file(number, self.path.suffix))], file)
+
+    def join(self) -> tuple[list[tuple[int, str]], dict[str, float]]:
+        """Make one file of all blocks and remove the blocks.
+
+        Returns:
+            Numbers of the bad rows with their reasons, and the sums of further columns of the model by head.
+        """
+        parts = [self._file(number, self.path.suffix) for number in range(len(self))]
+        if self.path.suffix == PARQUET:
+            join_tables(self.path, parts)
+        else:
+            with replacing(self.path, text=True) as target:
+                for number, part in enumerate(parts):
+                    with open(part, newline="", encoding="utf-8") as source:
+                        head = source.readline()
+                        target.write(head if number == 0 else "")
+                        shutil.copyfileobj(source, target)
+        reports = [json.loads(self._file(number, ".json").read_text()) for number in range(len(self))]
+        self._clear()
+        sums = {head: sum(own[head] for _, own, _ in reports) for head in reports[0][1]}
+        return [(row, why) for bad, *_ in reports for row, why in bad], sums
+
+
+def _print_bad(console: Console, rows: Sequence[TableRow], bad: list[tuple[int, str]]) -> None:
+    """Print the reasons why the first bad rows have no answer."""
+    for number, why in bad[:SHOWN]:
+        row = rows[number]
+        console.print(f"line {row.line} ({', '.join(row.cells)}): {why}", highlight=False, markup=False)
+    if len(bad) > SHOWN:
+        console.print(f"and {len(bad) - SHOWN} more, with their reasons in the column '{_STATUS}'", markup=False)
+
+
+def write_answers(
+    path: str | Path,
+    space: ParameterSpace,
+    answers: Answers,
+    cells: Sequence[Sequence[str]] | None = None,
+    *,
+    forces: bool = True,
+) -> int:
+    """Write answers as CSV with a header, or as Parquet; return the number of rows without an answer.
+
+    Args:
+        path: file to write.
+        space: parameters, whose names head their columns.
+        answers: answers of :func:`~hhr_dolfinx.plugins.tables.batch.answer_points`.
+        cells: given text of the parameters; None writes the numbers.
+        forces: include a column of the force of each contact condition.
+
+    Raises:
+        FileError: if the file cannot be written.
+    """
+    columns = columns_of(answers, forces)
+    if Path(path).suffix == PARQUET:
+        named = dict(zip(space.names, answers.points.T, strict=True))
+        write_columns(Path(path), {**named, _STATUS: answers.status, **columns})
+        return sum(status != OK for status in answers.status)
+    given = answers.points.tolist() if cells is None else cells
+    numbers = np.column_stack(list(columns.values())) if columns else np.zeros((len(given), 0))
+    line = ",".join(["%.12g"] * numbers.shape[1])
+    with replacing(path, text=True) as file:
+        writer = csv.writer(file)
+        writer.writerow([*space.names, _STATUS, *columns])
+        for row, status, values in zip(given, answers.status, numbers, strict=True):
+            writer.writerow([*row, status, *(_texts(line, values) if status == OK else [""] * len(values))])
+    return sum(status != OK for status in answers.status)
+
+
+def columns_of(answers: Answers, forces: bool = True) -> dict[str, np.ndarray]:
+    """Values of all rows by the heads of their columns, in the order of the columns."""
+    columns = {} if answers.largest_displacement is None else {"largest_displacement": answers.largest_displacement}
+    columns["total_force"] = answers.forces.sum(axis=1) if answers.total_force is None else answers.total_force
+    columns |= {**answers.outputs, **answers.estimates}
+    columns |= answers.columns
+    return columns | {f"force_{k}": force for k, force in enumerate(answers.forces.T) if forces}
+
+
+def _texts(line: str, values: np.ndarray) -> list[str]:
+    """Numbers with 12 digits, which do not depend on the order of summation; empty for NaN."""
+    texts = (line % tuple(values.tolist())).split(",") if len(values) else []
+    return texts if np.isfinite(values).all() else ["" if text == "nan" else text for text in texts]
+
+
+def _row(line: int, cells: list[str], columns: list[int], width: int) -> TableRow:
+    """A row in the order of the parameters; extra cells are a fault, since they may come from decimal commas."""
+    count = f"{len(cells)} cells where the header has {width}: numbers have a decimal point, as commas separate columns"
+    fault = count if any(cells[width:]) else ""
+    padded = cells + [""] * width
+    return TableRow(line, [padded[column] for column in columns], fault)
+
+
+def _numbers(row: TableRow, space: ParameterSpace) -> tuple[list[float], str]:
+    """Point of a row, and the fault of its text; a row with a fault has NaN."""
+    nothing: list[float] = [np.nan] * len(space.names)
+    if row.fault:
+        return nothing, row.fault
+    point: list[float] = []
+    for name, text in zip(space.names, row.cells, strict=True):
+        try:
+            point.append(float(text))
+        except ValueError:
+            why = ": write a decimal point, not a comma" if "," in text else ""
+            return nothing, f"{name} is empty" if not text else f"{name} = '{text}' is no number{why}"
+    return point, ""
+
+
+def checksum(path: str | Path) -> str:
+    """Checksum of a file, SHA-256."""
+    with open(path, "rb") as file:
+        return hashlib.file_digest(file, "sha256").hexdigest()
+
+
+def read_columns(path: Path, names: tuple[str, ...]) -> list[list[str]]:
+    """Read the rows of some columns of a Parquet file as text with all digits; missing values are empty.
+
+    Raises:
+        ParameterError: if the file cannot be read, or lacks one of the columns.
+    """
+    with extra("tables", f"the table {path}"):
+        from pyarrow import ArrowException, parquet
+    try:
+        table = parquet.read_table(path)
+    except FileNotFoundError:
+        raise ParameterError(f"there is no table of parameters {path}") from None
+    except (OSError, ArrowException) as error:
+        raise ParameterError(f"{path} cannot be read as Parquet ({error})") from error
+    wrong = sorted(name for name in names if table.column_names.count(name) != 1)
+    if wrong:
+        raise ParameterError(
+            f"{path} has no column {wrong} or has it twice: its columns must name {names}, and are {table.column_names}"
+        )
+    columns = [table.column(name).to_pylist() for name in names]
+    return [["" if value is None else str(value) for value in row] for row in zip(*columns, strict=True)]
+
+
+def write_columns(path: Path, columns: Mapping[str, Any]) -> None:
+    """Write columns by name to a Parquet file; NaN becomes an empty value.
+
+    Raises:
+        FileError: if the file cannot be written.
+    """
+    with extra("tables", f"the table {path}"):
+        import pyarrow
+        from pyarrow import parquet
+    arrays = {}
+    for name, values in columns.items():
+        given = np.asarray(values)
+        arrays[name] = pyarrow.array(given, from_pandas=True) if given.dtype.kind in "fiub" else pyarrow.array(values)
+    with replacing(path) as file:
+        parquet.write_table(pyarrow.table(arrays), file)
+
+
+def join_tables(path: Path, parts: Sequence[Path]) -> None:
+    """Join Parquet files with the same columns in their order, with one of them in memory at a time.
+
+    Raises:
+        FileError: if the file cannot be written.
+    """
+    with extra("tables", f"the table {path}"):
+        from pyarrow import parquet
+    with replacing(path) as file:
+        writer = None
+        for part in parts:
+            table = parquet.read_table(part)
+            # a column without any number in a block has no type
+            writer = writer or parquet.ParquetWriter(file, table.schema)
+            writer.write_table(table.cast(writer.schema))
+        if writer is not None:
+            writer.close()

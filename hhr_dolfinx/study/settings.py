@@ -1,0 +1,108 @@
+"""Settings of a training and of a study as data, which a scene's file may hold: ``SETTINGS``."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any
+
+from hhr_dolfinx.errors import StudyError
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.reduction.recipe import Recipe
+from hhr_dolfinx.study.training.counts import check_counts
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+
+
+@dataclass(frozen=True)
+class StudySettings:
+    """Training and measurements of a study.
+
+    Attributes:
+        training: training points along each parameter, or points (S, P); for inelastic bodies a list of paths,
+            user-defined or drawn, ``family.paths(Sobol(12))``.
+        recipe: the recipe under study; None for the default of the scene.
+        variants: further recipes by label, for the work-precision table.
+        models: recipes that the report shows in full next to the one under study, built without checks, by name.
+        tests: random test points; for inelastic bodies paths by label, such as the value of a parameter, or a list of
+            paths with names, as families draw them.
+        held_out: for the trust check, random solutions or paths; None for the default number of solutions, or no path.
+        seed: of test points; timed points belong neither to training nor to tests.
+        queries: timed queries per model, at least 100 for a figure to quote; for elastic scenes.
+        naive: whether to time the naive full model too, for elastic scenes; in space one query takes many seconds.
+        march: settings of histories.
+        repetitions: histories timed for each test path.
+        correction: targets of the reduced plastic correction, for inelastic bodies; None for the defaults.
+    """
+
+    training: Any
+    recipe: Recipe | None = None
+    variants: Sequence[tuple[str, Recipe]] = ()
+    models: Mapping[str, Recipe] = field(default_factory=dict)
+    tests: Any = 200
+    held_out: Any = None
+    seed: int = 1
+    queries: int = 200
+    naive: bool = True
+    march: MarchSettings = DEFAULT_MARCH
+    repetitions: int = 3
+    correction: CorrectionSettings | None = None
+
+    def __post_init__(self) -> None:
+        check_counts(queries=(self.queries, 1), repetitions=(self.repetitions, 1), seed=(self.seed, 0))
+        if not isinstance(self.held_out, Sequence | None):
+            check_counts(held_out=(self.held_out, 0))
+        if isinstance(self.tests, Sequence) and len(self.tests):
+            object.__setattr__(self, "tests", _labelled(self.tests))
+        if not isinstance(self.tests, Mapping):
+            check_counts(tests=(self.tests, 1))
+        for name in ("training", "tests"):
+            given = getattr(self, name)
+            if hasattr(given, "__len__") and not len(given):
+                raise StudyError(f"{name} = {given!r} must hold at least one entry")
+        if self.correction is not None:
+            _check_correction(self.correction)
+        if not isinstance(self.naive, bool):
+            raise StudyError(f"naive = {self.naive!r} of a study must be True or False")
+        if not isinstance(self.march, MarchSettings):
+            raise StudyError(f"march = {self.march!r} of a study must be MarchSettings(...)")
+        recipes = {f"variant {label!r}": recipe for label, recipe in self.variants}
+        recipes |= {f"model {label!r}": recipe for label, recipe in self.models.items()}
+        recipes |= {} if self.recipe is None else {"recipe": self.recipe}
+        for name, recipe in recipes.items():
+            if not isinstance(recipe, Recipe):
+                raise StudyError(f"{name} = {recipe!r} of a study must be a Recipe")
+
+    def adapted(self, *, seed: int, quick: bool) -> StudySettings:
+        """These settings with another seed, and few points if ``quick``."""
+        few: dict[str, Any] = {"queries": 15} if quick else {}
+        if quick and not isinstance(self.tests, Mapping):
+            few["tests"] = 20
+        return replace(self, seed=seed, **few)
+
+
+def _check_correction(correction: Any) -> None:
+    """StudyError for an invalid correction; its type is imported only by scenes that need it."""
+    from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+
+    if not isinstance(correction, CorrectionSettings):
+        raise StudyError(
+            f"correction = {correction!r} of a study must be CorrectionSettings, or None for the usual way"
+        )
+
+
+def _labelled(paths: Sequence[Any]) -> dict[str, Any]:
+    """Paths by their names; StudyError for paths without a name, and for two of the same name."""
+    labelled: dict[str, Any] = {}
+    for number, path in enumerate(paths):
+        name = getattr(path, "name", None)
+        if not isinstance(name, str):
+            raise StudyError(
+                f"tests[{number}] has no name to label it by: give tests={{label: path, ...}}, or paths drawn from a "
+                "PathFamily; where nothing flows a number of random points"
+            )
+        if name in labelled:
+            raise StudyError(f"two tests are called {name!r}: leave one out, or give tests={{label: path, ...}}")
+        labelled[name] = path
+    return labelled

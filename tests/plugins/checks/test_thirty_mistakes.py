@@ -1,0 +1,409 @@
+"""Typical mistakes in a scene of one's own: each is told, by its name, and with what to do."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import your_scene
+from dolfinx import mesh as dmesh
+from needs import needs
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.geometries.raw_mesh import RawMesh
+from hhr_dolfinx.online.model_file import load_model
+from hhr_dolfinx.plugins.checks.check import check_scene
+from hhr_dolfinx.plugins.checks.findings import OK
+
+MESH, UNITS, Pair, Slope = your_scene.MESH, your_scene.UNITS, hhr.NodeToSurface, hhr.Amplitude
+ROLLER, STOP = Pair("roller_round", "spring_top"), Pair("stop_round", "spring_bottom")
+Change = Callable[[hhr.Scene], Any]
+
+
+@dataclass(frozen=True)
+class Altered(hhr.MeshFile):
+    """The mesh of a file after someone has spoilt it."""
+
+    change: Callable[[RawMesh], RawMesh] = lambda raw: raw
+
+    def read(self) -> RawMesh:
+        """What the file holds, spoilt."""
+        return self.change(super().read())
+
+
+def of(**changes: Any) -> Change:
+    """Other fields of the scene."""
+    return lambda scene: replace(scene, **changes)
+
+
+def body(place: int, **changes: Any) -> Change:
+    """Another field of one body."""
+    return lambda scene: replace(
+        scene, bodies=tuple(replace(one, **changes) if k == place else one for k, one in enumerate(scene.bodies))
+    )
+
+
+def with_contact(make: Callable[[], Any]) -> Change:
+    """Another first contact."""
+    return lambda scene: replace(scene, contacts=(make(), STOP))
+
+
+def with_load(make: Callable[[], Any], change: Change = lambda scene: scene) -> Change:
+    """A load."""
+    return lambda scene: replace(change(scene), loads=(make(),))
+
+
+def with_displacement(make: Callable[[], Any], *without: str) -> Change:
+    """One more displacement, without those of some surfaces."""
+    return lambda scene: replace(
+        scene, displacements=(*(item for item in scene.displacements if item.tag not in without), make())
+    )
+
+
+def without(*tags: str) -> Change:
+    """Without the displacements of a surface."""
+    return lambda scene: replace(
+        scene, displacements=tuple(item for item in scene.displacements if item.tag not in tags)
+    )
+
+
+def box(*bounds: Any) -> Change:
+    """Another box of the parameters."""
+    return lambda scene: replace(scene, parameters=hhr.ParameterSpace(*bounds))
+
+
+def mesh(change: Callable[[RawMesh], RawMesh]) -> Change:
+    """The mesh spoilt."""
+    return lambda scene: replace(scene, geometry=Altered(MESH, change=change))
+
+
+def file(path: Path | str) -> Change:
+    """Another file."""
+    return lambda scene: replace(scene, geometry=hhr.MeshFile(path))
+
+
+def nodes_of(raw: RawMesh, name: str) -> np.ndarray:
+    """Nodes of a body."""
+    return np.unique(raw.cells[raw.bodies[name]])
+
+
+def moved(name: str, by: tuple[float, float]) -> Change:
+    """A body at another place."""
+
+    def change(raw: RawMesh) -> RawMesh:
+        points = raw.points.copy()
+        points[nodes_of(raw, name)] += by
+        return replace(raw, points=points)
+
+    return mesh(change)
+
+
+def an_inner_facet(raw: RawMesh) -> RawMesh:
+    """A surface on a side between two cells in the middle of the spring."""
+    points, cells = raw.points, raw.cells[raw.bodies["spring"]]
+    cell = cells[np.linalg.norm(points[cells].mean(axis=1) - [32.0, 2.0], axis=1).argmin()]
+    return replace(raw, surfaces={**raw.surfaces, "inside": cell[None, :2]})
+
+
+def cut_in_two(raw: RawMesh) -> RawMesh:
+    """The spring meshed in two volumes whose common nodes nobody merged."""
+    middles = raw.points[raw.cells].mean(axis=1)[:, 0]
+    own = np.isin(np.arange(len(raw.cells)), raw.bodies["spring"])
+    right, left = own & (middles > 20), own & (middles <= 20)
+    shared = np.intersect1d(raw.cells[right], raw.cells[left])
+    twin = np.arange(len(raw.points))
+    twin[shared] = len(raw.points) + np.arange(shared.size)
+    cells = raw.cells.copy()
+    cells[right] = twin[cells[right]]
+    surfaces = {name: facets.copy() for name, facets in raw.surfaces.items()}
+    for name in ("spring_top", "spring_bottom"):
+        beyond = raw.points[surfaces[name]].mean(axis=1)[:, 0] > 20
+        surfaces[name][beyond] = twin[surfaces[name][beyond]]
+    return replace(raw, points=np.vstack([raw.points, raw.points[shared]]), cells=cells, surfaces=surfaces)
+
+
+def glued_at_a_node(raw: RawMesh) -> RawMesh:
+    """Duplicate nodes removed where roller and spring touch."""
+    first, second = (np.unique(raw.surfaces[name]) for name in ("roller_round", "spring_top"))
+    distances = np.linalg.norm(raw.points[first][:, None] - raw.points[second], axis=2)
+    place = np.unravel_index(distances.argmin(), distances.shape)
+    merged = np.arange(len(raw.points))
+    merged[first[place[0]]] = second[place[1]]
+    surfaces = {name: merged[facets] for name, facets in raw.surfaces.items()}
+    return replace(raw, cells=merged[raw.cells], surfaces=surfaces).compact()
+
+
+def folded(raw: RawMesh) -> RawMesh:
+    """A node inside the spring far off its place."""
+    inner = np.setdiff1d(nodes_of(raw, "spring"), np.concatenate(list(raw.surfaces.values())))
+    points = raw.points.copy()
+    points[inner[np.abs(points[inner] - [20.0, 2.0]).sum(axis=1).argmin()]] += [4.0, 0.5]
+    return replace(raw, points=points)
+
+
+def flattened(raw: RawMesh) -> RawMesh:
+    """A cell of the spring without volume."""
+    points, cell = raw.points.copy(), raw.cells[raw.bodies["spring"][100]]
+    points[cell[0]] = points[cell[1:]].mean(axis=0)
+    return replace(raw, points=points)
+
+
+def without_names(raw: RawMesh) -> RawMesh:
+    """As gmsh writes physical groups without a name."""
+    bodies = dict(enumerate(raw.bodies.values(), start=1))
+    return replace(raw, bodies=bodies, surfaces=dict(enumerate(raw.surfaces.values(), start=11)))
+
+
+def without_surface(raw: RawMesh) -> RawMesh:
+    """An empty physical group, which files leave out."""
+    return replace(raw, surfaces={name: facets for name, facets in raw.surfaces.items() if name != "clamp"})
+
+
+def without_group(raw: RawMesh) -> RawMesh:
+    """A body that is in no physical group."""
+    lost = set(raw.bodies["stop"])
+    return replace(raw, bodies={name: cells for name, cells in raw.bodies.items() if not lost & set(cells)})
+
+
+def curved(scene: hhr.Scene) -> hhr.Scene:
+    """A mesh of second order, whose displacement is to be of first."""
+    import basix.ufl
+    from mpi4py import MPI
+
+    def geometry(comm: MPI.Comm) -> tuple:
+        element = basix.ufl.element("Lagrange", "triangle", 2, shape=(2,))
+        points = np.array([[0, 0], [1, 0], [0, 1], [0.5, 0.5], [0, 0.5], [0.5, 0]], dtype=float)
+        made = dmesh.create_mesh(comm, cells=np.arange(6)[None], e=element, x=points)
+        tags = [dmesh.meshtags(made, dim, np.array([0], np.int32), np.array([1], np.int32)) for dim in (2, 1)]
+        return made, *tags
+
+    return replace(scene, geometry=geometry, order=1)
+
+
+def pascals_and_megapascals(scene: hhr.Scene) -> hhr.Scene:
+    """A modulus in Pa beside others in MPa, where no units are said."""
+    return replace(body(0, young=210e9)(scene), units=None)
+
+
+def gigapascals(scene: hhr.Scene) -> hhr.Scene:
+    """All moduli in GPa."""
+    return body(0, young=210.0)(body(1, young=210.0)(scene))
+
+
+TRAVEL = ("travel", "lowered")
+MISTAKES: dict[str, tuple[Change, str]] = {
+    # names
+    "a surface is misspelt": (with_contact(lambda: Pair("roller_rond", "spring_top")),
+                              r"'roller_rond'.*Is 'roller_round' meant\?"),
+    "a surface in capitals": (with_contact(lambda: Pair("Roller_Round", "spring_top")),
+                              r"'Roller_Round'.*Is 'roller_round' meant\?"),
+    "a body is misspelt": (body(0, tag="sprng"), r"'sprng'.*Is 'spring' meant\?"),
+    "a body as a surface": (with_contact(lambda: Pair("roller", "spring_top")),
+                            r"'roller'.*is a body of it: a surface is needed here"),
+    "a surface as a body": (body(1, tag="roller_round"), r"'roller_round'.*is a surface of it: a body is needed here"),
+    "a body is forgotten": (lambda scene: replace(scene, bodies=scene.bodies[:2]), r"'stop'.*give each a Body"),
+    "a body is listed twice": (lambda scene: replace(scene, bodies=(*scene.bodies, scene.bodies[0])),
+                               r"tag spring: .*List each body once"),
+    "a scene with a blank": (of(name="leaf spring"), r"'leaf spring'.*Call it 'leaf_spring'"),
+    # supports
+    "a clamp is forgotten": (without("clamp"), r"body spring .*moves along axis 0.*hold it by a Displacement"),
+    "a surface that nothing names": (without("clamp"), r"surfaces that nothing names: clamp"),
+    "a clamp that is not unpacked": (of(displacements=(hhr.Displacement.clamp("clamp", 2),)),
+                                     r"displacements\[0\].*Put a star before it"),
+    "component 2 in the plane": (with_displacement(lambda: hhr.Displacement("clamp", 2)),
+                                 r"component 2 .* on tag clamp .*take a component below"),
+    "a component as a letter": (with_displacement(lambda: hhr.Displacement("clamp", "y")),
+                                r"component 'y' .* on tag clamp must be 0, 1 or 2"),
+    "a displacement given twice": (with_displacement(lambda: hhr.Displacement("roller_flat", 1, Slope(0.5))),
+                                   r"5 on tag roller_flat and 6 .*component 1 at .*leave one of them out"),
+    "a displacement on a body": (with_displacement(lambda: hhr.Displacement("stop", 1)),
+                                 r"'stop' is a body of it: a surface is needed here"),
+    "a displacement as text": (with_displacement(lambda: hhr.Displacement("roller_flat", 1, "0.3 mm"), "roller_flat"),
+                               r"amplitude of the displacement on tag roller_flat: the formula '0.3 mm'"),
+    # contacts
+    "a pair listed twice": (with_contact(lambda: Pair("spring_bottom", "stop_round")),
+                            r"contacts 0 and 1 .*'stop_round'.*List each pair once"),
+    "a surface with itself": (with_contact(lambda: Pair("roller_round", "roller_round")),
+                              r"contact 0 .* roller_round with itself.*Name the surface of the other body"),
+    "the back of the roller": (with_contact(lambda: Pair("roller_flat", "spring_top")),
+                               r"roller_flat and spring_top never face.*Check the tags"),
+    "partners mixed up": (of(contacts=(Pair("roller_round", "spring_bottom"), Pair("stop_round", "spring_top"))),
+                          r"stop_round and spring_top never face.*Check the tags"),
+    "a normal the wrong way": (with_contact(lambda: Pair("roller_round", "spring_top", normal=(0.0, 1.0))),
+                               r"roller_round .*should look along .*Swap the surfaces or the sign"),
+    "bodies far apart": (moved("roller", (500.0, 0.0)), r"roller_round and spring_top never face.*Check the tags"),
+    "bodies drawn into each other": (moved("roller", (0.0, -3.0)),
+                                     r"'roller_round' and 'spring_top': bodies overlap by 3 mm .*Move them apart"),
+    "a gap below the sag": (moved("stop", (0.0, 0.19)),
+                            r"'stop_round' and 'spring_bottom': the smallest gap, 0.01 mm, .*Refine"),
+    "nodes in common": (mesh(glued_at_a_node),
+                        r"'roller_round' and 'spring_top' share 1 nodes.*Give each body nodes of its own"),
+    "one contact without a tuple": (of(contacts=ROLLER), r"Scene.contacts .*write \(NodeToSurface\(\.\.\.\),\)"),
+    "a pair of names": (of(contacts=(("roller_round", "spring_top"),)),
+                        r"contacts\[0\] .*it must be a contact pair.*such as"),
+    "no contact": (of(contacts=(), openings=(), outputs=()), r"'leaf_spring'.*contacts=\(NodeToSurface"),
+    "an opening of contact 5": (of(openings=(hhr.Opening(5, Slope(slopes={"lowered": 1.0})),)),
+                                r"contact 5, .*name one of .*1 of \('stop_round', 'spring_bottom'\)"),
+    "an opening by a name": (lambda scene: hhr.Opening("stop_round", Slope(1.0)),
+                             r"'stop_round' of an opening must be the place of a pair"),
+    # materials and units
+    "E in GPa": (gigapascals, r"'spring': E = 210 MPa is softer than plastics .*give E in MPa"),
+    "E in Pa": (body(0, young=210e9), r"'spring': E = 2.1e\+11 MPa .*give E in MPa"),
+    "E in two units": (pascals_and_megapascals, r"'spring' with E = 2.1e\+11 .*body 'roller'.*give both in one unit"),
+    "E below zero": (body(2, young=-3000.0), r"body stop: E = -3000.0 must be positive.*Give E in the unit of stress"),
+    "E is zero": (body(2, young=0), r"body stop: E = 0 must be positive.*Give E in the unit of stress"),
+    "E with its unit": (body(2, young="3000 MPa"), r"body stop: .*'3000 MPa'.*Write numbers without units"),
+    "E of a misspelt parameter": (body(2, young="E_stpo"), r"body stop: .*'E_stpo'.*correct the name"),
+    "nu of rubber": (body(2, poisson=0.5), r"body stop: .*nu = 0.5 .*take nu = 0.499"),
+    "nu in percent": (body(2, poisson=30), r"body stop: .*nu = 30 .*not in percent: 0.3"),
+    "aluminum": (lambda scene: hhr.Body.of("spring", "aluminum", UNITS),
+                 r"body spring: .*'aluminum', is 'aluminium' meant\?"),
+    "Steel": (lambda scene: hhr.Body.of("spring", "Steel", UNITS), r"body spring: .*'Steel', is 'steel' meant\?"),
+    "Mpa": (lambda scene: hhr.Units("mm", "Mpa"), r"'Mpa' of stress is unknown: take one of Pa, kPa, MPa"),
+    "units of no parameter": (of(parameter_units={"travl": "mm"}), r"is 'travel' meant\?"),
+    "a unit that is no text": (of(parameter_units={"travel": 1e6}), r"must be texts by the names of parameters"),
+    "units as text": (of(units="mm"), r"units = 'mm' must be Units, such as Units\('mm', 'MPa'\)"),
+    "a mesh in metres": (mesh(lambda raw: replace(raw, points=raw.points * 1e-3)),
+                         r"leaf_spring.msh is 0.06 x 0.0142 mm.*MeshFile\(path, scale="),
+    "a travel beyond the mesh": (lambda scene: replace(mesh(lambda raw: replace(raw, points=raw.points * 1e-3))(scene),
+                                                       units=None),
+                                 r"displacement on 'roller_flat' reaches 1, .*bring parameters and mesh to one unit"),
+    # parameters
+    "a parameter that nothing names": (box((*TRAVEL, "E1"), (0.05, 0.0, 1.0), (1.0, 0.3, 2.0)),
+                                       r"parameters \('E1',\) .* have no effect.*Remove them"),
+    "a box the wrong way": (box(TRAVEL, (1.0, 0.0), (0.05, 0.3)), r"'travel' are 1 .. 0.05: swap them"),
+    "a box without extent": (box(TRAVEL, (0.05, 0.0), (1.0, 0.0)),
+                             r"'lowered' are 0 .. 0: .*a number where it is used"),
+    "a bound too few": (box(TRAVEL, (0.05,), (1.0, 0.3)), r"'travel', 'lowered'\) need .* have 1 and 2: give each"),
+    "a misspelt parameter moves": (
+        with_displacement(lambda: hhr.Displacement("roller_flat", 1, Slope(slopes={"travl": -1.0})), "roller_flat"),
+        r"'roller_flat'.*names \['travl'\].*correct the name"),
+    # loads
+    "a pressure of an unknown parameter": (with_load(lambda: hhr.Pressure("spring_top", Slope(slopes={"p": 1.0}))),
+                                           r"Pressure\(tag='spring_top'.*names \['p'\].*add it to the ParameterSpace"),
+    "a pressure by a misspelt formula": (with_load(lambda: hhr.Pressure("spring_top", "2 * travl")),
+                                         r"Pressure\(tag='spring_top'.*names \['travl'\].*correct the name"),
+    "a load inside the mesh": (with_load(lambda: hhr.Pressure("inside", 1.0), mesh(an_inner_facet)),
+                               r"tagged inside under a Pressure lie inside .*Tag the surface"),
+    "a load on a body": (with_load(lambda: hhr.Pressure("spring", 1.0)),
+                         r"'spring' is a body of it: a surface is needed here"),
+    "a load that is zero": (with_load(lambda: hhr.Pressure("spring_top", 0.0)),
+                            r"Pressure on 'spring_top' has the amplitude 0 .*give it another, or leave it out"),
+    "a traction in space": (with_load(lambda: hhr.Traction("spring_top", (0.0, 0.0, 1.0), 1.0)),
+                            r"on tag spring_top must have 2 components, as the mesh"),
+    # hypothesis
+    "plain strain": (of(hypothesis="plain_strain"), r"'plain_strain', one of plane_strain, .* is needed"),
+    "solid in the plane": (of(hypothesis="solid"), r"'solid' .*take plane_strain"),
+    "across the axis": (lambda scene: replace(mesh(lambda raw: replace(raw, points=raw.points - [30.0, 0.0]))(scene),
+                                              hypothesis="axisymmetric"),
+                        r"axisymmetric mesh have r < 0, .*mesh one half of the section"),
+    # the mesh and its file
+    "a path for a geometry": (of(geometry="leaf_spring.msh"),
+                              r"geometry = 'leaf_spring.msh' .*write MeshFile\('leaf_spring.msh'\)"),
+    "a file that is not there": (file(MESH.with_name("leaf_sprin.msh")), r"leaf_sprin.msh: .* has .*leaf_spring.msh"),
+    "a wrong ending": (file(MESH.with_suffix(".vtk")), r"leaf_spring.vtk: .* has .*leaf_spring.msh"),
+    "no mesh": (file(MESH.with_suffix(".py")), r"leaf_spring.py cannot be read.*in another format: .msh"),
+    "no names": (mesh(without_names), r"'clamp' is asked for: name the physical groups .*or give their numbers"),
+    "an empty group": (mesh(without_surface), r"'clamp'.*give the mesh a group of this name"),
+    "a body in no group": (lambda scene: replace(mesh(without_group)(scene), bodies=scene.bodies[:2]),
+                           r"640 cells have no tag.*Put them into a physical group"),
+    "cells of second order": (curved, r"are of second order, and order = 1: leave it out"),
+    "folded cells": (mesh(folded), r"at \[\d.*turned inside out. Mend the mesh there"),
+    "a cell without volume": (mesh(flattened), r"cells of the mesh have no volume, e.g. .*mend the mesh there"),
+    "a body in two": (mesh(cut_in_two), r"body 'spring' falls apart: 3 of its nodes .*Merge these nodes"),
+    # outputs
+    "an output of no body": (of(outputs=(hhr.VonMises("s", tag="sprig"),)), r"output 's'.*sprig .*name one of them"),
+    "two outputs of a name": (lambda scene: replace(scene, outputs=scene.outputs[:1] * 2),
+                              r"'force on the roller': each needs a name of its own"),
+    "an output of no contact": (of(outputs=(hhr.LargestPressure("p", contact=2),)),
+                                r"output 'p' names contact 2, and the scene has 2, counted from 0"),
+    "an output off the mesh": (of(outputs=(hhr.DisplacementAt("tip", (0.0, 40.0), 1),)),
+                               r"output 'tip': .* away from the nearest point.*move it"),
+}  # fmt: skip
+"""What is changed in ``your_scene.scene()``, and a pattern of the object and of the remedy."""
+
+
+def told(change: Change) -> list[str]:
+    """What is said of a changed scene: an error where it is written, or what a check of it finds."""
+    try:
+        scene = change(your_scene.scene())
+    except HHRError as error:
+        return [str(error)]
+    return [finding.text for finding in check_scene(scene).findings if finding.level != OK]
+
+
+@pytest.mark.parametrize("name", MISTAKES)
+def test_a_mistake_is_told_with_its_object_and_its_remedy(name):
+    """At least one sentence has both."""
+    change, pattern = MISTAKES[name]
+    texts = told(change)
+    assert any(re.search(pattern, text) for text in texts), texts
+
+
+def test_there_are_thirty_mistakes_and_none_in_the_scene():
+    """The scene itself gives no note at all."""
+    assert len(MISTAKES) >= 30
+    assert told(lambda scene: scene) == []
+
+
+@pytest.fixture(scope="module")
+def trained():
+    """A small model, taken as it is: good enough for what is said of questions."""
+    training = hhr.train(your_scene.scene(), hhr.Sobol(8), held_out=0)
+    return training.build(hhr.Recipe().as_it_is())
+
+
+QUESTIONS = {
+    "outside of the box": ((5.0, 0.0), r"travel = 5 is outside \[0.05, 1\]: .*choose a value inside"),
+    "a misspelt name": ({"travl": 0.5, "lowered": 0.0}, r"'travel' is missing, 'travl' is unknown.*give each"),
+    "one value of two": (0.5, r"'travel', 'lowered'\), got .*give a value for each"),
+}
+
+
+@pytest.mark.parametrize("name", QUESTIONS)
+def test_wrong_questions_to_a_model(trained, name):
+    """By the name of the parameter."""
+    question, pattern = QUESTIONS[name]
+    with pytest.raises(HHRError, match=pattern):
+        trained.solve(question)
+
+
+TRAININGS = {
+    "one point": (lambda: (1, 1), r"'leaf_spring' on \(1, 1\) points: .*Give it more, Sobol\(64\)"),
+    "one of Sobol's": (lambda: hhr.Sobol(1), r"'leaf_spring' on Sobol\(.*Give it more, Sobol\(64\)"),
+    "one count": (lambda: (4,), r"'leaf_spring': counts \(4,\) .*one for each of"),
+}
+
+
+@pytest.mark.parametrize("name", TRAININGS)
+def test_wrong_trainings(name):
+    """Before anything is computed."""
+    make, pattern = TRAININGS[name]
+    with pytest.raises(HHRError, match=pattern):
+        hhr.train(your_scene.scene(), make())
+
+
+@needs("fallback")
+def test_a_model_of_another_scene(trained, tmp_path):
+    """A model in a file beside the full model of a scene that has since been changed; and files that are no models."""
+    path = tmp_path / "model.npz"
+    hhr.save_model(path, trained)
+    other = hhr.FullOrderModel(replace(body(2, young=2000.0)(your_scene.scene()), name="softer"))
+    with pytest.raises(HHRError, match=r"another scene.*'softer': give the FullOrderModel of the scene that was"):
+        hhr.FallbackModel(load_model(path), other, 0.01)
+    with pytest.raises(HHRError, match=r"leaf_spring.msh .*build the model again"):
+        load_model(MESH)
+
+
+def test_cad_is_no_mesh(tmp_path):
+    """The wrong export of a modeller."""
+    path = tmp_path / "spring.step"
+    path.write_text("ISO-10303-21;")
+    (text,) = told(file(path))
+    assert re.search(r"spring.step cannot be read.*mesh its volumes in gmsh", text)
