@@ -30,7 +30,7 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.errors import NotOfferedError, OutsideTrainingError, ParameterError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.estimates import FORCES, STRESS
-from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
 EXACT = 1e-9
 """Difference that copies, files and tables may make: other libraries and other orders of summation, 1e-12 seen."""

@@ -10,7 +10,7 @@ from pellet_cladding import QUICK_MESH
 from verify import HistoryCase
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.materials.laws import Flow
+from hhr_dolfinx.plugins.inelastic.laws import Flow
 from hhr_dolfinx.models.answer import Path
 
 Family = Callable[[float], Path]

@@ -8,7 +8,7 @@ from verify import HistoryCase, Known
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
-from hhr_dolfinx.materials.laws import Flow
+from hhr_dolfinx.plugins.inelastic.laws import Flow
 from hhr_dolfinx.models.answer import History, Path
 
 LIMIT = 2 / np.sqrt(3) * np.log(2)

@@ -13,7 +13,7 @@ from hhr_dolfinx.parameters import ParameterSpace, Tag, check_tag, is_number
 from hhr_dolfinx.units import Units
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.materials.laws import Flow
+    from hhr_dolfinx.plugins.inelastic.laws import Flow
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Body:
             ``"E1"`` or ``"200e3 * (1 - 2e-4 * T)"``, see :mod:`hhr_dolfinx.formulas`. In scenes with inelastic bodies
             it may differ between histories, but not along one.
         poisson: Poisson's ratio, a number or a formula; a number in scenes with inelastic bodies.
-        law: law of plasticity or creep, a :class:`~hhr_dolfinx.materials.laws.Flow`; None for an elastic body.
+        law: law of plasticity or creep, a :class:`~hhr_dolfinx.plugins.inelastic.laws.Flow`; None for an elastic body.
         grading: factor of the modulus of a graded or layered body, as a function of the coordinates, UFL to UFL; None
             for 1.
         stress: user-defined linear elasticity in UFL, such as that of wood: a function of the strain, 3x3, that returns

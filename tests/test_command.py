@@ -25,7 +25,7 @@ pytest.importorskip("click")
 from click.testing import CliRunner
 
 from hhr_dolfinx.command.main import hhr as command
-from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 from hhr_dolfinx.study.report.page import write_page
 
 

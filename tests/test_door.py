@@ -20,7 +20,7 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.geometries import block
-from hhr_dolfinx.materials.update import Group, Material
+from hhr_dolfinx.plugins.inelastic.update import Group, Material
 from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.reduction import build as stages

@@ -16,7 +16,7 @@ from hhr_dolfinx.contact.friction import SlipState
 from hhr_dolfinx.contact.sliding_set import Increment, SlidingContact
 from hhr_dolfinx.errors import FarSlidingWarning, NotOfferedError
 from hhr_dolfinx.models.histories import rubbing_flow
-from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
 PATH = [
     (0.0, (0.0, 0.0)), (1.0, (0.01, 0.0)), (2.0, (0.02, 0.02)), (3.0, (0.03, 0.06)), (4.0, (0.02, 0.0)),

@@ -177,19 +177,19 @@ def test_one_clock():
 # numba is not among them: DOLFINx loads it by itself where it is there; tests/test_extras.py does without
 UNNEEDED = {
     "flow": [
-        "hhr_dolfinx.materials.laws",
-        "hhr_dolfinx.materials.constants",
-        "hhr_dolfinx.materials.update",
-        "hhr_dolfinx.models.histories.march",
-        "hhr_dolfinx.models.histories.reduced_flow",
-        "hhr_dolfinx.full_order.flow",
+        "hhr_dolfinx.plugins.inelastic.laws",
+        "hhr_dolfinx.plugins.inelastic.constants",
+        "hhr_dolfinx.plugins.inelastic.update",
+        "hhr_dolfinx.plugins.inelastic.march",
+        "hhr_dolfinx.plugins.inelastic.reduced_flow",
+        "hhr_dolfinx.plugins.inelastic.full_order",
         "hhr_dolfinx.full_order.gauss_points",
-        "hhr_dolfinx.reduction.flow",
-        "hhr_dolfinx.study.histories",
-        "hhr_dolfinx.reduction.condense_flow",
-        "hhr_dolfinx.models.histories.condensed_step",
-        "hhr_dolfinx.models.histories.condensed_fields",
-        "hhr_dolfinx.models.histories.condensed_flow",
+        "hhr_dolfinx.plugins.inelastic.project",
+        "hhr_dolfinx.plugins.inelastic.study",
+        "hhr_dolfinx.plugins.inelastic.condense_flow",
+        "hhr_dolfinx.plugins.inelastic.condensed_step",
+        "hhr_dolfinx.plugins.inelastic.condensed_fields",
+        "hhr_dolfinx.plugins.inelastic.condensed_flow",
     ],
     "meshes that do not match": [
         "hhr_dolfinx.pairings.node_to_surface",
@@ -235,7 +235,7 @@ UNNEEDED = {
     ],
     "gradients": [
         "hhr_dolfinx.models.gradient",
-        "hhr_dolfinx.models.histories.history_gradient",
+        "hhr_dolfinx.plugins.inelastic.history_gradient",
     ],
     "samplings": [
         "hhr_dolfinx.sampling",

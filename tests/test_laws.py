@@ -9,8 +9,8 @@ from toy_law import Bingham
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, LawWarning, SceneError
-from hhr_dolfinx.materials.laws import Norton, Plasticity
-from hhr_dolfinx.materials.update import Group, Material
+from hhr_dolfinx.plugins.inelastic.laws import Norton, Plasticity
+from hhr_dolfinx.plugins.inelastic.update import Group, Material
 from hhr_dolfinx.plain import as_plain, by_name, restored
 
 

@@ -39,7 +39,7 @@ from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.models.estimates import Estimate
 from hhr_dolfinx.online.model_file import FORMAT, MODULES, VERSION, Kinds, check_answers
 from hhr_dolfinx.plain import as_plain, restored
-from hhr_dolfinx.reduction.condense_flow import CorrectionSettings, condense_flow
+from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings, condense_flow
 
 OF_CONTRACT = tuple(
     kind
@@ -256,7 +256,7 @@ def test_an_elastic_model_loads_no_flow(kept):
     """Nor numba, nor what only takes time to load; a scene pulls in what it names."""
     program = f"import sys, hhr_dolfinx as hhr\nhhr.load_model({str(kept['pellet'])!r})\n" + (
         "late = 'numba', 'scipy.optimize', 'scipy.spatial', 'scipy.interpolate'\n"
-        "found = [m for m in sys.modules if m in late or m.startswith('hhr_dolfinx.materials.update')]\n"
+        "found = [m for m in sys.modules if m in late or m.startswith('hhr_dolfinx.plugins.inelastic.update')]\n"
         "assert not found, found"
     )
     subprocess.run([sys.executable, "-c", program], check=True, timeout=WAIT)

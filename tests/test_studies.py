@@ -15,7 +15,7 @@ from toy_rival import NearestAnswer, NearestHistory
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, StudyError, UnstableModelError
-from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 from hhr_dolfinx.study.report.console import make_console
 from hhr_dolfinx.study.report.report import print_report
 from hhr_dolfinx.study.study import run_study

@@ -15,10 +15,10 @@ from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.answer import History, Path
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings, told_once
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.study.histories import history_errors
+from hhr_dolfinx.plugins.inelastic.study import history_errors
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
+    from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
 
     SmallModel = ReducedModel | CondensedFlowModel
 

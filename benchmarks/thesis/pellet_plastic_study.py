@@ -9,7 +9,7 @@ from pellet_families import families
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import force_floor
-from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 from hhr_dolfinx.study.report import report
 from hhr_dolfinx.study.report.console import Table
 from hhr_dolfinx.study.study import Study

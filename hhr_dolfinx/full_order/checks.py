@@ -76,7 +76,7 @@ def _parameters_of_law(body: Body) -> set[str]:
     """Names of the parameters on which a law depends; the module is loaded for inelastic bodies."""
     if body.law is None:
         return set()
-    from hhr_dolfinx.materials.constants import parameters_of
+    from hhr_dolfinx.plugins.inelastic.constants import parameters_of
 
     return parameters_of(body.law)
 

@@ -33,7 +33,7 @@ from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
-    from hhr_dolfinx.full_order.flow import FullEquilibrium
+    from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium
     from hhr_dolfinx.full_order.outputs import FullShapeFunctionals
     from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.linear.shared import SharedCholesky
@@ -54,7 +54,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
 
     For elastic bodies a query costs one solve with K, the statuses on S = B K^-1 B^T, and u = K^-1 F - K^-1 B^T
     lambda, on any number of ranks; the answer is the same on each. For inelastic bodies load paths are solved by
-    :mod:`models.histories.march`; ranks, on similar machines, then share only the factors. PETSc
+    :mod:`plugins.inelastic.march`; ranks, on similar machines, then share only the factors. PETSc
     options take the prefix ``hhr_<scene>_``. On one rank several threads may call the model; on several ranks they must
     not, since the order of collective calls would differ.
 
@@ -107,7 +107,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self.strains = StrainGuard(self.problem, axisymmetric=scene.hypothesis == "axisymmetric")
 
     def _build_flowing(self) -> None:
-        from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel
+        from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium, GaussModel
 
         gauss = GaussModel.of(self.scene, MPI.COMM_SELF)
         self._factor(gauss.discretisation, gauss.stiffness, gauss.moduli)
@@ -380,7 +380,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
             from hhr_dolfinx.models.histories.sliding import slide_along
 
             return slide_along(self, checked, settings, known=known, keep=keep_small)
-        from hhr_dolfinx.models.histories.march import march
+        from hhr_dolfinx.plugins.inelastic.march import march
 
         equilibrium = self.equilibrium if settings.gradient else self.equilibrium.on_ranks(self.comm)
         return march(equilibrium, checked, settings, known=known, keep=keep)

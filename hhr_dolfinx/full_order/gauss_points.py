@@ -23,11 +23,11 @@ from hhr_dolfinx.body import Body
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity, volume
 from hhr_dolfinx.forms.elasticity import volume_weight
-from hhr_dolfinx.forms.return_mapping import kelvin, strain_vector
+from hhr_dolfinx.plugins.inelastic.return_mapping import kelvin, strain_vector
 from hhr_dolfinx.formulas import Formula, Modulus, Scalar
 from hhr_dolfinx.loads import checked_terms, first_load
 from hhr_dolfinx.materials.strain import SparsePattern, StrainOperator
-from hhr_dolfinx.materials.update import Group, Material
+from hhr_dolfinx.plugins.inelastic.update import Group, Material
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 

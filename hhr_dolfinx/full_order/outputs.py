@@ -16,7 +16,7 @@ from hhr_dolfinx import compat
 from hhr_dolfinx.contact.problem import ContactProblem, masked, strained
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
-from hhr_dolfinx.forms.return_mapping import strain_vector
+from hhr_dolfinx.plugins.inelastic.return_mapping import strain_vector
 from hhr_dolfinx.models.functionals.cells import MovingCells
 from hhr_dolfinx.models.functionals.functional import Functional, Functionals
 from hhr_dolfinx.models.functionals.kinds import Energy, FlowMises, Mises, MovingMises
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.body import Body
     from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-    from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel
+    from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium, GaussModel
     from hhr_dolfinx.loads import Assembler
     from hhr_dolfinx.outputs import PlacedOutput
     from hhr_dolfinx.scene import Scene

@@ -19,7 +19,7 @@ from hhr_dolfinx.models.shown import Shown, counted, line, point_of, table
 from hhr_dolfinx.trained import USUAL, Signs
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.materials.update import State
+    from hhr_dolfinx.plugins.inelastic.update import State
     from hhr_dolfinx.models.estimates import Estimate, Estimates
     from hhr_dolfinx.models.functionals.functional import Outputs
     from hhr_dolfinx.models.gradient import Gradient
@@ -159,7 +159,7 @@ class Answer(NamedTuple):
         time: in seconds; NaN of an answer that belongs to no history.
         gradient: derivatives of the unknown and the multipliers along the parameters, if they were requested.
         time_error: estimated error of the time steps up to here, relative to the largest stress, see
-            :mod:`models.histories.time_error`; 0 where no law has rates, NaN of an answer that belongs to no history.
+            :mod:`plugins.inelastic.time_error`; 0 where no law has rates, NaN of an answer that belongs to no history.
         ends: times between the parts in which the step was solved, if there were several.
         memory: what laws carry to the next step, by names that are attributes of the answer too: ``answer.slip``.
         undetermined: orthonormal rigid motions, as changes of the unknown, (n, d), that neither loads nor contact

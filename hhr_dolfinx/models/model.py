@@ -316,7 +316,7 @@ class AnsweringModel(Shown):
             return self.slide(checked_path(self.parameters, path), settings)
         if self.equilibrium is None:
             return solve_along(self, checked_path(self.parameters, path), settings)
-        from hhr_dolfinx.models.histories.march import march
+        from hhr_dolfinx.plugins.inelastic.march import march
 
         return march(self.equilibrium, checked_path(self.parameters, path), settings)
 

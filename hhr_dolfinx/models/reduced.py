@@ -29,7 +29,7 @@ from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
     from hhr_dolfinx.models.eliminations.interpolated import Compliances
-    from hhr_dolfinx.models.histories.reduced_flow import ReducedEquilibrium, ReducedFlow
+    from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedEquilibrium, ReducedFlow
 
 ADVICE: Mapping[Status, str] = MappingProxyType(
     {

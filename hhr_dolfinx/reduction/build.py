@@ -42,7 +42,7 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.trained import TrainedPaths, TrainedRange
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.histories.reduced_flow import ReducedFlow
+    from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
     from hhr_dolfinx.models.starts import LinearStarts
 
 
@@ -141,7 +141,7 @@ def build(
 
     A :class:`Reductor` instead of a recipe makes a model of another kind from the same answers, as
     :class:`~hhr_dolfinx.reduction.condense.Condensation` and
-    :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings` do.
+    :class:`~hhr_dolfinx.plugins.inelastic.condense_flow.CorrectionSettings` do.
 
     A model that fails is built again with one more layer of cells, up to ``recipe.domain.most_layers``. For inelastic
     bodies a RID that is too small for its modes makes the projected consistent tangent indefinite: steps then fail, or
@@ -263,7 +263,7 @@ def _tangents(
         why = "elastic bodies: the elastic operator is the tangent" if full.equilibrium is None else "not requested"
         log.skip("tangents", why)
         return []
-    from hhr_dolfinx.reduction.flow import training_tangents
+    from hhr_dolfinx.plugins.inelastic.project import training_tangents
 
     with log.stage("training_tangents", announce):
         return training_tangents(full.equilibrium, snapshots, recipe.tangents.states)
@@ -416,7 +416,7 @@ def _fields(shared: _Offline, basis: np.ndarray, sets: IndexSets, flow: ReducedF
 
 def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
     """Gauss points of the RID."""
-    from hhr_dolfinx.reduction.flow import project_flow
+    from hhr_dolfinx.plugins.inelastic.project import project_flow
 
     with shared.log.stage("projection", shared.announce):
         assert shared.full.equilibrium is not None
@@ -481,7 +481,7 @@ def _checked_margin(shared: _Offline, model: ReducedModel, layers: int) -> float
     """Smallest tangent margin at training states; 1, that of the elastic operator, if all states are elastic."""
     if model.equilibrium is None or shared.recipe.tangents is None:
         return None
-    from hhr_dolfinx.reduction.flow import check_margin
+    from hhr_dolfinx.plugins.inelastic.project import check_margin
 
     with shared.log.stage("stability", shared.announce):
         return check_margin(model, shared.states, shared.recipe.tangents.least, layers)

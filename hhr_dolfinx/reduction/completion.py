@@ -25,7 +25,7 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 if TYPE_CHECKING:
     from hhr_dolfinx.models.field_response import FieldResponse
     from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.models.histories.reduced_flow import ReducedFlow
+    from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
 
 
 STRESS = 1e-9

@@ -19,7 +19,7 @@ from hhr_dolfinx.linear.rows import Rows
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
-    from hhr_dolfinx.reduction.elastic_response import ElasticResponse
+    from hhr_dolfinx.plugins.inelastic.elastic_response import ElasticResponse
 
 
 def pod(

@@ -38,7 +38,7 @@ from hhr_dolfinx.version import __version__
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.materials.update import Group
+    from hhr_dolfinx.plugins.inelastic.update import Group
     from hhr_dolfinx.models.full import FullModel
 
 
@@ -523,7 +523,7 @@ def _answers_of(group: Group) -> list[Any]:
     """Answers of the law of a body under fixed stresses: its behaviour identifies it, not its code."""
     if group.law is None:
         return []
-    from hhr_dolfinx.materials.constants import formulas_of
+    from hhr_dolfinx.plugins.inelastic.constants import formulas_of
 
     formulas = formulas_of(group.law)
     if formulas or isinstance(group.young, str):  # without numbers it cannot be evaluated

@@ -34,8 +34,8 @@ from hhr_dolfinx.study.training.train import (
 from hhr_dolfinx.warn import collected
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
-    from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+    from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
+    from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
 
 @dataclass(frozen=True)
@@ -252,7 +252,7 @@ def _measured(
 ) -> tuple[Any, Measurement]:
     """The model under study, measured at points or along paths; modules of the other kind are not imported."""
     if isinstance(tests, dict):
-        from hhr_dolfinx.study.histories import measure_histories
+        from hhr_dolfinx.plugins.inelastic.study import measure_histories
 
         return measure_histories(training, settings, tests, progress)
     from hhr_dolfinx.study.points import measure_points
@@ -263,7 +263,7 @@ def _measured(
 
 def _check_correction(correction: Any) -> None:
     """StudyError for an invalid correction; its type is imported only by scenes that need it."""
-    from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+    from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
     if not isinstance(correction, CorrectionSettings):
         raise StudyError(

@@ -29,8 +29,8 @@ from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Friction
-    from hhr_dolfinx.materials.update import Material, Update
-    from hhr_dolfinx.models.histories.points import Points
+    from hhr_dolfinx.plugins.inelastic.update import Material, Update
+    from hhr_dolfinx.plugins.inelastic.points import Points
     from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
 
 
@@ -275,7 +275,7 @@ class MarchSettings:
             steps; ``History.time_error`` has the estimate in any case.
         outside: policy for a step outside the training range of a reduced model: ``warn``, ``refuse`` or ``ignore``.
         gradient: compute derivatives of each answer along the parameters, each shifted by the same at all times, as a
-            constant of the whole history; see :mod:`hhr_dolfinx.models.histories.history_gradient`.
+            constant of the whole history; see :mod:`hhr_dolfinx.plugins.inelastic.history_gradient`.
     """
 
     search: str = "frozen"

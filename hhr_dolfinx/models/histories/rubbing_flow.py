@@ -1,7 +1,7 @@
 """Step of a condensed inelastic model with friction: plastic correction g and all forces λ, by Newton's method.
 
 It solves in Python, with an increment of friction instead of the active set, what
-:mod:`models.histories.condensed_step` solves in one compiled loop:
+:mod:`plugins.inelastic.condensed_step` solves in one compiled loop:
 
     R(g) = sum of w (G V)^T 2 μ ε_p(ε) - Q g,      ε = ε_0 - E_X^T λ(g) + E_p g,      slack s - B V g + S λ,
 
@@ -19,10 +19,10 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.errors import ConvergenceError, SingularError
-from hhr_dolfinx.materials.update import Material, State, Update
+from hhr_dolfinx.plugins.inelastic.update import Material, State, Update
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer, GaussState
-from hhr_dolfinx.models.histories.condensed_step import DECREASE, LEAST_SHARE
+from hhr_dolfinx.plugins.inelastic.condensed_step import DECREASE, LEAST_SHARE
 from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, MarchSettings, extrapolated
 from hhr_dolfinx.models.histories.small_strains import SmallStrains
 from hhr_dolfinx.models.histories.surfaces import WholeSurface

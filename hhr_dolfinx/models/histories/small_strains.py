@@ -6,7 +6,7 @@ import numpy as np
 
 from hhr_dolfinx.errors import SmallStrainWarning
 from hhr_dolfinx.models.histories.equilibrium import Diverged
-from hhr_dolfinx.models.histories.points import ALL_HERE, Points
+from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
 from hhr_dolfinx.warn import warn
 
 LARGE = 0.1

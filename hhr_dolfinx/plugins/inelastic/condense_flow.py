@@ -1,7 +1,7 @@
 """Condensation of inelastic models, offline: elastic response, modes of the plastic correction, cubature, check.
 
 Weights of the cubature are fitted to two kinds of integrals: the stress of the correction at training states, see
-:mod:`hhr_dolfinx.models.histories.condensed_step`, and loosely the energies ∫ (G V)^T C G V of the modes in inelastic
+:mod:`hhr_dolfinx.plugins.inelastic.condensed_step`, and loosely the energies ∫ (G V)^T C G V of the modes in inelastic
 regions. With the first alone, modes of small energy were overestimated by up to 70 % in the tangent, whose sign then
 changed: steps stalled, or jumped. With both, none did.
 """
@@ -23,15 +23,15 @@ from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError, ReductionError, UnstableModelError
 from hhr_dolfinx.materials.strain import StrainOperator
-from hhr_dolfinx.materials.update import Group
+from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.models.full import FullModel, MeshEquilibrium, plain_outputs
-from hhr_dolfinx.models.histories.condensed_fields import CondensedFlowFields, PlasticFields
-from hhr_dolfinx.models.histories.condensed_flow import CondensedFlow, CondensedFlowModel
+from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, PlasticFields
+from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlow, CondensedFlowModel
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.parameters import is_number, is_whole
-from hhr_dolfinx.reduction.cubature import Cubature, compressed, fitted
-from hhr_dolfinx.reduction.elastic_response import ElasticResponse, elastic_response
+from hhr_dolfinx.plugins.inelastic.cubature import Cubature, compressed, fitted
+from hhr_dolfinx.plugins.inelastic.elastic_response import ElasticResponse, elastic_response
 from hhr_dolfinx.reduction.modes import correction_modes, state_modes
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import Announce, StageLog, unannounced

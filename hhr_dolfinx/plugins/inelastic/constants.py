@@ -19,7 +19,7 @@ import numpy as np
 from hhr_dolfinx.errors import ParameterError, SceneError
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.materials.laws import Flow
+    from hhr_dolfinx.plugins.inelastic.laws import Flow
     from hhr_dolfinx.parameters import ParameterSpace
 
 

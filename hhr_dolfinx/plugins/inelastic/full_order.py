@@ -21,15 +21,15 @@ from hhr_dolfinx.contact.stiffness import FactorStore, LazyStiffness, ScaledStif
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.gauss_points import material_at, stiffness_parts, strain_operator
-from hhr_dolfinx.full_order.points_of_ranks import PointsOfRanks
+from hhr_dolfinx.plugins.inelastic.points_of_ranks import PointsOfRanks
 from hhr_dolfinx.linear.rows import Rows
-from hhr_dolfinx.materials.constants import check_law
+from hhr_dolfinx.plugins.inelastic.constants import check_law
 from hhr_dolfinx.materials.strain import ElasticPart, SparsePattern, StrainOperator
-from hhr_dolfinx.materials.update import Material, Update
+from hhr_dolfinx.plugins.inelastic.update import Material, Update
 from hhr_dolfinx.models.answer import Answer, GaussState
 from hhr_dolfinx.models.histories.equilibrium import Correction, MarchSettings
-from hhr_dolfinx.models.histories.linearised_step import PATIENCE, PATIENCE_IN_SPACE, LinearisedStepper
-from hhr_dolfinx.models.histories.points import ALL_HERE, Points
+from hhr_dolfinx.plugins.inelastic.linearised_step import PATIENCE, PATIENCE_IN_SPACE, LinearisedStepper
+from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.trained import Signs
 

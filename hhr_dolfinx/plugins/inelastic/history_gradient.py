@@ -19,7 +19,7 @@ from typing import NamedTuple
 import numpy as np
 
 from hhr_dolfinx.errors import ConvergenceError, ParameterError
-from hhr_dolfinx.materials.update import State, Update
+from hhr_dolfinx.plugins.inelastic.update import State, Update
 from hhr_dolfinx.models.answer import Answer, GaussState, History
 from hhr_dolfinx.models.gradient import GRAZING, Gradient
 from hhr_dolfinx.models.histories.equilibrium import Marching

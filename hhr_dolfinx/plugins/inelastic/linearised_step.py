@@ -26,7 +26,7 @@ from hhr_dolfinx.models.histories.equilibrium import (
     MarchSettings,
     extrapolated,
 )
-from hhr_dolfinx.models.histories.points import Points
+from hhr_dolfinx.plugins.inelastic.points import Points
 from hhr_dolfinx.models.histories.small_strains import SmallStrains
 from hhr_dolfinx.trained import Signs
 

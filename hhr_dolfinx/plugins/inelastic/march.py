@@ -1,9 +1,9 @@
 """Quasi-static histories of contact between inelastic bodies, thesis Alg. 6.1 and 6.2: one loop for all models.
 
-The stepper of a model solves its steps: by linearisation (:mod:`models.histories.linearised_step`), or in one compiled
-loop (:mod:`models.histories.condensed_flow`). A step that does not converge is halved; only converged steps are kept.
+The stepper of a model solves its steps: by linearisation (:mod:`plugins.inelastic.linearised_step`), or in one compiled
+loop (:mod:`plugins.inelastic.condensed_flow`). A step that does not converge is halved; only converged steps are kept.
 The error of the steps in time is estimated, and with a tolerance steps are cut by it
-(:mod:`models.histories.time_error`). Loads, imposed displacements, gaps, and constants of laws that are formulas have
+(:mod:`plugins.inelastic.time_error`). Loads, imposed displacements, gaps, and constants of laws that are formulas have
 their values at the end of a step or of a part of it.
 """
 
@@ -30,7 +30,7 @@ from hhr_dolfinx.models.histories.equilibrium import (
     warn_of_time_error,
 )
 from hhr_dolfinx.models.histories.path import check_elasticity, check_settings
-from hhr_dolfinx.models.histories.time_error import TimeError, in_parts
+from hhr_dolfinx.plugins.inelastic.time_error import TimeError, in_parts
 from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.trained import Watch
 from hhr_dolfinx.warn import warn
@@ -93,7 +93,7 @@ def march(
         raise
     warn_of_time_error(float(history.time_error.max(initial=0.0)), settings.time_tolerance)
     if settings.gradient:
-        from hhr_dolfinx.models.histories.history_gradient import with_gradients
+        from hhr_dolfinx.plugins.inelastic.history_gradient import with_gradients
 
         with_gradients(model, history)
     return history

@@ -10,12 +10,12 @@ from mpi4py import MPI
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import ConvergenceError
-from hhr_dolfinx.materials.update import State
+from hhr_dolfinx.plugins.inelastic.update import State
 from hhr_dolfinx.models.answer import Answer, GaussState
 
 
 class PointsOfRanks:
-    """Gauss points of the cells of each rank, see :class:`~hhr_dolfinx.models.histories.points.Points`.
+    """Gauss points of the cells of each rank, see :class:`~hhr_dolfinx.plugins.inelastic.points.Points`.
 
     Args:
         cells: number of all cells.

@@ -11,10 +11,10 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.contact.problem import IndexSets
 from hhr_dolfinx.errors import ReductionError, UnstableModelError
-from hhr_dolfinx.models.histories.force_correction import ForceCorrection
-from hhr_dolfinx.models.histories.reduced_flow import ReducedFlow
+from hhr_dolfinx.plugins.inelastic.force_correction import ForceCorrection
+from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.reduction.elastic_response import elastic_response
+from hhr_dolfinx.plugins.inelastic.elastic_response import elastic_response
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel, MeshEquilibrium
@@ -110,7 +110,7 @@ def _margin(whole: np.ndarray, projected: np.ndarray) -> float:
 
 
 def force_correction(full: FullModel) -> ForceCorrection:
-    """Correction of forces for any model of a scene of inelastic bodies, see :mod:`models.histories.force_correction`.
+    """Correction of forces for any model of a scene of inelastic bodies, see :mod:`plugins.inelastic.force_correction`.
 
     Raises:
         ReductionError: for an elastic scene, and if moduli are no factors of connected components.

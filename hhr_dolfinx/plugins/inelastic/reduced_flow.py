@@ -17,12 +17,12 @@ from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.materials.strain import ElasticPart, StrainOperator
-from hhr_dolfinx.materials.update import Material, Update
+from hhr_dolfinx.plugins.inelastic.update import Material, Update
 from hhr_dolfinx.models.answer import Answer, GaussState
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.histories.equilibrium import Correction, MarchSettings
-from hhr_dolfinx.models.histories.linearised_step import LinearisedStepper
-from hhr_dolfinx.models.histories.points import ALL_HERE, Points
+from hhr_dolfinx.plugins.inelastic.linearised_step import LinearisedStepper
+from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.trained import Signs, TrainedPaths

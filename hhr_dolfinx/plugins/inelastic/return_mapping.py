@@ -12,7 +12,7 @@ from ufl.core.expr import Expr
 
 from hhr_dolfinx.forms.elasticity import strain
 from hhr_dolfinx.materials.elasticity import lame_parameters
-from hhr_dolfinx.materials.laws import Norton, Plasticity
+from hhr_dolfinx.plugins.inelastic.laws import Norton, Plasticity
 
 
 def strain_vector(u: Expr, hypothesis: str) -> Expr:

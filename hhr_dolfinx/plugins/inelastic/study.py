@@ -23,7 +23,7 @@ from hhr_dolfinx.study.training.train import Progress, Training
 from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
+    from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
 
 
 class Run(NamedTuple):

@@ -14,7 +14,7 @@ from hhr_dolfinx.plugins.one_call.context import BudgetSpentError
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.one_call.context import SearchContext
-    from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+    from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
 MANY = 1000
 """Number of contact conditions above which a hyper-reduced model is tried after a condensed one of sufficient accuracy;
@@ -121,7 +121,7 @@ def _by_histories(context: SearchContext) -> Iterator[Attempt]:
 
 def _inelastic(context: SearchContext) -> Iterator[Attempt]:
     """Condensed inelastic models of more and more histories, then hyper-reduced models of these."""
-    from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+    from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
     usual = CorrectionSettings()
     tolerance = context.target.error / 2  # a margin for errors that the check does not see

@@ -26,7 +26,7 @@ from hhr_dolfinx.study.report.view import View
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
+    from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
 
 
 with extra("pictures", "pictures and fields for ParaView"):

@@ -22,7 +22,7 @@ from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
+    from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
     from hhr_dolfinx.scene import Scene
     from hhr_dolfinx.study.training.train import Training
 

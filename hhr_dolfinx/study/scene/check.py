@@ -21,7 +21,7 @@ from hhr_dolfinx.study.scene.mesh import depth_inside, look_at_common_nodes, loo
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Law
-    from hhr_dolfinx.full_order.flow import GaussModel
+    from hhr_dolfinx.plugins.inelastic.full_order import GaussModel
     from hhr_dolfinx.parameters import PointLike
 
 TOUCHING = 1e-6
@@ -74,7 +74,7 @@ def _problem(discretisation: Discretisation) -> tuple[ContactProblem, GaussModel
     """The problem, with its stiffness assembled, and the Gauss points of inelastic bodies, which exist in any case."""
     gauss = None
     if any(body.law is not None for body in discretisation.scene.bodies):
-        from hhr_dolfinx.full_order.flow import GaussModel
+        from hhr_dolfinx.plugins.inelastic.full_order import GaussModel
 
         gauss = GaussModel.of(discretisation.scene, MPI.COMM_SELF)
     terms = discretisation.stiffness_terms() if gauss is None else (gauss.stiffness, gauss.moduli)

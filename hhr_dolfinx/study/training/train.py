@@ -30,8 +30,8 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed import CondensedModel
-    from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
-    from hhr_dolfinx.models.histories.force_correction import ForceCorrection
+    from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
+    from hhr_dolfinx.plugins.inelastic.force_correction import ForceCorrection
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""
@@ -82,13 +82,13 @@ class Training(TrainingAnswers):
         parameters it is interpolated, by :class:`~hhr_dolfinx.reduction.interpolate.GridSettings`; without settings as
         finely as the bound of its errors, if that is small. For inelastic bodies
         the elastic response is eliminated and the plastic correction reduced, by
-        :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings`. Each stage is announced as it begins.
+        :class:`~hhr_dolfinx.plugins.inelastic.condense_flow.CorrectionSettings`. Each stage is announced as it begins.
 
         Raises:
             NotOfferedError: for bodies with rigid motions whose moduli or shapes are parameters.
         """
         if self.full_order.equilibrium is not None:
-            from hhr_dolfinx.reduction.condense_flow import condense_flow
+            from hhr_dolfinx.plugins.inelastic.condense_flow import condense_flow
 
             return condense_flow(self.full_order, self.snapshots, settings, self.held_out, announce)
         if self.full_order.friction is not None:
@@ -113,7 +113,7 @@ class Training(TrainingAnswers):
         Raises:
             ReductionError: for an elastic scene, and if moduli are no factors of connected components.
         """
-        from hhr_dolfinx.reduction.flow import force_correction
+        from hhr_dolfinx.plugins.inelastic.project import force_correction
 
         return force_correction(self.full_order)
 
