@@ -27,12 +27,12 @@ from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.loads import Pressure
-from hhr_dolfinx.plugins.inelastic.update import Group, Material, flow_of
 from hhr_dolfinx.online.model_file import load_model, save_model
 from hhr_dolfinx.pairings.node_to_node import NodeToNode
 from hhr_dolfinx.pairings.surface import mean_normal
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import as_plain, by_name, restored
+from hhr_dolfinx.plugins.inelastic.update import Group, Material, flow_of
 from hhr_dolfinx.reduction.build import build
 from hhr_dolfinx.scene import Displacement, Opening, Scene
 from hhr_dolfinx.snapshots.records import compute_snapshots

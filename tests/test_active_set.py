@@ -24,9 +24,9 @@ from hhr_dolfinx.models.eliminations.elimination import Responses
 from hhr_dolfinx.models.reduced import ADVICE, ReducedModel, ReducedProblem
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plugins.inelastic.project import project_flow
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.exact import exact_condensation
-from hhr_dolfinx.plugins.inelastic.project import project_flow
 from hhr_dolfinx.reduction.projection import project
 
 

@@ -18,10 +18,10 @@ from hhr_dolfinx.certify.trust import check_door
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import OutsideTrainingError, OutsideTrainingWarning, StabilityWarning
 from hhr_dolfinx.models.estimates import STRESS, Estimate
-from hhr_dolfinx.models.reconstruct import FlowFields, GappyField
+from hhr_dolfinx.plugins.inelastic.completion import FlowFields, GappyField
 from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
+from hhr_dolfinx.plugins.inelastic.trained import Known, Signs, TrainedPaths, Watch
 from hhr_dolfinx.study.training.train import Training
-from hhr_dolfinx.trained import Known, Signs, TrainedPaths, Watch
 
 STEPS = 12
 SHARES = np.arange(STEPS + 1) / STEPS

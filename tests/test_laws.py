@@ -9,9 +9,9 @@ from toy_law import Bingham
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, LawWarning, SceneError
+from hhr_dolfinx.plain import as_plain, by_name, restored
 from hhr_dolfinx.plugins.inelastic.laws import Norton, Plasticity
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
-from hhr_dolfinx.plain import as_plain, by_name, restored
 
 
 def update(law, strain, old, dt=0.1):

@@ -14,9 +14,9 @@ from hhr_dolfinx.certify.strains import check_corners
 from hhr_dolfinx.errors import ConvergenceError, ReductionError, SmallStrainWarning
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models import strains as cell_strains
-from hhr_dolfinx.models.histories.equilibrium import Diverged
-from hhr_dolfinx.models.histories.small_strains import SmallStrains
 from hhr_dolfinx.models.strains import StrainOperators
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged
+from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
 from hhr_dolfinx.study.condensing import condensed
 
 

@@ -16,10 +16,10 @@ from toy_law import Bingham
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ParameterError, TimeStepWarning
 from hhr_dolfinx.materials.elasticity import lame_parameters
-from hhr_dolfinx.plugins.inelastic.update import Group, Material
-from hhr_dolfinx.models.answer import GaussState
 from hhr_dolfinx.plugins.inelastic.points import ALL_HERE
+from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.time_error import TimeError
+from hhr_dolfinx.plugins.inelastic.update import Group, Material
 
 pytestmark = pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.TimeStepWarning")
 QUIET = hhr.MarchSettings(search="elastic", iterations=200, outside="ignore")

@@ -29,8 +29,8 @@ from hhr_dolfinx.errors import (
     UncheckedWarning,
     UnstableModelError,
 )
-from hhr_dolfinx.reduction.completion import Completion, spanning_rays
 from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
+from hhr_dolfinx.reduction.completion import Completion, spanning_rays
 from hhr_dolfinx.reduction.interpolate import GridSettings
 from hhr_dolfinx.study.measure import References
 

@@ -37,12 +37,13 @@ from hhr_dolfinx.reduction.completion import Completion, bound_of
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.projection import project, reduced_domain
 from hhr_dolfinx.reduction.recipe import Enrich, Recipe, basis_of, chosen_nodes
+from hhr_dolfinx.reduction.stages import stages_of
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
-from hhr_dolfinx.trained import TrainedPaths, TrainedRange
+from hhr_dolfinx.trained import Trained, TrainedRange
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
+    from hhr_dolfinx.models.reduced import ReducedLaws
     from hhr_dolfinx.models.starts import LinearStarts
 
 
@@ -112,7 +113,7 @@ class _Offline:
 def usual_recipe(full: FullModel) -> Recipe:
     """The default recipe of a scene."""
     if full.equilibrium is not None:
-        return Recipe.flowing()
+        return stages_of(full).recipe()
     return Recipe() if full.problem.friction is None else Recipe.with_friction()
 
 
@@ -152,7 +153,7 @@ def build(
             local rows; if that is not supported all ranks get all rows, which the log records.
         snapshots: training answers at single parameters, or load paths.
         recipe: a recipe or a reductor; None means the default, :class:`Recipe` or, for inelastic bodies,
-            ``Recipe.flowing()``.
+            that of their laws.
         held_out: validation answers for the trust check; without them training answers are compared, and a
             warning is given.
         announce: called with each stage that begins; an exception from it stops the build.
@@ -247,7 +248,8 @@ def _built(
     with log.stage("full_constants", announce):
         constants = FullConstants.of(full)
     with log.stage("reconstruction", announce):
-        completion = Completion.of(full.problem, snapshots)
+        laws = None if full.equilibrium is None else stages_of(full).fitted(snapshots)
+        completion = Completion.of(full.problem, snapshots, laws)
     states = _tangents(full, snapshots, recipe, log, announce)
     if recipe.indicator is None and (full.problem.friction is None or full.equilibrium is not None):
         log.skip("indicator", "no estimate of the error of each answer was requested")
@@ -263,10 +265,8 @@ def _tangents(
         why = "elastic bodies: the elastic operator is the tangent" if full.equilibrium is None else "not requested"
         log.skip("tangents", why)
         return []
-    from hhr_dolfinx.plugins.inelastic.project import training_tangents
-
     with log.stage("training_tangents", announce):
-        return training_tangents(full.equilibrium, snapshots, recipe.tangents.states)
+        return stages_of(full).tangents(full, snapshots, recipe.tangents)
 
 
 def sizes(full: FullModel, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
@@ -321,17 +321,11 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
         check_of_problem(name, solutions, problem)
         if full.equilibrium is None:
             if solutions.states:
-                raise ReductionError(f"bodies of {name} flow, and none of the model do: they belong to another scene")
+                raise ReductionError(f"bodies of {name} have laws, and none of the model do: those of another scene")
             if problem.friction is not None and not solutions.histories:
                 raise ReductionError(f"{name} of a scene with friction must be histories: SnapshotSet.of_histories")
             continue
-        if not solutions.histories:
-            raise ReductionError(f"{name} of a scene whose bodies flow must be histories: SnapshotSet.of_histories")
-        if not solutions.states:
-            raise ReductionError(f"bodies of the model flow, and none of {name} do: they belong to another scene")
-        size = full.equilibrium.material.gauss_points
-        if (given := len(solutions.states[0].state.cumulated)) != size:
-            raise ReductionError(f"{name} have {given} Gauss points, the model {size}: they belong to another mesh")
+        stages_of(full).check_given(full, name, solutions)
 
 
 def _attempt(shared: _Offline, layers: int) -> ReducedModel:
@@ -348,7 +342,7 @@ def _attempt(shared: _Offline, layers: int) -> ReducedModel:
     basis = enrichment.basis
     with log.stage("projection", shared.announce):
         reduced = project(problem, basis, sets)
-    flow = None if full.equilibrium is None else _flow_of(shared, basis, sets)
+    flow = None if full.equilibrium is None else _laws_on(shared, basis, sets)
     with log.stage("stability", shared.announce):
         stability = _assessed(shared, basis, sets, reduced)
     fields = _fields(shared, basis, sets, flow)
@@ -385,7 +379,7 @@ def _assessed(shared: _Offline, basis: np.ndarray, sets: IndexSets, reduced: Red
     return stability
 
 
-def _fields(shared: _Offline, basis: np.ndarray, sets: IndexSets, flow: ReducedFlow | None) -> Reconstruction:
+def _fields(shared: _Offline, basis: np.ndarray, sets: IndexSets, flow: ReducedLaws | None) -> Reconstruction:
     """Reconstruction of answers, with bounds if they are proved."""
     full = shared.full
     recipe = shared.recipe
@@ -414,13 +408,10 @@ def _fields(shared: _Offline, basis: np.ndarray, sets: IndexSets, flow: ReducedF
     return fields
 
 
-def _flow_of(shared: _Offline, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
-    """Gauss points of the RID."""
-    from hhr_dolfinx.plugins.inelastic.project import project_flow
-
+def _laws_on(shared: _Offline, basis: np.ndarray, sets: IndexSets) -> ReducedLaws:
+    """Laws of bodies on the RID."""
     with shared.log.stage("projection", shared.announce):
-        assert shared.full.equilibrium is not None
-        return project_flow(shared.full.equilibrium, basis, sets)
+        return stages_of(shared.full).projected(shared.full, basis, sets)
 
 
 def _starts_along(model: ReducedModel) -> LinearStarts:
@@ -481,13 +472,11 @@ def _checked_margin(shared: _Offline, model: ReducedModel, layers: int) -> float
     """Smallest tangent margin at training states; 1, that of the elastic operator, if all states are elastic."""
     if model.equilibrium is None or shared.recipe.tangents is None:
         return None
-    from hhr_dolfinx.plugins.inelastic.project import check_margin
-
     with shared.log.stage("stability", shared.announce):
-        return check_margin(model, shared.states, shared.recipe.tangents.least, layers)
+        return stages_of(shared.full).margin(model, shared.states, shared.recipe.tangents.least, layers)
 
 
-def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None, TrainedRange | TrainedPaths | None]:
+def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None, Trained | None]:
     """Errors against validation answers, or else against training, and the training range.
 
     The training range of a model of load paths is known only after it has solved the known paths.
@@ -505,9 +494,7 @@ def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None,
 
         return compared_histories(full, model, snapshots, held_out, limits)[0], trained
     if model.equilibrium is not None:
-        from hhr_dolfinx.certify.trust import checked_histories
-
-        return checked_histories(full, model, snapshots, held_out, limits)
+        return stages_of(full).checked(full, model, snapshots, held_out, limits)
     if limits is None:
         return None, trained
     if held_out is None:

@@ -17,10 +17,10 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from hhr_dolfinx import ranks
+from hhr_dolfinx import ranks, registry
 from hhr_dolfinx.certify.trust import TrustLimits
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import ReductionError
+from hhr_dolfinx.errors import NotOfferedError, ReductionError
 from hhr_dolfinx.linear.rows import MatrixOfRows, Rows
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.parameters import is_whole
@@ -56,10 +56,23 @@ def _cut(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return found
 
 
-def _nodes_of_values(problem: ContactProblem, values: np.ndarray, tolerance: float) -> np.ndarray:
+def nodes_of_values(problem: ContactProblem, values: np.ndarray, tolerance: float) -> np.ndarray:
     """Nodes of the cells in which DEIM picks values of a field of Gauss points, as many in each cell."""
     picked = deim(pod(values, tolerance)[0])
     return problem.cell_nodes[picked // (len(values) // len(problem.cell_nodes))].ravel()
+
+
+def usual(name: str, **changes: Any) -> Recipe:
+    """Usual recipe by its name among the ``recipes`` of plug-ins, with changes of its steps.
+
+    Raises:
+        NotOfferedError: if no installed plug-in has it.
+    """
+    known = registry.parts("recipes")
+    if name not in known:
+        raise NotOfferedError(f"no installed plug-in has a recipe {name!r}")
+    made: Recipe = registry.load(known[name][0])(**changes)
+    return made
 
 
 class Basis(Protocol):
@@ -98,7 +111,7 @@ def _check_truths(step: Any) -> None:
 
 
 @dataclass(frozen=True)
-class _Truncated:
+class Truncated:
     """Base of steps with a POD: ``tolerance`` is epsilon of (1.53), in (0, 1)."""
 
     tolerance: float
@@ -113,7 +126,7 @@ class _Truncated:
 
 
 @dataclass(frozen=True)
-class Pod(_Truncated):
+class Pod(Truncated):
     """Proper orthogonal decomposition of the displacements, thesis (1.49)-(1.54).
 
     Attributes:
@@ -217,7 +230,7 @@ class Deim:
 
 
 @dataclass(frozen=True)
-class ForceDeim(_Truncated):
+class ForceDeim(Truncated):
     """Slave nodes of the contact conditions that DEIM picks on a POD of the contact forces, section 1.4.3.
 
     Attributes:
@@ -237,28 +250,6 @@ class ForceDeim(_Truncated):
     def by_rows(self) -> bool:
         """See :class:`Pod`."""
         return True
-
-
-@dataclass(frozen=True)
-class StressDeim(_Truncated):
-    """Nodes of the cells in which DEIM picks Gauss points on a POD of the stress, section 6.2.3."""
-
-    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
-        """See :class:`Nodes`; empty for elastic bodies."""
-        if snapshots.stress is None:
-            return np.zeros(0, dtype=np.int64)
-        return _nodes_of_values(problem, snapshots.stress, self.tolerance)
-
-
-@dataclass(frozen=True)
-class FlowDeim(_Truncated):
-    """Nodes of the cells in which DEIM picks Gauss points on a POD of the cumulated plastic strain, section 6.2.3."""
-
-    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
-        """See :class:`Nodes`; empty without plastic strain in training."""
-        if snapshots.cumulated is None or not snapshots.flowed:
-            return np.zeros(0, dtype=np.int64)
-        return _nodes_of_values(problem, snapshots.cumulated, self.tolerance)
 
 
 @dataclass(frozen=True)
@@ -411,15 +402,8 @@ class Recipe:
 
     @classmethod
     def flowing(cls, **changes: Any) -> Recipe:
-        """Recipe for inelastic bodies, section 6.2.3: DEIM of stress and plastic strain too, a larger RID."""
-        nodes = (Deim(), ForceDeim(1e-8), StressDeim(1e-9), FlowDeim(1e-6), LoadNodes())
-        usual: dict[str, Any] = {
-            "nodes": nodes,
-            "domain": Rid(3, 8),
-            "enrichment": Enrich(1.0),
-            "trust": TrustLimits.of_histories(),
-        }
-        return cls(**({"basis": Pod(3e-10)} | usual | changes))
+        """Recipe of the plug-in for bodies that flow, if it is installed; see :func:`usual`."""
+        return usual("flowing", **changes)
 
     @classmethod
     def with_friction(cls, **changes: Any) -> Recipe:

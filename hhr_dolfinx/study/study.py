@@ -34,8 +34,8 @@ from hhr_dolfinx.study.training.train import (
 from hhr_dolfinx.warn import collected
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
     from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
+    from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
 
 
 @dataclass(frozen=True)

@@ -19,14 +19,16 @@ import numpy as np
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.errors import ConvergenceError, SingularError
-from hhr_dolfinx.plugins.inelastic.update import Material, State, Update
 from hhr_dolfinx.memory import Memory
-from hhr_dolfinx.models.answer import Answer, GaussState
-from hhr_dolfinx.plugins.inelastic.condensed_step import DECREASE, LEAST_SHARE
-from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, MarchSettings, extrapolated
-from hhr_dolfinx.models.histories.small_strains import SmallStrains
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.surfaces import WholeSurface
-from hhr_dolfinx.trained import Signs
+from hhr_dolfinx.plugins.inelastic.condensed_step import DECREASE, LEAST_SHARE
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, extrapolated
+from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
+from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.trained import Signs
+from hhr_dolfinx.plugins.inelastic.update import Material, State, Update
 
 NOTHING = np.zeros(0)
 

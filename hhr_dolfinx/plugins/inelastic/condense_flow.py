@@ -18,21 +18,26 @@ from scipy import linalg
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.certify.compare import Comparison
-from hhr_dolfinx.certify.trust import TrustLimits, checked_histories, warn_of_training
+from hhr_dolfinx.certify.trust import TrustLimits, warn_of_training
 from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError, ReductionError, UnstableModelError
 from hhr_dolfinx.materials.strain import StrainOperator
-from hhr_dolfinx.plugins.inelastic.update import Group
-from hhr_dolfinx.models.full import FullModel, MeshEquilibrium, plain_outputs
+from hhr_dolfinx.models.full import FullModel, plain_outputs
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.parameters import is_number, is_whole
+from hhr_dolfinx.plugins.inelastic.comparison import checked_histories
+from hhr_dolfinx.plugins.inelastic.completion import GappyField
 from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, PlasticFields
 from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlow, CondensedFlowModel
-from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.models.reconstruct import GappyField
-from hhr_dolfinx.parameters import is_number, is_whole
 from hhr_dolfinx.plugins.inelastic.cubature import Cubature, compressed, fitted
 from hhr_dolfinx.plugins.inelastic.elastic_response import ElasticResponse, elastic_response
-from hhr_dolfinx.reduction.modes import correction_modes, state_modes
+from hhr_dolfinx.plugins.inelastic.equilibrium import MeshEquilibrium
+from hhr_dolfinx.plugins.inelastic.modes import correction_modes
+from hhr_dolfinx.plugins.inelastic.state import flowed as any_flowed
+from hhr_dolfinx.plugins.inelastic.state import states_of
+from hhr_dolfinx.plugins.inelastic.update import Group
+from hhr_dolfinx.reduction.modes import state_modes
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.warn import collected, repeat
@@ -326,7 +331,7 @@ def condense_flow(
         raise ReductionError(
             "a reduced plastic correction is trained on histories, all steps: SnapshotSet.of_histories"
         )
-    if not snapshots.flowed:
+    if not any_flowed(snapshots):
         # corrections are then round-off, not zero
         raise ReductionError("no body flows in any training history: train at higher loads, or leave the laws out")
     if settings.trust is not None:
@@ -556,7 +561,7 @@ class _FieldModes:
         problem = full.problem
         equilibrium = full.equilibrium
         assert equilibrium is not None
-        states = [item.state for item in snapshots.states]
+        states = [item.state for item in states_of(snapshots)]
         flowed = np.flatnonzero(np.any([state.cumulated > 0 for state in states], axis=0))
         plastic = state_modes([state.plastic[flowed].ravel() for state in states], LEFT_OUT["plastic"])
         elastic = equilibrium.material.moduli_at(problem.middle).elastic

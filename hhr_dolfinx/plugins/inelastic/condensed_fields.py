@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags
@@ -22,10 +22,11 @@ from hhr_dolfinx.linear.layout import lay_out
 from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.models.answer import Answer, Meshed, ModelFields
 from hhr_dolfinx.models.estimates import STRESS, Estimate
-from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
-from hhr_dolfinx.trained import share_of_stress
+from hhr_dolfinx.plugins.inelastic.completion import KNOWN_ERROR, GappyField
+from hhr_dolfinx.plugins.inelastic.state import state
+from hhr_dolfinx.plugins.inelastic.trained import share_of_stress
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Friction
@@ -59,6 +60,9 @@ class PlasticFields:
         moduli: Lamé's λ and 2 μ of each Gauss point in the middle of the box, (Gauss points, 2).
     """
 
+    kind: ClassVar[str] = STRESS
+    known_error: ClassVar[str] = KNOWN_ERROR
+
     points: Annotated[Integers, "points", "< gauss points"]
     flowed: Annotated[Integers, "flowed", "< gauss points"]
     plastic: GappyField
@@ -91,6 +95,23 @@ class PlasticFields:
     def gauss_points(self) -> int:
         """Number of Gauss points of the full model."""
         return len(self.moduli)
+
+    @property
+    def places(self) -> int:
+        """The same."""
+        return self.gauss_points
+
+    def stress_of(self, answer: Answer) -> np.ndarray:
+        """Stress of an answer, which depends on its elastic part: that of its fields."""
+        return answer.fields.stress(answer)
+
+    def plastic_strain(self, answer: Answer) -> np.ndarray:
+        """Cumulated plastic strain of an answer at all Gauss points."""
+        return self.cumulated_everywhere(state(answer).state.cumulated)
+
+    def estimate(self, answer: Answer) -> Estimate | None:
+        """Indicator of the error of an answer: that of its fields."""
+        return answer.fields.estimate(answer)
 
     def stress(self, elastic: np.ndarray, theta: np.ndarray, plastic: np.ndarray) -> np.ndarray:
         """Stress at all Gauss points for the moduli in the middle of the box, (Gauss points, components).
@@ -203,10 +224,6 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         theta = self._dense(answer.parameter)
         plastic = answer.state().state.plastic
         return self.flow.stress(self._elastic(answer), theta, plastic) / self._giving(answer.parameter)
-
-    def plastic_strain(self, answer: Answer) -> np.ndarray:
-        """Cumulated plastic strain at all Gauss points."""
-        return self.flow.cumulated_everywhere(answer.state().state.cumulated)
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """Indicator of the error, :meth:`unexplained` over the stress; None without a solution."""

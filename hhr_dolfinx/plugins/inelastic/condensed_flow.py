@@ -29,18 +29,21 @@ from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
 from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.materials.elasticity import lame_parameters
-from hhr_dolfinx.plugins.inelastic.update import Group, Material, State, check_flow, flow_of, kernel_of
 from hhr_dolfinx.memory import Memory
-from hhr_dolfinx.models.answer import Answer, GaussState
+from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories import condensed_step as compiled_step
-from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, PartFactors
-from hhr_dolfinx.plugins.inelastic.condensed_step import StepLoad, StepModel, Work, touch
-from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, MarchSettings, Stepper, extrapolated
-from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
-from hhr_dolfinx.models.histories.small_strains import SmallStrains
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.trained import Signs, TrainedPaths
+from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, PartFactors
+from hhr_dolfinx.plugins.inelastic.condensed_step import StepLoad, StepModel, Work, touch
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Stepper, extrapolated
+from hhr_dolfinx.plugins.inelastic.march import Histories
+from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
+from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
+from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.trained import Signs, TrainedPaths
+from hhr_dolfinx.plugins.inelastic.update import Group, Material, State, check_flow, flow_of, kernel_of
 
 
 @dataclass(frozen=True)
@@ -112,7 +115,7 @@ class CondensedFlow:
         return np.cumsum([group.indices.size for group in self.groups])
 
 
-class CondensedEquilibrium:
+class CondensedEquilibrium(Histories):
     """Equilibrium of g and λ, see :class:`hhr_dolfinx.models.histories.equilibrium.Marching`.
 
     The unknown holds g followed by λ.

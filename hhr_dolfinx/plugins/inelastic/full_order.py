@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from threading import RLock
@@ -20,23 +20,28 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.stiffness import FactorStore, LazyStiffness, ScaledStiffness, Stiffness
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.gauss_points import material_at, stiffness_parts, strain_operator
-from hhr_dolfinx.plugins.inelastic.points_of_ranks import PointsOfRanks
 from hhr_dolfinx.linear.rows import Rows
-from hhr_dolfinx.plugins.inelastic.constants import check_law
 from hhr_dolfinx.materials.strain import ElasticPart, SparsePattern, StrainOperator
-from hhr_dolfinx.plugins.inelastic.update import Material, Update
-from hhr_dolfinx.models.answer import Answer, GaussState
-from hhr_dolfinx.models.histories.equilibrium import Correction, MarchSettings
+from hhr_dolfinx.models.answer import Answer, History, Path
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.plugins.inelastic.constants import check_law
+from hhr_dolfinx.plugins.inelastic.equilibrium import Correction
+from hhr_dolfinx.plugins.inelastic.gauss_points import at_gauss_points, material_at, stiffness_parts, strain_operator
 from hhr_dolfinx.plugins.inelastic.linearised_step import PATIENCE, PATIENCE_IN_SPACE, LinearisedStepper
+from hhr_dolfinx.plugins.inelastic.march import Histories, march
+from hhr_dolfinx.plugins.inelastic.outputs import FlowMises, mises
 from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
+from hhr_dolfinx.plugins.inelastic.points_of_ranks import PointsOfRanks
+from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.trained import Signs
+from hhr_dolfinx.plugins.inelastic.update import Material, Update
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
+    from hhr_dolfinx.outputs import VonMises
 
 
 @dataclass(frozen=True)
@@ -61,8 +66,21 @@ class GaussModel:
     stiffness: tuple[csr_matrix, ...]
     moduli: tuple[Modulus, ...]
 
+    @property
+    def places(self) -> int:
+        """Number of Gauss points."""
+        return self.operator.gauss_points
+
+    def mises(self, output: VonMises, cells: np.ndarray) -> FlowMises:
+        """Von Mises' stress of an output in some cells."""
+        return mises(self.operator, output, cells)
+
+    def equilibrium(self, full: FullModel) -> FullEquilibrium:
+        """Equilibrium of a full model."""
+        return FullEquilibrium(full, self)
+
     @classmethod
-    def of(cls, scene: Scene, comm: MPI.Comm) -> GaussModel:
+    def of(cls, scene: Scene, comm: MPI.Comm = MPI.COMM_SELF) -> GaussModel:
         """The Gauss points of a scene.
 
         Raises:
@@ -80,7 +98,7 @@ class GaussModel:
         return cls(discretisation, operator, material, bodies, pattern, *stiffness_parts(material, operator, pattern))
 
 
-class FullEquilibrium:
+class FullEquilibrium(Histories):
     """Equilibrium of U0, see :class:`hhr_dolfinx.models.histories.equilibrium.Equilibrium`.
 
     Each of several ranks has all dofs of vectors, and all Gauss points except in objects made by :meth:`on_ranks`.
@@ -121,8 +139,6 @@ class FullEquilibrium:
         self._lifted = bool(problem.lifts.nnz)
         self.eigenstrains = csc_matrix((self.points.size * self.operator.components, problem.amplitudes.firsts[-1]))
         if any(hasattr(load, "eigenstrain_of") for load in gauss.discretisation.scene.loads):
-            from hhr_dolfinx.full_order.gauss_points import at_gauss_points
-
             self.eigenstrains = at_gauss_points(gauss.discretisation, problem, self.operator)
         self._set_elasticity(gauss.material.moduli_at(problem.middle), problem.own_stiffness)
         self.elastic = _SparseLinearisation(
@@ -135,6 +151,35 @@ class FullEquilibrium:
         self._ranks: PointsOfRanks | None = None
         self._rows = problem.spread
         self._spread: FullEquilibrium | None = None
+
+    @property
+    def places(self) -> int:
+        """Number of Gauss points."""
+        return self.operator.gauss_points
+
+    def mises(self, output: VonMises, cells: np.ndarray) -> FlowMises:
+        """Von Mises' stress of an output in some cells."""
+        return mises(self.operator, output, cells)
+
+    def stress(self, answer: Answer) -> np.ndarray:
+        """Stress of an answer at all Gauss points, (Gauss points, components)."""
+        return answer.state().stress.copy()
+
+    def plastic_strain(self, answer: Answer) -> np.ndarray:
+        """Cumulated plastic strain of an answer at all Gauss points."""
+        return answer.state().state.cumulated.copy()
+
+    def march(
+        self,
+        path: Path,
+        settings: MarchSettings = DEFAULT_MARCH,
+        *,
+        known: Sequence[Answer] = (),
+        keep: Callable[[Answer], None] = lambda answer: None,
+    ) -> History:
+        """History along a checked path; ranks share the Gauss points, but for derivatives."""
+        solver = self if settings.gradient else self.on_ranks(self._full.comm)
+        return march(solver, path, settings, known=known, keep=keep)
 
     def on_ranks(self, comm: MPI.Comm) -> FullEquilibrium:
         """The same equilibrium with some of the Gauss points on each rank, for collective paths; itself on one rank."""

@@ -19,10 +19,11 @@ from typing import NamedTuple
 import numpy as np
 
 from hhr_dolfinx.errors import ConvergenceError, ParameterError
-from hhr_dolfinx.plugins.inelastic.update import State, Update
-from hhr_dolfinx.models.answer import Answer, GaussState, History
+from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.gradient import GRAZING, Gradient
-from hhr_dolfinx.models.histories.equilibrium import Marching
+from hhr_dolfinx.plugins.inelastic.equilibrium import Marching
+from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.update import State, Update
 
 STEP = 1e-5
 """Length of a difference, as a part of the box of the parameters and of the strain so far: curvature costs its square,

@@ -17,18 +17,13 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.linear.anderson import Anderson
 from hhr_dolfinx.memory import Memory
-from hhr_dolfinx.models.answer import Answer, GaussState, found_as
-from hhr_dolfinx.models.histories.equilibrium import (
-    Diverged,
-    Equilibrium,
-    Goal,
-    Linearisation,
-    MarchSettings,
-    extrapolated,
-)
+from hhr_dolfinx.models.answer import Answer, found_as
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal, Linearisation, extrapolated
 from hhr_dolfinx.plugins.inelastic.points import Points
-from hhr_dolfinx.models.histories.small_strains import SmallStrains
-from hhr_dolfinx.trained import Signs
+from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
+from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.trained import Signs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.histories.rubbing_step import RubbingStep

@@ -12,30 +12,56 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, LawWarning, NotOfferedError
 from hhr_dolfinx.memory import Memory
-from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
-from hhr_dolfinx.models.histories.equilibrium import (
-    DEFAULT_MARCH,
-    Diverged,
-    Goal,
-    Marching,
-    MarchSettings,
-    Stepper,
-    warn_of_time_error,
-)
-from hhr_dolfinx.models.histories.path import check_elasticity, check_settings
-from hhr_dolfinx.plugins.inelastic.time_error import TimeError, in_parts
+from hhr_dolfinx.models.answer import Answer, History, Path
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, warn_of_time_error
+from hhr_dolfinx.models.histories.path import check_settings
 from hhr_dolfinx.one_thread import one_thread
-from hhr_dolfinx.trained import Watch
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Marching, Stepper
+from hhr_dolfinx.plugins.inelastic.one_step import check_elasticity, one_step, refuse_gradient
+from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.time_error import TimeError, in_parts
+from hhr_dolfinx.plugins.inelastic.trained import Watch
 from hhr_dolfinx.warn import warn
 
 _log = logging.getLogger(__name__)
+
+
+class Histories:
+    """Base of equilibria: answers paths, see :class:`hhr_dolfinx.models.histories.equilibrium.Equilibrium`."""
+
+    reader: ClassVar[str] = "inelastic"
+
+    def march(
+        self,
+        path: Path,
+        settings: MarchSettings = DEFAULT_MARCH,
+        *,
+        known: Sequence[Answer] = (),
+        keep: Callable[[Answer], None] = lambda answer: None,
+    ) -> History:
+        """History along a checked path, see :func:`march`."""
+        model: Any = self
+        return march(model, path, settings, known=known, keep=keep)
+
+    def one_step(
+        self, model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool, **step: Any
+    ) -> Answer:
+        """Answer of a model at a point by one step from rest, see :func:`one_step`; it has no gradient.
+
+        Raises:
+            NotOfferedError: for another argument than ``duration``, and for a gradient.
+        """
+        if step.keys() - {"duration"}:
+            raise NotOfferedError(f"solve knows no {', '.join(step)} here: only bodies that flow take a duration")
+        refuse_gradient(gradient)
+        return one_step(model, point, raise_on_failure, outside, **step)
 
 
 # threads of BLAS slow small blocks down: a projected tangent of 70 modes took 7.8 ms on two of them, 3.1 ms on one

@@ -10,8 +10,9 @@ from mpi4py import MPI
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import ConvergenceError
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.update import State
-from hhr_dolfinx.models.answer import Answer, GaussState
 
 
 class PointsOfRanks:

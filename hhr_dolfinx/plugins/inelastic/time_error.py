@@ -29,11 +29,11 @@ import numpy as np
 
 from hhr_dolfinx.errors import ConvergenceError, SceneError
 from hhr_dolfinx.materials.elasticity import lame_parameters
-from hhr_dolfinx.plugins.inelastic.laws import Plasticity
-from hhr_dolfinx.plugins.inelastic.update import Group, Material, flow_of, kernel_of
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, Marching
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Marching
+from hhr_dolfinx.plugins.inelastic.laws import Plasticity
 from hhr_dolfinx.plugins.inelastic.points import Points
+from hhr_dolfinx.plugins.inelastic.update import Group, Material, flow_of, kernel_of
 
 SAFETY = 0.8
 """Part of the allowed error at which the next part of a step aims."""

@@ -13,9 +13,9 @@ import numpy as np
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.declared import Integers
 from hhr_dolfinx.errors import ConvergenceError, SceneError
+from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.plugins.inelastic.compiled_laws import ELASTIC, NORTON, PLASTICITY
 from hhr_dolfinx.plugins.inelastic.constants import LawOfParameters, ModuliOfParameters, check_law, formulas_of
-from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.plugins.inelastic.laws import Flow, Norton, Plasticity
 
 if TYPE_CHECKING:

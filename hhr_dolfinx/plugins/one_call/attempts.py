@@ -13,8 +13,8 @@ from hhr_dolfinx.models.estimates import ASKED
 from hhr_dolfinx.plugins.one_call.context import BudgetSpentError
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.one_call.context import SearchContext
     from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
+    from hhr_dolfinx.plugins.one_call.context import SearchContext
 
 MANY = 1000
 """Number of contact conditions above which a hyper-reduced model is tried after a condensed one of sufficient accuracy;

@@ -16,7 +16,7 @@ from hhr_dolfinx import ranks, registry
 from hhr_dolfinx.certify.strains import check_small_strains
 from hhr_dolfinx.errors import NotOfferedError, ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, facet_of
 from hhr_dolfinx.models.histories.path import checked_path
 from hhr_dolfinx.reduction.build import build, everywhere, not_by_rows, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
@@ -30,8 +30,7 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed import CondensedModel
-    from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
-    from hhr_dolfinx.plugins.inelastic.force_correction import ForceCorrection
+    from hhr_dolfinx.models.model import KeptModel
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""
@@ -75,22 +74,21 @@ class Training(TrainingAnswers):
             raise AttributeError(f"a training has no {name!r}, and no installed plug-in adds it")
         return partial(registry.load(places[name]), self)
 
-    def condense(self, settings: Any = None, announce: Announce = unannounced) -> CondensedModel | CondensedFlowModel:
+    def condense(self, settings: Any = None, announce: Announce = unannounced) -> CondensedModel | KeptModel:
         """Build a model that keeps all contact conditions, with its check.
 
         For elastic bodies of constant stiffness it is exact. If the stiffness or the shape depends on
         parameters it is interpolated, by :class:`~hhr_dolfinx.reduction.interpolate.GridSettings`; without settings as
-        finely as the bound of its errors, if that is small. For inelastic bodies
-        the elastic response is eliminated and the plastic correction reduced, by
-        :class:`~hhr_dolfinx.plugins.inelastic.condense_flow.CorrectionSettings`. Each stage is announced as it begins.
+        finely as the bound of its errors, if that is small. Bodies with laws are condensed by the plug-in that reads
+        these, its facet ``condense``: a function ``(full, snapshots, settings, held_out, announce) -> model``. Each stage
+        is announced as it begins.
 
         Raises:
             NotOfferedError: for bodies with rigid motions whose moduli or shapes are parameters.
         """
         if self.full_order.equilibrium is not None:
-            from hhr_dolfinx.plugins.inelastic.condense_flow import condense_flow
-
-            return condense_flow(self.full_order, self.snapshots, settings, self.held_out, announce)
+            condense_laws = facet_of(self.full_order.equilibrium, "condense", "condensation")
+            return condense_laws(self.full_order, self.snapshots, settings, self.held_out, announce)
         if self.full_order.friction is not None:
             from hhr_dolfinx.study import condensing
 
@@ -104,18 +102,6 @@ class Training(TrainingAnswers):
 
         there = self.everywhere
         return condense(there.full_order, there.snapshots, settings, there.held_out, announce=announce)
-
-    def force_correction(self) -> ForceCorrection:
-        """Build an estimate and a correction of the contact forces of histories, for any model of this training.
-
-        ``correction.of(history)`` has better forces of each step, and their distance from those of the model.
-
-        Raises:
-            ReductionError: for an elastic scene, and if moduli are no factors of connected components.
-        """
-        from hhr_dolfinx.plugins.inelastic.project import force_correction
-
-        return force_correction(self.full_order)
 
 
 def train(
@@ -138,8 +124,8 @@ def train(
         scene: the scene.
         training: the number of points along each parameter, on a regular grid; a sampling, ``Sobol(512)`` or
             ``LatinHypercube(100)``; ``Greedy(budget=100)``, which chooses points where present models are worst; or
-            an array of points, (S, P). For inelastic bodies or friction a list of paths, each of times in seconds and
-            parameters, or drawn from a family, ``family.paths(Sobol(12))``; if inelastic ``Greedy(family=family)``.
+            an array of points, (S, P). For laws that remember a list of paths, each of times in seconds and
+            parameters, or drawn from a family, ``family.paths(Sobol(12))``; for laws of bodies ``Greedy(family=family)``.
         held_out: for the trust check: a number of random parameters (100, a fifth of them with grazing contact; 0 for
             none), or paths.
         seed: of random parameters.
@@ -269,7 +255,7 @@ def checked_training(scene: Scene, training: Any, held_out: Any, seed: Any) -> t
         )
     if chooses:
         training.space(scene)
-    if frictional or any(body.law is not None for body in scene.bodies):
+    if frictional or scene.reader:
         apart = held_out.tolist() if isinstance(held_out, np.ndarray) else held_out
         given = training if chooses else training_paths(scene, training)
         return given, training_paths(scene, apart) if apart else []
@@ -299,7 +285,7 @@ def training_points(scene: Scene, training: Any) -> np.ndarray:
 
 
 def training_paths(scene: Scene, paths: Any) -> list:
-    """Checked paths of a scene of inelastic bodies or friction; StudyError for an invalid list of paths."""
+    """Checked paths of a scene with laws that remember; StudyError for an invalid list of paths."""
     advice = (
         f"answers of scene '{scene.name}' depend on the path that leads to them: train on a list of paths, such as "
         "family.paths(Sobol(12)), or by hhr reduce with PATHS, a hhr.PathFamily, beside the scene"

@@ -20,8 +20,8 @@ from test_pages import MORE, RUBBING, SCENES, outputs_of_pellet, rubbed, tour_of
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import MissingPackageError, ModelFileWarning, NotOfferedError
 from hhr_dolfinx.formulas import Scalar
-from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.plugins.exporters import c_header, fmu
+from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.plugins.pages.arrays import contact_tree
 from hhr_dolfinx.plugins.pages.packing import Packed, steps_of
 from hhr_dolfinx.trained import TrainedRange
