@@ -6,7 +6,9 @@ import numpy as np
 
 from hhr_dolfinx.registry import Plugin
 
-PLUGIN = Plugin(name="my_law", parts={"laws": {"MyLaw": "my_law:MyLaw"}}, classes={"my_law": "MyLaw"})
+PLUGIN = Plugin(
+    name="my_law", needs=("inelastic",), parts={"laws": {"MyLaw": "my_law:MyLaw"}}, classes={"my_law": "MyLaw"}
+)
 
 
 @dataclass(frozen=True)

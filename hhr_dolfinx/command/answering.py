@@ -65,14 +65,14 @@ def _with_unit(name: str, unit: str) -> str:
 @click.command(epilog=examples("hhr solve my_scene.py --at load=3", "hhr solve out/my_scene/model.npz --at load=3"))
 @click.argument("what")
 @AT
-@click.option("--duration", type=float, help="where bodies flow: seconds of the one step from rest [1]")
+@click.option("--duration", type=float, help="for laws of bodies with rates: seconds of the one step from rest [1]")
 @click.option("--out", type=click.Path(path_type=Path), help="write fields there, for ParaView (.vtkhdf or .vtu)")
 @KNOWN
 @guarded
 def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path | None, known: tuple[str, ...]) -> None:
     """Answer one parameter, by a SCENE in full or by a reduced model from a file (.npz).
 
-    Where bodies flow, which depends on the path, the answer is that of one step from rest.
+    Where bodies have laws, so that answers depend on the path, the answer is that of one step from rest.
     """
     from hhr_dolfinx.command.loading import checked_target, is_model, model_of, point_of, scene_of
 
@@ -88,10 +88,10 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         model = FullOrderModel(scene_of(what))
     point = point_of(words, model.parameters)
     step = {}
-    if model.flows:
+    if model.equilibrium is not None:
         step = {"duration": 1.0 if duration is None else duration}
     elif duration is not None:
-        raise click.UsageError("nothing flows: leave out --duration")
+        raise click.UsageError("all bodies are elastic: leave out --duration")
     if is_model(what):
         answer = model.solve(point, **step)
     else:
@@ -112,7 +112,7 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     estimate = answer.estimate() if is_model(what) else None
     if estimate is not None:
         rows |= estimate.shown()
-    unique = model.uniqueness(point) if model.friction is not None and not model.flows else ""
+    unique = model.uniqueness(point) if model.friction is not None and not step else ""
     if first_rank():
         for name, value in rows.items():
             click.echo(f"{name}: {value:.6g}")
@@ -143,8 +143,8 @@ def answer(
 ) -> None:
     """Answer a table of parameters, one row each, with outputs and bounds of errors. Rows may fail, others go on.
 
-    Answers are kept block by block: a command that was interrupted goes on. Where bodies flow each row is one step from
-    rest; paths are for Python, model.march. With --part 3/8 the third of eight blocks of rows is answered, into
+    Answers are kept block by block: a command that was interrupted goes on. Where bodies have laws each row is one step
+    from rest; paths are for Python, model.march. With --part 3/8 the third of eight blocks of rows is answered, into
     answers.3of8.csv.
     """
     from hhr_dolfinx.command.loading import checked_target, model_of
@@ -159,8 +159,10 @@ def answer(
     loaded = model_of(model, known)
     rows = read_points(table, loaded.parameters)
     rows = rows if part is None else [rows[k] for k in ranks.share(len(rows), part[0] - 1, part[1])]
-    if loaded.flows:
-        console.print("bodies flow: each row is one step from rest, of one second; paths are for Python, model.march")
+    if loaded.equilibrium is not None:
+        console.print(
+            "bodies have laws: each row is one step from rest, of one second; paths are for Python, model.march"
+        )
     console.print(f"errors of its answers: {loaded.known_error}", highlight=False, markup=False)
     bad = answer_table(loaded, rows, target, console, progress("answers"), **columns, resume=checksum(model))
     sys.exit(NO_ANSWER if bad else 0)

@@ -125,7 +125,7 @@ def study(scene: str, out: Path | None, tests: int, queries: int, seed: int, **h
     settings = _settings_of(scene)
     given = _training_of(how, settings)
     settings = replace(settings or StudySettings(given), training=given, seed=seed, queries=queries)
-    if not any(body.law is not None for body in made.bodies):
+    if not made.reader:
         settings = replace(settings, tests=tests)
     folder = out or Path("out") / made.name
     found = study_scene(made, settings, folder, progress=progress)

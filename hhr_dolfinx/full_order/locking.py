@@ -69,7 +69,7 @@ def mean_dilatation(scene: Scene, cell: str, order: int = 1) -> tuple[bool, ...]
 
 
 def _warn(scene: Scene, body: Body, cell: str) -> None:
-    why = "flows" if body.law is not None else f"is nearly incompressible, nu = {body.poisson}"
+    why = "has a law" if body.law is not None else f"is nearly incompressible, nu = {body.poisson}"
     warn(
         f"body {body.tag} of scene '{scene.name}' {why}, and its cells are of the kind {cell}, which lock: the body "
         "answers too stiffly, bears more than its limit load, and its pressures oscillate from cell to cell. "

@@ -1,4 +1,4 @@
-"""Error against run time of one scene, elastic or inelastic: all models on the same queries in the same process."""
+"""Error against run time of one scene: all models on the same queries in the same process."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -19,6 +19,7 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.study.measure import Measurement
+from hhr_dolfinx.study.of_laws import studied_laws, study_of
 from hhr_dolfinx.study.report.console import Console, make_console
 from hhr_dolfinx.study.report.report import make_report, model_report, print_report, write_report
 from hhr_dolfinx.study.report.view import View
@@ -33,10 +34,6 @@ from hhr_dolfinx.study.training.train import (
 )
 from hhr_dolfinx.warn import collected
 
-if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
-    from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
-
 
 @dataclass(frozen=True)
 class Rival:
@@ -45,7 +42,7 @@ class Rival:
     Attributes:
         method: its name.
         setting: what distinguishes it from others of the same method.
-        model: any object with ``solve(mu)``, or ``march(path, settings)`` for inelastic bodies, whose answers have
+        model: any object with ``solve(mu)``, or ``march(path, settings)`` for bodies with laws, whose answers have
             ``displacement()`` (N,) and ``forces()`` (N_lambda,). The call is timed, the fields are compared.
     """
 
@@ -59,12 +56,12 @@ class StudySettings:
     """Training and measurements of a study.
 
     Attributes:
-        training: training points along each parameter, or points (S, P); for inelastic bodies a list of paths,
+        training: training points along each parameter, or points (S, P); for bodies with laws a list of paths,
             user-defined or drawn, ``family.paths(Sobol(12))``.
         recipe: the recipe under study; None for the default of the scene.
         variants: further recipes by label, for the work-precision table.
         models: recipes that the report shows in full next to the one under study, built without checks, by name.
-        tests: random test points; for inelastic bodies paths by label, such as the value of a parameter, or a list of
+        tests: random test points; for bodies with laws paths by label, such as the value of a parameter, or a list of
             paths with names, as families draw them.
         held_out: for the trust check, random solutions or paths; None for the default number of solutions, or no path.
         seed: of test points; timed points belong neither to training nor to tests.
@@ -72,7 +69,8 @@ class StudySettings:
         naive: whether to time the naive full model too, for elastic scenes; in space one query takes many seconds.
         march: settings of histories.
         repetitions: histories timed for each test path.
-        correction: targets of the reduced plastic correction, for inelastic bodies; None for the defaults.
+        correction: settings of the condensation of bodies with laws, see :meth:`Training.condense`; None for the
+            defaults.
     """
 
     training: Any
@@ -86,7 +84,7 @@ class StudySettings:
     naive: bool = True
     march: MarchSettings = DEFAULT_MARCH
     repetitions: int = 3
-    correction: CorrectionSettings | None = None
+    correction: Any = None
 
     def __post_init__(self) -> None:
         check_counts(queries=(self.queries, 1), repetitions=(self.repetitions, 1), seed=(self.seed, 0))
@@ -100,8 +98,6 @@ class StudySettings:
             given = getattr(self, name)
             if hasattr(given, "__len__") and not len(given):
                 raise StudyError(f"{name} = {given!r} must hold at least one entry")
-        if self.correction is not None:
-            _check_correction(self.correction)
         if not isinstance(self.naive, bool):
             raise StudyError(f"naive = {self.naive!r} of a study must be True or False")
         if not isinstance(self.march, MarchSettings):
@@ -127,7 +123,7 @@ class Study:
 
     Attributes:
         training: full model and training answers.
-        model: the reduced model under study; for inelastic bodies the condensed one if hyper-reduction is refused.
+        model: the reduced model under study; for bodies with laws the condensed one if hyper-reduction is refused.
         tests: test points, (n, P), or paths by label.
         measured: errors and times of the model and of those compared with it.
         settings: of the study.
@@ -135,7 +131,7 @@ class Study:
     """
 
     training: Training
-    model: ReducedModel | CondensedFlowModel
+    model: ReducedModel | KeptModel
     tests: np.ndarray | dict[Any, HistoryPath]
     measured: Measurement
     settings: StudySettings
@@ -188,7 +184,7 @@ def study_scene(
     Raises:
         StudyError: for a folder that is a file, or a training or tests that do not suit the scene.
         ParameterError: for invalid test points.
-        HHRError: if the reduced model under study is refused; for inelastic bodies, if the condensed one is too.
+        HHRError: if the reduced model under study is refused; for bodies with laws, if the condensed one is too.
     """
     folder = checked_folder(folder)
     _tests_of(scene, settings, points)
@@ -252,46 +248,39 @@ def _measured(
 ) -> tuple[Any, Measurement]:
     """The model under study, measured at points or along paths; modules of the other kind are not imported."""
     if isinstance(tests, dict):
-        from hhr_dolfinx.plugins.inelastic.study import measure_histories
-
-        return measure_histories(training, settings, tests, progress)
+        laws = studied_laws(training.full_order)
+        assert laws is not None
+        return laws.measure(training, settings, tests, progress)
     from hhr_dolfinx.study.points import measure_points
 
     model = training.build(settings.recipe)
     return model, measure_points(training, model, settings, tests, progress)
 
 
-def _check_correction(correction: Any) -> None:
-    """StudyError for an invalid correction; its type is imported only by scenes that need it."""
-    from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
-
-    if not isinstance(correction, CorrectionSettings):
-        raise StudyError(
-            f"correction = {correction!r} of a study must be CorrectionSettings, or None for the usual way"
-        )
-
-
 def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray | dict[Any, HistoryPath]:
-    """Test points, (n, P), or checked paths by label for inelastic bodies; StudyError for the wrong kind."""
+    """Test points, (n, P), or checked paths by label for bodies with laws; StudyError for the wrong kind."""
     tests = settings.tests
     if any(law is not None for law in scene.friction):
         raise NotOfferedError(
             f"a study of scene '{scene.name}' is not built in, as its contacts have friction: train or condense it, "
             "and march along paths of your own"
         )
-    if any(body.law is not None for body in scene.bodies):
+    if (laws := study_of(scene)) is not None:
+        laws.check(settings)
         if points is None and isinstance(tests, Mapping):
             return dict(zip(tests, training_paths(scene, tests.values()), strict=True))
         what = f"tests = {tests!r}" if points is None else "points"
-        raise StudyError(f"bodies of scene '{scene.name}' flow: {what} must be paths, tests={{label: path, ...}}")
+        raise StudyError(f"bodies of scene '{scene.name}' have laws: {what} must be paths, tests={{label: path, ...}}")
     if settings.correction is not None:
         raise StudyError(
-            f"nothing flows in scene '{scene.name}': leave out the correction, which is one of plastic strains"
+            f"bodies of scene '{scene.name}' are elastic: leave out the correction, which is for laws of bodies"
         )
     if points is not None:
         return scene.parameters.points(points)
     if isinstance(tests, Mapping):
-        raise StudyError(f"nothing flows in scene '{scene.name}': tests must be a number of random points, not paths")
+        raise StudyError(
+            f"bodies of scene '{scene.name}' are elastic: tests must be a number of random points, not paths"
+        )
     return scene.parameters.random(tests, settings.seed)
 
 
@@ -303,7 +292,7 @@ def _labelled(paths: Sequence[Any]) -> dict[str, Any]:
         if not isinstance(name, str):
             raise StudyError(
                 f"tests[{number}] has no name to label it by: give tests={{label: path, ...}}, or paths drawn from a "
-                "PathFamily; where nothing flows a number of random points"
+                "PathFamily; for elastic bodies a number of random points"
             )
         if name in labelled:
             raise StudyError(f"two tests are called {name!r}: leave one out, or give tests={{label: path, ...}}")

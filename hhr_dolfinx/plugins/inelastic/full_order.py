@@ -382,3 +382,8 @@ class _SparseLinearisation:
             free = self.stiffness.solve(residual)
             forces, _ = self.equalities(active, gaps - self.problem.contact @ free)
             return free - self.push(forces), forces
+
+
+def bodies_of(scene: Scene) -> GaussModel:
+    """The Gauss points of a scene: the facet ``full_order``."""
+    return GaussModel.of(scene)

@@ -56,3 +56,8 @@ def states_of(answers: Solutions) -> list[GaussState]:
 def flowed(answers: Solutions) -> bool:
     """True if any of some known answers has plastic strain."""
     return any(known.state.cumulated.any() for known in states_of(answers))
+
+
+def check_answer(answer: Answer) -> None:
+    """Evaluate the fields of an answer: the facet ``file``, by which a model file is tried after it was read."""
+    _ = answer.stress(), plastic_strain(answer)

@@ -80,8 +80,8 @@ class Training(TrainingAnswers):
         For elastic bodies of constant stiffness it is exact. If the stiffness or the shape depends on
         parameters it is interpolated, by :class:`~hhr_dolfinx.reduction.interpolate.GridSettings`; without settings as
         finely as the bound of its errors, if that is small. Bodies with laws are condensed by the plug-in that reads
-        these, its facet ``condense``: a function ``(full, snapshots, settings, held_out, announce) -> model``. Each stage
-        is announced as it begins.
+        these, its facet ``condense``: a function ``(full, snapshots, settings, held_out, announce) -> model``. Each
+        stage is announced as it begins.
 
         Raises:
             NotOfferedError: for bodies with rigid motions whose moduli or shapes are parameters.
@@ -125,7 +125,8 @@ def train(
         training: the number of points along each parameter, on a regular grid; a sampling, ``Sobol(512)`` or
             ``LatinHypercube(100)``; ``Greedy(budget=100)``, which chooses points where present models are worst; or
             an array of points, (S, P). For laws that remember a list of paths, each of times in seconds and
-            parameters, or drawn from a family, ``family.paths(Sobol(12))``; for laws of bodies ``Greedy(family=family)``.
+            parameters, or drawn from a family, ``family.paths(Sobol(12))``, or for laws of bodies
+            ``Greedy(family=family)``.
         held_out: for the trust check: a number of random parameters (100, a fifth of them with grazing contact; 0 for
             none), or paths.
         seed: of random parameters.
