@@ -162,7 +162,12 @@ def test_what_is_not_proved_is_refused(hertz):
     stiffness = hertz.problem.stiffness.copy()
     stiffness.data[1] *= 2
     skew.problem = dataclasses.replace(hertz.problem, stiffness_terms=(stiffness,))
-    cases = {"bodies flow": flowing, "depends on parameters": varying, "dependent": dependent, "not symmetric": skew}
+    cases = {
+        "bodies have laws": flowing,
+        "depends on parameters": varying,
+        "dependent": dependent,
+        "not symmetric": skew,
+    }
     for why, full in cases.items():
         with pytest.raises(BoundError, match=why):
             exact_difference(full, np.zeros((full.problem.free.size, 1)))

@@ -14,10 +14,11 @@ from test_plastic import LAWS, POISSON, YOUNG, material, some_states
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.forms import contact, elasticity, return_mapping
+from hhr_dolfinx.forms import contact, elasticity
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.materials.elasticity import lame_parameters
+from hhr_dolfinx.plugins.inelastic import return_mapping
 from hhr_dolfinx.plugins.inelastic.gauss_points import material_at, strain_operator
 
 SHEAR = lame_parameters(YOUNG, POISSON)[1]

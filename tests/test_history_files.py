@@ -21,7 +21,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx import files
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import ConvergenceError, SnapshotFileWarning
-from hhr_dolfinx.models.histories import march
+from hhr_dolfinx.plugins.inelastic import march
 from hhr_dolfinx.plugins.inelastic.laws import Norton
 from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.snapshots import store as store_of_snapshots

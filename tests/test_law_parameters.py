@@ -166,7 +166,7 @@ def test_the_material_of_a_point_is_made_once():
 def test_laws_of_numbers_load_no_formulas():
     program = (
         "import sys, numpy as np\n"
-        "from hhr_dolfinx.materials import laws, update\n"
+        "from hhr_dolfinx.plugins.inelastic import laws, update\n"
         "group = update.Group(np.arange(2), 1.0, 0.3, laws.Plasticity(1.0))\n"
         "material = update.Material([group], 4, ('p',)).at(np.zeros(1))\n"
         "material.update(np.zeros((2, 4)), material.at_rest(), 1.0, tangent=True)\n"

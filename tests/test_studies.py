@@ -160,10 +160,10 @@ def test_a_path_without_an_answer_counts(study, monkeypatch):
 
 def test_a_correction_where_nothing_flows(tmp_path):
     settings = hhr.StudySettings([8], correction=CorrectionSettings())
-    with pytest.raises(StudyError, match=r"nothing flows in scene .* leave out the correction"):
+    with pytest.raises(StudyError, match=r"bodies of scene .* are elastic: leave out the correction"):
         hhr.study_scene(discs.scene(arc_segments=28, flat_segments=7), settings, tmp_path)
     with pytest.raises(StudyError, match="correction = 3 of a study must be CorrectionSettings"):
-        replace(SETTINGS, correction=3)
+        hhr.study_scene(flowing(), replace(SETTINGS, correction=3), tmp_path)
 
 
 def test_both_models_on_paths(study):
@@ -188,7 +188,7 @@ def test_a_study_of_histories_finds_what_was_solved(study, folder):
 @pytest.mark.parametrize(
     ("scene", "changes", "message"),
     [
-        (flowing, {"tests": 5}, r"bodies of scene 'stacked_blocks' flow: tests = 5 must be paths"),
+        (flowing, {"tests": 5}, r"bodies of scene 'stacked_blocks' have laws: tests = 5 must be paths"),
         (
             flowing,
             {"training": [8, 8]},
@@ -197,7 +197,7 @@ def test_a_study_of_histories_finds_what_was_solved(study, folder):
         (
             partial(patch.scene, hhr.NodeToSurface),
             {},
-            r"nothing flows in scene 'stacked_blocks': tests must be",
+            r"bodies of scene 'stacked_blocks' are elastic: tests must be",
         ),
     ],
 )

@@ -131,9 +131,7 @@ def with_motions(scene: Scene, problem: ContactProblem, bodies: np.ndarray) -> C
     for body in found:
         touched = np.abs(problem.contact @ _all_dofs(body, problem.block_size, len(problem.free))).max(initial=0.0)
         if touched == 0.0 or scene.shapes or scene.reader:
-            why = (
-                "" if touched == 0.0 else ". Contact alone may hold a body where no body has a law or changes its shape"
-            )
+            why = "" if touched == 0.0 else ". Contact alone may hold a body where none has a law or changes its shape"
             raise NotSolvableError(f"{body.name} can move freely: it {described(body, body.left)}{why}. {remedy}")
     columns = [body.columns(len(problem.points)) for body in found]
     # bodies have no common nodes

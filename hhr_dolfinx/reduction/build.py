@@ -321,9 +321,7 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
         check_of_problem(name, solutions, problem)
         if full.equilibrium is None:
             if solutions.states:
-                raise ReductionError(
-                    f"bodies of {name} have laws, and none of the model do: they belong to another scene"
-                )
+                raise ReductionError(f"bodies of {name} have laws, and none of the model do: they are of another scene")
             if problem.friction is not None and not solutions.histories:
                 raise ReductionError(f"{name} of a scene with friction must be histories: SnapshotSet.of_histories")
             continue

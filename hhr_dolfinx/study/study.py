@@ -15,6 +15,7 @@ from hhr_dolfinx.errors import HHRError, NotOfferedError, StabilityWarning, Stud
 from hhr_dolfinx.models.answer import Model
 from hhr_dolfinx.models.answer import Path as HistoryPath
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.scene import Scene
@@ -131,7 +132,7 @@ class Study:
     """
 
     training: Training
-    model: ReducedModel | KeptModel
+    model: KeptModel
     tests: np.ndarray | dict[Any, HistoryPath]
     measured: Measurement
     settings: StudySettings

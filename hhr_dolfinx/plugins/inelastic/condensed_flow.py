@@ -31,10 +31,10 @@ from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.models.histories import condensed_step as compiled_step
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plugins.inelastic import condensed_step as compiled_step
 from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, PartFactors
 from hhr_dolfinx.plugins.inelastic.condensed_step import StepLoad, StepModel, Work, touch
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Stepper, extrapolated

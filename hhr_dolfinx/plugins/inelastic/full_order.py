@@ -29,7 +29,6 @@ from hhr_dolfinx.plugins.inelastic.equilibrium import Correction
 from hhr_dolfinx.plugins.inelastic.gauss_points import at_gauss_points, material_at, stiffness_parts, strain_operator
 from hhr_dolfinx.plugins.inelastic.linearised_step import PATIENCE, PATIENCE_IN_SPACE, LinearisedStepper
 from hhr_dolfinx.plugins.inelastic.march import Histories, march
-from hhr_dolfinx.plugins.inelastic.outputs import FlowMises, mises
 from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
 from hhr_dolfinx.plugins.inelastic.points_of_ranks import PointsOfRanks
 from hhr_dolfinx.plugins.inelastic.state import GaussState
@@ -42,6 +41,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
     from hhr_dolfinx.outputs import VonMises
+    from hhr_dolfinx.plugins.inelastic.outputs import FlowMises
 
 
 @dataclass(frozen=True)
@@ -73,6 +73,8 @@ class GaussModel:
 
     def mises(self, output: VonMises, cells: np.ndarray) -> FlowMises:
         """Von Mises' stress of an output in some cells."""
+        from hhr_dolfinx.plugins.inelastic.outputs import mises  # imported here: most scenes have no outputs
+
         return mises(self.operator, output, cells)
 
     def equilibrium(self, full: FullModel) -> FullEquilibrium:
@@ -159,6 +161,8 @@ class FullEquilibrium(Histories):
 
     def mises(self, output: VonMises, cells: np.ndarray) -> FlowMises:
         """Von Mises' stress of an output in some cells."""
+        from hhr_dolfinx.plugins.inelastic.outputs import mises  # imported here: most scenes have no outputs
+
         return mises(self.operator, output, cells)
 
     def stress(self, answer: Answer) -> np.ndarray:

@@ -21,7 +21,7 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.snapshots.records import Lost
 from hhr_dolfinx.study.measure import Errors, Measurement, Row, answer_errors, conditions_inside
 from hhr_dolfinx.study.report.advice import TRAINING, Advice, by_favour, in_words
-from hhr_dolfinx.study.report.report import model_report
+from hhr_dolfinx.study.report.report import errors_and_times, model_report
 from hhr_dolfinx.study.training.train import Progress, Training
 from hhr_dolfinx.timing import timed
 
@@ -403,7 +403,7 @@ def condensed_report(model: CondensedFlowModel, row: Row) -> dict[str, Any]:
         "sizes": {"modes": record.modes, "points": record.points, "candidates": record.candidates},
         "check": {"misfit": record.misfit, "energy": record.energy, "compared": compared},
         "refused_before": list(record.log.refused),
-        **_errors_and_times(model, row),
+        **errors_and_times(model, row),
     }
 
 
