@@ -239,7 +239,7 @@ def test_rivals_that_know_no_flow_refuse_it(flowing_models):
         lambda: DualBasisModel(full, snapshots, np.eye(len(full.schur)), 3),
         lambda: hhr.exact_condensation(full, snapshots.known_statuses()),
     ):
-        with pytest.raises(SceneError, match="flow|have laws"):
+        with pytest.raises(SceneError, match=r"flow|have laws"):
             rival()
 
 

@@ -35,7 +35,7 @@ class Solutions(Protocol):
         displacements: U0, (N, S), local rows of it if the full model is distributed.
         forces: Λ, (N_lambda, S).
         active: statuses, (N_lambda, S) bool.
-        histories: for inelastic bodies, the load paths whose steps these answers are.
+        histories: for laws that remember, the load paths whose steps these answers are.
         states: memory of laws of bodies; empty for elastic bodies.
     """
 

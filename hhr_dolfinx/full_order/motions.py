@@ -119,7 +119,7 @@ def with_motions(scene: Scene, problem: ContactProblem, bodies: np.ndarray) -> C
 
     Raises:
         NotSolvableError: for bodies without contact, motions with loads and without resistance of contact, and bodies
-            that are inelastic or have a variable shape.
+            that have laws or a variable shape.
 
     Warns:
         SceneWarning: of motions without resistance and without loads.

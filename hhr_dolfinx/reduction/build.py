@@ -141,19 +141,17 @@ def build(
     """Build an HHR model that passes the trust check, thesis sections 1.4.2-1.4.6 and 6.2.3.
 
     A :class:`Reductor` instead of a recipe makes a model of another kind from the same answers, as
-    :class:`~hhr_dolfinx.reduction.condense.Condensation` and
-    :class:`~hhr_dolfinx.plugins.inelastic.condense_flow.CorrectionSettings` do.
+    :class:`~hhr_dolfinx.reduction.condense.Condensation` does.
 
-    A model that fails is built again with one more layer of cells, up to ``recipe.domain.most_layers``. For inelastic
-    bodies a RID that is too small for its modes makes the projected consistent tangent indefinite: steps then fail, or
+    A model that fails is built again with one more layer of cells, up to ``recipe.domain.most_layers``. For bodies with
+    laws a RID that is too small for its modes makes the projected consistent tangent indefinite: steps then fail, or
     converge to a wrong path with very small residuals, and the elastic operator shows no sign of it.
 
     Args:
         full: the full model, of which only arrays are used. A distributed model is reduced on all ranks, each with its
             local rows; if that is not supported all ranks get all rows, which the log records.
         snapshots: training answers at single parameters, or load paths.
-        recipe: a recipe or a reductor; None means the default, :class:`Recipe` or, for inelastic bodies,
-            that of their laws.
+        recipe: a recipe or a reductor; None means the default, :class:`Recipe` or that of the laws of bodies.
         held_out: validation answers for the trust check; without them training answers are compared, and a
             warning is given.
         announce: called with each stage that begins; an exception from it stops the build.
@@ -164,7 +162,7 @@ def build(
         UnstableModelError: if the trust check still refuses the model at ``most_layers``.
 
     Warns:
-        StabilityWarning: if a check is close to its limit, or no training answer has contact or inelastic strain.
+        StabilityWarning: if a check is close to its limit, or no training answer has contact or shows laws of bodies.
         UncheckedWarning: if the model was not compared with validation answers.
     """
     given: Any = full

@@ -145,7 +145,7 @@ def condense(
         announce: called with each stage and the share of it that is done; an exception from it stops the build.
 
     Raises:
-        ReductionError: for a scene of constant stiffness, or of inelastic bodies.
+        ReductionError: for a scene of constant stiffness, or of bodies with laws.
 
     Warns:
         StabilityWarning: if a grid spent its budget before it converged.

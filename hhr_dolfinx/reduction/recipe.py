@@ -321,7 +321,7 @@ class Enrich:
 
 @dataclass(frozen=True)
 class Tangents:
-    """Check of the projected tangents at training states of inelastic bodies.
+    """Check of the projected tangents at training states of bodies with laws.
 
     Attributes:
         least: smallest real part allowed for the eigenvalues of V[A]^T K_T V relative to V^T K_T V. Of twenty recipes
@@ -350,7 +350,7 @@ class Recipe:
         domain: the RID around them.
         enrichment: enrichment of the basis; None for none.
         trust: limits of the trust check; None leaves it out, to measure a model without it.
-        tangents: check of the tangents of inelastic bodies; None for none.
+        tangents: check of the tangents of bodies with laws; None for none.
         indicator: estimates the error of each answer instead of a bound; None for none.
         bound: whether answers have a bound of their error, if its hypotheses hold.
         cone: whether forces outside the RID are combinations of training forces, (1.70), even if a bound has S. With S

@@ -141,7 +141,7 @@ class MarchSettings:
             steps; ``History.time_error`` has the estimate in any case.
         outside: policy for a step outside the training range of a reduced model: ``warn``, ``refuse`` or ``ignore``.
         gradient: compute derivatives of each answer along the parameters, each shifted by the same at all times, as a
-            constant of the whole history; see :mod:`hhr_dolfinx.plugins.inelastic.history_gradient`.
+            constant of the whole history.
     """
 
     search: str = "frozen"
