@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from hhr_dolfinx.certify.accuracy import Residuals, Solutions, slack_residuals
+from hhr_dolfinx.certify.accuracy import Residuals, Solutions, contact_residuals, slack_residuals
 from hhr_dolfinx.certify.compare import Comparison, largest_motion
 from hhr_dolfinx.certify.trust import OF_A_RID, TRAINED, TrustLimits, compared_histories
 from hhr_dolfinx.errors import HHRError, StabilityWarning, TrainingWarning
@@ -33,11 +33,13 @@ class _Comparison:
         return _state_errors(found, exact)
 
     def residuals(self, full: FullModel, answer: Answer) -> Residuals:
-        """Residuals of the whole stress of an answer."""
+        """Residuals of the whole stress of an answer; of displacements alone by K, as those of rivals may be."""
         problem = full.problem
         equilibrium = equilibrium_of(full)
         theta = problem.amplitudes(answer.parameter)
         forces = answer.forces()
+        if "gauss" not in answer.memory:
+            return contact_residuals(problem.at(answer.parameter), answer.displacement(), forces, theta)
         given = GaussState(answer.stress(), state(answer).state)
         left, sizes = equilibrium.residual(answer.unknown, given, theta)
         residual = (left - equilibrium.contact_load(forces)) * problem.free
