@@ -15,7 +15,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.friction import SlipState
 from hhr_dolfinx.contact.sliding_set import Increment, SlidingContact
 from hhr_dolfinx.errors import FarSlidingWarning, NotOfferedError
-from hhr_dolfinx.models.histories import rubbing_flow
+from hhr_dolfinx.plugins.friction import rubbing_flow
 from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 from hhr_dolfinx.plugins.inelastic.state import flowed
 

@@ -28,10 +28,11 @@ from hhr_dolfinx.geometries import block, two_blocks
 from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.inelastic.project import project_flow, tangent_margin
+from hhr_dolfinx.plugins.inelastic.recipe import FlowDeim, StressDeim
 from hhr_dolfinx.plugins.inelastic.update import Group, Material, State
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.projection import project
-from hhr_dolfinx.reduction.recipe import Deim, FlowDeim, ForceDeim, LoadNodes, Pod, Rid, StressDeim, Zone
+from hhr_dolfinx.reduction.recipe import Deim, ForceDeim, LoadNodes, Pod, Rid, Zone
 
 YOUNG, POISSON = 200.0, 0.3
 MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}

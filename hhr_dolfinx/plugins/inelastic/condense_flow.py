@@ -61,7 +61,7 @@ def correction_strain(
 ) -> np.ndarray:
     """Strain ε_c of the correction of a full answer, (p, c), with that of the change of contact forces.
 
-    With friction it has no such part, see :mod:`models.histories.rubbing_flow`.
+    With friction it has no such part, see :mod:`plugins.friction.rubbing_flow`.
     """
     problem = full.problem
     if problem.friction is not None:

@@ -267,7 +267,7 @@ class CondensedEquilibrium(Histories):
         """Solver of the steps of one history: a compiled loop, except with friction."""
         if self.friction is None:
             return CondensedStepper(self, settings)
-        from hhr_dolfinx.models.histories.rubbing_flow import RubbingFlowStepper
+        from hhr_dolfinx.plugins.friction.rubbing_flow import RubbingFlowStepper
 
         return RubbingFlowStepper(self, settings)
 

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.materials.strain import StrainOperator
     from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
+    from hhr_dolfinx.plugins.friction.rubbing_step import RubbingStep
     from hhr_dolfinx.plugins.inelastic.points import Points
     from hhr_dolfinx.plugins.inelastic.update import Material, Update
 

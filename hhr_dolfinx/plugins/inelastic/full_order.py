@@ -39,8 +39,8 @@ from hhr_dolfinx.scene import Scene
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
     from hhr_dolfinx.outputs import VonMises
+    from hhr_dolfinx.plugins.friction.rubbing_step import RubbingStep
     from hhr_dolfinx.plugins.inelastic.outputs import FlowMises
 
 

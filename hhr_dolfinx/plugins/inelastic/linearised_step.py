@@ -26,7 +26,7 @@ from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.trained import Signs
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
+    from hhr_dolfinx.plugins.friction.rubbing_step import RubbingStep
 
 ROUND_OFF_STRAIN = 1e-13
 """Strain that counts as round-off of displacements without strain, as when a gap closes without stress."""
@@ -203,7 +203,7 @@ def _friction_step(model: Equilibrium, here: Answer, point: np.ndarray) -> Rubbi
     """Solver of the contact problems of a step with friction; None without friction."""
     if model.friction is None:
         return None
-    from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
+    from hhr_dolfinx.plugins.friction.rubbing_step import RubbingStep
 
     return RubbingStep(model, point, here.slip, here.multipliers)
 

@@ -33,8 +33,8 @@ from hhr_dolfinx.trained import Trained
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.friction import Friction
-    from hhr_dolfinx.models.histories.rubbing_step import RubbingStep
     from hhr_dolfinx.models.reduced import ReducedModel
+    from hhr_dolfinx.plugins.friction.rubbing_step import RubbingStep
     from hhr_dolfinx.plugins.inelastic.completion import FlowFields
 
 SAME = 1e-9
