@@ -7,7 +7,7 @@ export PYTHONUNBUFFERED = 1
 # set-up leaves compiling to the first import, which must be kept: else each of hundreds of processes compiles again
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: demo hertz pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes figures lint test quick slow docs setup mutants doctor without same
+.PHONY: demo hertz pellet nonmatching plastic sphere materials rod press torque fretting punch friction calibrate certified local indicator greedy indent scene held benchmarks patch extreme recipes figures lint test test-core quick slow docs setup mutants doctor without same
 
 demo: setup
 	.venv/bin/python demos/bolted_joint.py
@@ -99,18 +99,24 @@ test: setup
 	@echo "About ten minutes on two idle cores, three times as long on busy ones; dots come as tests are done."
 	.venv/bin/python -m pytest -n auto --maxprocesses 4 --dist loadfile
 
-QUICK = active_set bad_input bad_meshes bad_pairings basis bounds cubature enrichment fields formulas forms full_order house history_files interpolation laws \
+QUICK = active_set bad_input bad_meshes bad_pairings basis bounds cubature enrichment fields formulas forms full_order house \
   loads locking many mesh_files model_files path_families peers pictures reduced registry restriction sampling stability subspaces timing trust
+QUICK_PLUGINS = inelastic/test_history_files inelastic/test_laws moduli/test_interpolation
 
 # for people at work: each room of the house, and that what was installed works, in less than a minute
 quick: setup
-	.venv/bin/python -m pytest -n auto --maxprocesses 2 --dist loadfile $(QUICK:%=tests/test_%.py)
+	.venv/bin/python -m pytest -n auto --maxprocesses 2 --dist loadfile $(QUICK:%=tests/core/test_%.py) \
+	  $(wildcard $(QUICK_PLUGINS:%=tests/plugins/%.py))
 
-# what `make test` leaves out: tests that take minutes, and the dear cases of tests/slow_cases.txt; half an hour
+# the core's tests, without those of plug-ins and without slow ones
+test-core: setup
+	.venv/bin/python -m pytest -n auto --maxprocesses 4 --dist loadfile tests/core
+
 # all other tests, in a copy of the checkout without a plug-in: make without PLUGIN=pages
 without: setup
 	.venv/bin/python scripts/without.py $(PLUGIN)
 
+# what `make test` leaves out: tests that take minutes, and the dear cases of tests/slow_cases.txt; half an hour
 slow: setup
 	.venv/bin/python -m pytest -m slow -n auto --maxprocesses 4 --dist loadfile
 

@@ -24,14 +24,12 @@ from concurrent.futures import ProcessPoolExecutor
 from typing import Any
 
 import _demos  # noqa: F401 (before the scenes)
-import indentation
 import numpy as np
 import sphere_on_block as demo
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.linear.sparse import FreeCholesky
-from hhr_dolfinx.reduction.components import Solver
 from hhr_dolfinx.study import cli
 from hhr_dolfinx.study.report import report
 from hhr_dolfinx.timing import timed
@@ -67,6 +65,8 @@ def scene(sphere: tuple[int, int], block: tuple[int, int], *, ratios: bool = Fal
 
 def measured(cells: tuple[int, int, int, int], ratios: bool, comm: MPI.Comm = MPI.COMM_SELF) -> dict[str, float]:
     """One row of the report, of processes that do nothing else."""
+    from hhr_dolfinx.reduction.components import Solver
+
     spent = {"factor_s": 0.0, "compliance_s": 0.0}
     _watch(FreeCholesky, "__init__", "factor_s", spent)
     _watch(Solver, "__call__", "compliance_s", spent)
@@ -129,6 +129,8 @@ FLOWING = ("N", "N_lambda", "ranks", "built_s", "history_s", "iterations", "peak
 
 def flowing(cells: int, _: bool, comm: MPI.Comm = MPI.COMM_SELF) -> dict[str, float]:
     """One row of the report for a history, the second one, as of a training: the first compiles what has to be."""
+    import indentation
+
     full, built = timed(lambda: hhr.FullOrderModel(indentation.scene(cells), comm))
     low, high = np.array([full.parameters.lower, full.parameters.upper])
     middle = (low + high) / 2
@@ -144,6 +146,8 @@ def flowing(cells: int, _: bool, comm: MPI.Comm = MPI.COMM_SELF) -> dict[str, fl
 def expected_dofs(mesh: Any) -> int:
     """Dofs of the sphere and the block, by their cells; of the indentation by those of its block."""
     if isinstance(mesh, int):
+        import indentation
+
         block = indentation.geometry.indentation_cells(mesh)
         mesh = (*block["sphere_cells"], *block["block_cells"])
     return 3 * sum((side + 1) ** 2 * (depth + 1) for side, depth in (mesh[:2], mesh[2:]))

@@ -53,7 +53,7 @@ suppress_warnings = ["ref.python", "misc.highlighting_failure"]
 def write_demo_pages(folder: Path) -> None:
     """One page for each demo: what it says of itself, its pictures, the tests that hold it to figures, its source."""
     folder.mkdir(exist_ok=True)
-    tests = {path.name: path.read_text() for path in sorted((ROOT / "tests").glob("test_*.py"))}
+    tests = {str(path.relative_to(ROOT)): path.read_text() for path in sorted((ROOT / "tests").rglob("test_*.py"))}
     names = []
     thesis = [path for path in sorted((ROOT / "benchmarks/thesis").glob("*.py")) if "def main" in path.read_text()]
     for path in (*sorted((ROOT / "demos").glob("*.py")), *thesis):
@@ -62,7 +62,7 @@ def write_demo_pages(folder: Path) -> None:
         picture = ROOT / "docs" / "pictures" / f"{path.stem}.png"
         lines = [f"# {title.rstrip('.').replace('_', ' ')}", "", myst(rest), ""]
         lines += [f"![{title}](../pictures/{picture.name})", ""] if picture.exists() else []
-        lines += [f"Held to figures by {', '.join(f'`tests/{name}`' for name in held)}.", ""] if held else []
+        lines += [f"Held to figures by {', '.join(f'`{name}`' for name in held)}.", ""] if held else []
         lines += [
             "## Source",
             "",

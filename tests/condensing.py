@@ -6,7 +6,7 @@ from functools import cache
 import flowing
 import numpy as np
 import pellet_cladding_plastic as demo
-from test_plastic import YOUNG, tube
+from tubes import YOUNG, tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block

@@ -20,8 +20,16 @@ settings.register_profile("patient", deadline=None, suppress_health_check=[Healt
 settings.load_profile("patient")
 
 
-NEEDING = {"test_demo.py": ("exporters", "pages"), "test_subspaces.py": ("theorems",)}
-"""Files whose scenes are of scripts that import plug-ins."""
+NEEDING = {
+    "core/test_demo.py": ("exporters", "pages"),
+    "core/test_subspaces.py": ("theorems",),
+    "plugins/doors/test_doors.py": ("moduli",),
+    "plugins/friction/test_flowing_friction.py": ("inelastic",),
+    "plugins/one_call/test_search_limits.py": ("moduli",),
+    "plugins/pages/test_flow_pages.py": ("inelastic", "moduli"),
+    "plugins/pages/test_page_threads.py": ("moduli",),
+}
+"""Files all of whose scenes need plug-ins, or are of scripts that import them."""
 collect_ignore = [file for file, plugins in NEEDING.items() if not present(*plugins)]
 
 

@@ -1,5 +1,8 @@
 """Small models of bodies that flow: coarse, quick, and as they are, where only arrays and bits count."""
 
+import dataclasses
+
+import numpy as np
 import pellet_cladding_plastic as demo
 
 import hhr_dolfinx as hhr
@@ -8,6 +11,9 @@ SMALL_MESH = {"radial_cells": 4, "axial_cells": 6, "cladding_radial_cells": 2, "
 STEPS = 6
 TRAINING = (5.0, 12.0)
 """Gaps in um."""
+PELLET_SPACE = hhr.ParameterSpace(
+    ("P1", "h1", "gap", "E", "w"), (0.0, 0.5, 4e-3, 150e3, 0.8), (460.0, 1.5, 16e-3, 230e3, 1.2)
+)
 
 
 def flowing_full():
@@ -19,3 +25,15 @@ def flowing_reduction(full):
     """Its reduced model."""
     histories = [full.march(demo.path(gap, STEPS)) for gap in TRAINING]
     return hhr.build(full, hhr.SnapshotSet.of_histories(histories), hhr.Recipe.flowing().as_it_is())
+
+
+def pellet_of_moduli(young=("E", "78e3 * w"), space=PELLET_SPACE, **others):
+    """The small flowing scene with other moduli."""
+    base = demo.scene(**SMALL_MESH)
+    bodies = tuple(dataclasses.replace(body, young=own) for body, own in zip(base.bodies, young, strict=True))
+    return dataclasses.replace(base, **({"bodies": bodies, "parameters": space} | others))
+
+
+def pellet_path(gap=10.0, young=200e3, w=1.1, steps=STEPS):
+    """A path of that scene."""
+    return [(time, np.append(point, (young, w))) for time, point in demo.path(gap, steps)]

@@ -5,6 +5,7 @@ import dataclasses
 import flowing
 import numpy as np
 import pytest
+from needs import needs
 from scenes import largest_difference, pressed_block, pressed_pair
 from threads import at_once
 
@@ -80,6 +81,7 @@ def test_a_pair_listed_twice_is_named():
         NaiveFullOrder(full).solve(0.05)
 
 
+@needs("inelastic")
 def test_inelastic_bodies_are_refused():
     with pytest.raises(SceneError, match="flow"):
         NaiveFullOrder(flowing.flowing_full())

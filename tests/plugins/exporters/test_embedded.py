@@ -14,8 +14,8 @@ import contract
 import numpy as np
 import pytest
 import test_moduli
-from test_flow_pages import EXACT, cycle, pair, yielding
-from test_pages import MORE, RUBBING, SCENES, outputs_of_pellet, rubbed, tour_of
+from needs import needs
+from test_pages import MORE, RUBBING, SCENES, marked, outputs_of_pellet, rubbed, tour_of
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import MissingPackageError, ModelFileWarning, NotOfferedError
@@ -66,7 +66,7 @@ def library(folder, model, program=CALLED):
 
 
 @compiled
-@pytest.mark.parametrize("name", [*SCENES, "held by contact"])
+@pytest.mark.parametrize("name", marked(*SCENES, "held by contact"))
 def test_a_header_has_the_digits_of_python(name, tmp_path):
     model = hhr.condense((SCENES | MORE)[name](), fields=True)
     ends = [model.parameters.lower, model.parameters.upper]
@@ -231,6 +231,7 @@ def test_names_are_those_of_the_file_and_of_the_scene(tmp_path):
             c_header.c_header(hhr.condense(scene), name)
 
 
+@needs("friction")
 def test_other_models_are_refused_by_name(monkeypatch):
     with pytest.raises(NotOfferedError, match="contact alone holds without friction"):
         c_header.c_header(hhr.condense(contract.blocks(free=True, friction=0.1)), "press")
@@ -381,6 +382,7 @@ def at(*arrays):
     return [ctypes.c_void_p(array.ctypes.data) for array in arrays]
 
 
+@needs("friction")
 @compiled
 @pytest.mark.parametrize("name", RUBBING)
 def test_increments_in_c_are_those_of_python(name, tmp_path):
@@ -412,6 +414,7 @@ def test_increments_in_c_are_those_of_python(name, tmp_path):
         np.testing.assert_allclose(forces[0], exact.multipliers, rtol=0, atol=1e-8 * max(scale, 1e-3 * largest))
 
 
+@needs("friction")
 @compiled
 def test_paths_in_c_end_where_those_of_python_do(tmp_path):
     """Outside of the box, and where a law changes on the way; the path stays where it was."""
@@ -436,6 +439,7 @@ def rubbing_unit(request, tmp_path_factory):
     return model, tour, fmu.write_fmu(tmp_path_factory.mktemp("unit") / "rubbing.fmu", model)
 
 
+@needs("friction")
 def test_a_unit_with_friction_steps_as_python_does(rubbing_unit, tmp_path):
     """Called by its functions: inputs, a step, outputs; what does not change on the way is a parameter."""
     model, tour, path = rubbing_unit
@@ -489,6 +493,7 @@ def test_a_unit_with_friction_steps_as_python_does(rubbing_unit, tmp_path):
     made.fmi3FreeInstance(instance)
 
 
+@needs("friction")
 def test_a_unit_with_friction_runs_in_fmpy(rubbing_unit):
     fmpy = pytest.importorskip("fmpy")
     validation = pytest.importorskip("fmpy.validation")
@@ -527,6 +532,8 @@ int ask(int count, const double *points, double *forces, double *outputs, double
 
 def flowing(name):
     """Condensed flow, and a path that pushes and lets go."""
+    from test_flow_pages import cycle, pair, yielding
+
     if name == "moduli":
         return pair()[1], [point for _, point in cycle(2.9)]
     return yielding()[1], [np.array(point) for _, point in contract.path(0.04)]
@@ -547,9 +554,12 @@ def room_for(model, steps):
     return [np.zeros((steps, size)) for size in (model.conditions, count, len(model.flow.parts))]
 
 
+@needs("inelastic", "moduli")
 @compiled
 @pytest.mark.parametrize("name", ["moduli", "outputs"])
 def test_increments_of_flow_in_c_are_those_of_python(name, tmp_path):
+    from test_flow_pages import EXACT
+
     model, path = flowing(name)
     made = flowing_library(tmp_path, model)
     outputs = contact_tree(model, Packed())["outputs"]
@@ -568,9 +578,12 @@ def test_increments_of_flow_in_c_are_those_of_python(name, tmp_path):
         np.testing.assert_allclose(told[k], known, rtol=1e-8, atol=1e-10)
 
 
+@needs("inelastic", "moduli")
 @compiled
 def test_flow_in_c_begins_in_proportion_and_ends_where_python_does(tmp_path):
     """In increments of a fortieth of the box; outside of it, and where a modulus changes on the way, it is refused."""
+    from test_flow_pages import EXACT
+
     model, path = flowing("moduli")
     made = flowing_library(tmp_path, model)
     forces, outputs, cumulated = room_for(model, 9)
@@ -586,6 +599,7 @@ def test_flow_in_c_begins_in_proportion_and_ends_where_python_does(tmp_path):
         assert made.ask(3, *at(points, forces, outputs, cumulated)) == status
 
 
+@needs("inelastic", "moduli")
 @compiled
 def test_flow_in_c_is_without_undefined_behaviour(tmp_path):
     """Under the sanitisers of the compiler, as a program of its own."""
@@ -610,8 +624,11 @@ int main(void) {{
     assert done.returncode == 0 and not done.stderr, done.stderr[:2000]
 
 
+@needs("inelastic", "moduli")
 def test_a_unit_that_flows_runs_in_fmpy(tmp_path):
     """Steps are increments; a modulus is a parameter, and a step ends with what its inputs were as it began."""
+    from test_flow_pages import EXACT
+
     fmpy = pytest.importorskip("fmpy")
     validation = pytest.importorskip("fmpy.validation")
     model, path = flowing("outputs")
@@ -631,12 +648,17 @@ def test_a_unit_that_flows_runs_in_fmpy(tmp_path):
         np.testing.assert_allclose(found[name][2:], values[:-1], rtol=1e-7, atol=1e-8 * np.abs(values).max())
 
 
+@needs("inelastic", "moduli")
 def test_flow_that_c_does_not_know_is_refused_by_name():
+
     creeping = SimpleNamespace(groups=(Group(np.arange(3), 1.0, 0.3, hhr.Norton(1.0, 2.0)),))
     model = copy.copy(flowing("outputs")[0])
     model.flow = creeping
     with pytest.raises(NotOfferedError, match="a header knows the law Plasticity"):
         c_header.c_header(model, "press")
+
+
+FLOW = pytest.param("flow", marks=needs("inelastic", "moduli"))
 
 
 class Instance:
@@ -666,7 +688,7 @@ class Instance:
 
 
 @compiled
-@pytest.mark.parametrize("name", ["flow", "formula and limit"])
+@pytest.mark.parametrize("name", [FLOW, pytest.param("formula and limit", marks=needs("friction"))])
 def test_outputs_that_are_read_before_a_path_begins_do_not_begin_it(name, tmp_path):
     """In initialization mode inputs may be set and outputs read over and over, laws and moduli too."""
     model, path = flowing("outputs") if name == "flow" else rubbing_model(name)
@@ -686,7 +708,7 @@ def test_outputs_that_are_read_before_a_path_begins_do_not_begin_it(name, tmp_pa
 
 
 @compiled
-@pytest.mark.parametrize("name", ["flow", "friction"])
+@pytest.mark.parametrize("name", [FLOW, pytest.param("friction", marks=needs("friction"))])
 def test_a_path_in_c_does_not_begin_at_laws_outside_of_the_box(name, tmp_path):
     if name == "flow":
         model, path = flowing("moduli")
@@ -704,6 +726,7 @@ def test_a_path_in_c_does_not_begin_at_laws_outside_of_the_box(name, tmp_path):
     assert made.ask(3, *at(points, *room)) == OUTSIDE
 
 
+@needs("moduli")
 @compiled
 @pytest.mark.parametrize("bodies", [(test_moduli.YOUNG, 0.3), ("E1", test_moduli.RATIO)], ids=["modulus", "ratio"])
 def test_a_header_has_no_answer_where_an_elastic_constant_is_impossible(bodies, tmp_path):

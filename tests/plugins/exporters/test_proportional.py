@@ -12,8 +12,9 @@ import numpy as np
 import pytest
 from bare import WAIT
 from mpi4py import MPI
+from needs import needs
+from sheared import rubbing
 from test_embedded import CC, DONE, rubbing_library
-from test_friction import rubbing
 from test_pages import ALONG, FRICTION, MODEL
 
 import hhr_dolfinx as hhr
@@ -66,6 +67,7 @@ def close(found, model, point):
     np.testing.assert_allclose(found, exact, rtol=0, atol=1e-8 * np.abs(exact).max())
 
 
+@needs("friction")
 @pytest.mark.skipif(NODE is None, reason="node is not there")
 @pytest.mark.parametrize("seed", NEAR)
 def test_a_page_cuts_increments_where_python_does(seed):
@@ -82,6 +84,7 @@ def test_a_page_cuts_increments_where_python_does(seed):
     close(found["forces"], model, point)
 
 
+@needs("friction")
 @pytest.mark.skipif(CC is None, reason="there is no C compiler")
 @pytest.mark.parametrize("seed", NEAR)
 def test_c_cuts_increments_where_python_does(seed, tmp_path):
@@ -93,6 +96,7 @@ def test_c_cuts_increments_where_python_does(seed, tmp_path):
     close(forces, model, point)
 
 
+@needs("friction")
 def test_limits_of_cuts_are_those_of_python():
     """Each program has its own copy of them."""
     script = FRICTION.read_text(encoding="utf-8")

@@ -10,6 +10,7 @@ import pellet_cladding
 import pytest
 from flowing import SMALL_MESH
 from mpi4py import MPI
+from needs import needs
 from pellet_families import families
 from scenes import pressed_block, pressed_pair, whole_domain
 from scipy.sparse import csc_matrix, csr_matrix
@@ -129,6 +130,7 @@ def test_indicators_of_the_thesis(case, indicator, rank):
     assert spearmanr(told, np.divide(errors, sizes)).statistic > rank
 
 
+@needs("moduli")
 def test_indicators_follow_a_stiffness_of_parameters():
     scene = pressed_pair("plane_strain", (("E", 0.3), (2.0, 0.25)), {"E": (0.5, 2.0)})
     both = hhr.Recipe(basis=hhr.Pod(1e-13, relative=True))  # modes of one body each would span all at once
@@ -137,6 +139,7 @@ def test_indicators_follow_a_stiffness_of_parameters():
         assert len(found.choice.points) == 10 and 0 < found.choice.rounds[-1].worst < np.inf
 
 
+@needs("moduli")
 def test_a_stiffness_of_parameters_is_trained_on_spread_points_and_body_by_body():
     scene = pressed_pair("plane_strain", (("E", 0.3), (2.0, 0.25)), {"E": (0.5, 2.0)})
     found = trained(scene, hhr.Greedy(tolerance=2e6, budget=8, candidates=hhr.Sobol(16)))
@@ -179,6 +182,7 @@ def test_a_killed_training_goes_on(tmp_path, monkeypatch, case):
     assert built[6:] == [4]
 
 
+@needs("inelastic")
 def test_histories():
     """Paths of a family are chosen by the part of the stress of their worst step that training does not explain."""
     import pellet_cladding_plastic as demo
@@ -219,6 +223,7 @@ def test_what_is_no_greedy_is_refused(bad, word):
         hhr.Greedy(**bad)
 
 
+@needs("inelastic")
 def test_what_does_not_suit_a_scene_is_refused_before_anything_is_solved():
     import pellet_cladding_plastic as demo
 

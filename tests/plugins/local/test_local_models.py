@@ -11,6 +11,7 @@ import pellet_cladding as pellet
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from needs import needs, present
 from parted import (
     AS_IT_IS,
     CUT,
@@ -26,7 +27,7 @@ from parted import (
     varying_set,
 )
 from scenes import largest_difference, pressed_block, slope_errors
-from test_threads import at_once
+from threads import at_once
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status
@@ -362,6 +363,7 @@ def test_points_by_name_and_as_numbers(local):
     assert bits(local.solve({"h1": LOW[1], "P1": LOW[0]})) == bits(local.solve(np.array(LOW)))
 
 
+@needs("moduli")
 def test_stiffness_that_varies(varying):
     training, local = varying
     points = training.full_order.parameters.random(20, seed=2)
@@ -375,8 +377,12 @@ def test_stiffness_that_varies(varying):
 
 
 @pytest.mark.parametrize("copied", [copy.deepcopy, lambda local: pickle.loads(pickle.dumps(local))])
-def test_copies_answer_alike(copied, local, varying):
-    for one, points in ((local, (LOW, HIGH, BY_THE_BORDER)), (varying[1], varying[0].snapshots.points[:3])):
+def test_copies_answer_alike(copied, local, request):
+    sets = [(local, (LOW, HIGH, BY_THE_BORDER))]
+    if present("moduli"):
+        training, varying = request.getfixturevalue("varying")
+        sets.append((varying, training.snapshots.points[:3]))
+    for one, points in sets:
         made = hhr.LocalModels(one.models, one.choice, offline="how it was made")
         again = copied(made)
         assert [bits(again.solve(point)) for point in points] == [bits(one.solve(point)) for point in points]

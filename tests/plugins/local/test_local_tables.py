@@ -5,6 +5,7 @@ import dataclasses
 
 import numpy as np
 import pytest
+from needs import needs
 from parted import CUT, choice, parts_of, pellet_models, pellet_training, varying_set
 from scenes import largest_difference
 from test_mpi import launch
@@ -111,6 +112,7 @@ def test_local_models_fall_back_on_the_full_one(local, training, tmp_path):
     assert list(alone.columns) == ["fell_back"]
 
 
+@needs("moduli")
 def test_a_fallback_looks_at_local_models_as_at_one(local, training, varying):
     with pytest.raises(ReductionError, match="has the parameters"):
         hhr.FallbackModel(varying, training.full_order)

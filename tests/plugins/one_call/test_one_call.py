@@ -10,6 +10,7 @@ import contract
 import numpy as np
 import pytest
 from mpi4py import MPI
+from needs import needs, present
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import (
@@ -23,7 +24,6 @@ from hhr_dolfinx.errors import (
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.plugins.one_call import attempts, search
 from hhr_dolfinx.plugins.one_call.target import Errors, Exact, Target
-from hhr_dolfinx.reduction.interpolate import GridSettings
 
 PATHS = {"push": 0.0, "load": 0.0}
 
@@ -68,6 +68,7 @@ def test_a_constant_stiffness_is_condensed_exactly():
     assert max(found.values()) < 1e-9
 
 
+@needs("moduli")
 @pytest.mark.parametrize("error", [0.05, 1e-4])
 def test_moduli_are_interpolated_as_far_as_the_wish_asks(varying, error):
     names = ("pressure", "forces", "displacement", "peak")
@@ -79,6 +80,7 @@ def test_moduli_are_interpolated_as_far_as_the_wish_asks(varying, error):
     assert set(known) == set(names)
 
 
+@needs("moduli")
 def test_displacements_of_checks_make_fields_better(varying, monkeypatch):
     """Fields that hardly span anything at first: points where the model expects its largest errors help."""
     from hhr_dolfinx.reduction import condense
@@ -97,6 +99,7 @@ def hyper_reduced(context):
     return attempts._reduced(context)
 
 
+@needs("moduli")
 def test_where_condensation_is_refused_more_and_more_answers_are_trained_on(varying, monkeypatch):
     monkeypatch.setattr(search, "attempts", hyper_reduced)
     model = hhr.reduce(varying, 0.01, of="forces")
@@ -115,12 +118,14 @@ def test_many_conditions_are_tried_both_ways(monkeypatch):
     assert model.reduction.tried[model.reduction.chosen].query <= search.CLOSE * min(times)
 
 
+@needs("friction")
 def test_friction_without_paths_is_asked_at_points():
     scene = contract.blocks(friction=hhr.Coulomb(0.3))
     model = hhr.reduce(scene, 0.01, of="pressure")
     assert model.reduction.met and model.friction is not None
 
 
+@needs("inelastic")
 @pytest.mark.slow
 def test_bodies_that_flow_are_answered_along_paths():
     import indentation
@@ -139,6 +144,7 @@ def test_bodies_that_flow_are_answered_along_paths():
         assert max(wrong) <= 0.05 * max(sizes)
 
 
+@needs("moduli")
 @pytest.mark.parametrize(
     ("budget", "said"),
     [
@@ -151,6 +157,7 @@ def test_a_budget_that_is_too_small_is_said(budget, said, varying):
         hhr.reduce(varying, 0.01, budget=budget)
 
 
+@needs("moduli")
 def test_the_best_there_is_is_handed_out_where_the_budget_ends(varying, monkeypatch):
     monkeypatch.setattr(search, "attempts", hyper_reduced)
     with pytest.warns(StabilityWarning, match="is not met: the 80 full answers of the budget are spent"):
@@ -159,6 +166,7 @@ def test_the_best_there_is_is_handed_out_where_the_budget_ends(varying, monkeypa
     assert model.solve(varying.parameters.middle).converged
 
 
+@needs("moduli")
 def test_a_wish_that_cannot_be_met_ends_with_the_best(varying, monkeypatch):
     monkeypatch.setattr(search, "attempts", lambda context: list(attempts._reduced(context))[:2])
     with pytest.warns(StabilityWarning, match="is not met: nothing more is known to be tried"):
@@ -168,6 +176,7 @@ def test_a_wish_that_cannot_be_met_ends_with_the_best(varying, monkeypatch):
     assert str(model.reduction).count("\n") == 3 and "->" in str(model.reduction)
 
 
+@needs("moduli")
 def test_a_search_goes_on_from_its_folder(tmp_path, varying, monkeypatch):
     monkeypatch.setattr(search, "attempts", hyper_reduced)
     first = hhr.reduce(varying, 0.05, of="forces", folder=tmp_path / "found")
@@ -184,6 +193,7 @@ def test_a_search_goes_on_from_its_folder(tmp_path, varying, monkeypatch):
     np.testing.assert_array_equal(loaded.solve(point).forces(), again.solve(point).forces())
 
 
+@needs("moduli")
 def test_the_full_model_stays_behind_where_it_is_asked_for(varying):
     model = hhr.reduce(varying, 0.01, of="pressure", fallback=True)
     assert isinstance(model, hhr.FallbackModel) and model.reduction.met
@@ -214,8 +224,9 @@ def test_bad_wishes_are_refused(how, kind, said, varying):
 def test_what_is_no_scene_and_paths_that_miss_are_refused():
     with pytest.raises(StudyError, match="is no scene"):
         hhr.reduce("scene.py")
-    with pytest.raises(NotOfferedError, match=r"give paths=hhr.PathFamily"):
-        hhr.reduce(contract.blocks(law=hhr.Plasticity(1.0)))
+    if present("inelastic"):
+        with pytest.raises(NotOfferedError, match=r"give paths=hhr.PathFamily"):
+            hhr.reduce(contract.blocks(law=hhr.Plasticity(1.0)))
     scene = contract.blocks()
     family = hhr.PathFamily(
         "all", scene.parameters, scene.parameters, PATHS | {"push": 0.01}, (hhr.Leg({"push": "push"}, 1.0, 2),)
@@ -232,6 +243,7 @@ def test_a_budget_is_checked(limits):
         hhr.Budget(**limits)
 
 
+@needs("moduli")
 def test_an_output_that_is_zero_but_for_round_off_is_no_reason_to_go_on():
     """A gap that is closed everywhere, and a moment whose terms cancel."""
     outputs = (*contract.blocks().outputs, hhr.GapAt("gap", 0, (1.5, 1.0)))
@@ -244,8 +256,11 @@ def test_an_output_that_is_zero_but_for_round_off_is_no_reason_to_go_on():
     assert hhr.reduce(scene, 0.01, of=("forces", "moment")).reduction.met
 
 
+@needs("moduli")
 def test_an_interpolation_that_has_not_settled_is_not_believed(varying):
     """Kinks lie between its nodes, and a check of few points meets none of them."""
+    from hhr_dolfinx.reduction.interpolate import GridSettings
+
     finer = hhr.condense(varying, fields=True)  # by what its bound interpolates, which knows its error
     finer.offline = dataclasses.replace(finer.offline, surpluses=[0.004])
     assert finer.offline.finer and search._unresolved(finer) == 0.0
@@ -256,6 +271,7 @@ def test_an_interpolation_that_has_not_settled_is_not_believed(varying):
         assert search._unresolved(model) == pytest.approx(search.UNRESOLVED * 0.004)
 
 
+@needs("moduli")
 def test_what_is_expected_of_kinks_is_no_less_than_their_errors():
     """A table of Poisson's ratios has kinks, by which forces are off where hardly any point of a check lies."""
     young = ("3 * (1 - 1e-3 * T)", "table(T, 20, .3, 300, .33, 600, .4)")
@@ -266,6 +282,7 @@ def test_what_is_expected_of_kinks_is_no_less_than_their_errors():
     assert search._unresolved(model) >= worst(model, full, 200, ["pressure"])["pressure"] > 1e-5
 
 
+@needs("moduli")
 def test_what_is_never_offered_is_tried_once():
     """Bodies that contact alone holds, and whose moduli vary, have no condensed model."""
     scene = contract.blocks(("E1", 0.3), free=True, box={"E1": (2.0, 4.0)})
@@ -274,6 +291,7 @@ def test_what_is_never_offered_is_tried_once():
     assert len(refused) == 1 and refused[0].outcome.startswith("refused: contact alone holds")
 
 
+@needs("moduli")
 def test_nothing_that_moves_is_named():
     """Surfaces that never meet: forces are zero, and displacements those that are imposed."""
     scene = contract.blocks(("E1", 0.3), box=contract.MODULI)

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 import contract
 import numpy as np
 from mpi4py import MPI
+from needs import needs
 from test_mpi import launch, run_program
 
 from hhr_dolfinx.errors import ConvergenceError
@@ -48,6 +49,7 @@ except Exception as error:
 )
 
 
+@needs("moduli")
 def test_a_search_on_two_ranks_is_that_on_one(tmp_path):
     """What was tried and how exact it is, and the answers of the model, on both; full answers are kept by both."""
     alone = json.loads(launch(1, ["-c", SEARCH, str(tmp_path / "one")]).splitlines()[-1])
@@ -63,6 +65,7 @@ def test_a_search_on_two_ranks_is_that_on_one(tmp_path):
     assert stored[0] == stored[1] and len(stored[0]) >= tried[-1][2]
 
 
+@needs("moduli")
 def test_a_rank_that_fails_ends_a_search_in_words():
     """What is wrong with one rank is said by all, and none waits for it."""
     run = run_program(2, ["-c", FAILS], limit=60)
@@ -70,6 +73,7 @@ def test_a_rank_that_fails_ends_a_search_in_words():
     assert "0: RuntimeError" in run.stdout and "1: RankError" in run.stdout
 
 
+@needs("moduli")
 def test_a_command_searches_on_two_ranks(tmp_path):
     (tmp_path / "scene.py").write_text(SCENE)
     program = "from hhr_dolfinx.command.main import hhr; hhr()"

@@ -13,6 +13,7 @@ import pytest
 from bare import WAIT
 from condensing import TIGHT, condensed
 from mpi4py import MPI
+from needs import needs
 from test_condensed_flow import in_units
 from test_pages import CHROMIUM, MODEL, NODE, dumped, in_node
 
@@ -160,6 +161,7 @@ def test_what_does_not_change_within_a_history():
     assert flowing.fixed(model) == [2, 3]
 
 
+@needs("friction")
 def test_what_of_flow_is_not_on_a_page():
     full, _ = yielding()
     scenery = hhr.scenery_of(full)
@@ -167,7 +169,7 @@ def test_what_of_flow_is_not_on_a_page():
     with pytest.raises(NotOfferedError, match="histories that flow and rub run in Python"):
         hhr.write_model_page("none.html", training.condense(), scenery)
     with pytest.raises(NotOfferedError, match=r"condensed flow, and a \w+ is not of that kind"):
-        hhr.write_model_page("none.html", contract.flowing().build(contract.FLOW), scenery)
+        hhr.write_model_page("none.html", contract.reduced_flow(contract.flowing()), scenery)
 
 
 def test_moduli_stay_within_a_history_of_whatever_body():

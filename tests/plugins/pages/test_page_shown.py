@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bare import WAIT
+from needs import needs
 from test_pages import in_space, known, made, round_blocks_in_space, rubbed
 
 from hhr_dolfinx.plugins.pages import page
@@ -96,6 +97,7 @@ def views_of_elastic():
     return shown(elastic()[2], ADDRESS, *acts)
 
 
+@needs("moduli")
 def test_numbers_are_those_of_the_model():
     model, scenery, _ = elastic()
     first, slid, written, *_ = views_of_elastic()
@@ -114,6 +116,7 @@ def test_numbers_are_those_of_the_model():
         assert view["converged"] == "true" and "a proved bound" in view["texts"]["error"]
 
 
+@needs("moduli")
 def test_parameters_go_to_the_address_and_come_from_it():
     *_, pulled, keyed, reset, elsewhere = views_of_elastic()
     model = elastic()[0]
@@ -128,6 +131,7 @@ def test_parameters_go_to_the_address_and_come_from_it():
     assert list(names) == ["push", "load", "E1", "nu"]
 
 
+@needs("moduli")
 def test_pressures_are_drawn_to_scale_along_the_contact():
     model, scenery, _ = elastic()
     answer = model.solve(START)
@@ -144,6 +148,7 @@ def test_pressures_are_drawn_to_scale_along_the_contact():
     assert 0 < (zero - ys).max() < HIGH - 36 - 24
 
 
+@needs("moduli")
 def test_the_mesh_is_drawn_where_it_has_moved():
     """Places of nodes are those of the mesh and as many times of the displacement as the page says."""
     model, scenery, _ = elastic()
@@ -164,6 +169,7 @@ def test_the_mesh_is_drawn_where_it_has_moved():
     assert still["texts"]["times"] == "not at all"
 
 
+@needs("moduli")
 def test_numbers_are_copied_as_a_table():
     view = views_of_elastic()[6]
     assert view["texts"]["said"] in ("", "copied")
@@ -172,6 +178,7 @@ def test_numbers_are_copied_as_a_table():
     assert said(float(lines["peak"])) == float(rows_of(views_of_elastic()[2])["peak"])
 
 
+@needs("friction")
 def test_a_surface_is_drawn_from_above():
     """A disc for each condition, in the colour of its pressure; a drag turns the mesh."""
     scene = dataclasses.replace(in_space(0.3), geometry=partial(round_blocks_in_space, cells=3))
@@ -193,6 +200,7 @@ def test_a_surface_is_drawn_from_above():
     np.testing.assert_allclose(matrices[3][screen], np.exp(0.5) * matrices[2][screen], rtol=1e-6)
 
 
+@needs("friction")
 def test_a_path_with_friction_is_kept_drawn_and_begun_anew():
     _, model, scenery = made(rubbed("Coulomb"))
     acts = (("slide", "shear", "-0.05"), ("click", "keep"), ("choose", "drawn", "1"), ("click", "anew"))

@@ -20,14 +20,14 @@ import sphere_on_block
 import test_moduli
 from bare import WAIT
 from mpi4py import MPI
+from needs import needs
 from scipy.sparse import csr_matrix
-from test_friction import driven, leaning, round_block, rubbing
+from sheared import driven, leaning, round_block, rubbing
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import FileContentError, NotOfferedError
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
 from hhr_dolfinx.materials.elasticity import von_mises
-from hhr_dolfinx.models.bounds.least_response import FactoredResponse, ManyResponses
 from hhr_dolfinx.models.displacement import dense
 from hhr_dolfinx.plugins.pages import page
 from hhr_dolfinx.plugins.pages.packing import Packed
@@ -131,10 +131,16 @@ MORE = {
     "plane stress": lambda: dataclasses.replace(SCENES["moduli"](), hypothesis="plane_stress"),
     "heat": lambda: heated("axisymmetric", 0.05, load=10.0),
 }
+OF_MODULI = ("moduli", "formula", "space", "plane stress")
+
+
+def marked(*names):
+    """Cases of tests, of which some need a plug-in."""
+    return [pytest.param(name, marks=needs("moduli") if name in OF_MODULI else ()) for name in names]
 
 
 @in_node
-@pytest.mark.parametrize("name", [*SCENES, "held by contact"])
+@pytest.mark.parametrize("name", marked(*SCENES, "held by contact"))
 def test_a_page_has_the_digits_of_python(name):
     _, model, scenery = known(name)
     text = page.page_text(model, scenery)
@@ -163,9 +169,11 @@ def test_a_page_has_the_digits_of_python(name):
 
 
 @in_node
-@pytest.mark.parametrize("name", ["moduli", "formula", "shape"])
+@pytest.mark.parametrize("name", marked("moduli", "formula", "shape"))
 def test_a_page_bounds_the_error_of_its_answer(name):
     """As Python does with a factor of S at each point, if interpolation is all that is off by more than round-off."""
+    from hhr_dolfinx.models.bounds.least_response import FactoredResponse, ManyResponses
+
     _, model, scenery = known(name)
     # so far off that the bound is more than round-off, which is not that of Python
     bound = dataclasses.replace(model.fields.bound, inexact=1e-3)
@@ -247,7 +255,7 @@ def test_stress_is_drawn_though_there_is_none_in_some_answers():
 
 
 @in_node
-@pytest.mark.parametrize("name", ["partial pressure", "moduli", *MORE])
+@pytest.mark.parametrize("name", marked("partial pressure", "moduli", *MORE))
 def test_a_page_draws_the_stress_of_cells(name):
     """As far off as it says of points that its modes are not made of, and the largest value much less."""
     full, model, scenery = known(name)
@@ -315,6 +323,7 @@ def test_formulas_are_worked_off_as_python_does(text):
         assert float(found) == pytest.approx(scalar.value(np.array(point)), rel=1e-14)
 
 
+@needs("moduli")
 def test_a_page_needs_nothing_else_and_says_what_it_knows(tmp_path):
     full, model, scenery = made(contract.blocks(("E1", 0.3), box=contract.MODULI), fields=True)
     target = hhr.write_model_page(tmp_path / "page.html", model, scenery)
@@ -345,6 +354,7 @@ console.log(JSON.stringify([...window.document.querySelectorAll("#sliders label"
 """
 
 
+@needs("moduli")
 def test_parameters_have_no_units_of_javascript():
     """Every object of JavaScript has a ``constructor``, and it is not the unit of a parameter of this name."""
     words = [NODE, "-e", SHOWN]
@@ -376,7 +386,11 @@ def test_a_name_ends_no_script(tmp_path):
             "ReducedModel with CondensedModel does not",
         ),
         (lambda: contract.training("constant").local(hhr.Clusters(2), recipe=contract.AS_IT_IS), "LocalModels"),
-        (lambda: hhr.condense(contract.blocks(free=True, friction=0.1)), "contact alone holds without friction"),
+        pytest.param(
+            lambda: hhr.condense(contract.blocks(free=True, friction=0.1)),
+            "contact alone holds without friction",
+            marks=needs("friction"),
+        ),
     ],
 )
 def test_models_of_other_kinds_are_refused_by_name(make, said):
@@ -438,7 +452,7 @@ def test_a_scenery_is_kept_and_checked(tmp_path):
         hhr.Scenery.read(tmp_path / "cut.npz")
 
 
-@pytest.mark.parametrize("name", ["partial pressure", "space"])
+@pytest.mark.parametrize("name", marked("partial pressure", "space"))
 def test_a_scenery_shows_the_whole_surface(name):
     """Triangles of the plane have its area; in space each edge of the surface is one of two triangles."""
     _, _, scenery = known(name)
@@ -453,6 +467,7 @@ def test_a_scenery_shows_the_whole_surface(name):
         assert sizes.sum() == pytest.approx(4.1 * 7.0 + 0.6 * 7.0, rel=0.05)
 
 
+@needs("moduli")
 @in_node
 def test_slopes_on_the_border_stay_inside_the_box():
     """A table ends where the box does: beyond there is no modulus."""
@@ -498,7 +513,7 @@ def dumped(target, address, folder):
 
 
 @pytest.mark.skipif(CHROMIUM is None, reason="chromium is not there")
-@pytest.mark.parametrize("name", ["partial pressure", "space"])
+@pytest.mark.parametrize("name", marked("partial pressure", "space"))
 def test_a_browser_shows_the_answer_of_its_address(name, tmp_path):
     """By double click: numbers in the table, a plot for each contact, and parameters out of the box at its border."""
     _, model, scenery = known(name)
@@ -606,6 +621,7 @@ def tour_of(model):
     return [np.array([*point, other][: len(model.parameters.names)]) for point, other in zip(TOUR, rest, strict=True)]
 
 
+@needs("friction")
 @in_node
 @pytest.mark.parametrize("name", RUBBING)
 def test_increments_with_friction_are_those_of_python(name):
@@ -644,6 +660,7 @@ def test_increments_with_friction_are_those_of_python(name):
         assert np.linalg.norm(found["forces"] - along.multipliers) < 1e-9 * size
 
 
+@needs("friction", "moduli")
 @in_node
 def test_bodies_that_rub_are_drawn_where_their_moduli_vary():
     """By a fit of the maps of forces, whose answers it has not seen."""
@@ -667,6 +684,7 @@ def test_bodies_that_rub_are_drawn_where_their_moduli_vary():
         assert np.linalg.norm(np.array(found["field"]) - exact) < 0.03 * max(np.linalg.norm(exact), 0.05)
 
 
+@needs("friction", "moduli")
 def test_a_picture_of_bodies_that_rub_is_left_out_where_it_has_no_room():
     """And moduli that name a parameter without changing are those of a constant."""
     bodies = (hhr.Body(FIRST, "3 + 0 * E1", 0.3), hhr.Body(SECOND, "E2", 0.2))
@@ -680,6 +698,7 @@ def test_a_picture_of_bodies_that_rub_is_left_out_where_it_has_no_room():
     assert pictures_of(model, scenery, nothing, 1000)["field"] is None and not nothing.arrays
 
 
+@needs("friction")
 @in_node
 def test_loading_in_proportion_is_halved_as_often_as_in_python():
     """Where contacts stick as they close one halving more changes forces by 1e-5."""
@@ -760,6 +779,7 @@ def test_a_mesh_that_is_finer_than_a_screen_is_thinned():
     assert (bodies.all(axis=1) | ~bodies.any(axis=1)).all() and bodies.any() and not bodies.all()
 
 
+@needs("moduli")
 @in_node
 @pytest.mark.parametrize("bodies", [(test_moduli.YOUNG, 0.3), ("E1", test_moduli.RATIO)], ids=["modulus", "ratio"])
 def test_a_page_has_no_answer_where_an_elastic_constant_is_impossible(bodies):

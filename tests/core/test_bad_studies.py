@@ -1,0 +1,137 @@
+"""Trainings and studies refuse what they cannot do before anything is computed."""
+
+import dataclasses
+import re
+from argparse import Namespace
+
+import hertz_half_discs as demo
+import numpy as np
+import pytest
+from needs import needs
+from scenes import pressed_block
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx import compat
+from hhr_dolfinx.errors import ParameterError, ReductionError, StudyError
+from hhr_dolfinx.study.cli import demo_parser
+
+
+def unbuilt():
+    """The scene of the demo, whose mesh must not be asked for."""
+
+    def geometry(comm):
+        raise AssertionError("the full model was built")
+
+    return dataclasses.replace(demo.scene(), geometry=geometry)
+
+
+@pytest.mark.parametrize(
+    ("asked", "message"),
+    [
+        (
+            {"training": [31, 2]},
+            r"training of scene 'hertz_half_discs': counts \[31, 2\] .* must be 1 positive integers",
+        ),
+        ({"training": [0]}, r"counts \[0\] of a grid"),
+        ({"training": [1]}, r"on \[1\] points: a reduced model needs at least 2"),
+        ({"seed": -1}, "seed = -1 must be an integer of at least 0"),
+        ({"seed": 1.5}, r"seed = 1\.5 must be an integer"),
+        ({"held_out": -1}, "held_out = -1 must be an integer of at least 0"),
+        ({"folder": 7}, "the folder 7 must be a path"),
+        ({"folder": "a\0b"}, "cannot be made: embedded null byte. Choose another name"),
+    ],
+)
+def test_trainings_that_cannot_be_run(asked, message):
+    with pytest.raises(StudyError, match=message):
+        hhr.train(unbuilt(), **{"training": [3]} | asked)
+
+
+@needs("inelastic")
+def test_paths_held_out_may_be_an_array():
+    """Times and the one parameter, (paths, steps, 2), as for training."""
+    scene = pressed_block("plane_strain", cells=2)
+    body = dataclasses.replace(scene.bodies[0], law=hhr.Plasticity(0.06, 0.3))
+    paths = np.array([[[0.0, 0.0], [0.5, 0.05], [1.0, 0.1]]])
+    training = hhr.train(dataclasses.replace(scene, bodies=(body,)), paths, held_out=paths * [1.0, 0.8])
+    assert training.held_out.points.ravel() == pytest.approx([0.04, 0.08])
+    with pytest.raises(ReductionError, match="is no recipe"):
+        training.build({}, checked=False)
+
+
+@pytest.mark.parametrize("below", ["", "snapshots"])
+def test_a_folder_that_is_a_file(tmp_path, below):
+    (tmp_path / "file").write_text("")
+    folder = str(tmp_path / "file" / below)
+    for run in (
+        lambda: hhr.train(unbuilt(), [3], folder=folder),
+        lambda: hhr.study_scene(unbuilt(), hhr.StudySettings([3]), folder),
+    ):
+        with pytest.raises(StudyError, match=r"cannot be made: .*/file is a file\. Choose another"):
+            run()
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"tests": 0}, "tests = 0 must be an integer of at least 1"),
+        ({"queries": 0}, "queries = 0 must be an integer of at least 1"),
+        ({"queries": 10.0}, r"queries = 10\.0 must be an integer"),
+        ({"repetitions": 0}, "repetitions = 0 must be an integer of at least 1"),
+        ({"tests": {}}, r"tests = \{\} must hold at least one entry"),
+        ({"tests": ()}, r"tests = \(\) must be an integer of at least 1"),
+        ({"training": []}, r"training = \[\] must hold at least one entry"),
+        ({"recipe": "thesis"}, "recipe = 'thesis' of a study must be a Recipe"),
+        ({"variants": [("few", 0.1)]}, r"variant 'few' = 0\.1 of a study must be a Recipe"),
+        ({"models": {"few": None}}, "model 'few' = None of a study must be a Recipe"),
+        ({"held_out": -1}, "held_out = -1 must be an integer of at least 0"),
+        ({"seed": -1}, "seed = -1 must be an integer of at least 0"),
+    ],
+)
+def test_studies_that_measure_nothing(settings, message):
+    with pytest.raises(StudyError, match=message):
+        hhr.StudySettings(**{"training": [3]} | settings)
+    if "seed" in settings:
+        with pytest.raises(StudyError, match=message):
+            demo.SETTINGS.adapted(seed=-1, quick=True)
+
+
+@pytest.mark.parametrize("points", [[[0.2, 0.3]], [], ["text"]])
+def test_test_points_that_are_none(tmp_path, points):
+    with pytest.raises(ParameterError, match=r"\('mu',\)"):
+        hhr.study_scene(unbuilt(), hhr.StudySettings([3]), tmp_path, points=points)
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["--seed", "-1"], "argument --seed: -1 must be an integer that is not negative"),
+        (["--seed", "one"], "argument --seed: one must be an integer"),
+    ],
+)
+def test_options_of_demos(tmp_path, capsys, arguments, message):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(SystemExit):
+        demo_parser("demo", "A demo.").parse_args([text.format(file=tmp_path / "file") for text in arguments])
+    assert re.search(message, capsys.readouterr().err)
+
+
+def test_a_study_in_a_folder_given_as_text(tmp_path, monkeypatch):
+    """From the training to the report, with test points of one parameter in a row."""
+    monkeypatch.chdir(tmp_path)
+    settings = hhr.StudySettings([8], recipe=demo.THESIS.as_it_is(), tests=2, queries=2, held_out=0, naive=False)
+    scene = demo.scene(arc_segments=28, flat_segments=7)
+    study = hhr.study_scene(scene, settings, "out/x", points=[0.2, 0.3])
+    assert study.tests.shape == (2, 1) and len(list((tmp_path / "out/x/snapshots").iterdir())) == 8
+    study.write("out/x")
+    assert (tmp_path / "out/x/report.json").exists() and (tmp_path / "out/x/study.npz").exists()
+
+
+@pytest.mark.parametrize("kind", [np.complex64, np.complex128])
+def test_a_petsc_of_complex_numbers(monkeypatch, kind):
+    import petsc4py
+
+    monkeypatch.setattr(petsc4py, "PETSc", Namespace(ScalarType=kind))
+    with pytest.raises(ImportError, match=r"PETSc was built with complex numbers.*install a real build"):
+        compat.require_dolfinx()
+    with pytest.raises(ImportError, match="complex"):
+        hhr.FullOrderModel(unbuilt())

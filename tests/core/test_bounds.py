@@ -1,0 +1,249 @@
+"""Estimates of a constant stiffness are the differences to the exact answer, in each norm; what has none says why."""
+
+import dataclasses
+
+import hertz_half_discs as demo
+import numpy as np
+import pytest
+import sphere_on_block
+from kept_values import array, rewrite_model
+from needs import needs, present
+from scenes import THESIS, pressed_block, pressed_pair
+from test_outputs import small_pellet
+from tubes import tube
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.differences import energy_coordinates, exact_difference
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import BoundError, ModelFileError, ParameterError, ReductionError
+from hhr_dolfinx.models.bounds import contact_response
+
+AS_IT_IS = hhr.Recipe().as_it_is()
+ERRORS = ("primal", "dual", "forces_euclid", "pressure")
+NEAR = 1e-9
+"""Part of the exact answer by which an estimate may be off the error: its round-off is 2e-10."""
+
+
+def sizes_of(full, moved, forces):
+    """Energy of a displacement; S norm, Euclidean norm and largest pressure of forces."""
+    energy = np.sqrt(max(moved @ (full.problem.stiffness @ moved), 0.0))
+    own = np.sqrt(max(forces @ full.schur @ forces, 0.0))
+    return np.array([energy, own, np.linalg.norm(forces), np.abs(forces / full.problem.contact_areas).max()])
+
+
+def check(full, model, points, over=None):
+    """Estimates of answers are their differences to the full model, absolute and relative; these, (n, 4), as parts.
+
+    Args:
+        full: the full model.
+        model: whose answers.
+        points: where.
+        over: sizes that relative errors are taken over in the place of the full ones, by point.
+    """
+    parts = []
+    for point in points:
+        exact, answer = full.solve(point), model.solve(point, outside="ignore")
+        field, forces = exact.displacement(), exact.forces()
+        true = sizes_of(full, answer.displacement() - field, answer.forces() - forces)
+        sizes = sizes_of(full, field, forces)
+        said = answer.estimate()
+        found = np.array([getattr(said, name) for name in ERRORS])
+        assert said.kind == "bound" and (true <= found).all() and (np.abs(found - true) <= NEAR * sizes).all()
+        relative = np.array([getattr(said, f"{name}_relative") for name in ERRORS])
+        least = np.append(0.0, model.fields.bound.least)
+        least = np.maximum(sizes if over is None else over(field, forces), least)
+        assert (np.abs(relative - true / least) <= NEAR * (true + sizes) / least).all()
+        parts.append(true / sizes)
+    return np.array(parts)
+
+
+def check_norms(parts, columns=(0, 1, 2, 3)):
+    """Errors are large enough, and far enough from those of other norms, that each of them was looked at."""
+    medians = np.median(parts, axis=0)[list(columns)]
+    assert (medians > 1e-5).all()
+    assert (np.abs(np.diff(np.sort(medians))) > 0.02 * medians.max()).all()
+
+
+@pytest.mark.parametrize(("some", "recipe"), [
+    ([3, 15, 28], AS_IT_IS), ([3, 15, 28], hhr.Recipe(cone=True).as_it_is()), (slice(None), AS_IT_IS),
+    (slice(None), THESIS.as_it_is()),
+], ids=["few", "few, cone", "usual", "thesis"])  # fmt: skip
+def test_half_discs(hertz, hertz_snapshots, some, recipe):
+    """Of three snapshots errors of a tenth and more; forces outside the RID by S, and by the cone of training."""
+    model = hhr.build(hertz, hertz_snapshots.take(some), recipe)
+    parts = check(hertz, model, hertz.parameters.random(50, 1))
+    assert model.fields.A_lambda.size < model.conditions
+    if some != slice(None):
+        check_norms(parts)
+
+
+def test_pellet():
+    """Displacements on fewer columns than conditions, and on all of them: these are exact."""
+    full = hhr.FullOrderModel(small_pellet())
+    snapshots = hhr.compute_snapshots(full, full.parameters.grid([8, 6]))
+    for tolerance in (1e-13, 1e-5):
+        model = hhr.build(full, snapshots, hhr.Recipe(hhr.Pod(tolerance, relative=True)).as_it_is())
+        parts = check(full, model, full.parameters.random(40, 4))
+        whole = model.fields.response.onto is None
+        check_norms(parts, (1, 2, 3) if whole else (0, 1, 2, 3))
+        assert whole == (tolerance == 1e-5) and (np.median(parts[:, 0]) < 1e-9) == whole
+
+
+def test_sphere():
+    full = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(8, 4), block_cells=(6, 4)))
+    snapshots = hhr.compute_snapshots(full, full.parameters.random(8, 0))
+    check_norms(check(full, hhr.build(full, snapshots, AS_IT_IS), full.parameters.random(20, 11)), (1, 2, 3))
+
+
+@pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric", "solid"])
+def test_pairs_of_blocks(hypothesis):
+    """Imposed motions, sliding, loads and gaps as parameters; trained on so few points that errors are large."""
+    full = hhr.FullOrderModel(pressed_pair(hypothesis, ((2.0, 0.3), (1.0, 0.2)), cells=3))
+    snapshots = hhr.compute_snapshots(full, hhr.Sobol(4).points(full.parameters))
+    for cone in (False, True):
+        model = hhr.build(full, snapshots, hhr.Recipe(cone=cone).as_it_is())
+        parts = check(full, model, full.parameters.random(30, 3))
+        assert (np.median(parts, axis=0)[0 if cone else 1 :] > 1e-3).all()
+
+
+def test_any_field_and_any_forces(hertz):
+    """Statuses are found from whatever forces are handed out: random ones, and random fields."""
+    rng, problem = np.random.default_rng(0), hertz.problem
+    basis = np.linalg.qr(rng.standard_normal((problem.free.size, 6)) * problem.free[:, None])[0]
+    difference = exact_difference(hertz, basis)
+    for point in hertz.parameters.random(30, 2):
+        exact, theta = hertz.solve(point), problem.theta(point)
+        forces = np.maximum(exact.forces() * rng.uniform(0.5, 1.5), rng.uniform(-1, 0.2, exact.forces().size))
+        unknown = 1e-3 * rng.standard_normal(6)
+        found = difference.at(point[None], theta).of(unknown[None], forces[None], lambda: None)[0]
+        true = sizes_of(hertz, basis @ unknown - exact.unknown, forces - exact.forces())
+        sizes = sizes_of(hertz, exact.unknown, exact.forces())
+        assert (np.abs([getattr(found, name) for name in ERRORS] - true) <= NEAR * (true + sizes)).all()
+
+
+def test_without_an_exact_answer_an_error_is_infinite(hertz_reduction, monkeypatch):
+    plain = contact_response.active_set
+    cycling = lambda *given, **how: plain(*given, **how)._replace(status=Status.CYCLING)  # noqa: E731
+    monkeypatch.setattr(contact_response, "active_set", cycling)
+    found = hertz_reduction.solve(0.3).estimate()
+    assert [getattr(found, name) for name in ERRORS] == [np.inf] * 4 and found.dual_relative == np.inf
+
+
+def test_coordinates_are_those_of_the_energy(hertz):
+    """Dependent columns too, to round-off of the columns and not of its root."""
+    rng, stiffness = np.random.default_rng(0), hertz.problem.stiffness
+    columns = rng.standard_normal((stiffness.shape[0], 5)) * hertz.problem.free[:, None]
+    columns = np.hstack([columns, columns @ rng.standard_normal((5, 4))])
+    lengths = np.sqrt(np.einsum("nk,nk->k", columns, stiffness @ columns))
+    found = energy_coordinates(hertz.problem, columns, 1e-13 * lengths)
+    assert found.shape == (5, 9)
+    for way in (*rng.standard_normal((5, 9)), np.append(np.linalg.pinv(columns[:, :5]) @ columns[:, 5], [-1, 0, 0, 0])):
+        expected = columns @ way
+        size = np.abs(way) @ lengths
+        assert np.linalg.norm(found @ way) == pytest.approx(
+            np.sqrt(expected @ (stiffness @ expected)), abs=1e-12 * size
+        )
+
+
+def test_the_full_model_is_exact(hertz, hertz_reduction):
+    assert hertz.solve(0.3).estimate() == ("bound", 0.0, 0.0, 0.0, 0.0, {}, 0.0, 0.0, 0.0, 0.0)
+
+
+def test_what_is_not_proved_is_refused(hertz):
+    """Bodies that flow, a stiffness of parameters, dependent rows, a K that is not symmetric."""
+    bodies = ("E1", 0.3), (2.0, 0.3)
+    varying = hhr.FullOrderModel(pressed_pair("plane_strain", bodies, {"E1": (1.0, 2.0)}, cells=2))
+    dependent = type(hertz).__new__(type(hertz))
+    dependent.__dict__.update(vars(hertz))
+    dependent.__dict__["schur"] = np.ones_like(hertz.schur)
+    skew = type(hertz).__new__(type(hertz))
+    skew.__dict__.update(vars(hertz))
+    stiffness = hertz.problem.stiffness.copy()
+    stiffness.data[1] *= 2
+    skew.problem = dataclasses.replace(hertz.problem, stiffness_terms=(stiffness,))
+    cases = {"depends on parameters": varying, "dependent": dependent, "not symmetric": skew}
+    if present("inelastic"):
+        cases["bodies have laws"] = hhr.FullOrderModel(tube(hhr.Plasticity(1.0, 1.0), 1.0, 4))
+    for why, full in cases.items():
+        with pytest.raises(BoundError, match=why):
+            exact_difference(full, np.zeros((full.problem.free.size, 1)))
+
+
+# ---------------------------------------------------------------- the way back to the full model
+
+
+@needs("fallback")
+def test_outside_the_training_and_other_mistakes(hertz, hertz_snapshots, hertz_reduction):
+    half = hhr.build(hertz, hertz_snapshots.take(slice(0, 12)), hhr.Recipe().as_it_is())
+    model = hhr.FallbackModel(half, hertz, 1e6)
+    model.solve(0.44)
+    assert model.share == 0, "the bound is what counts"
+    model.solve(0.44, outside="refuse")
+    assert model.share == 0.5
+    bare = hertz_reduction.changed(fields=dataclasses.replace(hertz_reduction.fields, bound=None))
+    with pytest.raises(BoundError, match="have no bound"):
+        hhr.FallbackModel(bare, hertz)
+    for tolerance in (0.0, -1.0, np.nan, "1 %", None):
+        with pytest.raises(ParameterError, match="must be a positive number"):
+            hhr.FallbackModel(hertz_reduction, hertz, tolerance)
+    asked = model.asked
+    with pytest.raises(ParameterError, match="outside"):
+        model.solve(0.7)
+    assert model.asked == asked
+
+
+@needs("fallback")
+def test_the_full_model_must_be_that_of_the_scene(hertz, hertz_reduction):
+    """Of another mesh, stiffness or box, or no full model at all."""
+    softer = dataclasses.replace(
+        demo.scene(), bodies=tuple(dataclasses.replace(b, young=14.0) for b in demo.scene().bodies)
+    )
+    wider = dataclasses.replace(demo.scene(), parameters=hhr.ParameterSpace(("mu",), (0.1,), (0.45,)))
+    others = {"another scene": softer, "has the parameters": wider}
+    for why, scene in others.items():
+        with pytest.raises(ReductionError, match=why):
+            hhr.FallbackModel(hertz_reduction, hhr.FullOrderModel(scene))
+    for full in (None, hertz_reduction, hhr.FallbackModel(hertz_reduction, hertz)):
+        with pytest.raises(ReductionError, match="is no full model"):
+            hhr.FallbackModel(hertz_reduction, full)
+    with pytest.raises(BoundError, match="have no bound"):
+        hhr.FallbackModel(None, hertz)
+
+
+def test_bodies_that_move_far_and_deform_little():
+    """The relative bound is over the energy of the deformation, of which a rigid motion has none."""
+    bodies, box = ((2.0, 0.3), (1.0, 0.2)), {"push": (1.0, 1.0 + 1e-6), "gap": (1.0, 1.0 + 1e-9)}
+    full = hhr.FullOrderModel(pressed_pair("plane_strain", bodies, {**box, "slide": (0.0, 1e-7), "load": (0.0, 1e-7)}))
+    snapshots = hhr.compute_snapshots(full, hhr.Sobol(3).points(full.parameters))
+    model, stiffness = hhr.build(full, snapshots, hhr.Recipe().as_it_is()), full.problem.stiffness
+    far = np.zeros(full.problem.free.size)
+    far[full.problem.block_size - 1 :: full.problem.block_size] = np.where(full.problem.points[:, -1] > 1, -1.0, 0.0)
+    for point in full.parameters.random(20, 6):
+        exact, answer = full.solve(point), model.solve(point, outside="ignore")
+        moved, field = answer.displacement() - exact.displacement(), exact.displacement() - far
+        error, size = (np.sqrt(value @ (stiffness @ value)) for value in (moved, field))
+        assert error <= answer.estimate().primal_relative * size * (1 + 1e-6) + 1e-14
+
+
+def test_round_off_of_a_motion_that_strains_nothing():
+    """Before contact an imposed motion moves a block rigidly: the field that cancels its lift has the round-off."""
+    scene = pressed_block("plane_strain", cells=6)
+    full = hhr.FullOrderModel(scene)
+    snapshots = hhr.compute_snapshots(full, np.linspace(0.001, 0.1, 12)[:, None])
+    model, stiffness = hhr.build(full, snapshots, hhr.Recipe().as_it_is()), full.problem.stiffness
+    for push in np.linspace(0.001, 0.0099, 100):
+        answer = model.solve(push)
+        moved = answer.displacement() - full.solve(push).displacement()
+        assert np.sqrt(max(moved @ (stiffness @ moved), 0.0)) <= answer.estimate().primal
+
+
+@pytest.mark.parametrize(("name", "change", "why"), [
+    ("schur", lambda a: 0 * a, "positive definite"), ("schur", lambda a: np.tril(a), "not symmetric"),
+    ("loads", lambda a: a[:3], "not one more than another"), ("least", lambda a: a - 1e9, "are negative"),
+])  # fmt: skip
+def test_arrays_of_an_estimate_that_cannot_be(name, change, why, hertz_reduction, tmp_path):
+    """Signed anew after a change."""
+    hhr.save_model(tmp_path / "model.npz", hertz_reduction)
+    rewrite_model(tmp_path / "model.npz", array(f"fields.bound.{name}", change))
+    with pytest.raises(ModelFileError, match=why):
+        hhr.load_model(tmp_path / "model.npz")

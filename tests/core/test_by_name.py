@@ -1,0 +1,298 @@
+"""Geometries, pairings, laws and scenes by name: of a package that is really installed, and of files."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from needs import present
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx import by_name
+from hhr_dolfinx.by_name import OWN, find, names, place_of
+from hhr_dolfinx.errors import HHRError, SceneError
+
+PACKAGE = Path(__file__).parents[1] / "external_package"
+USE = """
+import json, sys
+import numpy as np
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.by_name import find, names
+
+def said(kind, name):
+    try:
+        find(kind, name)
+    except SceneError as error:
+        return str(error)
+
+slab, Ramp, Newtonian = find("geometries", "slab"), find("pairings", "Ramp"), find("laws", "Newtonian")
+
+def solved(slope, law=None):
+    scene = hhr.Scene(
+        name="by_name", geometry=slab, hypothesis="plane_strain", bodies=(hhr.Body(1, 3.0, 0.0, law=law),),
+        contacts=(Ramp(2, 0.01, slope),),
+        displacements=(hhr.Displacement(4, 0), hhr.Displacement(3, 1, hhr.Amplitude(slopes={"push": -1.0}))),
+        parameters=hhr.ParameterSpace(("push",), (0.0,), (0.1,)),
+    )
+    return hhr.FullOrderModel(scene)
+
+full = solved(0.0)
+answer = full.solve(0.05)
+path = [(0.0, [0.0]), (1.0, [0.05]), (50.0, [0.05])]
+history = solved(0.0, Newtonian(5.0)).march(path).answers if sys.argv[1:] == ["inelastic"] else []
+held = solved(0.1).solve(0.05)
+print(json.dumps({
+    "names": {kind: names(kind) for kind in ("geometries", "pairings", "laws", "scenes")},
+    "force": answer.forces().sum(),
+    "relaxed": [step.forces().sum() for step in history],
+    "touching": int((held.forces() > 0).sum()), "nodes": len(held.forces()),
+    "by module": find("pairings", "contact_toys.parts:Ramp") is Ramp,
+    "broken": said("pairings", "Broken"), "near": said("pairings", "Ram"), "scene": said("scenes", "slab_on_rmp"),
+    "near module": said("pairings", "contact_toys.parts:Rampe"), "no module": said("pairings", "contact_toy:Ramp"),
+}))
+"""
+
+
+@pytest.fixture(scope="module")
+def installed(tmp_path_factory):
+    """Environment in which the package is installed, from its sources and without an index."""
+    pytest.importorskip("setuptools")
+    folder = tmp_path_factory.mktemp("external")
+    # a build leaves its own folders beside the sources
+    sources = shutil.copytree(PACKAGE, folder / "sources")
+    command = [sys.executable, "-m", "pip", "install", "--quiet", "--no-deps", "--no-build-isolation", "--no-index"]
+    if subprocess.run([*command[:3], "--version"], capture_output=True).returncode:
+        pytest.skip("no pip beside this Python")
+    subprocess.run([*command, "--target", folder / "there", sources], check=True, capture_output=True)
+    assert list((folder / "there").glob("contact_toys-*.dist-info"))
+    return os.environ | {"PYTHONPATH": str(folder / "there"), "OMP_NUM_THREADS": "1"}
+
+
+def run(installed, *arguments, cwd=None):
+    return subprocess.run([sys.executable, *arguments], env=installed, capture_output=True, text=True, cwd=cwd)
+
+
+def hhr_command(installed, cwd, *words):
+    return run(installed, "-m", "hhr_dolfinx.command.main", *words, cwd=cwd)
+
+
+@pytest.fixture(scope="module")
+def used(installed):
+    found = run(installed, "-c", USE, *(["inelastic"] if present("inelastic") else []))
+    assert found.returncode == 0, found.stderr
+    return json.loads(found.stdout)
+
+
+def test_an_installed_package_is_listed_beside_our_own(used):
+    assert used["names"]["geometries"] == {**names("geometries"), "slab": "contact-toys"}
+    others = {"Ramp": "contact-toys", "Broken": "contact-toys", "Slope": "contact_toys"}
+    assert used["names"]["pairings"] == {**names("pairings"), **others}
+    assert used["names"]["laws"] == {**names("laws"), "Newtonian": "contact-toys"}
+    assert used["names"]["scenes"] == dict.fromkeys(("slab_on_ramp", "flowing_slab"), "contact-toys")
+    assert "slab" not in names("geometries")
+
+
+def test_a_scene_of_installed_parts_is_solved(used):
+    # uniaxial: E times strain times width
+    assert used["force"] == pytest.approx(3.0 * (0.05 - 0.01) * 3.0, rel=1e-10)
+    assert 0 < used["touching"] < used["nodes"]
+    if present("inelastic"):
+        *_, first, last = used["relaxed"]
+        assert 0 < last < first < used["force"]
+
+
+def test_what_is_wrong_with_an_installed_name_is_said(used):
+    assert used["by module"]
+    assert "'Broken' of the package contact-toys cannot be loaded: AttributeError" in used["broken"]
+    assert "Is 'Ramp' meant?" in used["near"] and "NodeToNode" in used["near"]
+    assert "Is 'slab_on_ramp' meant?" in used["scene"]
+    assert "is 'contact_toys.parts:Ramp' meant?" in used["near module"]
+    assert "contact_toy cannot be loaded: ModuleNotFoundError" in used["no module"]
+
+
+def test_a_plug_in_of_another_package_registers_as_ours_do(installed, tmp_path):
+    """Its public names, parts of scenes, classes of files, commands, and what it keeps beside a model."""
+    program = (
+        "import hhr_dolfinx as hhr; from hhr_dolfinx.by_name import find, names\n"
+        "from hhr_dolfinx.online.model_file import Kinds\n"
+        "from contact_toys.parts import Newtonian, Ramp\n"
+        "assert hhr.Newtonian is Newtonian is Kinds()['Newtonian'] and 'Newtonian' in hhr.__all__\n"
+        "assert find('pairings', 'Slope') is Ramp and names('pairings')['Slope'] == 'contact_toys'\n"
+        "from pathlib import Path; from types import SimpleNamespace; from hhr_dolfinx.registry import listed\n"
+        "(write,) = [one for one in listed('companions') if one.__name__ == 'write_note']\n"
+        "write(SimpleNamespace(comm=SimpleNamespace(rank=0), scene=SimpleNamespace(name='slab')), Path())\n"
+    )
+    found = run(installed, "-c", program, cwd=tmp_path)
+    assert found.returncode == 0, found.stderr
+    said = hhr_command(installed, tmp_path, "slabs")
+    assert said.returncode == 0 and said.stdout == "a slab is 3.0 wide\n"
+    assert (tmp_path / "note.txt").read_text() == "slab"
+
+
+def test_the_command_knows_installed_scenes(installed, tmp_path):
+    listed = hhr_command(installed, tmp_path, "list")
+    assert listed.returncode == 0 and "  slab_on_ramp (contact-toys)" in listed.stdout.splitlines()
+    looked = hhr_command(installed, tmp_path, "check", "slab_on_ramp")
+    assert looked.returncode == 0 and "contact 0 of 2: 7 conditions" in looked.stdout, looked.stdout + looked.stderr
+    assert (tmp_path / "slab_on_ramp_check.png").stat().st_size > 1000
+    solved = hhr_command(installed, tmp_path, "solve", "slab_on_ramp", "--at", "push=0.05")
+    assert solved.returncode == 0 and "\nsum of contact forces: 0.36\n" in solved.stdout, solved.stdout + solved.stderr
+    forces = []
+    for duration in ("1", "50") if present("inelastic") else ():
+        flowing = hhr_command(installed, tmp_path, "solve", "flowing_slab", "--at", "push=0.05", "--duration", duration)
+        assert flowing.returncode == 0, flowing.stderr
+        lines = dict(line.split(": ") for line in flowing.stdout.splitlines())
+        assert lines["seconds of one step from rest"] == duration
+        forces.append(float(lines["sum of contact forces"]))
+    assert not forces or 0 < forces[1] < forces[0]
+    elastic = hhr_command(installed, tmp_path, "solve", "slab_on_ramp", "--at", "push=0.05", "--duration", "1")
+    assert elastic.returncode == 2 and "all bodies are elastic" in elastic.stderr
+    missing = hhr_command(installed, tmp_path, "check", "slab_on_rmp")
+    assert missing.returncode == 3 and "Is 'slab_on_ramp' meant?" in missing.stderr
+
+
+def test_our_own_names_are_found_and_have_their_kind():
+    for kind, own in OWN.items():
+        for name in own:
+            assert callable(find(kind, name)), (kind, name)
+    assert find("pairings", "Obstacle") is hhr.Obstacle
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "said"),
+    [
+        ("pairing", "Obstacle", "there are no 'pairing'"), ("pairings", "Obstacl", "Is 'Obstacle' meant"),
+        ("pairings", "", "must be a text"), ("pairings", 3, "must be a text"), ("pairings", " ", "must be a text"),
+        ("scenes", "nothing", "Known are none"), ("scenes", ":x", "cannot be loaded"),
+        ("scenes", "json:dump_it", "json has no 'dump_it'"), ("scenes", "..:x", "cannot be loaded"),
+        ("scenes", "no_such_module:x", "cannot be loaded: ModuleNotFoundError"),
+    ],
+)  # fmt: skip
+def test_names_that_are_none_are_refused(kind, name, said):
+    with pytest.raises(SceneError, match=said):
+        find(kind, name)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("a = 1\nb = 1 / 0\n", "odd name.py, line 2: ZeroDivisionError: division by zero"),
+        ("a = 1\n\ndef f(:\n", "odd name.py, line 3: SyntaxError"),
+        ("import beside_it\n", "odd name.py, line 1: SyntaxError.*beside_it.py, line 2"),
+        ("import sys\nsys.exit(5)\n", "odd name.py, line 2: SystemExit: 5"),
+        ("import no_such_module\n", "odd name.py, line 1: ModuleNotFoundError"),
+        ("\nfrom . import beside_it\n", "odd name.py, line 2: ImportError.*write 'import name'"),
+        ("import hhr_dolfinx as hhr\nhhr.Body(1, 1.0)\n", "odd name.py, line 2: TypeError.*poisson"),
+        ("import hhr_dolfinx as hhr\nhhr.ParameterSpace(('a',), (1.0,), (0.0,))\n", "a"),
+        ("a = '\0'\n", "null bytes"), ("scen = 3\n", "is '.*odd name.py:scen' meant?"), ("", "has no 'scene'"),
+    ],
+)  # fmt: skip
+def test_mistakes_in_a_file_are_told_by_line(text, said, tmp_path, monkeypatch):
+    (tmp_path / "odd name.py").write_text(text)
+    (tmp_path / "beside_it.py").write_text("a = 1\nb = = 2\n")
+    monkeypatch.chdir(tmp_path)
+    for path in ("odd name.py", tmp_path / "odd name.py", Path("..") / tmp_path.name / "odd name.py"):
+        with pytest.raises(HHRError, match=said):
+            find("scenes", str(path))
+
+
+def test_files_that_are_none_are_refused(tmp_path):
+    (tmp_path / "here.py").write_text("")
+    (tmp_path / "folder.py").mkdir()
+    for name in ("there.py", "folder.py"):
+        with pytest.raises(SceneError, match=r"there is no file .*, which has here.py$"):
+            find("scenes", str(tmp_path / name))
+    with pytest.raises(SceneError, match="there is no file"):
+        find("scenes", str(tmp_path / "no folder" / "a.py"))
+
+
+def test_a_file_runs_once_and_again_when_it_has_changed(tmp_path, capsys):
+    path = tmp_path / "printing.py"
+    path.write_text("print('it runs')\nscene = 1\nother = 2\n")
+    assert (find("scenes", str(path)), find("scenes", f"{path}:other")) == (1, 2)
+    assert capsys.readouterr().out == "it runs\n"
+    path.write_text("scene = 3\n")
+    os.utime(path, ns=(0, path.stat().st_mtime_ns + 10**9))
+    assert find("scenes", str(path)) == 3
+
+
+def test_two_files_of_one_name_are_two(tmp_path):
+    for folder, width in (("one", 1), ("two", 2)):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "sizes_of_it.py").write_text(f"WIDTH = {width}\n")
+        (tmp_path / folder / "my_law.py").write_text(
+            "from __future__ import annotations\nfrom dataclasses import dataclass\nfrom typing import ClassVar\n"
+            "from sizes_of_it import WIDTH\n@dataclass(frozen=True)\nclass law:\n    kind: ClassVar[int] = WIDTH\n"
+            "    a: float = WIDTH\n"
+            "def late():\n    import late_of_it\n    return late_of_it.NAME\n"
+        )
+    (tmp_path / "two" / "late_of_it.py").write_text("NAME = 'late'\n")
+    one, two = (find("laws", str(tmp_path / folder / "my_law.py")) for folder in ("one", "two"))
+    assert (one().a, two().a, one.kind, two.kind) == (1, 2, 1, 2) and one is not two
+    assert one.__module__ != two.__module__
+    assert sys.modules[two.__module__].law is two
+    assert find("laws", f"{tmp_path}/two/my_law.py:late")() == "late"
+
+
+def test_code_made_from_text_is_nobodys_file(tmp_path, monkeypatch):
+    """Beside the scene <string> would lie in its folder: dataclasses raise from there."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "scene_here.py").write_text("import hhr_dolfinx as hhr\n\nhold = lambda: hhr.Displacement(1, -1)\n")
+    hold = find("scenes", "scene_here.py:hold")
+    with pytest.raises(SceneError) as caught:
+        hold()
+    assert place_of(caught.value) == "scene_here.py, line 3"
+    with pytest.raises(SceneError) as caught:
+        hhr.Displacement(1, -1)
+    assert place_of(caught.value) == ""
+
+
+def test_a_file_does_not_take_the_place_of_a_module(tmp_path):
+    (tmp_path / "json.py").write_text("scene = 'mine'\n")
+    assert find("scenes", str(tmp_path / "json.py")) == "mine"
+    assert sys.modules["json"] is json
+    with pytest.raises(AttributeError):
+        _ = json.scene
+
+
+def test_errors_of_functions_of_a_file_have_a_place(tmp_path):
+    path = tmp_path / "late_mistake.py"
+    path.write_text("def scene():\n    return 1 / 0\n")
+    with pytest.raises(ZeroDivisionError) as caught:
+        find("scenes", str(path))()
+    assert place_of(caught.value) == "late_mistake.py, line 2"
+    with pytest.raises(ValueError) as caught:
+        np.zeros(3).reshape(2, 2)
+    assert place_of(caught.value) == ""
+
+
+class Entry:
+    """An entry point of a package that is not there."""
+
+    def __init__(self, name, value, load):
+        self.name, self.value, self.dist, self.load = name, value, None, load
+
+
+class Entries(list):
+    names = property(lambda self: {point.name for point in self})
+
+
+def test_entry_points_of_two_packages_may_share_a_name_for_one_thing_only(monkeypatch):
+    def leave():
+        raise SystemExit(3)
+
+    twice = [Entry("Twice", "a:X", int), Entry("Twice", "b:X", float)]
+    same = [Entry("Same", "a:Y", dict), Entry("Same", "a:Y", dict)]
+    points = Entries([*twice, *same, Entry("Leaves", "a:Z", leave), Entry("Mortar", "a:M", list)])
+    monkeypatch.setattr(by_name.importlib.metadata, "entry_points", lambda group: points)
+    with pytest.raises(SceneError, match="'Twice' stands for 'a:X' of a:X and 'b:X' of b:X"):
+        find("pairings", "Twice")
+    with pytest.raises(SceneError, match=r"'Leaves' .* cannot be loaded: SystemExit: 3"):
+        find("pairings", "Leaves")
+    assert find("pairings", "Same") == {} and find("pairings", "Mortar") is hhr.Mortar
+    assert names("pairings")["Mortar"] == "hhr_dolfinx"

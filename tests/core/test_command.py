@@ -1,0 +1,578 @@
+"""The command ``hhr``, as people use it: words, files, pipes, ranks, mistakes, and Ctrl-C."""
+
+import ast
+import csv
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+import tomllib
+from pathlib import Path
+
+import contract
+import numpy as np
+import pytest
+from bare import WAIT
+from needs import needs, present
+from shell import AT, DEMO, ENVIRONMENT, POINT, PROGRAM, TRAIN, invoke, run
+from test_mpi import run_program
+
+import hhr_dolfinx as hhr
+
+pytest.importorskip("click")
+from click.testing import CliRunner
+
+from hhr_dolfinx.command.main import hhr as command
+from hhr_dolfinx.study.report.page import write_page
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory):
+    """Folder of a training, and what was said."""
+    folder = tmp_path_factory.mktemp("trained") / "of this scene"
+    found = run(*TRAIN, "--out", folder)
+    assert found.returncode == 0, found.stderr
+    return folder, found
+
+
+@pytest.fixture(scope="module")
+def model(trained):
+    return hhr.load_model(trained[0] / "hhr.npz")
+
+
+@pytest.fixture(scope="module")
+def full():
+    import your_scene
+
+    return hhr.FullOrderModel(your_scene.scene())
+
+
+def told(output):
+    """Numbers by name, of lines ``name: number``."""
+    return {name: float(value) for name, value in (line.rsplit(": ", 1) for line in output.splitlines())}
+
+
+OF_PLUGINS = {
+    "page": "pages",
+    "serve": "doors",
+    "dakota": "doors",
+    "embed": "exporters",
+    "export": "exporters",
+    "reduce": "one_call",
+}
+"""Commands of our plug-ins."""
+ALL = command.list_commands(None)
+
+
+def test_every_command_helps_with_examples():
+    code, output = invoke("--help")
+    assert code == 0 and set(ALL) == {
+        *("check", "train", "solve", "study", "answer", "report", "list"),
+        *(name for name, plugin in OF_PLUGINS.items() if present(plugin)),
+    }
+    for name in ALL:
+        for word in ("--help", "-h"):
+            code, said = invoke(name, word)
+            assert code == 0 and "Examples:\n" in said and f"hhr {name}" in said.split("Examples:")[1]
+        assert f"  {name} " in output
+    assert invoke("--version")[0] == 0
+
+
+def test_training_says_each_thing_once(trained):
+    folder, found = trained
+    lines = found.stdout.splitlines()
+    assert lines[:2] == ["snapshots: 12 to do", "held out: 100 to do"]
+    assert "3128 dofs and 86 contacts -> " in lines[2] and lines[4:] == [f"model: {folder / 'hhr.npz'}"]
+    assert lines[3].startswith("errors of its answers: bound, proved: the displacement in energy; nodal contact forces")
+    # twelve points are few, which is said
+    warned = [line for line in found.stderr.splitlines() if line]
+    assert warned and all(line.startswith("warning: ") for line in warned) and len(set(warned)) == len(warned)
+
+
+def test_a_second_training_goes_on_from_the_first(trained):
+    folder, found = trained
+    before = (folder / "hhr.npz").stat().st_mtime_ns
+    again = run(*TRAIN, "--out", folder)
+    assert again.returncode == 0 and f"112 of 112 answers were read from {folder / 'snapshots'}" in again.stdout
+    assert (folder / "hhr.npz").stat().st_mtime_ns > before and again.stderr == found.stderr
+
+
+def test_an_interrupted_training_keeps_its_answers(tmp_path):
+    words = [sys.executable, *PROGRAM, "train", DEMO, "--sobol", "128", "--out", str(tmp_path)]
+    pipes = {"stdout": subprocess.PIPE, "stderr": subprocess.PIPE, "text": True, "env": ENVIRONMENT}
+    # what runs these tests in the background may ignore Ctrl-C, and those it starts would, too
+    started = subprocess.Popen(words, **pipes, preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_DFL))
+    end = time.monotonic() + WAIT
+    while len(list(tmp_path.glob("snapshots/*.npz"))) < 5 and started.poll() is None and time.monotonic() < end:
+        time.sleep(0.005)
+    started.send_signal(signal.SIGINT)
+    stdout, stderr = started.communicate(timeout=WAIT)
+    assert started.returncode == 130, stdout + stderr
+    assert stderr == "interrupted: answers that were done are kept, and the same command goes on from there\n"
+    kept = len(list(tmp_path.glob("snapshots/*.npz")))
+    assert 5 <= kept < 128 and not list(tmp_path.glob("snapshots/*.part")) and not (tmp_path / "hhr.npz").exists()
+    again = run(*words[3:])
+    assert again.returncode == 0 and f"{kept} of 228 answers were read" in again.stdout, again.stdout + again.stderr
+
+
+def test_answers_do_not_replace_their_questions(trained, tmp_path):
+    questions = tmp_path / "q.csv"
+    questions.write_text("travel,lowered\n0.5,0.1\n")
+    code, output = invoke("answer", trained[0] / "hhr.npz", questions, "--out", questions)
+    assert code == 2 and "holds the questions" in output and questions.read_text().startswith("travel")
+
+
+def test_scene_and_model_answer_alike(trained, full, model):
+    code, output = invoke("solve", DEMO, *AT)
+    exact, answer = told(output), full.solve(POINT)
+    assert code == 0
+    sums = [exact.pop(f"sum of the forces of contact {place} [N/mm]") for place in
+            ("0 of roller_round, spring_top", "1 of stop_round, spring_bottom")]  # fmt: skip
+    pairs = full.problem.contact_pairs
+    assert sums == pytest.approx([answer.forces()[pairs == number].sum() for number in (0, 1)], rel=1e-5)
+    largest = np.linalg.norm(answer.displacement().reshape(-1, 2), axis=1).max()
+    assert exact["largest displacement [mm]"] == pytest.approx(largest, rel=1e-5)
+    assert exact["active contacts"] == (answer.forces() > 0).sum()
+    assert exact["force on the roller [N/mm]"] == pytest.approx(
+        answer.outputs().values["force on the roller"], rel=1e-5
+    )
+    words = ["--at", "lowered = 0.1", "--at", "travel=5e-1,"]
+    code, output = invoke("solve", trained[0] / "hhr.npz", *words)
+    found = told(output)
+    bounds = [f"bound of {name}" for name in ("displacement", "forces", "pressure", "forces in energy")]
+    assert code == 0 and max(found.pop(name) for name in bounds) < 0.05
+    # a file says neither units nor which force belongs to which contact
+    exact["largest displacement"] = exact.pop("largest displacement [mm]")
+    exact["sum of the forces of all contacts"] = sum(sums)
+    assert found == pytest.approx(exact, rel=1e-4)
+
+
+@pytest.mark.parametrize("ending", [".vtu", ".vtkhdf"])
+def test_fields_are_those_of_the_answer(ending, tmp_path, full):
+    pyvista = pytest.importorskip("pyvista")
+    path = tmp_path / "a folder" / f"fields of it{ending}"
+    code, output = invoke("solve", DEMO, *AT, "--out", path)
+    assert code == 0, output
+    grid, answer = pyvista.read(path), full.solve(POINT)
+    vectors = answer.displacement().reshape(-1, 2)
+    np.testing.assert_allclose(grid.point_data["displacement"][:, :2], vectors, rtol=1e-10, atol=1e-14)
+    np.testing.assert_allclose(np.asarray(grid.points)[:, :2], full.problem.points, atol=1e-6)
+    assert grid.n_cells == 2868 and {"von_mises", "body"} <= set(grid.cell_data)
+    assert sorted(item.name for item in path.parent.iterdir()) == [path.name]
+
+
+def questions(path, header, rows):
+    with open(path, "w", newline="", encoding="utf-8-sig") as file:
+        csv.writer(file).writerows([header, *rows])
+    return path
+
+
+def columns_of(path):
+    with open(path, newline="", encoding="utf-8") as file:
+        rows = list(csv.reader(file))
+    return {name: [row[k] for row in rows[1:]] for k, name in enumerate(rows[0])}
+
+
+def test_tables_of_text_and_parquet_have_the_numbers_of_the_model(trained, model, tmp_path):
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    points = model.parameters.random(7, seed=3)
+    # columns in another order, one more, a byte order mark, and a space in the name
+    text = questions(tmp_path / "my questions.csv", ["lowered", "note", "travel"], [[b, "ä", a] for a, b in points])
+    table = pyarrow.table({"note": ["x"] * 7, "lowered": points[:, 1], "travel": points[:, 0]})
+    parquet.write_table(table, tmp_path / "q.parquet")
+    file = trained[0] / "hhr.npz"
+    for given, out in ((text, tmp_path / "a.csv"), (tmp_path / "q.parquet", tmp_path / "b" / "a.parquet")):
+        code, output = invoke("answer", file, given, "--out", out)
+        assert code == 0 and "7 answers and 0 bad rows" in output, output
+    found = columns_of(tmp_path / "a.csv")
+    other = parquet.read_table(tmp_path / "b" / "a.parquet").to_pydict()
+    assert list(found) == list(other) and found["status"] == other["status"] == ["ok"] * 7
+    for k, point in enumerate(points):
+        answer = model.solve(point)
+        forces = [other[f"force_{place}"][k] for place in range(86)]
+        np.testing.assert_allclose(forces, answer.forces(), rtol=1e-9, atol=1e-9)
+        assert other["travel"][k] == point[0] and float(found["lowered"][k]) == point[1]
+        assert other["force on the roller [N/mm]"][k] == pytest.approx(answer.outputs().values["force on the roller"])
+    for name in set(found) - {"status"}:
+        np.testing.assert_allclose(np.array(found[name], dtype=float), other[name], rtol=1e-11, atol=1e-12)
+
+
+def test_rows_that_have_no_answer_do_not_stop_the_others(trained, tmp_path):
+    pyarrow = pytest.importorskip("pyarrow")
+    from pyarrow import parquet
+
+    file = trained[0] / "hhr.npz"
+    rows = [[0.5, 0.1], ["x", 0.1], [9, 0.1], ["nan", 0.1], [0.5, ""], [0.6, 0.2], [0.5]]
+    text = questions(tmp_path / "q.csv", ["travel", "lowered"], rows)
+    code, output = invoke("answer", file, text, "--out", tmp_path / "a.csv")
+    assert code == 1 and "2 answers and 5 bad rows" in output
+    for said in ("line 3 (x, 0.1): travel = 'x' is no number", "line 4 (9, 0.1): travel = 9 is outside", "line 6"):
+        assert said in output
+    assert [status == "ok" for status in columns_of(tmp_path / "a.csv")["status"]] == [1, 0, 0, 0, 0, 1, 0]
+    travel = pyarrow.array([0.5, None, 9.0, float("nan"), 0.6])
+    parquet.write_table(pyarrow.table({"travel": travel, "lowered": [0.1] * 5}), tmp_path / "q.parquet")
+    code, output = invoke("answer", file, tmp_path / "q.parquet", "--out", tmp_path / "a.parquet")
+    found = parquet.read_table(tmp_path / "a.parquet").to_pydict()
+    assert code == 1 and [status == "ok" for status in found["status"]] == [1, 0, 0, 0, 1]
+    assert found["total_force"][1] is None and found["total_force"][0] > 0
+    texts = pyarrow.table({"travel": ["0.5", "it's"], "lowered": pyarrow.array([0, 0])})
+    parquet.write_table(texts, tmp_path / "t.parquet")
+    code, output = invoke("answer", file, tmp_path / "t.parquet", "--out", tmp_path / "t.csv")
+    assert code == 1 and columns_of(tmp_path / "t.csv")["travel"] == ["0.5", "it's"]
+
+
+def test_tables_without_rows_have_a_header_of_answers(trained, tmp_path):
+    file = trained[0] / "hhr.npz"
+    for ending in (".csv", ".parquet"):
+        given = questions(tmp_path / "none.csv", ["travel", "lowered"], [])
+        code, output = invoke("answer", file, given, "--out", tmp_path / f"a{ending}")
+        assert code == 0 and "0 answers and 0 bad rows" in output
+    assert columns_of(tmp_path / "a.csv")["total_force"] == []
+    code, _ = invoke("answer", file, tmp_path / "a.parquet", "--out", tmp_path / "b.csv")
+    assert code == 0 and (tmp_path / "b.csv").read_text() == (tmp_path / "a.csv").read_text()
+
+
+def test_two_ranks_answer_as_one(trained, tmp_path):
+    folder, _ = trained
+    words = [*PROGRAM, *TRAIN, "--out", str(tmp_path / "of two")]
+    found = run_program(2, words)
+    assert found.returncode == 0, found.stdout + found.stderr
+    assert found.stdout.count("snapshots: ") == 1 and found.stdout.count("model: ") == 1
+    assert found.stderr.count("warning: ") == trained[1].stderr.count("warning: ")
+    points = [[0.2, 0.0], [0.5, 0.1], [0.9, 0.1], [7, 0.1], [0.33, 0.29]]
+    given = questions(tmp_path / "q.csv", ["travel", "lowered"], points)
+    code, _ = invoke("answer", folder / "hhr.npz", given, "--out", tmp_path / "one.csv")
+    words = ["answer", str(tmp_path / "of two" / "hhr.npz"), str(given), "--out", str(tmp_path / "two.csv")]
+    found = run_program(2, [*PROGRAM, *words])
+    assert code == found.returncode == 1 and "4 answers and 1 bad rows on 2 ranks" in found.stdout, found.stderr
+    one, two = (columns_of(tmp_path / name) for name in ("one.csv", "two.csv"))
+    assert one.keys() == two.keys() and one["status"] == two["status"]
+    for name in set(one) - {"status"}:
+        if not name.startswith(("bound", "indicator")):
+            values = [np.array([cell or "nan" for cell in found[name]], dtype=float) for found in (one, two)]
+            np.testing.assert_allclose(*values, rtol=1e-7, atol=1e-7, err_msg=name)
+
+
+def test_ranks_refuse_as_one(tmp_path):
+    found = run_program(2, [*PROGRAM, "train", str(tmp_path / "no.py")])
+    assert found.returncode == 3 and found.stderr.count("error: there is no file") == 1
+
+
+def test_a_check_takes_the_middle_for_what_is_not_named(tmp_path):
+    code, said = invoke("check", DEMO, "--at", "travel=0.5", "--picture", tmp_path / "scene.png")
+    assert code == 0 and "no value is given" not in said
+    code, said = invoke("check", DEMO, "--at", "travl=0.5", "--picture", tmp_path / "scene.png")
+    assert code == 3 and "no parameter" in said
+
+
+def test_a_study_has_a_page(tmp_path):
+    found = run("study", DEMO, "--sobol", "12", "--tests", "6", "--queries", "6", "--out", tmp_path)
+    assert found.returncode == 0, found.stderr
+    page = (tmp_path / "report.html").read_text(encoding="utf-8")
+    assert page.count("<img ") == len(list(tmp_path.glob("*.png"))) == 4 and (tmp_path / "study.npz").exists()
+    (tmp_path / "report.html").unlink()
+    code, output = invoke("report", tmp_path)
+    assert code == 0 and output == f"{tmp_path / 'report.html'}\n"
+    assert (tmp_path / "report.html").read_text(encoding="utf-8") == page
+    assert write_page(tmp_path) == tmp_path / "report.html"
+
+
+def test_a_check_draws_and_finds(tmp_path):
+    code, output = invoke("check", DEMO, "--at", "travel=1,lowered=0", "--picture", tmp_path / "it.png")
+    assert code == 0 and "body 'spring': 1520 cells" in output and "displacements hold every body" in output
+    assert (tmp_path / "it.png").read_bytes().startswith(b"\x89PNG")
+    (tmp_path / "wrong.py").write_text(
+        "from dataclasses import replace\nimport hhr_dolfinx as hhr\nimport your_scene\n"
+        "pair = hhr.NodeToSurface('roller_rund', 'spring_top')\n"
+        "scene = replace(your_scene.scene(), openings=(), outputs=(), contacts=(pair,))\n"
+    )
+    code, output = invoke("check", tmp_path / "wrong.py", "--picture", tmp_path / "wrong.png")
+    assert code == 1 and "mistake" in output and "roller_r" in output
+    (tmp_path / "refused.py").write_text((tmp_path / "wrong.py").read_text().replace("openings=(), ", ""))
+    code, output = invoke("check", tmp_path / "refused.py")
+    assert code == 3 and "error: refused.py, line 5: an opening names contact 1" in output
+
+
+def test_lists():
+    code, output = invoke("list")
+    assert code == 0 and "  NodeToSurface (hhr_dolfinx)\n" in output and "  steel: E = 210 GPa" in output
+    for kind, name in (("loads", "Pressure"), ("outputs", "ContactForce"), ("samplings", "Sobol")):
+        assert f"{kind}:\n" in output and f"  {name} (hhr_dolfinx)\n" in invoke("list", kind)[1]
+    if present("inelastic"):
+        assert invoke("list", "laws")[1] == "laws:\n  Norton (hhr_dolfinx)\n  Plasticity (hhr_dolfinx)\n"
+
+
+FILES = {
+    "late.py": "def scene():\n    return 1 / 0\n",
+    "three.py": "scene = 3\n",
+    "needs.py": "def scene(mesh, *, size=1):\n    pass\n",
+    "syntax.py": "\ndef f(:\n",
+    "settings.py": "from your_scene import scene\nSETTINGS = {'training': 3}\n",
+    "geometry.py": "from dataclasses import replace\nimport your_scene\ndef mine(comm):\n    raise ValueError('none')\n"
+    "scene = replace(your_scene.scene(), geometry=mine)\n",
+    "stops.py": "from dataclasses import replace\nimport your_scene\ndef mine(comm):\n    raise KeyboardInterrupt\n"
+    "scene = replace(your_scene.scene(), geometry=mine)\n",
+    "prints.py": "print('it runs')\nimport your_scene\nscene = your_scene.scene()\n",
+    "file": "", "broken.npz": "abc", "two.csv": "travel,travel\n1,2\n", "half.csv": "travel;lowered\n0,5;0,1\n",
+    "book.xlsx": "PK", "one.csv": "load\n1\n",
+    "good.csv": "travel,lowered\n0.5,0.1\n", "latin.csv": b"travel,lowered\n\xe4,1\n", "bad.parquet": "abc",
+}  # fmt: skip
+MISTAKES = [
+    (2, "Usage: hhr", []),
+    (2, "No such command 'solv'", ["solv"]),
+    (2, "Missing argument 'SCENE'", ["check"]),
+    (3, "there is no file", ["check", "no.py"]),
+    (3, "folder is a folder, and a mesh is a file", ["check", "folder"]),
+    (3, "late.py, line 2: ZeroDivisionError", ["check", "late.py"]),
+    (3, "three.py is int and no Scene", ["check", "three.py"]),
+    (3, "the function needs mesh;", ["solve", "needs.py"]),
+    (3, "syntax.py, line 2: SyntaxError", ["solve", "syntax.py"]),
+    (3, "geometry.py, line 4: ValueError: none", ["solve", "geometry.py", *AT]),
+    (3, "SETTINGS beside settings.py must be hhr.StudySettings, and is dict", ["train", "settings.py"]),
+    (130, "interrupted\n", ["check", "stops.py"]),
+    (130, "interrupted: answers that were done are kept", ["train", "stops.py", "--sobol", "4"]),
+    (3, "there is no model file no.npz", ["solve", "no.npz", *AT]),
+    (3, "broken.npz is damaged", ["solve", "broken.npz", *AT]),
+    (3, "no value is given for lowered in [0, 0.3]", ["solve", "MODEL", "--at", "travel=0.5"]),
+    (3, "no value is given for travel in [0.05, 1], lowered", ["solve", "MODEL"]),
+    (3, "'travel' is there twice", ["solve", "MODEL", *AT, "--at", "travel=0.5"]),
+    (3, "'load' is no parameter", ["solve", "MODEL", "--at", "load=1"]),
+    (3, "'travel' gives no parameter a number", ["solve", "MODEL", "--at", "travel"]),
+    (3, "'travel=a' gives", ["solve", "MODEL", "--at", "travel=a"]),
+    (
+        3,
+        "'5' gives no parameter a number: write --at travel=0.5, with a decimal point",
+        ["solve", "MODEL", "--at", "travel=0,5"],
+    ),
+    (
+        3,
+        "travel = nan is not finite: give a number inside travel in",
+        ["solve", "MODEL", "--at", "travel=nan,lowered=0"],
+    ),
+    (3, "travel = inf", ["solve", "MODEL", "--at", "travel=inf,lowered=0"]),
+    (3, "travel = 4 is outside", ["solve", "MODEL", "--at", "travel=4,lowered=0"]),
+    (2, "--out needs a mesh", ["solve", "MODEL", *AT, "--out", "a.vtu"]),
+    (2, "all bodies are elastic", ["solve", "MODEL", *AT, "--duration", "2"]),
+    (3, "must end in .vtkhdf or .vtu", ["solve", DEMO, *AT, "--out", "a.pvd"]),
+    (3, "folder.vtu is a folder", ["solve", DEMO, *AT, "--out", "folder.vtu"]),
+    (3, "a file stands where a folder is needed", ["solve", DEMO, *AT, "--out", "file/a.vtu"]),
+    (3, "file is a file", ["train", DEMO, "--out", "file"]),
+    (2, "give one of --grid, --sobol", ["train", DEMO, "--sobol", "4", "--grid", "2,2"]),
+    (2, "--budget belongs to --greedy", ["study", DEMO, "--budget", "4"]),
+    (2, "--grid 4;4 must be counts", ["train", DEMO, "--grid", "4;4"]),
+    (3, "counts [4] of a grid must be 2", ["train", DEMO, "--grid", "4"]),
+    (3, "tolerance = nan", ["train", DEMO, "--greedy", "nan"]),
+    (3, "there is no table", ["answer", "MODEL", "no.csv"]),
+    (3, "there is no table", ["answer", "MODEL", "no.parquet"]),
+    (3, "bad.parquet cannot be read as Parquet", ["answer", "MODEL", "bad.parquet"]),
+    (3, "latin.csv cannot be read as a table of UTF-8", ["answer", "MODEL", "latin.csv"]),
+    (3, "half.csv is separated by semicolons or tabs", ["answer", "MODEL", "half.csv"]),
+    (3, "one.csv has no column", ["answer", "MODEL", "one.csv"]),
+    (3, "book.xlsx is a workbook of a spreadsheet: save its table as CSV", ["answer", "MODEL", "book.xlsx"]),
+    (3, "good.csv is a table and no model: the model comes first", ["answer", "good.csv", "MODEL"]),
+    (3, "folder is a folder, and a model is a file\n", ["solve", "folder", *AT]),
+    (3, "is a folder, and a model is a file: did you mean ", ["answer", "FOLDER", "good.csv"]),
+    (3, "there is no model file ", ["page", "FOLDER/condensed.npz"]),
+    (3, "hhr.npz?\n", ["page", "FOLDER/condensed.npz"]),
+    (3, "two.csv has no column", ["answer", "MODEL", "two.csv"]),
+    (3, "folder cannot be read", ["answer", "MODEL", "folder"]),
+    (3, "must end in .csv or .parquet", ["answer", "MODEL", "good.csv", "--out", "a.xlsx"]),
+    (3, "folder.csv is a folder", ["answer", "MODEL", "good.csv", "--out", "folder.csv"]),
+    (3, "it.txt must end in .png or .pdf or .svg", ["check", DEMO, "--picture", "it.txt"]),
+    (3, "/proc/it.png cannot be written", ["check", DEMO, "--picture", "/proc/it.png"]),
+    (3, "/proc/it.vtu cannot be written", ["solve", DEMO, *AT, "--out", "/proc/it.vtu"]),
+    (3, "/proc/it.inp cannot be written", ["export", DEMO, *AT, "--out", "/proc/it.inp"]),
+    (3, "file cannot be made (File exists): a file stands where", ["export", DEMO, *AT, "--out", "file/it.inp"]),
+    (3, "must end in .inp", ["export", DEMO, *AT, "--out", "a.txt"]),
+    (2, "Missing option '--out'", ["export", DEMO, *AT]),
+    (3, "there is no report", ["report", "folder"]),
+    (3, "file is no folder", ["report", "file"]),
+    (2, "there are no pairing: kinds are", ["list", "pairing"]),
+]
+
+
+@pytest.mark.parametrize(
+    ("code", "said", "words"),
+    [row for row in MISTAKES if all(present(OF_PLUGINS[word]) for word in row[2][:1] if word in OF_PLUGINS)],
+    ids=lambda item: " ".join(item)[-60:] if isinstance(item, list) else "",
+)
+def test_mistakes_end_in_a_sentence(code, said, words, trained, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    for name, text in FILES.items():
+        Path(name).write_bytes(text.encode() if isinstance(text, str) else text)
+    for name in ("folder", "folder.vtu", "folder.csv"):
+        Path(name).mkdir()
+    before = sorted(Path().rglob("*"))
+    places = {
+        "MODEL": trained[0] / "hhr.npz",
+        "FOLDER": trained[0],
+        "FOLDER/condensed.npz": trained[0] / "condensed.npz",
+    }
+    found, output = invoke(*(places.get(word, word) for word in words))
+    assert found == code and said in output, output
+    assert (
+        code not in (2, 3) or [path for path in sorted(Path().rglob("*")) if "__pycache__" not in str(path)] == before
+    )
+
+
+def options_of(command):
+    """Options of a command and of those below it."""
+    own = {word for item in command.params for word in (*item.opts, *item.secondary_opts)}
+    if not hasattr(command, "list_commands"):
+        return own
+    return own.union(*(options_of(command.get_command(None, name)) for name in command.list_commands(None)))
+
+
+def test_messages_name_options_that_are_there():
+    """What an error or a warning advises must exist; options of other programs stand beside their names."""
+    others = {"--user"}
+    root = Path(hhr.__file__).parent
+    known = options_of(command) | others | {"--help"}
+    for path in (root / "command").parent.rglob("*.py"):
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.Constant) and isinstance(node.value, str):
+                named = set(re.findall(r"(?<![\w-])--[a-z][a-z-]+", node.value))
+                assert named <= known | OF_DEMOS, (path.name, node.lineno, named)
+
+
+OF_DEMOS = {"--quick", "--batch", "--cells", "--order"}
+"""Options of ``study/cli.py``, by which demos run."""
+
+
+@needs("pages", "exporters", "doors", "inelastic")
+def test_models_with_a_law_of_a_users_own(tmp_path, monkeypatch):
+    """Its class comes out of the file that is named, as scenes do; a page and C refuse it by name."""
+    from toy_law import Bingham
+
+    from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
+
+    scene = contract.blocks(law=Bingham(0.03, 0.5))
+    training = hhr.train(scene, [contract.path(top) for top in (0.02, 0.05)], held_out=[contract.path(0.04)])
+    # one step from rest is faster than what was trained, and no subject here
+    model = training.condense(CorrectionSettings(primal=1.0, dual=1.0)).changed(trained=None)
+    monkeypatch.chdir(tmp_path)
+    hhr.save_model("model.npz", model)
+    # a copy: the folder of these tests is no folder of a user's, whose lines errors name
+    shutil.copy(Path(__file__).parents[1] / "toy_law.py", tmp_path)
+    law = f"{tmp_path / 'toy_law.py'}:Bingham"
+    Path("q.csv").write_text("push,load\n0.04,0.02\n")
+    point = model.parameters.point([0.04, 0.02])
+    Path("params.in").write_text(
+        "2 variables\n0.04 push\n0.02 load\n1 functions\n1 ASV_1:force\n0 derivative_variables\n"
+    )
+    known = model.solve(point, duration=1.0, outside="ignore").outputs()["force"]
+    ask = {
+        "solve": ["model.npz", "--at", "push=0.04,load=0.02"],
+        "answer": ["model.npz", "q.csv"],
+        "dakota": ["model.npz", "params.in", "results.out"],
+        "page": ["model.npz"],
+        "embed": ["model.npz", "--out", "a.h"],
+        "serve": ["model.npz", "--host", "192.0.2.1"],
+    }
+    for name, words in ask.items():
+        code, said = invoke(name, *words)
+        assert code == 3 and "--known FILE.py:Bingham" in said
+        code, said = invoke(name, *words, "--known", f"{law}s")
+        assert code == 3 and "has no 'Binghams'" in said
+        code, said = invoke(name, *words, "--known", law.replace(":Bingham", ":np"))
+        assert code == 3 and "is module and no class" in said
+    found = {name: invoke(name, *words, "--known", law) for name, words in ask.items()}
+    (value,) = re.findall(r"^force: (\S+)$", found["solve"][1], re.MULTILINE)  # beside warnings of the large step
+    assert found["solve"][0] == 0 and float(value) == pytest.approx(known, rel=1e-5)  # six digits are printed
+    for name in ("page", "embed"):
+        assert found[name][0] == 3 and "or of your own, as Bingham is" in found[name][1]
+    assert found["serve"][0] == 3 and "cannot be served" in found["serve"][1]
+    assert found["answer"][0] == found["dakota"][0] == 0
+    (row,) = csv.DictReader(Path("answers.csv").read_text().splitlines())
+    value, _ = Path("results.out").read_text().split()
+    assert float(row["force"]) == pytest.approx(known, rel=1e-10) and float(value) == pytest.approx(known, rel=1e-10)
+
+
+def test_without_click_the_command_says_so_in_one_line():
+    program = "import sys; sys.modules['click'] = None; from hhr_dolfinx.command.start import main; main()"
+    found = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=WAIT)
+    assert found.returncode == 3 and found.stdout == ""
+    assert found.stderr == (
+        "error: the command hhr needs the package click, which is not installed: `pip install hhr_dolfinx[study]`\n"
+    )
+    scripts = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]["scripts"]
+    assert scripts == {"hhr": "hhr_dolfinx.command.start:main"}
+
+
+def test_columns_of_forces_may_stay_out(trained, model, tmp_path):
+    """Eighty-six of them are no table to read; all other columns are the same."""
+    (tmp_path / "q.csv").write_text("travel,lowered\n0.5,0.1\n0.6,0.1\n")
+    for name, words in (("all.csv", []), ("few.csv", ["--no-forces"])):
+        code, _ = invoke("answer", trained[0] / "hhr.npz", tmp_path / "q.csv", "--out", tmp_path / name, *words)
+        assert code == 0
+    whole, few = (list(csv.reader(open(tmp_path / name, newline=""))) for name in ("all.csv", "few.csv"))
+    count = model.conditions
+    assert whole[0][-count:] == [f"force_{k}" for k in range(count)]
+    assert few == [row[:-count] for row in whole] and "total_force" in few[0]
+
+
+def test_a_scene_that_prints_runs_once(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    Path("prints.py").write_text(FILES["prints.py"])
+    code, output = invoke("solve", "prints.py", *AT)
+    assert code == 0 and output.count("it runs") == 1
+
+
+def test_a_fault_of_the_program_keeps_its_traceback(monkeypatch):
+    def fails(*_):
+        raise RuntimeError("a fault")
+
+    monkeypatch.setattr("hhr_dolfinx.command.loading.scene_of", fails)
+    found = CliRunner().invoke(command, ["check", DEMO])
+    assert isinstance(found.exception, RuntimeError) and found.exit_code == 1
+
+
+@pytest.mark.parametrize("words", [["list"], ["check", DEMO, "--picture", "it.png"]], ids=["list", "check"])
+def test_a_reader_that_has_seen_enough_is_no_crash(words, tmp_path):
+    command_line = [sys.executable, *PROGRAM, *words]
+    started = subprocess.Popen(
+        command_line, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, cwd=tmp_path, env=ENVIRONMENT
+    )
+    started.stdout.close()
+    assert started.stderr.read() == ""
+    started.stderr.close()
+    assert started.wait(60) == 1
+
+
+def test_tables_may_be_answered_with_nothing_but_the_model(trained, tmp_path):
+    """A model in a file needs no MPI for one answer, and starts in the time of an import."""
+    found = run("solve", trained[0] / "hhr.npz", *AT, cwd=tmp_path)
+    assert found.returncode == 0 and found.stderr == "" and list(tmp_path.iterdir()) == []
+
+
+def test_parts_of_a_training_and_of_a_table(tmp_path):
+    """Jobs of an array share a folder, and the same command without a part builds; blocks of a table lie apart."""
+    folder = tmp_path / "out"
+    for part in ("2/3", "1/3", "3/3"):
+        code, output = invoke(*TRAIN, "--out", folder, "--part", part)
+        count = 26 if part[0] == "3" else 27
+        assert code == 0 and f"part {part[0]} of 3: 4 training queries and {count} held out" in output.replace(
+            "\n", " "
+        )
+    assert not (folder / "hhr.npz").exists()
+    found = run(*TRAIN, "--out", folder)  # 12 answers are too few for a good model, which it warns of
+    assert found.returncode == 0 and "92 of 112 answers were read" in found.stdout.replace("\n", " ")
+    model = hhr.load_model(folder / "hhr.npz")
+    points = model.parameters.random(5, seed=3)
+    table = questions(tmp_path / "q.csv", ["travel", "lowered"], points)
+    found = []
+    for part in ("1/2", "2/2"):
+        code, output = invoke("answer", folder / "hhr.npz", table, "--out", tmp_path / "a.csv", "--part", part)
+        assert code == 0, output
+        found += columns_of(tmp_path / f"a.{part[0]}of2.csv")["travel"]
+    assert [float(value) for value in found] == points[:, 0].tolist()
+
+
+@pytest.mark.parametrize("part", ["0/3", "4/3", "x", "1/2/3", "1"])
+def test_what_is_no_part_is_refused(part, tmp_path):
+    code, output = invoke(*TRAIN, "--out", tmp_path, "--part", part)
+    assert code == 2 and "is no part: write 3/8" in output

@@ -1,0 +1,488 @@
+"""Conformance checks: each passes on our parts and on toys, and says what is wrong with broken variants of them."""
+
+import importlib
+import tomllib
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from needs import needs, present
+from scipy.sparse import csr_matrix
+from toy_elimination import DenseElimination
+from toy_functional import PressureNorm, SmoothPeak
+from toy_law import Bingham
+from toy_nonaffine_load import Square, WindLoad
+from toy_output import MeanPressure
+from toy_pairing import RoundPunch
+from toy_reductor import DenseCondensation
+from toy_system import Foundation
+from toy_volume_load import Weight
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx import registry
+from hhr_dolfinx import testing as suite
+from hhr_dolfinx.errors import ConformanceError, NotOfferedError, ReductionError
+from hhr_dolfinx.formulas import Modulus
+from hhr_dolfinx.models.condensed import CondensedModel
+from hhr_dolfinx.models.exact import ExactFields
+from hhr_dolfinx.testing import LOWER_SURFACE, UPPER_SURFACE
+
+UP = (0.0, 1.0)
+NODES = hhr.NodeToNode(LOWER_SURFACE, UPPER_SURFACE, UP)
+FLOOR = hhr.Obstacle(LOWER_SURFACE, UP, 1.1)
+PUNCH = RoundPunch(LOWER_SURFACE, (1.5, 2.2), 1.0)
+WIND = WindLoad(suite.FLANK, (1.0, 0.0), 0.5, "speed")
+LOADS = {"speed": (1.0, 3.0), "height": (1.1, 1.9)}
+K = {"k": (0.0, 20.0)}
+KNOWN = [DenseElimination]
+
+
+class Parted(Foundation):
+    """The same foundation with its parts."""
+
+    def parts(self):
+        names = self.problem.parameters.names
+        return (Modulus("1", "1", names), Modulus("k", "1", names)), (self.problem.own_stiffness, self.mass)
+
+
+PASS = [
+    *((suite.check_pairing, part) for part in (
+        PUNCH, NODES, FLOOR, hhr.NodeToSurface(LOWER_SURFACE, UPPER_SURFACE), hhr.Mortar(UPPER_SURFACE, LOWER_SURFACE),
+    )),
+    *((suite.check_load, part, LOADS) for part in (
+        Weight(suite.UPPER_BODY, (0.0, -1.0), hhr.Amplitude(slopes={"load": 2.0})), WIND,
+        hhr.Pressure(suite.FLANK, "load**2"), hhr.PartialPressure(suite.FLANK, hhr.Amplitude(1.0), "height"),
+    )),
+    *((suite.check_output, part) for part in (
+        MeanPressure("mean", 0, "MPa"), SmoothPeak("smooth", 0), hhr.LargestPressure("peak", 0),
+        hhr.ContactForce("force", 0, UP), hhr.GapAt("gap", 0, (1.5, 1.0)), hhr.VonMises("mises", suite.UPPER_BODY),
+    )),
+    (suite.check_system, Foundation, K),
+    (suite.check_system, Parted, K),
+    (suite.check_reductor, DenseCondensation(), KNOWN),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("check", "part", "more"), [(check, part, more) for check, part, *more in PASS])
+def test_parts_that_keep_the_contract_pass(check, part, more):
+    check(part, *more)
+
+
+@needs("inelastic")
+@pytest.mark.parametrize(
+    "part",
+    [
+        lambda: Bingham(1.0, 20.0), lambda: lambda: hhr.Plasticity(1.0, 5.0), lambda: hhr.Plasticity(1.0),
+        lambda: hhr.Norton(2.0, 4.0),
+    ],
+)  # fmt: skip
+def test_laws_that_keep_the_contract_pass(part):
+    suite.check_law(part())
+
+
+def test_parts_of_another_distribution_pass(monkeypatch):
+    """Those of the external package; the gap of its ramp is a given number, below a surface that looks down."""
+    monkeypatch.syspath_prepend(str(Path(__file__).parents[1] / "external_package"))
+    parts = importlib.import_module("contact_toys.parts")
+    suite.check_pairing(parts.Ramp(UPPER_SURFACE, 0.01))
+    if present("inelastic"):
+        suite.check_law(parts.Newtonian(5.0))
+    with pytest.raises(ConformanceError, match="Ramp: forces of the size of `areas` are off a uniform pressure by"):
+        suite.check_pairing(parts.Ramp(LOWER_SURFACE, 0.01))
+
+
+@dataclass
+class Changed:
+    """A pairing whose rows are changed."""
+
+    pairing: object
+    change: object
+
+    @property
+    def tags(self):
+        return self.pairing.tags
+
+    def rows(self, surfaces, dofs):
+        rows = self.pairing.rows(surfaces, dofs)
+        return replace(rows, **self.change(rows))
+
+
+def crossed(rows):
+    """Masters in the opposite order."""
+    upper = np.isin(np.arange(rows.matrix.shape[1]) // 2, rows.slaves, invert=True)
+    matrix = rows.matrix.toarray()
+    return {"matrix": csr_matrix(np.where(upper, matrix[::-1], matrix))}
+
+
+COUNT = iter(range(100))
+PAIRINGS = [
+    (
+        PUNCH,
+        lambda rows: {"gap": 2 * rows.gap},
+        "gap . grows by -2 per unit that surface 121 moves outward, and its row says -1: correct one",
+    ),
+    (NODES, lambda rows: {"matrix": -rows.matrix}, "correct one"),
+    (FLOOR, lambda rows: {"areas": rows.areas / 2}, r"uniform pressure by .*: correct areas or rows"),
+    (NODES, crossed, "pair each slave with the place where it lies"),
+    (FLOOR, lambda rows: {"slaves": np.zeros_like(rows.slaves) - 1}, r"take `surface\.nodes`"),
+    (FLOOR, lambda rows: {"areas": -rows.areas}, "an area >= 0"),
+    (FLOOR, lambda rows: {"gap": rows.gap + next(COUNT)}, "the same at every call"),
+    (FLOOR, lambda rows: {"gap": rows.gap[1:]}, "SceneError: contact rows need"),
+]
+
+
+@pytest.mark.parametrize(("pairing", "change", "said"), PAIRINGS)
+def test_broken_pairings(pairing, change, said):
+    with pytest.raises(ConformanceError, match=f"Changed: .*{said}"):
+        suite.check_pairing(Changed(pairing, change))
+
+
+@dataclass(frozen=True)
+class Broken:
+    """Plasticity whose flow is changed by a function of the table below."""
+
+    name: str
+    rated: bool = False
+    hidden: ClassVar[float] = 1.0
+
+    def flow(self, trial, plastic_strain, shear, dt):
+        amount, slope = hhr.Plasticity(1.0, 5.0).flow(trial, plastic_strain, shear, dt)
+        return CHANGES[self.name](self, amount, slope, trial, shear, dt)
+
+
+def softening(law, amount, slope, trial, shear, dt):
+    """Perfect plasticity that returns too far."""
+    return np.maximum(trial - 1, 0) * 1.004 / (3 * shear), np.where(trial > 1, 1.004 / (3 * shear), 0.0)
+
+
+CHANGES = {
+    "wrong slope": lambda law, amount, slope, *_: (amount, 0.3 * slope),
+    "half way": lambda law, amount, slope, *_: (0.5 * amount, 0.5 * slope),
+    "by time": lambda law, amount, slope, trial, shear, dt: (amount * dt, slope * dt),
+    "by mean": lambda law, amount, slope, trial, *_: (amount * trial.mean() / 1e3, slope * trial.mean() / 1e3),
+    "always": lambda law, amount, slope, *_: (amount + 1e-9, slope),
+    "back": lambda law, amount, slope, *_: (-amount, -slope),
+    "softening": softening,
+    "never": lambda law, amount, slope, *_: (0 * amount, 0 * slope),
+    "half an answer": lambda law, amount, *_: amount,
+    "hidden": lambda law, amount, slope, *_: (law.hidden * amount, law.hidden * slope),
+}
+LAWS = {
+    "wrong slope": "differences give .*: return the derivative",
+    "half way": "a second return flows on",
+    "by time": "depends on dt",
+    "by mean": "depends on other points",
+    "always": "flows without stress",
+    "back": "ConvergenceError: .* flows by -",
+    "softening": r"outside 0 to 1 / \(3 mu\)",
+    "never": "nothing flows under strains of 0.02 with young = 200",
+    "half an answer": "SceneError: the law .* must return two arrays",
+    "hidden": "from a file answers otherwise",
+}
+
+
+@needs("inelastic")
+@pytest.mark.parametrize("name", LAWS)
+def test_broken_laws(name):
+    law = Broken(name, rated=name in ("softening", "hidden"))
+    law.__dict__["hidden"] = 0.9  # in no field
+    with pytest.raises(ConformanceError, match=f"Broken: .*{LAWS[name]}"):
+        suite.check_law(law)
+
+
+@needs("inelastic")
+def test_a_law_that_is_no_plain_data():
+    class Open:
+        def flow(self, *given):
+            return Bingham(1.0, 20.0).flow(*given)
+
+    with pytest.raises(ConformanceError, match=r"Open: FileContentError: .*must be a frozen dataclass"):
+        suite.check_law(Open())
+
+
+@dataclass(frozen=True)
+class Nodal:
+    """One for each node of a surface, times an amplitude."""
+
+    amplitude: object
+    force: float = 1.0
+
+    def terms(self, assembler):
+        columns = np.zeros(assembler.size)
+        columns[2 * assembler.surface(suite.FLANK).nodes] = self.force
+        return [hhr.Term(self.amplitude, columns)]
+
+
+@dataclass(frozen=True)
+class WrongSquare(Square):
+    def derivative(self, point):
+        return self.factor * point[self.place] * np.eye(point.size)[self.place]
+
+
+@dataclass(frozen=True)
+class HiddenSquare(Square):
+    hidden: ClassVar[float] = 1.0
+
+    def __call__(self, point):
+        columns, values = super().__call__(point)
+        return columns, [self.hidden * value for value in values]
+
+
+@dataclass(frozen=True)
+class Wind(WindLoad):
+    """Its amplitude is of another class."""
+
+    kind: type = Square
+
+    def terms(self, assembler):
+        ((term),) = super().terms(assembler)
+        amplitude = self.kind(term.amplitude.place, term.amplitude.factor)
+        if self.kind is HiddenSquare:
+            amplitude.__dict__["hidden"] = 2.0
+        return [hhr.Term(amplitude, term.columns)]
+
+
+LOADED = [
+    (Nodal(hhr.Amplitude(1.0)), r"sum up to \[5.*\] on one mesh and to \[9.*\] on a finer one: integrate a density"),
+    (Nodal(hhr.Amplitude(1.0), 0.0), "no force anywhere in the box"),
+    (Nodal(hhr.Amplitude(1.0), np.nan), "SceneError: the nodal forces of .* are not finite"),
+    (Nodal("load"), "SceneError: the amplitude 'load'"),
+    (Wind(suite.FLANK, (1.0, 0.0), 0.5, "speed", WrongSquare), "`derivative` of its amplitude is not"),
+    (Wind(suite.FLANK, (1.0, 0.0), 0.5, "speed", HiddenSquare), "from a file answers otherwise"),
+]
+
+
+@pytest.mark.parametrize(("load", "said"), LOADED)
+def test_broken_loads(load, said):
+    with pytest.raises(ConformanceError, match=f"{type(load).__name__}: .*{said}"):
+        suite.check_load(load, LOADS)
+
+
+@dataclass(frozen=True, eq=False)
+class WrongSlopes(PressureNorm):
+    def slopes(self, state):
+        found = super().slopes(state)
+        return found._replace(forces=2 * found.forces)
+
+
+@dataclass(frozen=True, eq=False)
+class Constant(PressureNorm):
+    def value(self, state):
+        return 1.0
+
+
+@dataclass(frozen=True, eq=False)
+class Ageing(PressureNorm):
+    age: ClassVar[list] = []
+
+    def value(self, state):
+        self.age.append(1)
+        return super().value(state) * (1 + 1e-3 * len(self.age))
+
+
+@dataclass(frozen=True, eq=False)
+class Hidden(PressureNorm):
+    hidden: ClassVar[float] = 1.0
+
+    def value(self, state):
+        return self.hidden * super().value(state)
+
+    def slopes(self, state):
+        found = super(Hidden, replace(self)).slopes(state)  # of the value that is not hidden
+        return found._replace(forces=self.hidden * found.forces)
+
+
+@dataclass(frozen=True)
+class Odd(SmoothPeak):
+    kind: type = PressureNorm
+    called: str = ""
+
+    def prepared(self, probe):
+        found = super().prepared(probe)
+        made = self.kind(**{name: getattr(found, name) for name in (item.name for item in fields(found))})
+        made.__dict__.update({"name": self.called or self.name} | ({"hidden": 2.0} if self.kind is Hidden else {}))
+        return made
+
+
+OUTPUTS = [
+    (Odd("odd", 0, kind=WrongSlopes), "its derivatives are .* and differences of its value give .*: correct `slopes`"),
+    (Odd("odd", 0, kind=Constant), "return a finite number that depends on the answer"),
+    (Odd("odd", 0, kind=Ageing), "a condensed model has other values than the full one"),
+    (Odd("odd", 0, kind=Hidden), "from a file answers otherwise"),
+    (Odd("odd", 0, called="even"), "its functional is even in 'MPa', and the output odd in 'MPa': hand name and unit"),
+    (hhr.ContactForce("force", 3, UP), "SceneError: output 'force' names contact 3"),
+]
+
+
+@pytest.mark.parametrize(("output", "said"), OUTPUTS)
+def test_broken_outputs(output, said):
+    with pytest.raises(ConformanceError, match=f"{type(output).__name__}: .*{said}"):
+        suite.check_output(output)
+
+
+class NotExplicit(Foundation):
+    def explicit(self, point, forces, unknown):
+        left, slack = super().explicit(point, forces, unknown)
+        left[:, self.axis] -= self.mass @ unknown
+        return left, slack
+
+
+class OtherParts(Parted):
+    def parts(self):
+        moduli, (stiffness, mass) = super().parts()
+        return moduli, (stiffness, 2 * mass)
+
+
+class Forgetful(Parted):
+    """Its parts are read when the model is built, and never again."""
+
+    read = False
+
+    def parts(self):
+        if not self.read:
+            self.read = True
+            return super().parts()
+        return None
+
+
+class Leaning(Foundation):
+    def equations(self, point, theta):
+        problem, stiffness, loads = super().equations(point, theta)
+        matrix = stiffness.matrix.copy()
+        matrix.data[1] *= 1.01
+        return problem, self.made(matrix, problem), loads
+
+
+class Piling(Foundation):
+    """Adds to one vector of loads."""
+
+    def equations(self, point, theta):
+        problem, stiffness, loads = super().equations(point, theta)
+        self.times = getattr(self, "times", 0) + 1
+        return problem, stiffness, loads * (1 + 1e-9 * self.times)
+
+
+SYSTEMS = {
+    NotExplicit: "`explicit` is not the derivative of `equations` along k",
+    OtherParts: "do not add up to K: return all of them, or None",
+    Forgetful: "it has no parts.. and is reduced all the same",
+    Leaning: "is not symmetric",
+    Piling: "other equations after another one",
+}
+
+
+@pytest.mark.parametrize("system", SYSTEMS)
+def test_broken_systems(system):
+    with pytest.raises(ConformanceError, match=f"{system.__name__}: .*{SYSTEMS[system]}"):
+        suite.check_system(system, K)
+
+
+@dataclass(frozen=True)
+class Steep(DenseElimination):
+    """Its derivatives are twice what they are."""
+
+    def _changes(self, *given):
+        return tuple(2 * part for part in super()._changes(*given))
+
+
+@dataclass(frozen=True)
+class Softer(DenseElimination):
+    """Its compliance is larger where it is made than in a file."""
+
+    factor: ClassVar[float] = 1.0
+
+    def __call__(self, point):
+        found = super().__call__(point)
+        return replace(found, schur=self.factor * found.schur) if self.factor != 1 else found
+
+
+@dataclass(frozen=True)
+class Bounded(ExactFields):
+    """Not exact, and says that nothing is off."""
+
+    exact = False
+
+
+@dataclass(frozen=True)
+class Rough(Bounded):
+    """Not exact, and says nothing of errors."""
+
+    def estimate(self, answer):
+        return None
+
+
+@dataclass(frozen=True)
+class Variant:
+    """The toy with another elimination, other fields, and S times a factor."""
+
+    eliminated: type = DenseElimination
+    fields: type = ExactFields
+    factor: float = 1.0
+    refuses: bool = True
+
+    def reduced(self, full, snapshots, held_out):
+        if full.problem.varies and self.refuses:
+            raise NotOfferedError("constant stiffness only")
+        problem = replace(full.problem) if not full.problem.varies else full.problem.at(full.problem.middle)
+        alike = type("Full", (), {"problem": problem, "functionals": None, "parameters": full.parameters})
+        made = DenseCondensation().reduced(alike, snapshots, held_out)
+        values = {name: getattr(made.eliminated, name) for name in DenseElimination.__dataclass_fields__}
+        values["inverse"] = self.factor * values["inverse"]
+        fields = self.fields(**{name: getattr(made.fields, name) for name in ExactFields.__dataclass_fields__})
+        eliminated = self.eliminated(**values)
+        if self.eliminated is Softer:
+            eliminated.__dict__["factor"] = 1 + 1e-9
+        return CondensedModel(full.parameters, eliminated, made.known, fields, problem.contact_pairs)
+
+
+REDUCTORS = [
+    (Variant(refuses=False), "its model calls itself exact and is off by .* young = .*: claim less, or refuse"),
+    (Variant(factor=1.001), "its model calls itself exact and is off by"),
+    (Variant(factor=1.001, fields=Bounded), "off by more than its bound at .*: call that an estimate"),
+    (Variant(factor=1.5, fields=Rough), "its model promises 0.05 and is off by"),
+    (Variant(Steep), "the gradient of its forces is not what differences give"),
+    (Variant(Softer), "from a file answers otherwise"),
+    (DenseCondensation(most=3), "ValueError: .* dofs are more than 3"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(("reductor", "said"), REDUCTORS)
+def test_broken_reductors(reductor, said):
+    with pytest.raises(ConformanceError, match=f"{type(reductor).__name__}: .*{said}"):
+        suite.check_reductor(reductor, [DenseElimination, Steep, Softer, Rough, Bounded])
+
+
+def test_a_reductor_that_promises_less_passes():
+    suite.check_reductor(Variant(factor=1.001, fields=Rough), [DenseElimination, Rough])
+    with pytest.raises(ConformanceError, match=r"Nothing: ReductionError: .* must return a model"):
+        suite.check_reductor(type("Nothing", (), {"reduced": lambda *_: None})())
+    assert issubclass(ConformanceError, AssertionError) and not issubclass(ConformanceError, ReductionError)
+
+
+TEMPLATES = Path(__file__).parents[2] / "extension_templates"
+FOLDERS = sorted(path.parent.name for path in TEMPLATES.glob("*/pyproject.toml"))
+
+
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=needs("inelastic")) if kind == "law" else kind for kind in FOLDERS]
+)
+def test_templates_work_as_they_are(kind, monkeypatch):
+    """Their tests pass, and what their manifests name is there."""
+    folder = TEMPLATES / kind
+    monkeypatch.syspath_prepend(str(folder))
+    tests = vars(importlib.import_module(f"test_my_{kind}"))
+    ran = [test() for name, test in tests.items() if name.startswith("test_")]
+    assert ran and "TODO" in (folder / f"my_{kind}.py").read_text()
+    project = tomllib.loads((folder / "pyproject.toml").read_text())
+    assert project["tool"]["setuptools"]["py-modules"] == [f"my_{kind}"]
+    plugin = registry.load(project["project"]["entry-points"][registry.GROUP][f"my_{kind}"])
+    assert isinstance(plugin, registry.Plugin) and plugin.name == f"my_{kind}"
+    places = [place for named in plugin.parts.values() for place in named.values()]
+    places += [f"{module}:{name}" for module, name in (*plugin.public.items(), *plugin.classes.items())]
+    assert places and all(registry.load(place) is tests[place.partition(":")[2]] for place in places)
+
+
+def test_there_is_a_template_for_each_of_five_seams():
+    assert FOLDERS == ["law", "load", "output", "pairing", "reductor"]

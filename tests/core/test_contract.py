@@ -1,0 +1,275 @@
+"""One contract: all kinds of models, all verbs, all places; what is refused is refused by name, on the page too."""
+
+import json
+import subprocess
+import sys
+import threading
+import warnings
+from pathlib import Path
+
+import contract
+import numpy as np
+import pytest
+from needs import IN_TRUNK, needs, present
+from threadpoolctl import threadpool_info
+from threads import THREADS, at_once
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import NotOfferedError, ParameterError, SingularError
+from hhr_dolfinx.models.eliminations.elimination import Elimination
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.one_thread import one_thread
+
+ROOT = Path(__file__).parents[2]
+
+
+QUICK = tuple(contract.there(dict.fromkeys((
+    "full", "naive", "exact condensation", "exact condensation, floating", "interpolated condensation, moduli",
+    "HHR, constant", "HHR, moduli", "HHR, floating", "fallback", "full, flowing", "condensed, flowing",
+    "full, friction", "exact condensation, friction and floating",
+))))  # fmt: skip
+"""Kinds whose cases take two seconds together; all of them take two minutes."""
+
+
+ALL = ("baselines", "fallback", "friction", "inelastic", "local", "moduli", "sliding")
+"""Plug-ins that have kinds of models or places."""
+
+
+@pytest.fixture(scope="module", params=[QUICK, pytest.param(tuple(contract.KINDS), marks=pytest.mark.slow)])
+def cases(request):
+    return [case for kind in request.param for case in contract.cases_of(kind)]
+
+
+def test_every_case_answers_or_is_refused_by_name(cases):
+    assert not [case for case in cases if case.outcome == "broken"]
+    kinds = {case.kind for case in cases}
+    assert len(kinds) in (len(QUICK), len(contract.KINDS))
+    assert len(cases) > (40 if present("fallback") else 30) * len(kinds)
+
+
+def test_no_kind_is_left_out_whose_plug_ins_are_there():
+    assert contract.IN_TRUNK == IN_TRUNK
+    assert len(contract.KINDS) == 26 or not present(*ALL)
+
+
+@needs(*ALL)
+def test_the_page_says_what_is_refused(cases):
+    """``python benchmarks/contract.py --page docs/contract.md`` makes it anew."""
+    kinds = {case.kind for case in cases}
+    page = (ROOT / "docs/contract.md").read_text().splitlines()
+    rows = [line for line in page if line.split(" | ")[0].removeprefix("| ") in kinds]
+    made = contract.page(cases).splitlines()
+    assert rows == made[made.index("|---|---|---|---|---|") + 1 :]
+    assert len(kinds) < 26 or page == made
+
+
+def test_outputs_of_forces_alone_have_derivatives_along_a_shape():
+    """No row of theirs measures a displacement; full and condensed models agree as they do in their forces."""
+    training = contract.training("shape")
+    point = {**contract.MIDDLE, "crown": 0.01}
+    assert {item.count for item in training.full_order.fields.functionals.items} == {0}
+    exact = training.full_order.outputs(point, gradient=True).gradient
+    found = training.condense().outputs(point, gradient=True).gradient
+    for name, slopes in exact.items():
+        assert found[name] == pytest.approx(slopes, rel=1e-6, abs=1e-8)
+
+
+HOLES = {
+    ("gradient", "naive"), ("gradient", "sliding past the mesh"), ("gradient", "full, friction and flowing"),
+    ("gradient", "HHR, friction and flowing"),
+}  # fmt: skip
+"""What is not built in, and said."""
+
+
+def test_only_what_needs_a_mesh_or_a_bound_is_refused(cases):
+    """Verbs that all kinds offer wherever they are: a hole that is named is still a hole."""
+    refused = {
+        (case.verb, case.place) for case in cases
+        if case.outcome == "refused" and case.kind != "naive" and (case.verb, case.kind) not in HOLES
+    }  # fmt: skip
+    assert {verb for verb, place in refused if place == "in memory"} <= {"make"}
+    assert {verb for verb, _ in refused} <= {"make", "stress", "answer"}
+    assert {(case.verb, case.kind) for case in cases if case.outcome == "refused" and case.verb == "gradient"} <= HOLES
+
+
+ALONE = """
+import sys
+sys.modules.update(dict.fromkeys(["dolfinx_solver", "dolfinx", "ufl", "basix", "petsc4py", "mpi4py", "slepc4py",
+                                  "gmsh", "meshio", "shapely", "sklearn", "matplotlib", "pyvista", "resource"]))
+import json
+import hhr_dolfinx as hhr
+found = {}
+for name, mu in json.loads(sys.argv[1]).items():
+    answer = hhr.load_model(f"{name}.npz").solve(mu, outside="ignore")
+    found[name] = [answer.forces().tolist(), float(abs(answer.displacement()).max()), answer.outputs()["force"]]
+print(json.dumps(found))
+"""
+
+
+def test_files_answer_where_there_is_nothing_but_numpy_and_scipy(tmp_path):
+    """In another process, with numba where bodies flow; no module of DOLFINx, PETSc or MPI, no ``resource``."""
+    asked, expected = {}, {}
+    for number, kind in enumerate(contract.KINDS):
+        try:
+            model = contract.model_of(kind)
+            hhr.save_model(tmp_path / f"{number}.npz", model)
+        except NotOfferedError:
+            continue
+        asked[str(number)] = contract.KINDS[kind].mu
+        answer = model.solve(asked[str(number)], outside="ignore")
+        expected[str(number)] = answer
+    assert len(asked) == 19 or not present(*ALL)
+    run = subprocess.run(
+        [sys.executable, "-c", ALONE, json.dumps(asked)], cwd=tmp_path, capture_output=True, text=True, timeout=300
+    )
+    assert run.returncode == 0, run.stderr[-3000:]
+    for number, (forces, largest, peak) in json.loads(run.stdout).items():
+        answer = expected[number]
+        # another library of linear algebra, and for flow iterations that end a little elsewhere
+        assert forces == pytest.approx(answer.forces(), rel=1e-9, abs=1e-9 * answer.forces().max())
+        assert largest == pytest.approx(np.abs(answer.displacement()).max(), rel=1e-9)
+        assert peak == pytest.approx(answer.outputs()["force"], rel=1e-9)
+
+
+class Failing(Elimination):
+    """Of which no contact problem can be made."""
+
+    def __init__(self, error):
+        self._error = error
+
+    def __call__(self, point):
+        raise self._error
+
+
+VARYING = ["HHR, moduli", "interpolated condensation, moduli"]
+
+
+@needs("moduli")
+@pytest.mark.parametrize("kind", VARYING)
+@pytest.mark.parametrize("error", [SingularError("K~ is singular"), ParameterError("surfaces slide off")])
+def test_a_problem_that_cannot_be_made_is_no_answer(kind, error, monkeypatch):
+    """One by one, in a table, and behind a model that falls back, which asks the full one instead."""
+    model, mu = contract.model_of(kind), contract.KINDS[kind].mu
+    inner = model.eliminated if isinstance(model, ReducedModel) else model
+    good = model.solve(mu, outside="ignore")
+    assert inner.sizes == (good.unknown.size, good.multipliers.size)
+    monkeypatch.setattr(inner, "eliminated", Failing(error))
+    answer = model.solve(mu, raise_on_failure=False, outside="ignore")
+    assert answer.status is Status.UNDEFINED and np.isnan(answer.multipliers).all()
+    assert answer.unknown.shape == good.unknown.shape and np.isnan(answer.displacement()).all()
+    assert answer.estimate() is None and np.isnan(answer.outputs()["force"])
+    with pytest.raises(type(error)):
+        model.solve(mu, outside="ignore")
+    point = np.array([list(mu.values())])
+    assert not model.solve_many(point, raise_on_failure=False, outside="ignore").converged.any()
+    table = hhr.answer_points(model, point, outside="ignore")
+    assert str(error) in table.status[0] and np.isnan(table.forces).all()
+
+
+@needs("fallback")
+@pytest.mark.parametrize("where", [("solve", "solve_many"), ("estimate", "estimates")])
+def test_a_model_that_fails_is_no_reason_to_have_no_answer(where, monkeypatch):
+    """Whatever goes wrong in the reduced model, a model with the full one behind it answers."""
+    reduced = contract.training("constant").build(contract.AS_IT_IS)
+    safe = hhr.FallbackModel(reduced, contract.training("constant").full_order, 0.05)
+    exact = safe.full.solve(contract.MIDDLE)
+    owner = safe.reduced if "solve" in where else type(reduced.fields)
+    for name in where:
+        monkeypatch.setattr(owner, name, lambda *_, **__: Failing(SingularError("S is not definite"))(None))
+    answer = safe.solve(contract.MIDDLE)
+    assert safe.fell_back(answer) and np.array_equal(answer.forces(), exact.forces())
+    many = safe.solve_many(np.array([list(contract.MIDDLE.values())]))
+    assert np.array_equal(many.forces()[0], exact.forces()) and safe.share == 1.0
+    if "estimate" in where:
+        with pytest.raises(ParameterError, match="start"):  # a mistake of the caller is told, not answered
+            safe.solve(contract.MIDDLE, start="rubbish")
+
+
+def test_a_subclass_may_have_its_own_solve():
+    """No method is swapped in behind its back."""
+
+    class Counting(hhr.ReducedModel):
+        asked = 0
+
+        def solve(self, mu, **how):
+            self.asked += 1
+            return super().solve(mu, **how)
+
+    model = contract.model_of("HHR, constant")
+    counting = Counting(model.problem, model.parameters, model.fields, model.trained, known=model.known)
+    assert np.array_equal(counting.solve(contract.MIDDLE).forces(), model.solve(contract.MIDDLE).forces())
+    counting.outputs(contract.MIDDLE)
+    assert counting.asked == 2
+
+
+def bits(kind, number, folder):
+    """What a model of a kind says by several verbs at a point of its own, as bytes; its page too where it has one."""
+    model = contract.model_of(kind)
+    point = np.array(list(contract.KINDS[kind].mu.values())) * (1 - 0.01 * number)
+    quiet = {"outside": "ignore"}
+    found = []
+    for gradient in (False, True):
+        try:
+            answer = model.solve(point, gradient=gradient, **quiet)
+        except NotOfferedError:
+            continue
+        found += [answer.forces().tobytes(), answer.displacement().tobytes()]
+        if answer.gradient is not None:
+            found += [answer.gradient.multipliers.tobytes(), answer.gradient.unknown.tobytes()]
+    many = model.solve_many(np.stack([point, 0.99 * point]), **quiet)
+    found += [many.forces().tobytes(), hhr.answer_points(model, point[None], **quiet).forces.tobytes()]
+    file = folder / "model.npz"
+    if file.exists():
+        found.append(hhr.load_model(file).solve(point, **quiet).forces().tobytes())
+    return found
+
+
+LONG = {
+    "sliding past the mesh", "full, friction", "HHR, friction", "interpolated condensation, friction",
+    "HHR, friction and floating", "HHR, friction and moduli", "interpolated condensation, friction and shape",
+}  # fmt: skip
+SHARED = [
+    pytest.param(kind, marks=pytest.mark.slow if "flow" in kind or "local" in kind or kind in LONG else ())
+    for kind in contract.KINDS
+    if kind != "interpolated condensation, floating"  # which is refused
+]
+"""Kinds of models that threads share; histories take seconds each."""
+
+
+@pytest.mark.usefixtures("restless")
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("kind", SHARED)
+def test_eight_threads_give_the_bits_of_one_and_leave_the_process_alone(kind, tmp_path):
+    """All verbs on one shared model; filters of warnings and threads of BLAS are what they were."""
+    model = contract.model_of(kind)
+    try:
+        hhr.save_model(tmp_path / "model.npz", model)
+    except NotOfferedError:
+        pass
+    jobs = [lambda k=k: bits(kind, k, tmp_path) for k in range(THREADS)]
+    expected = [job() for job in jobs]
+    filters, pools = list(warnings.filters), threadpool_info()
+    assert at_once(jobs) == expected
+    assert warnings.filters == filters
+    assert threadpool_info() == pools
+
+
+def test_blocks_that_overlap_restore_threads_of_blas():
+    """The first block sets one thread, the last one restores what was there, in whatever order threads leave."""
+    before = threadpool_info()
+    first, second = threading.Barrier(2), threading.Barrier(2)
+
+    def early():
+        with one_thread:
+            first.wait(timeout=20)
+        second.wait(timeout=20)
+
+    def late():
+        first.wait(timeout=20)
+        with one_thread:
+            second.wait(timeout=20)
+            assert all(pool["num_threads"] == 1 for pool in threadpool_info())
+
+    at_once([early, late])
+    assert threadpool_info() == before

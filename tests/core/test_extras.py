@@ -1,0 +1,125 @@
+"""Without what is optional a matching elastic scene is reduced, and what needs it says how to get it."""
+
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from bare import SCENE_FOLDERS, WAIT
+from needs import present
+
+from hhr_dolfinx import compat
+from hhr_dolfinx.errors import HHRError, MissingPackageError
+
+ROOT = Path(__file__).parents[2]
+PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+EXTRAS = PROJECT["optional-dependencies"]
+MODULE = {"scikit-learn": "sklearn"}
+
+
+def packages(requirements):
+    """Names under which required packages are imported."""
+    names = (re.match(r"[\w-]+", requirement)[0] for requirement in requirements)
+    return {MODULE.get(name, name) for name in names}
+
+
+OPTIONAL = {name: packages(EXTRAS[name]) for name in EXTRAS if name not in ("all", "solver", "test", "docs", "ci")}
+
+BLOCKED = f"""
+import sys
+sys.path[:0] = {SCENE_FOLDERS!r}
+for name in {sorted(set.union(*OPTIONAL.values()))!r}:
+    sys.modules[name] = None
+import hhr_dolfinx as hhr
+from scenes import pressed_block
+"""
+
+ELASTIC = """
+training = hhr.train(pressed_block("plane_strain"), [8], held_out=20)
+reduction = training.build()
+hhr.save_model("block.npz", reduction)
+answer = hhr.load_model("block.npz").solve({"push": 0.05})
+# E / (1 - nu^2) (push - gap) / 2 on a width of 1.5
+print(answer.status.name, f"{answer.forces().sum() / (3.0 / 0.91 * 0.04 / 2 * 1.5) - 1:.1e}")
+assert callable(hhr.answer_points)
+print(*sys.modules, sep="\\n", file=open("modules", "w"))
+"""
+
+NEEDED = {
+    "doors": "import hhr_dolfinx.plugins.doors.open_turns",
+    "mesh": "import hhr_dolfinx.geometries.hertz_half_discs",
+    "flow": "hhr.FullOrderModel(pressed_block('plane_strain', poisson=0.4999))",
+    "study": "hhr.study_scene",
+    "tables": "hhr.read_points('table.parquet', hhr.ParameterSpace(('mu',), (0.0,), (1.0,)))",
+    "pictures": "import hhr_dolfinx.study.report.plots",
+    "local": "from hhr_dolfinx.plugins.local.clusters import medoids; medoids([[0.0, 1.0], [1.0, 0.0]], 1)",
+    "peers": "from peers import nonnegative_factors; nonnegative_factors(None, 1)",
+    "mortar": """
+import dataclasses
+from hhr_dolfinx.geometries import stacked_blocks as stacked
+sides = [stacked.interface(body, 3) for body in (stacked.LOWER, stacked.UPPER)]
+lid, foot = stacked.outer_end(stacked.UPPER, 3), stacked.outer_end(stacked.LOWER, 3)
+hhr.FullOrderModel(hhr.Scene(
+    name="stacked",
+    geometry=lambda comm: stacked.stacked_blocks(comm, lower=(1, 1, 1), upper=(2, 2, 1)),
+    hypothesis="solid",
+    bodies=(hhr.Body(stacked.LOWER, 1.0, 0.3), hhr.Body(stacked.UPPER, 1.0, 0.3)),
+    contacts=(hhr.Mortar(*sides),),
+    parameters=hhr.ParameterSpace(("push",), (0.0,), (0.1,)),
+    displacements=tuple(hhr.Displacement(tag, axis) for tag in (lid, foot) for axis in range(3)),
+))
+""",
+}
+
+
+def run(program, folder):
+    """Run a program in a Python that has none of the optional packages."""
+    return subprocess.run(
+        [sys.executable, "-c", BLOCKED + program], capture_output=True, text=True, cwd=folder, timeout=WAIT
+    )
+
+
+@pytest.fixture(scope="module")
+def loaded(tmp_path_factory):
+    """Modules that an elastic scene loads from the training to the model read back from its file."""
+    folder = tmp_path_factory.mktemp("elastic")
+    done = run(ELASTIC, folder)
+    assert done.returncode == 0, done.stderr[-2000:]
+    status, error = done.stdout.split()
+    assert status == "CONVERGED" and abs(float(error)) < 1e-9
+    return set((folder / "modules").read_text().split())
+
+
+def test_an_elastic_scene_needs_none_of_the_extras_and_all_that_is_required(loaded):
+    assert packages(PROJECT["dependencies"]) <= loaded
+
+
+def test_everything_optional_has_its_extra():
+    assert OPTIONAL.keys() == NEEDED.keys()
+    (everything,) = EXTRAS["all"]
+    # other programs are 250 MB, of use to those who have them
+    assert set(re.search(r"\[(.*)\]", everything)[1].split(",")) == OPTIONAL.keys() - {"doors"}
+
+
+@pytest.mark.parametrize("name", [name for name in NEEDED if name not in ("doors", "local") or present(name)])
+def test_where_an_extra_is_needed_the_error_names_it(name, tmp_path):
+    done = run(NEEDED[name], tmp_path)
+    last = done.stderr.strip().splitlines()[-1]
+    assert done.returncode == 1 and last.startswith("hhr_dolfinx.errors.MissingPackageError"), done.stderr[-2000:]
+    assert f"pip install hhr_dolfinx[{name}]" in last
+    assert any(f"the package {package}" in last for package in OPTIONAL[name])
+
+
+def test_a_missing_package_is_an_error_of_ours_and_an_import_error():
+    with pytest.raises(MissingPackageError, match=r"a dream needs the package no_such_thing.*hhr_dolfinx\[dreams\]"):
+        with compat.extra("dreams", "a dream"):
+            import no_such_thing  # noqa: F401
+    assert issubclass(MissingPackageError, HHRError) and issubclass(MissingPackageError, ImportError)
+
+
+def test_a_package_that_is_there_and_broken_speaks_for_itself():
+    with pytest.raises(ImportError, match="libGL") as caught, compat.extra("mesh", "this geometry"):
+        raise ImportError("libGL.so.1: cannot open shared object file")
+    assert caught.type is ImportError

@@ -1,0 +1,281 @@
+"""What a newcomer meets first: output in a file and on a terminal, folders that cannot be written, the set-up."""
+
+import os
+import re
+import subprocess
+import sys
+import tomllib
+from pathlib import Path
+
+import pytest
+from bare import WAIT
+from test_mpi import launch
+
+from hhr_dolfinx.solver_first import COPY, install_for_all
+
+ROOT = Path(__file__).parents[2]
+LONG = "word " * 60 + "end"
+SPEAKS = f"""
+from hhr_dolfinx.study import cli
+from hhr_dolfinx.study.report import report
+options = cli.parse(cli.demo_parser("talk", "A demo that only talks."))
+for label in ("snapshots", "held out"):
+    assert list(options.progress(label)(range(3))) == [0, 1, 2]
+assert list(options.progress("lazy")(iter("ab"))) == ["a", "b"]
+options.console.print({LONG!r})
+report.print_rows("cases", [{{"case": "a", "why": "long " * 30, "what": "longer " * 20}}], options.console)
+"""
+
+
+@pytest.mark.parametrize("wishes", [{}, {"TERM": "dumb"}, {"COLUMNS": "40"}, {"FORCE_COLOR": "1", "TERM": "dumb"}])
+def test_output_in_a_file_is_whole_lines(tmp_path, wishes):
+    """No blank lines, nothing wrapped, nothing that moves a cursor; colours only where they are asked for."""
+    asked = {key: value for key, value in os.environ.items() if key not in ("COLUMNS", "FORCE_COLOR", "TTY_COMPATIBLE")}
+    run = subprocess.run(
+        [sys.executable, "-c", SPEAKS], capture_output=True, text=True, cwd=tmp_path, env=asked | wishes, timeout=WAIT
+    )
+    assert run.returncode == 0, run.stderr[-3000:]
+    plain = re.sub(r"\x1b\[[\d;]*m", "", run.stdout)
+    assert plain == run.stdout or "FORCE_COLOR" in wishes
+    assert "\x1b" not in plain and "\r" not in plain
+    lines = plain.splitlines()
+    assert lines[:4] == ["snapshots: 3 to do", "held out: 3 to do", "lazy", LONG]
+    assert lines[4].strip() == "cases"
+    # head, one row and three rules: each is one line
+    assert len(lines[5:]) == 5 and len({len(line) for line in lines[5:]}) == 1
+
+
+def test_a_terminal_gets_bars_and_its_own_width(tmp_path):
+    pty = pytest.importorskip("pty")
+    struct, fcntl, termios = (pytest.importorskip(name) for name in ("struct", "fcntl", "termios"))
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 30, 60, 0, 0))
+    unasked = ("COLUMNS", "LINES", "FORCE_COLOR", "NO_COLOR", "TTY_COMPATIBLE")
+    asked = {key: value for key, value in os.environ.items() if key not in unasked} | {"TERM": "xterm"}
+    run = subprocess.Popen([sys.executable, "-c", SPEAKS], stdin=theirs, stdout=theirs, stderr=theirs, cwd=tmp_path,
+                           env=asked)  # fmt: skip
+    os.close(theirs)
+    text = b""
+    try:
+        while part := os.read(ours, 4096):
+            text += part
+    except OSError:  # Linux says so where the other end is closed
+        pass
+    os.close(ours)
+    assert run.wait(60) == 0, text
+    shown = text.decode()
+    assert "\x1b[2K" in shown and "snapshots" in shown  # a bar, and its line cleared
+    assert "3 to do" not in shown
+    words = [line for line in re.sub(r"\x1b\[[?\d;]*[a-zA-Z]", "", shown).splitlines() if "word word" in line]
+    assert len(words) > 4 and max(map(len, words)) <= 60
+
+
+def run_talk(folder, out):
+    command = [sys.executable, "-c", SPEAKS, "--out", str(out)]
+    return subprocess.run(command, capture_output=True, text=True, cwd=folder, timeout=WAIT)
+
+
+def test_a_folder_that_cannot_be_made_ends_at_once(tmp_path):
+    (tmp_path / "file").write_text("")
+    for out in ("file", "file/results"):
+        run = run_talk(tmp_path, out)
+        assert run.returncode == 2 and not run.stdout
+        said = run.stderr.splitlines()[-1]
+        assert f"--out {out}: results cannot be written" in said and "Name another folder" in said
+        assert "Traceback" not in run.stderr
+
+
+def test_a_folder_of_somebody_else_ends_at_once(tmp_path, monkeypatch, capsys):
+    """The system's refusal is played, for nothing is refused to root; whose the folder is, is true."""
+    from hhr_dolfinx.study import cli
+
+    def refuse(*args, **kwargs):
+        raise PermissionError(13, "Permission denied")
+
+    out = tmp_path / "mounted" / "out"
+    out.mkdir(parents=True)
+    monkeypatch.setattr(cli.tempfile, "NamedTemporaryFile", refuse)
+    monkeypatch.setattr(sys, "argv", ["talk", "--out", str(out)])
+    with pytest.raises(SystemExit) as end:
+        cli.parse(cli.demo_parser("talk", "A demo that only talks."))
+    assert end.value.code == 2
+    said = capsys.readouterr().err
+    assert f"{out} belongs to user {os.getuid()}, this is user {os.geteuid()}" in said
+    assert "mkdir -p out" in said and '--user "$(id -u):$(id -g)"' in said
+
+
+def test_on_two_ranks_one_speaks_and_both_end(tmp_path):
+    """The first rank alone tries the folder; the other must not wait, nor go on, nor repeat what was said."""
+    program = (
+        "import contextlib, sys\n"
+        "from hhr_dolfinx.study import cli\n"
+        "with contextlib.redirect_stderr(sys.stdout):\n"
+        "    for out in ('good', 'file'):\n"
+        "        sys.argv[1:] = ['--out', out]\n"
+        "        try:\n"
+        "            options = cli.parse(cli.demo_parser('talk', 'A demo that only talks.'))\n"
+        "            options.console.print('folder is good')\n"
+        "        except SystemExit as end:\n"
+        # in one piece, or what the ranks say gets mixed
+        "            sys.stdout.write(f'ended with {end.code}\\n')\n"
+        "            sys.stdout.flush()\n"
+    )
+    (tmp_path / "file").write_text("")
+    printed = launch(2, ["-c", program], cwd=tmp_path)
+    assert printed.count("folder is good") == 1
+    assert printed.count("results cannot be written") == 1 and printed.count("ended with 2") == 2
+
+
+def test_nothing_stays_of_the_trial(tmp_path):
+    run = run_talk(tmp_path, "results/deep")
+    assert run.returncode == 0, run.stderr
+    assert not any((tmp_path / "results/deep").iterdir())
+
+
+def packages(text):
+    """Names of Debian packages behind the first ``apt-get install -y`` or ``packages=`` in a text, options left out."""
+    names = re.search(r'(?:apt-get install -y|packages=")([^"`&$]*)', text.replace("\\\n", " "))[1]
+    return {name for name in names.split() if not name.startswith("-")}
+
+
+def test_one_list_of_system_packages():
+    """README and image install what the set-up looks for, and continuous integration what tests ask besides."""
+    script = (ROOT / "scripts/setup.sh").read_text()
+    libraries = set(re.findall(r"^ +need_library \S+ (\S+)$", script, re.MULTILINE))
+    wanted = libraries | set(re.findall(r'missing="\$missing (\S+)"', script))
+    wanted = {name for name in wanted if name != "$2"} | {"make"}
+    asked_by_tests = {"nodejs", "node-jsdom", "chromium"}
+    assert asked_by_tests < wanted and len(wanted) == 14
+    (row,) = [line for line in (ROOT / "README.md").read_text().splitlines() if line.startswith("| Debian 13, Ubuntu")]
+    assert packages(row) == wanted - asked_by_tests
+    assert packages((ROOT / "Dockerfile").read_text()) - {"ca-certificates", "python3"} == wanted - asked_by_tests
+    integration = (ROOT / ".ci/run").read_text()
+    assert packages(integration) == wanted - asked_by_tests
+    assert all(f" {name}" in integration for name in asked_by_tests)
+
+
+def fake_set_up(folder, pip: str) -> subprocess.CompletedProcess:
+    """``scripts/setup.sh`` in a copy of a project, with a Python whose venvs hold a ``pip`` that is a shell script."""
+    (folder / "scripts").mkdir()
+    (folder / "pyproject.toml").write_text("")
+    (folder / "scripts/setup.sh").write_text((ROOT / "scripts/setup.sh").read_text())
+    python = folder / "python"
+    python.write_text(
+        "#!/bin/sh\n"
+        f'case "$*" in *pip*install*) {pip} ;;\n'
+        f'*"-m venv"*) for last; do :; done; mkdir -p "$last/bin"; cp "$0" "$last/bin/python" ;;\n'
+        f'*sysconfig*) exec "{sys.executable}" "$@" ;;\n'
+        "*) exit 0 ;; esac\n"
+    )
+    python.chmod(0o755)
+    command = ["sh", str(folder / "scripts/setup.sh")]
+    environment = os.environ | {"PYTHON": str(python), "HOME": str(folder)}
+    return subprocess.run(command, capture_output=True, text=True, env=environment, timeout=WAIT)
+
+
+def test_set_up_says_what_it_does(tmp_path):
+    """Steps, sizes of what is loaded as it comes, time and size at the end: lines for a log."""
+    pip = (
+        "echo Collecting vtk; echo '  Downloading vtk-9.whl (112.3 MB)'; echo 'Downloading tiny-1.whl (11 kB)'; "
+        "echo 'Installing collected packages: tiny, vtk'; exit 0"
+    )
+    run = fake_set_up(tmp_path, pip)
+    assert run.returncode == 0, run.stderr
+    lines = run.stderr.splitlines()
+    steps = [line for line in lines if line.startswith("Set-up")]
+    assert [line[:13] for line in steps] == [f"Set-up {k} of 3" for k in (1, 2, 3)]
+    assert "    Downloading vtk-9.whl (112.3 MB)" in lines and not any("tiny-1" in line for line in lines)
+    assert re.fullmatch(r"Set up in \d+ s: \d+ MB in .venv", lines[-1])
+    assert "\r" not in run.stderr and "\x1b" not in run.stderr and all(line.strip() for line in lines)
+    assert "Collecting vtk" in (tmp_path / ".venv/pip.log").read_text()
+    again = subprocess.run(["sh", str(tmp_path / "scripts/setup.sh")], capture_output=True, text=True, timeout=WAIT)
+    assert again.returncode == 0 and not again.stderr
+
+
+def test_set_up_that_fails_says_so(tmp_path):
+    """pip's exit code passes its filter; a second call begins anew."""
+    run = fake_set_up(tmp_path, "echo 'ERROR: No matching distribution found for vtk'; exit 7")
+    assert run.returncode == 1
+    assert "pip could not install" in run.stderr and "No matching distribution found for vtk" in run.stderr
+    assert not (tmp_path / ".venv/.ready").exists()
+
+
+def test_set_up_removes_no_environment_but_its_own(tmp_path):
+    """People make a ``.venv`` of their own in a clone; one that a set-up has begun has its log from the start."""
+    (tmp_path / ".venv").mkdir()
+    (tmp_path / ".venv/pyvenv.cfg").write_text("mine")
+    run = fake_set_up(tmp_path, "exit 0")
+    assert run.returncode == 1 and ".venv was not made by this set-up" in run.stderr
+    assert (tmp_path / ".venv/pyvenv.cfg").read_text() == "mine"
+    (tmp_path / ".venv/pip.log").write_text("")
+    again = subprocess.run(
+        ["sh", str(tmp_path / "scripts/setup.sh")],
+        capture_output=True,
+        text=True,
+        env=os.environ | {"PYTHON": str(tmp_path / "python"), "HOME": str(tmp_path)},
+        timeout=WAIT,
+    )
+    assert again.returncode == 0, again.stderr
+    assert not (tmp_path / ".venv/pyvenv.cfg").exists()
+
+
+def test_slow_tests_are_left_out_by_default():
+    options = tomllib.loads((ROOT / "pyproject.toml").read_text())["tool"]["pytest"]["ini_options"]
+    assert "-m 'not slow'" in options["addopts"]
+    assert any(marker.startswith("slow:") for marker in options["markers"])
+
+
+def test_readme_and_image_tell_the_same_commands():
+    readme, image = ((ROOT / name).read_text() for name in ("README.md", "Dockerfile"))
+    commands = re.findall(r"^#   (.+)$", image, re.MULTILINE)
+    assert [command.split()[0] for command in commands] == ["docker", "mkdir", "docker"]
+    assert f"| container | `{' && '.join(commands)}` |" in readme
+
+
+def test_documentation_and_set_up_tell_the_same_sizes():
+    readme, more, script = ((ROOT / name).read_text() for name in ("README.md", "docs/install.md", "scripts/setup.sh"))
+    sizes = re.findall(r"([\d.]+ [MG]B) to download, ([\d.]+ [MG]B) on disk", script)
+    assert len(sizes) == 2
+    assert all(size in readme + more for pair in sizes for size in pair)
+
+
+@pytest.mark.parametrize(
+    ("version", "scalar", "good"),
+    [("0.9.0", "float64", True), ("0.10.0.post1", "float64", True), ("0.8.0", "float64", False),
+     ("0.9.0", "complex128", False)],
+)  # fmt: skip
+def test_which_dolfinx_the_set_up_takes(tmp_path, version, scalar, good):
+    """One that is too old, or whose PETSc has complex numbers, is passed over before it ends in an error."""
+    (code,) = re.findall(
+        r"\"\$1\" -c '(import importlib.*?)' >/dev/null", (ROOT / "scripts/setup.sh").read_text(), re.S
+    )
+    for name in ("dolfinx_solver", "mpi4py", "slepc4py"):
+        (tmp_path / f"{name}.py").write_text("")
+    (tmp_path / "dolfinx.py").write_text(f"__version__ = {version!r}\n")
+    (tmp_path / "petsc4py.py").write_text(f"import numpy\nclass PETSc:\n    ScalarType = numpy.{scalar}\n")
+    environment = os.environ | {"PYTHONPATH": str(tmp_path)}
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=environment, timeout=WAIT)
+    assert (run.returncode == 0) == good and not run.stderr
+
+
+def test_dolfinx_may_be_imported_first(tmp_path):
+    """As import sorters have it; with the wheel it ended in "libmpi.so.12: cannot open shared object file"."""
+    install_for_all(tmp_path)
+    program = (
+        "import site, sys\n"
+        "sys.meta_path[:] = [finder for finder in sys.meta_path if type(finder).__name__ != 'SolverFirst']\n"
+        f"sys.modules.pop({COPY!r}, None)\n"
+        f"site.addsitedir({str(tmp_path)!r})\n"
+        "from dolfinx import mesh\n"
+        "import hhr_dolfinx as hhr\n"
+        "print(mesh.Mesh.__name__, issubclass(hhr.FullOrderModel, object))\n"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, timeout=WAIT)
+    assert run.stdout == "Mesh True\n", run.stderr[-3000:]
+
+
+def test_the_base_of_all_errors_is_a_public_name():
+    import hhr_dolfinx as hhr
+    from hhr_dolfinx.errors import SceneError
+
+    assert issubclass(SceneError, hhr.HHRError) and "HHRError" in hhr.__all__

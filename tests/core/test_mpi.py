@@ -1,0 +1,632 @@
+"""The same numbers on 1, 2 and 3 ranks."""
+
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bare import SCENE_FOLDERS, WAIT
+from needs import needs, present
+
+PROGRAM = """
+import dataclasses, json, sys, warnings, weakref
+sys.path[:0] = {folders!r}
+import numpy as np
+import contact_patch_test as patch
+import hertz_half_discs as demo
+import scale
+import sphere_on_block
+from mpi4py import MPI
+from scenes import pressed_block
+from scipy.sparse import csc_matrix
+import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.compare import compare_points
+from hhr_dolfinx.errors import HHRError
+from hhr_dolfinx.full_order import full as limits
+from hhr_dolfinx.linear import factors, sparse
+out = {{}}
+full_order = hhr.FullOrderModel(demo.scene())
+for mu in (0.15, 0.3123, 0.45):
+    solution = full_order.solve(mu)
+    out[f"forces {{mu}}"] = solution.forces().tolist()
+    out[f"norm {{mu}}"] = float(np.linalg.norm(solution.displacement()))
+snapshots = hhr.compute_snapshots(full_order, full_order.problem.parameters.grid([31]))
+reduction = hhr.build(full_order, snapshots, demo.THESIS)
+out["reduced"] = np.linalg.norm(reduction.solve(0.3123).displacement())
+
+comm, problem = full_order.comm, full_order.problem
+whole = problem.gathered(comm)
+# in an order of the places, which is that of all ranks
+order = np.lexsort(problem.points.round(9).T)
+dofs = (2 * order[:, None] + np.arange(2)).ravel()
+probe = np.sin(np.arange(dofs.size))
+vectors = {{"K x": whole.stiffness[dofs][:, dofs] @ probe, "M x": whole.mass[dofs][:, dofs] @ probe}}
+vectors |= {{"loads": whole.loads[dofs].toarray(), "external": whole.external[dofs].toarray()}}
+out |= {{name: np.ravel(value).tolist() for name, value in vectors.items()}}
+for name, parts in (("stiffness", problem.stiffness_terms), ("mass", (problem.node_mass,))):
+    out[f"entries of {{name}}"] = comm.allreduce(sum(part.nnz for part in parts))
+    out[f"share of {{name}}"] = comm.allgather(sum(part.nnz for part in parts) / out[f"entries of {{name}}"])
+out["rows"] = comm.allgather((problem.rows.start, problem.rows.stop, problem.whole))
+out["whole"] = comm.allgather((whole.whole, whole is problem, full_order.gathered() is full_order))
+
+def said(action):
+    try:
+        action()
+    except HHRError as error:
+        return f"{{type(error).__name__}}: {{error}}"
+    return "nothing"
+
+held = {{
+    "build": lambda: hhr.build(full_order.gathered(), snapshots, demo.THESIS),
+    "stiffness": lambda: problem.stiffness,
+    "wrong ranks": lambda: problem.gathered(MPI.COMM_SELF),
+}}
+out["said"] = {{name: comm.allgather(said(action)) for name, action in held.items()}}
+out["kept"] = []
+for place, model in (("rows", full_order), ("all rows", full_order.gathered())):
+    kept = hhr.SnapshotStore(f"{folder}/{{place}} {{comm.size}}", model)
+    for _ in range(2):
+        again = hhr.compute_snapshots(full_order, snapshots.points[:3], store=kept)
+    out["kept"].append((np.linalg.norm(again.displacements - snapshots.displacements[:, :3]), kept.found))
+compared = compare_points(full_order, reduction, snapshots.take([3]), 1.0)
+out["compared"] = float(compared.primal[0] < 0.01 and compared.dual[0] < 0.05)
+solid = hhr.FullOrderModel(pressed_block("solid", simplices=True))
+answer = solid.solve(0.05)
+out["solid"] = answer.forces().tolist()
+# without columns of K^-1 B^T, in blocks that are the same on ranks with more and with fewer dofs
+kept_bytes, limits.KEPT_BYTES = limits.KEPT_BYTES, 0
+numbers, sparse.BLOCK_NUMBERS = sparse.BLOCK_NUMBERS, 4e3
+pressed = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3)))
+condensed = hhr.condense(pressed).solve([0.2, 50.0])
+out["condensed"] = condensed.forces().tolist()
+out["condensed norm"] = float(np.linalg.norm(condensed.displacement()))
+# so large that ranks leave what is none of S beside it
+larger = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(20, 10), block_cells=(15, 7)))
+out["larger S"] = larger.schur[::20].ravel().tolist()
+out["larger norm"] = float(np.linalg.norm(larger.solve([0.2, 50.0]).displacement()))
+# what blocks of solutions were written into, once they are let go
+places = np.arange(5, dtype=np.int32)
+diagonal = factors.Pattern(places, 4 * comm.rank + places[:4], places[:4])
+twice = factors.Factors(diagonal, np.full(4, 2.0), "", "mumps", comm)
+twice.factor()
+blocks = [np.zeros((4, 3), order="F") for _ in range(2)]
+twice.solve_block(csc_matrix(np.ones((4, 3))), blocks[0])
+twice.multiply(blocks[0], blocks[1])
+solved = [float(block.mean()) for block in blocks]
+kept_blocks = [weakref.ref(block) for block in blocks]
+del blocks
+out["left over"] = comm.allgather((solved, [block() is not None for block in kept_blocks]))
+# S of a model that has all rows, and a stiffness that varies
+out["S"] = np.ravel(pressed.gathered().schur).tolist()
+shifting = scale.scene((5, 3), (4, 2), ratios=True)
+first = hhr.FullOrderModel(shifting)
+second = first.gathered()  # which shares the factors with it
+upper, lower = shifting.parameters.upper, shifting.parameters.lower
+turns = ("", first, upper), (" gathered", second, lower), (" again", first, upper), (" both", second, lower)
+for name, model, point in turns:
+    solution = model.solve(point)
+    out["varying" + name] = solution.forces().tolist()
+    out["varying norm" + name] = float(np.linalg.norm(solution.displacement()))
+# solutions by compressed factors are refined, those of dofs that are eliminated last too
+large, sparse.LOW_RANK = sparse.LOW_RANK, ((0, 1e-10),)
+compressed = hhr.FullOrderModel(sphere_on_block.scene(sphere_cells=(6, 3), block_cells=(5, 3))).solve([0.2, 50.0])
+out["compressed"] = compressed.forces().tolist()
+out["compressed norm"] = float(np.linalg.norm(compressed.displacement()))
+sparse.LOW_RANK = large
+limits.KEPT_BYTES, sparse.BLOCK_NUMBERS = kept_bytes, numbers
+for name, pairing in patch.PAIRINGS.items():
+    for dim in (2, 3):
+        cells = ((4, 3), (7, 3)) if dim == 2 else ((2, 2, 2), (3, 3, 2))
+        turned = patch.scene(pairing, *cells, poisson=0.3, angle=1.0, bulge=0.04, by_normal=dim == 2)
+        model = hhr.FullOrderModel(turned)
+        out[f"{{name}} {{dim}} gaps"] = model.problem.gaps[:, 0].tolist()
+        out[f"{{name}} {{dim}} rows"] = np.ravel(abs(model.problem.contact).sum(axis=1)).tolist()
+        out[f"{{name}} {{dim}} forces"] = model.solve([0.09, 0.03]).forces().tolist()
+
+mixed = patch.scene(hhr.Mortar, (4, 3), (7, 3), poisson=0.3, angle=1.0, bulge=0.04, by_normal=True)
+mixed = dataclasses.replace(mixed, bodies=(dataclasses.replace(mixed.bodies[0], poisson=0.4999), mixed.bodies[1]))
+scenes = {{"axisymmetric": pressed_block("axisymmetric", poisson=0.4999), "mixed": mixed,
+          "solid": pressed_block("solid", poisson=0.4999, cells=3)}}
+out["nearly incompressible"] = {{}}
+for name, scene in scenes.items():
+    model = hhr.FullOrderModel(scene)
+    problem, solution = model.problem, model.solve([0.09, 0.03][: len(scene.parameters.names)])
+    numbers = np.lexsort(problem.points.round(9).T)
+    dofs = (problem.block_size * numbers[:, None] + np.arange(problem.block_size)).ravel()
+    cells = np.lexsort(problem.points[problem.cell_nodes].mean(axis=1).round(9).T)
+    whole = problem.gathered(model.comm)
+    out["nearly incompressible"] |= {{
+        name + " stiffness": whole.stiffness[dofs][:, dofs].toarray().ravel().tolist(),
+        name + " displacement": solution.displacement()[dofs].tolist(),
+        name + " stress": solution.stress()[cells].ravel().tolist(),
+    }}
+"""
+
+OF_PLUGINS = {
+    "moduli": """
+# a training on one full model of all ranks: what is made of it, and that its bound holds
+together = hhr.train(scale.scene((5, 3), (4, 2)), hhr.Sobol(6), held_out=0, together=True)
+asked = together.full_order.parameters.random(1, 5)[0]
+exact = together.full_order.solve(asked)
+condensed, reduced = together.condense().solve(asked), together.build().solve(asked, outside="ignore")
+out["trained"] = condensed.forces().tolist()
+out["trained norm"] = float(np.linalg.norm(condensed.displacement()))
+bound = reduced.estimate()
+off = float(np.linalg.norm(reduced.forces() - exact.forces()))
+out["bounded"] = float(bound.kind == "bound" and off <= bound.forces_euclid)
+out["side by side"] = [item["stage"] for item in together.log.skipped].count("problems side by side")
+""",
+    "inelastic": """
+import flowing as pellets
+import indentation
+import pellet_cladding_plastic as pellet
+from hhr_dolfinx.errors import LawWarning
+@dataclasses.dataclass(frozen=True)
+class Brittle:
+    "A law that breaks off beyond a stress."
+    limit: float
+    rated = False
+    def flow(self, trial, plastic_strain, shear, dt):
+        if (trial > self.limit).any():
+            raise ArithmeticError("it breaks")
+        return 0 * trial, 0 * trial
+
+@dataclasses.dataclass(frozen=True)
+class Torn:
+    "A law that is wrong where stresses are moderate, and breaks off where they are large."
+    least: float
+    most: float
+    rated = False
+    def flow(self, trial, plastic_strain, shear, dt):
+        if trial.max() > self.most:
+            raise ArithmeticError("it breaks")
+        if trial.max() > self.least:
+            raise ValueError("it is wrong")
+        return 0 * trial, 0 * trial
+
+@dataclasses.dataclass(frozen=True)
+class Steep(hhr.Plasticity):
+    "Plasticity whose slope is three times what it should be beyond a stress."
+    def flow(self, trial, plastic_strain, shear, dt):
+        amount, slope = super().flow(trial, plastic_strain, shear, dt)
+        return amount, np.where(trial > 200.0, 3.0, 1.0) * slope
+
+# bodies that flow: ranks share the factors; a history goes on behind what one of them has kept
+flowing = hhr.FullOrderModel(indentation.scene(6))
+low, high = np.array([flowing.parameters.lower, flowing.parameters.upper])
+path = [(float(k), low + share * (high - low)) for k, share in enumerate((0.0, 0.5, 1.0))]
+path = [(time, np.append(point[:1], (low + high)[1:] / 2)) for time, point in path]
+for search in ("elastic", "tangent"):
+    history = flowing.march(path, hhr.MarchSettings(search=search))
+    out[f"flowed {{search}}"] = history.answers[-1].forces().tolist()
+    out[f"plastic {{search}}"] = float(np.linalg.norm(history.answers[-1].plastic_strain()))
+shared = hhr.SnapshotStore(f"{folder}/shared {{comm.size}}", flowing)
+for steps in (2, 3):
+    kept_steps = hhr.compute_snapshots(flowing, [path[:steps]], store=shared)
+out["goes on"] = kept_steps.histories[0].answers[-1].forces().tolist()
+out["steps found"] = comm.bcast(shared.found)
+# creep beside plasticity, in parts of steps too, and a modulus that is a parameter: each rank has some of the points
+creeping = pellets.flowing_full()
+for name, settings in (("creeps", hhr.MarchSettings()), ("creeps in parts", hhr.MarchSettings(time_tolerance=0.02))):
+    history = creeping.march(pellet.path(5.0, 4), settings)
+    last = history.answers[-1]
+    out[name] = [float(np.linalg.norm(item)) for item in (last.forces(), last.stress(), last.plastic_strain())]
+    out[name + ", errors"] = [*history.time_error.tolist(), *(answer.parts for answer in history.answers)]
+    out[name + ", points"] = list(last.stress().shape)
+softer = hhr.FullOrderModel(indentation.scene(6, young="E"))
+ends = np.array([softer.parameters.lower, softer.parameters.upper])
+away = [(float(k), np.append(share * ends[1, :1], ends.mean(axis=0)[1:] * 1.1)) for k, share in enumerate((0.0, 1.0))]
+out["softer"] = softer.march(away).answers[-1].forces().tolist()
+# a law that answers nowhere near what one of the ranks has
+brittle = indentation.scene(6)
+block = dataclasses.replace(brittle.bodies[1], law=Brittle(100.0))
+brittle = hhr.FullOrderModel(dataclasses.replace(brittle, bodies=(brittle.bodies[0], block)))
+out["brittle"] = comm.allgather(said(lambda: brittle.march(path)))
+# one that breaks off on some ranks and is wrong on others, and one with a wrong slope
+others = {{}}
+for name, law in (("torn", Torn(60.0, 100.0)), ("steep", Steep(100.0, 2000.0))):
+    block = dataclasses.replace(brittle.scene.bodies[1], law=law)
+    others[name] = hhr.FullOrderModel(dataclasses.replace(brittle.scene, bodies=(brittle.scene.bodies[0], block)))
+out["torn"] = comm.allgather(said(lambda: others["torn"].march(path)))
+with warnings.catch_warnings(record=True) as caught:
+    warnings.simplefilter("always")
+    others["steep"].march(path)
+told = [str(item.message) for item in caught if item.category is LawWarning]
+out["steep"] = comm.allgather(told)
+""",
+    "friction": """
+import fretting
+points = (0.0, 0.0, 0.3), (0.004, 0.0, 0.3), (0.004, 0.0013, 0.3), (0.004, -0.001, 0.3)
+for answer in hhr.FullOrderModel(fretting.scene(24)).march(list(enumerate(points))).answers:
+    out[f"rubbed {{answer.time}}"] = answer.forces().tolist()
+    out[f"slipped {{answer.time}}"] = answer.slip.path.tolist()
+""",
+}
+"""What ranks do with bodies and contacts of plug-ins."""
+SHOWN = """
+if comm.rank == 0:
+    print(json.dumps(out))
+"""
+
+
+def launch(ranks, arguments, cwd=None):
+    """Output of a Python program on some ranks, which must end well."""
+    run = run_program(ranks, arguments, cwd)
+    assert run.returncode == 0, run.stdout[-2000:] + run.stderr[-3000:]
+    return run.stdout
+
+
+def run_program(ranks, arguments, cwd=None, limit=WAIT):
+    """A Python program on some ranks, ended after ``limit`` seconds."""
+    beside = str(Path(sys.executable).parent)
+    mpirun = shutil.which("mpirun", path=os.pathsep.join([beside, os.environ["PATH"]]))
+    if mpirun is None:
+        pytest.skip("no mpirun beside this Python or on the PATH")
+    # Open MPI refuses root and more ranks than cores unless told otherwise; MPICH ignores these
+    allow = {
+        "OMPI_ALLOW_RUN_AS_ROOT": "1",
+        "OMPI_ALLOW_RUN_AS_ROOT_CONFIRM": "1",
+        "OMPI_MCA_rmaps_base_oversubscribe": "1",
+        "PRTE_MCA_rmaps_default_mapping_policy": ":oversubscribe",
+        "OMP_NUM_THREADS": "1",
+        "COLUMNS": "200",
+    }
+    command = [mpirun, "-n", str(ranks), sys.executable, *arguments]
+    return subprocess.run(command, capture_output=True, text=True, env=os.environ | allow, timeout=limit, cwd=cwd)
+
+
+ELSEWHERE = {
+    "side by side",
+    "left over",
+    "share of stiffness",
+    "share of mass",
+    "rows",
+    "whole",
+    "said",
+    "kept",
+    "nearly incompressible",
+    "brittle",
+    "torn",
+    "steep",
+}
+"""What has a test of its own."""
+
+
+@pytest.fixture(scope="module")
+def found(tmp_path_factory):
+    """Numbers by the number of ranks."""
+    folder = str(tmp_path_factory.mktemp("snapshots"))
+    parts = (PROGRAM, *(part for plugin, part in OF_PLUGINS.items() if present(plugin)), SHOWN)
+    program = "".join(parts).format(folders=SCENE_FOLDERS, folder=folder)
+    return {ranks: json.loads(launch(ranks, ["-c", program]).splitlines()[-1]) for ranks in (1, 2, 3)}
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks_do_not_change_the_answer(found, ranks):
+    """Round-off only: 1e-10, since the factorisations order their sums differently."""
+    serial, parallel = found[1], found[ranks]
+    assert parallel.keys() == serial.keys()
+    for name in serial.keys() - ELSEWHERE:
+        value = serial[name]
+        if name == "reduced":  # dof numbers change what DEIM picks among mirror images: within the model error
+            assert parallel[name] == pytest.approx(value, rel=1e-4)
+        else:
+            assert parallel[name] == pytest.approx(value, rel=1e-10, abs=1e-10 * np.max(np.abs(value)))
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_ranks_have_the_same_stiffness(found, ranks):
+    """Where some have no nearly incompressible cell; round-off times 5000 in the answers."""
+    serial, parallel = (found[count]["nearly incompressible"] for count in (1, ranks))
+    assert len(serial) == 9 and parallel.keys() == serial.keys()
+    for name, value in serial.items():
+        tolerance = 1e-14 if "stiffness" in name else 1e-9
+        assert np.abs(np.subtract(parallel[name], value)).max() < tolerance * np.abs(value).max(), name
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_no_rank_holds_the_rows_of_another(found, ranks):
+    """Entries of all ranks add up to those on one, and none has much more than its part; asked for, all are there."""
+    mine = found[ranks]
+    for name in ("stiffness", "mass"):
+        assert mine[f"entries of {name}"] == found[1][f"entries of {name}"] > 2000
+        assert sum(mine[f"share of {name}"]) == pytest.approx(1.0) and max(mine[f"share of {name}"]) < 1.3 / ranks
+    starts, stops, whole = zip(*mine["rows"], strict=True)
+    assert starts == (0, *stops[:-1]) and len(starts) == ranks
+    assert whole == (ranks == 1,) * ranks
+    assert mine["whole"] == [[True, ranks == 1, ranks == 1]] * ranks
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_what_needs_all_rows_says_so_on_every_rank(found, ranks):
+    said = found[ranks]["said"]
+    assert all(text.startswith("ReductionError: displacements of snapshots") for text in said["build"])
+    assert all("snapshots.gathered(problem)" in text for text in said["build"])
+    assert all(text.startswith("SceneError") and "problem.gathered(comm)" in text for text in said["stiffness"])
+    assert all("give the communicator of its model" in text for text in said["wrong ranks"])
+    assert all(texts == ["nothing"] for texts in found[1]["said"].values())
+
+
+@needs("inelastic")
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_a_law_that_fails_on_one_rank_fails_on_all(found, ranks):
+    assert len(found[ranks]["brittle"]) == ranks
+    assert all(text.startswith("ConvergenceError: step 1 to t = 1 s") for text in found[ranks]["brittle"])
+    assert all("it breaks" in text for text in found[ranks]["brittle"])
+
+
+@needs("inelastic")
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_ranks_end_alike_where_laws_fail_in_several_ways(found, ranks):
+    """What is no matter of smaller steps counts more: no rank tries again while another has ended."""
+    kinds = {text.split(":")[0] for text in found[ranks]["torn"]}
+    assert len(found[ranks]["torn"]) == ranks and kinds <= {"SceneError", "ConvergenceError"} and len(kinds) == 1
+
+
+@needs("inelastic")
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_a_wrong_slope_is_told_on_all_ranks(found, ranks):
+    """Of the worst point of all, and there are several, by the largest difference of all."""
+    assert len(found[ranks]["steep"]) == ranks
+    for told in found[ranks]["steep"]:
+        assert told == found[ranks]["steep"][0] and len(told) == 1
+        assert "the slope of Steep(yield_stress=100.0, hardening=2000.0) is 3.62e-05" in told[0]
+        assert "differences of its flow give 1.21e-05" in told[0]
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_what_ranks_share_is_given_back(found, ranks):
+    """PETSc keeps what several ranks have until all let go of it by name, and with it the array it writes into."""
+    assert found[ranks]["left over"] == [[[0.5, 1.0], [False, False]]] * ranks
+
+
+@needs("moduli")
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_a_training_together_has_bounds_and_says_so(found, ranks):
+    assert found[ranks]["bounded"] == 1.0
+    assert found[ranks]["side by side"] == (ranks > 1)
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_snapshots_of_several_ranks_are_kept(found, ranks):
+    for change, times in found[ranks]["kept"]:
+        assert change < 1e-12 and times == 3
+
+
+LONELY = """
+import hhr_dolfinx as hhr
+from hhr_dolfinx.geometries import block
+from mpi4py import MPI
+floor, lid = block.side(1, upper=False), block.side(1, upper=True)
+scene = hhr.Scene(
+    name="lonely", geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(2, 1), cells=(2, 1)),
+    hypothesis="plane_strain", bodies=(hhr.Body(block.SOLID, 1.0, 0.3),),
+    contacts=(hhr.Obstacle(floor, normal=(0, -1), offset=0.0),),
+    displacements=(*hhr.Displacement.clamp(block.side(0, upper=False), 2),),
+    loads=(hhr.Pressure(lid, hhr.Amplitude(slopes={"push": 1.0})),),
+    parameters=hhr.ParameterSpace(("push",), (0.0,), (1.0,)),
+)
+try:
+    hhr.FullOrderModel(scene, MPI.COMM_WORLD)
+except hhr.errors.SceneError as error:
+    print(error, flush=True)
+"""
+
+
+def test_a_rank_without_cells_is_told_on_every_rank():
+    assert launch(3, ["-c", LONELY]).count("1 of 3 ranks have no cell of the mesh: take fewer ranks") == 3
+
+
+STUDY = """
+import dataclasses, sys
+sys.path[:0] = {folders!r}
+import hertz_half_discs as demo
+demo.SETTINGS = dataclasses.replace(demo.SETTINGS, variants=(), models={{}}, queries=5, naive=False)
+demo.VIEW = None
+demo.main()
+"""
+
+
+def test_a_study_on_two_ranks_is_that_on_one(tmp_path):
+    """Ranks share the training; the first one measures and reports, with the same errors.
+
+    Of the demo without what takes its time and does not depend on ranks: variants, pictures, most timed queries.
+    """
+    program = STUDY.format(folders=SCENE_FOLDERS)
+    reports = []
+    for ranks in (1, 2):
+        launch(ranks, ["-c", program, "--quick", "--out", str(tmp_path / str(ranks))])
+        reports.append(json.loads((tmp_path / str(ranks) / "report.json").read_text()))
+    assert [report["machine"]["ranks"] for report in reports] == [1, 2]
+    # training points start from other statuses: round-off
+    assert reports[1]["errors"]["primal_l2"]["max"] == pytest.approx(reports[0]["errors"]["primal_l2"]["max"], rel=1e-6)
+
+
+def test_a_serial_demo_ends_on_other_ranks():
+    """Past the options only the first rank is left, and the others end without an error."""
+    program = (
+        "from hhr_dolfinx.study import cli\n"
+        "from mpi4py import MPI\n"
+        "options = cli.parse_on_first_rank(cli.demo_parser('serial', 'A serial demo.'))\n"
+        "print('rank', MPI.COMM_WORLD.rank, flush=True)\n"
+    )
+    assert launch(3, ["-c", "import hhr_dolfinx\n" + program]).split() == ["rank", "0"]
+
+
+FAILING = """
+import sys
+sys.path[:0] = {folders!r}
+import dataclasses
+from types import SimpleNamespace
+import numpy as np
+from mpi4py import MPI
+from scenes import pressed_block
+import hhr_dolfinx as hhr
+from hhr_dolfinx import ranks
+from hhr_dolfinx.errors import ConvergenceError, ParameterError
+from hhr_dolfinx.certify.constants import smallest_singular_value
+from hhr_dolfinx.models.answer import ModelFields
+from hhr_dolfinx.pairings.obstacle import Obstacle
+from hhr_dolfinx.snapshots.records import spread_snapshots
+ranks.WAIT = {patience}
+world, last = MPI.COMM_WORLD, MPI.COMM_WORLD.rank == MPI.COMM_WORLD.size - 1
+scene = pressed_block("plane_strain")
+
+class Awkward(Exception):
+    "An error that can neither be pickled nor made again from its text."
+    def __init__(self, first, second):
+        super().__init__(first, second)
+        self.inner = lambda: None
+    def __str__(self):
+        return "the disk of this rank is full"
+
+def fail_here(*_, **__):
+    if last:
+        raise Awkward(1, 2)
+
+def failing_geometry(before):
+    def geometry(comm):
+        if before:
+            fail_here()
+        parts = scene.geometry(comm)
+        fail_here()
+        return parts
+    return dataclasses.replace(scene, geometry=geometry)
+
+@dataclasses.dataclass(frozen=True)
+class Failing(Obstacle):
+    def rows(self, surfaces, dofs):
+        fail_here()
+        return super().rows(surfaces, dofs)
+
+class FailingStore:
+    found = 0
+    def load(self, point):
+        fail_here()
+    def save(self, answer):
+        fail_here()
+
+def after(count, what):
+    def progress(points):
+        for k, point in enumerate(points):
+            if k == count:
+                what()
+            yield point
+    return progress
+
+def pairing():
+    (floor,) = scene.contacts
+    return dataclasses.replace(scene, contacts=(Failing(**vars(floor)),))
+
+def refuse(points, **how):
+    raise ParameterError("no answer")
+
+answering = SimpleNamespace(
+    rows_at_once=1000,
+    parameters=scene.parameters, dimension=2, conditions=0, fields=ModelFields(), solve=refuse,
+    solve_many=refuse,
+)
+{case}
+print("rank", world.rank, "went on", flush=True)
+"""
+
+TOGETHER = {
+    "geometry, at once": "hhr.FullOrderModel(failing_geometry(True))",
+    "geometry, after the mesh": "hhr.FullOrderModel(failing_geometry(False))",
+    "pairing": "hhr.FullOrderModel(pairing())",
+    "snapshots": "hhr.compute_snapshots(hhr.FullOrderModel(scene), scene.parameters.grid([4]), after(2, fail_here))",
+}
+EACH_FOR_ITSELF = {
+    "geometry": "hhr.train(failing_geometry(False), [4])",
+    "pairing": "hhr.train(pairing(), [4])",
+    "snapshot": "hhr.train(scene, [9], progress=lambda label: after(1, fail_here))",
+    "store": "spread_snapshots(hhr.FullOrderModel(scene, MPI.COMM_SELF), scene.parameters.grid([9]), world, "
+    "store=FailingStore())",
+    "query": "hhr.answer_points(answering, np.zeros((9, 1)), world, after(0, fail_here))",
+}
+
+
+def run_failing(case, ranks, patience=3.0):
+    program = FAILING.format(folders=SCENE_FOLDERS, case=case, patience=patience)
+    return run_program(ranks, ["-c", program], limit=WAIT)
+
+
+@pytest.mark.parametrize("name", TOGETHER)
+def test_a_rank_that_fails_in_common_work_ends_the_run(name):
+    """The others wait inside of MPI: ended, with the reason, and not as if all were well."""
+    # those that wait inside of MPI never come, however long they are waited for
+    run = run_failing(TOGETHER[name], ranks=2, patience=0.2)
+    assert run.returncode != 0 and "went on" not in run.stdout
+    assert "Awkward: the disk of this rank is full" in run.stderr and "failed on rank 1 of 2" in run.stderr
+
+
+def test_a_rank_that_fails_in_work_of_its_own_ends_the_run():
+    run = run_failing(EACH_FOR_ITSELF["snapshot"], ranks=2)
+    assert run.returncode != 0 and "went on" not in run.stdout
+    assert "failed on rank 1 of 2, Awkward: the disk of this rank is full" in run.stderr
+
+
+CAUGHT = """
+def tell(number, action):
+    try:
+        action()
+        mine = (number, world.rank, "nothing", "")
+    except Exception as error:
+        mine = (number, world.rank, type(error).__name__, str(error))
+    told = world.gather(mine)
+    if told is not None:
+        print(json.dumps(told), flush=True)
+
+def diverge():
+    if last:
+        raise ConvergenceError("point 7")
+
+import json
+"""
+
+
+def test_every_rank_raises_what_it_can():
+    """The error itself where it happened; elsewhere one of this package's with rank and text.
+
+    One program for all: what is raised on every rank can be caught, and the ranks go on together.
+    """
+    wrong = "dataclasses.replace(scene, displacements=(hhr.Displacement(99, 0), *scene.displacements))"
+    flowing = "dataclasses.replace(scene, bodies=(dataclasses.replace(scene.bodies[0], law=hhr.Plasticity(1.0)),))"
+    careless = "dataclasses.replace(scene, geometry=lambda comm: scene.geometry(world))"
+    actions = [
+        *EACH_FOR_ITSELF.values(),
+        "hhr.train(scene, [9], progress=lambda label: after(1, diverge))",
+        f"hhr.FullOrderModel({wrong})",
+        f"hhr.train({careless}, [4])",
+        "hhr.FullOrderModel(scene).solve(0.05)",
+        *([f"hhr.FullOrderModel({flowing})"] if present("inelastic") else []),
+    ]
+    case = CAUGHT + "".join(f"tell({k}, lambda: {action})\n" for k, action in enumerate(actions))
+    # and what one rank alone does with SLEPc keeps no other from its end
+    case += "if last:\n    smallest_singular_value(hhr.FullOrderModel(scene, MPI.COMM_SELF).problem.contact)\n"
+    run = run_failing(case, ranks=3)
+    assert run.returncode == 0 and run.stdout.count("went on") == 3, run.stderr
+    # what two ranks print at once may stand on one line
+    told = [
+        json.JSONDecoder().raw_decode(line[line.index("[[") :])[0] for line in run.stdout.splitlines() if "[[" in line
+    ]
+    assert [line[0][0] for line in told] == list(range(len(actions)))
+    for line in told[: len(EACH_FOR_ITSELF)]:
+        kinds, texts = zip(*(words[2:] for words in line), strict=True)
+        assert kinds == ("RankError", "RankError", "Awkward") and texts[2] == "the disk of this rank is full"
+        assert all("failed on rank 2 of 3, Awkward: the disk of this rank is full" in text for text in texts[:2])
+    diverged, unbuilt, misplaced, *whole = told[len(EACH_FOR_ITSELF) :]
+    assert [words[2] for words in diverged] == ["ConvergenceError"] * 3
+    assert "rank 2 of 3" in diverged[0][3] and diverged[2][3] == "point 7"
+    # wrong on all ranks alike
+    assert all(words[2] == "SceneError" and "[99]" in words[3] for words in unbuilt)
+    # not blamed on tags that other ranks hold
+    for words in misplaced:
+        assert words[2] == "SceneError" and "spread over 3 ranks and was asked for on 1" in words[3]
+        assert "on the communicator it is given" in words[3] and "tags" not in words[3]
+    # bodies that flow: each rank has the whole problem, and all share the factors
+    assert [words[2] for line in whole for words in line] == ["nothing"] * 3 * len(whole)

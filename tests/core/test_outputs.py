@@ -1,0 +1,351 @@
+"""Outputs by name: closed forms, one value from every model, exact derivatives, files, tables and the door."""
+
+import csv
+import dataclasses
+import pickle
+
+import numpy as np
+import pellet_cladding as demo
+import pytest
+import ufl
+from needs import needs
+from scenes import pressed_block
+from scipy.spatial.transform import Rotation
+from toy_output import MeanPressure
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import HHRError, ModelFileError, SceneError
+from hhr_dolfinx.geometries import block, stacked_blocks
+from hhr_dolfinx.geometries import pellet_cladding as geometry
+from hhr_dolfinx.materials.elasticity import von_mises
+
+PRESSURE, YOUNG = 2.0, 50.0
+POINT = {"P1": 100.0, "h1": 3.07, "E1": 190e3, "nu1": 0.3, "E2": 78e3, "nu2": 0.34}
+
+
+def mean_radial(assembler):
+    """Radial displacement integrated over the pellet."""
+    radius = ufl.SpatialCoordinate(assembler.dx(geometry.PELLET).ufl_domain())[0]
+    return 2 * ufl.pi * radius * assembler.test[0] * assembler.dx(geometry.PELLET)
+
+
+OUTPUTS = (
+    hhr.LargestPressure("peak", 0, unit="MPa"),
+    hhr.ContactForce("radial", 0, (1.0, 0.0), unit="N"),
+    hhr.ContactForce("lift", 1, (0.0, 2.0)),
+    hhr.Torque("torque", 0, 0.3, unit="N mm"),
+    hhr.ContactWidth("area", 0),
+    hhr.LostContact("lost", 0),
+    hhr.GapAt("gap", 0, (4.1, 6.9)),
+    hhr.DisplacementAt("u_r", (4.7, 3.05), 0, unit="mm"),
+    hhr.VonMises("largest", geometry.CLADDING),
+    hhr.VonMises("mean", geometry.PELLET, "mean"),
+    hhr.VonMises("below", geometry.PELLET, "max", ((0.0, 0.0), (2.0, 3.0))),
+    hhr.ElasticEnergy("energy"),
+    hhr.LinearForm("swelling", mean_radial),
+)
+
+
+def small_pellet(**changes):
+    """The pellet on a small mesh, with outputs."""
+    return dataclasses.replace(demo.scene(**demo.QUICK_MESH), **({"outputs": OUTPUTS} | changes))
+
+
+def six_parameters():
+    """The same with the elasticity of both bodies as parameters."""
+    names, lower, upper = tuple(POINT), (5, 0.6, 100e3, 0.2, 60e3, 0.25), (200, 6, 250e3, 0.4, 100e3, 0.4)
+    bodies = (hhr.Body(geometry.PELLET, "E1", "nu1"), hhr.Body(geometry.CLADDING, "E2", "nu2"))
+    return small_pellet(bodies=bodies, parameters=hhr.ParameterSpace(names, lower, upper))
+
+
+@pytest.fixture(scope="module")
+def varying():
+    return hhr.train(six_parameters(), hhr.Sobol(120), held_out=5)
+
+
+@pytest.fixture(scope="module")
+def constant():
+    return hhr.train(small_pellet(), (8, 6), held_out=5)
+
+
+def pressed_stack(dim, outputs, hypothesis=None, grading=None):
+    """Two blocks of edge 1, one on the other, pressed together: a uniform stress, and all of the surface touches."""
+    up, lower, upper = dim - 1, stacked_blocks.LOWER, stacked_blocks.UPPER
+    side = stacked_blocks.interface
+    # one block of 50, one of 100: under a pressure p they are shortened by p / 50 + p / 100
+    shortened = hhr.Amplitude(slopes={"p": -1.5 / YOUNG})
+    fixed = [hhr.Displacement(stacked_blocks.outer_end(lower, dim), up)]
+    fixed.append(hhr.Displacement(stacked_blocks.outer_end(upper, dim), up, shortened))
+    for axis in range(up):
+        fixed += [hhr.Displacement(stacked_blocks.side(body, axis, False), axis) for body in (lower, upper)]
+    hypothesis = hypothesis or ("plane_stress" if dim == 2 else "solid")
+    return hhr.Scene(
+        name="stack",
+        geometry=lambda comm: stacked_blocks.stacked_blocks(comm, lower=(3,) * dim, upper=(3,) * dim),
+        hypothesis=hypothesis,
+        bodies=(hhr.Body(lower, YOUNG, 0.3), hhr.Body(upper, 2 * YOUNG, 0.3, grading=grading)),
+        contacts=(hhr.NodeToNode(side(lower, dim), side(upper, dim), tuple(np.eye(dim)[up])),),
+        parameters=hhr.ParameterSpace(("p",), (0.5,), (4.0,)),
+        displacements=tuple(fixed),
+        outputs=outputs,
+    )
+
+
+@pytest.mark.parametrize("dim", [2, 3])
+def test_uniform_pressure_in_closed_form(dim):
+    upwards, middle = np.eye(dim)[dim - 1], np.full(dim, 0.5)
+    axis, place = ({}, (1.0,)) if dim == 2 else ({"axis": (0.0, 1.0, 0.0)}, (1.0, 1.0))
+    outputs = (
+        hhr.LargestPressure("peak", 0),
+        MeanPressure("average", 0),
+        hhr.ContactForce("force", 0, tuple(3 * upwards)),
+        hhr.ContactMoment("moment", 0, (0.0,) * dim, **axis),
+        hhr.ContactMoment("centred", 0, tuple(middle), **axis),
+        hhr.ContactWidth("width", 0),
+        hhr.LostContact("lost", 0),
+        hhr.GapAt("gap", 0, (*middle[1:], 1.0)),
+        hhr.DisplacementAt("top", (*place, 2.0), dim - 1),
+        hhr.DisplacementAt("between", (*place, 1.0), dim - 1, tag=stacked_blocks.UPPER),
+        hhr.VonMises("mises", stacked_blocks.LOWER),
+        hhr.VonMises("mean", stacked_blocks.UPPER, "mean"),
+        hhr.ElasticEnergy("energy"),
+    )
+    full = hhr.FullOrderModel(pressed_stack(dim, outputs))
+    found = full.outputs(PRESSURE, gradient=True)
+    lever = 0.5 if dim == 3 else -0.5
+    closed = {
+        "peak": PRESSURE, "average": PRESSURE,
+        "force": -PRESSURE, "moment": lever * PRESSURE, "centred": 0.0, "width": 1.0, "lost": 0.0,
+        "gap": 0.0, "top": -1.5 * PRESSURE / YOUNG, "between": -PRESSURE / YOUNG, "mises": PRESSURE, "mean": PRESSURE,
+        "energy": 0.75 * PRESSURE**2 / YOUNG,
+    }  # fmt: skip
+    assert dict(found) == pytest.approx(closed, rel=1e-11, abs=1e-12) and found.one_sided  # pressures are all equal
+    assert found.gradient["energy"] == pytest.approx(1.5 * PRESSURE / YOUNG, rel=1e-10)
+    assert found.gradient["force"] == pytest.approx(-1.0, rel=1e-10)
+
+
+@pytest.mark.parametrize("hypothesis", ["plane_strain", "plane_stress", "solid"])
+def test_energy_counts_imposed_displacements(hypothesis):
+    outputs = (hhr.ElasticEnergy("energy"), hhr.VonMises("mises", block.SOLID))
+    full = hhr.FullOrderModel(dataclasses.replace(pressed_block(hypothesis), outputs=outputs))
+    for push in (0.005, 0.06):
+        answer = full.solve(push, gradient=True)
+        field, found = answer.displacement(), answer.outputs()
+        assert found["energy"] == pytest.approx(field @ (full.problem.stiffness @ field) / 2, rel=1e-10, abs=1e-15)
+        assert found["mises"] == pytest.approx(von_mises(answer.stress()).max(), rel=1e-12, abs=1e-14)
+        ends = [full.outputs(push + change)["energy"] for change in (-1e-6, 1e-6)]
+        assert found.gradient["energy"] == pytest.approx((ends[1] - ends[0]) / 2e-6, rel=1e-6, abs=1e-9)
+
+
+@pytest.mark.parametrize("turn", [(0.0, 0.0, 1.0), (1.0, 2.0, -0.5)])
+def test_torque_in_closed_form(turn):
+    """A uniform pressure on a unit square about its middle: friction times the mean distance to the axis."""
+    across = Rotation.align_vectors([(0.0, 0.0, 1.0)], [turn])[0]
+    outputs = (hhr.Torque("torque", 0, 0.2, (0.5, 0.5, 1.0), turn), hhr.LargestPressure("peak", 0))
+    full = hhr.FullOrderModel(pressed_stack(3, outputs))
+    problem, answer = full.problem, full.solve(PRESSURE)
+    arms = across.apply(problem.contact_points - (0.5, 0.5, 1.0))[:, :2]
+    mean = 0.2 * PRESSURE * problem.contact_areas @ np.linalg.norm(arms, axis=1)
+    assert answer.outputs()["torque"] == pytest.approx(mean, rel=1e-11)
+
+
+def test_stress_is_that_of_the_full_model_with_mean_dilatation_and_grading():
+    outputs = (hhr.VonMises("nearly", block.SOLID), hhr.VonMises("mean", block.SOLID, "mean"))
+    scene = dataclasses.replace(pressed_block("plane_strain", poisson=0.49), outputs=outputs)
+    graded = hhr.Body(block.SOLID, 3.0, 0.3, grading=lambda x: 1 + x[1])
+    for own in (scene, dataclasses.replace(scene, bodies=(graded,))):
+        answer = hhr.FullOrderModel(own).solve(0.05)
+        values = von_mises(answer.stress())
+        assert answer.outputs()["nearly"] == pytest.approx(values.max(), rel=1e-12)
+        assert answer.outputs()["mean"] == pytest.approx(values.mean(), rel=1e-12)  # cells of one size
+
+
+def test_values_are_those_of_the_fields(varying):
+    full, answer = varying.full_order, varying.full_order.solve(POINT)
+    found, field, forces = answer.outputs(), answer.displacement(), answer.forces()
+    problem, values = full.problem.at(POINT), von_mises(answer.stress())
+    bodies, side = full.discretisation.cell_bodies(), problem.contact_pairs == 0
+    assert found["peak"] == pytest.approx((forces / problem.contact_areas)[side].max(), rel=1e-14)
+    assert found["radial"] == pytest.approx(-forces[side].sum(), rel=1e-12)
+    assert found["torque"] == pytest.approx(0.3 * problem.contact_points[side, 0] @ forces[side], rel=1e-12)
+    assert found["energy"] == pytest.approx(field @ (problem.stiffness @ field) / 2, rel=1e-11)
+    assert found["largest"] == pytest.approx(values[bodies == 1].max(), rel=1e-12)
+    assert 0 < found["lost"] < 1 and found.units["peak"] == "MPa" and found.gradient is None
+    assert len(found) == len(OUTPUTS) and "peak" in found
+
+
+VARYING = [pytest.param(name, marks=needs("moduli")) for name in ("reduced", "interpolated")]
+
+
+@pytest.mark.parametrize("name", ["full", "full, constant", "exact", "exact with fields", "copied", *VARYING])
+def test_derivatives_are_those_of_the_model_itself(name, varying, constant):
+    known = constant.snapshots.known_statuses()
+    models = {
+        "full": lambda: varying.full_order,
+        "full, constant": lambda: constant.full_order,
+        "reduced": varying.build,
+        "interpolated": varying.condense,
+        "exact": lambda: hhr.exact_condensation(constant.full_order, known, field=False),
+        "exact with fields": lambda: hhr.exact_condensation(constant.full_order, known),
+        "copied": lambda: pickle.loads(pickle.dumps(constant.build())),
+    }
+    model = models[name]()
+    names = model.parameters.names
+    middle = np.array([POINT[key] for key in names])
+    found = model.outputs(middle, gradient=True)
+    exact = (varying if len(names) == 6 else constant).full_order.outputs(middle)
+    assert not found.one_sided and not np.any(found.gradient["area"])
+    for place in range(len(names)):
+        step = 1e-5 * middle[place]
+        ends = [model.outputs(middle + sign * step * np.eye(len(names))[place]) for sign in (-1, 1)]
+        for key, value in found.values.items():
+            assert value == pytest.approx(exact[key], rel=0.1)
+            slope = (ends[1][key] - ends[0][key]) / (2 * step)
+            assert abs(slope - found.gradient[key][place]) * middle[place] < 1e-6 * abs(value), key
+
+
+def test_a_basis_that_spans_all_answers_gives_the_full_outputs():
+    """All answers of the stack are multiples of one: the reduced model is exact, and so are all its outputs."""
+    outputs = (
+        hhr.LargestPressure("peak", 0),
+        hhr.ContactForce("force", 0, (0.0, 1.0)),
+        hhr.GapAt("gap", 0, (0.5, 1.0)),
+        hhr.VonMises("mises", stacked_blocks.LOWER),
+        hhr.ElasticEnergy("energy"),
+    )
+    training = hhr.train(pressed_stack(2, outputs), (5,), held_out=2)
+    model = training.build(checked=False)
+    for point in (0.7, 3.3):
+        exact = training.full_order.outputs(point, gradient=True)
+        found = model.outputs(point, gradient=True)
+        assert dict(found) == pytest.approx(dict(exact), rel=1e-9, abs=1e-12)
+        for name in found:
+            assert found.gradient[name] == pytest.approx(exact.gradient[name], rel=1e-8, abs=1e-10)
+
+
+def test_exact_condensation_gives_the_full_outputs(constant):
+    """By another way: rows times responses, not fields."""
+    full = constant.full_order
+    exact = hhr.exact_condensation(full, constant.snapshots.known_statuses(), field=False)
+    for point in full.parameters.random(5, seed=3):
+        assert dict(exact.outputs(point)) == pytest.approx(dict(full.outputs(point)), rel=1e-8, abs=1e-12)
+
+
+def test_file_and_table_have_the_outputs(constant, tmp_path):
+    model, points = constant.build(), constant.full_order.parameters.random(3, seed=1)
+    hhr.save_model(tmp_path / "model.npz", model)
+    loaded = hhr.load_model(tmp_path / "model.npz")
+    for point in points:
+        assert dict(loaded.outputs(point)) == pytest.approx(dict(model.outputs(point)), rel=1e-12)
+    table = loaded.solve_many(points).outputs()
+    assert table["energy"][1] == pytest.approx(model.outputs(points[1])["energy"], rel=1e-10)
+    answers = hhr.answer_points(loaded, np.vstack([points, [1e9, 1.0]]))
+    assert hhr.write_answers(tmp_path / "answers.csv", loaded.parameters, answers) == 1
+    with open(tmp_path / "answers.csv", newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert float(rows[0]["peak [MPa]"]) == pytest.approx(model.outputs(points[0])["peak"], rel=1e-10)
+    assert rows[3]["energy"] == "" and rows[3]["status"] != "ok"
+    broken = model.fields.functionals.items[0]
+    broken = dataclasses.replace(broken, conditions=broken.conditions + 1000)
+    functionals = dataclasses.replace(model.fields.functionals, items=(broken,))
+    fields = dataclasses.replace(model.fields, functionals=functionals, output_bound=None)
+    with pytest.raises(ModelFileError, match=r"output 'peak' has conditions outside 0 \.\."):
+        hhr.save_model(tmp_path / "broken.npz", model.changed(fields=fields))
+
+
+def test_a_study_reports_their_errors(constant):
+    settings = hhr.StudySettings((8, 6), tests=5, queries=2, naive=False)
+    study = hhr.run_study(constant, settings)
+    row = study.report["outputs"]["peak"]
+    assert row["unit"] == "MPa" and row["largest"] > 50 and row["max"] < 0.1
+
+
+@needs("inelastic")
+def test_bodies_that_flow_answer_at_every_step():
+    import pellet_cladding_plastic as plastic
+    from flowing import SMALL_MESH, STEPS, TRAINING
+
+    outputs = (
+        hhr.LargestPressure("peak", 0),
+        hhr.VonMises("mises", geometry.PELLET),
+        hhr.VonMises("mean", geometry.PELLET, "mean"),
+        hhr.DisplacementAt("u", (4.7, 6.0), 0),
+    )
+    scene = dataclasses.replace(plastic.scene(**SMALL_MESH), outputs=outputs)
+    training = hhr.train(scene, [plastic.path(gap, STEPS) for gap in TRAINING])
+    full, bodies = training.full_order, training.full_order.discretisation.cell_bodies()
+    points = full.equilibrium.operator.points_of(np.flatnonzero(bodies == 0))
+    history = training.snapshots.histories[0]
+    reduced = training.build(checked=False).march(history.path)
+    for answer, other in zip(history.answers, reduced.answers, strict=True):
+        exact = answer._replace(fields=full).outputs()
+        assert exact["mises"] == pytest.approx(von_mises(answer.gauss.stress[points]).max(), rel=1e-14)
+        assert dict(other.outputs()) == pytest.approx(dict(exact), rel=0.05, abs=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("output", "message"),
+    [
+        (hhr.LargestPressure("a", 5), "output 'a' names contact 5, and the scene has 2"),
+        (hhr.VonMises("a", 77), "output 'a': the cell tag 77 is none of the bodies"),
+        (hhr.VonMises("a", geometry.PELLET, where=((9.0, 9.0), (9.5, 9.5))), "no cell of body .* enlarge the box"),
+        (hhr.VonMises("a", geometry.PELLET, where=((9.0,), (9.5,))), "must have 2 coordinates"),
+        (hhr.DisplacementAt("a", (40.0, 3.0), 0), r"nearest point at .*move it"),
+        (hhr.DisplacementAt("a", (4.7, 3.0), 2), "has 2 components, none is 2"),
+        (hhr.DisplacementAt("a", (4.7, 3.0, 1.0), 0), "must have 2 coordinates"),
+        (hhr.GapAt("a", 0, (0.0, 0.0)), "move it"),
+        (hhr.ContactForce("a", 0, (1.0, 0.0, 0.0)), "must have 2 components"),
+        (hhr.ContactForce("a", 0, (0.0, 0.0)), "must not be zero"),
+        (hhr.ContactMoment("a", 0, (0.0, 0.0)), "Ask for the Torque"),
+        (hhr.Torque("a", 0, 0.1, origin=(0.0, 0.0)), "leave out origin"),
+        (hhr.LinearForm("a", lambda a: a.test[0] * a.test[1] * a.dx(geometry.PELLET)), "must be linear in v"),
+    ],
+)
+def test_what_the_model_does_not_have_is_refused(output, message):
+    with pytest.raises(SceneError, match=message):
+        hhr.FullOrderModel(dataclasses.replace(small_pellet(), outputs=(output,)))
+
+
+def test_nodes_of_two_bodies_at_one_place_are_told_apart():
+    output = hhr.DisplacementAt("a", (0.0, 1.0), 1)
+    with pytest.raises(SceneError, match=r"2 nodes, of bodies \[1, 2\], are equally near .*: name the body, tag="):
+        hhr.FullOrderModel(pressed_stack(2, (output,)))
+
+
+def test_nodes_of_the_body_that_is_named_are_told_apart_by_a_place():
+    """Halfway between two nodes of one body its name helps nobody, and the place of one of them does."""
+    points = hhr.FullOrderModel(pressed_stack(2, ())).problem.points
+    x = np.unique(points[points[:, 1] > points[:, 1].max() - 1e-9, 0].round(12))
+    output = hhr.DisplacementAt("a", ((x[0] + x[1]) / 2, 1.0), 1, tag=stacked_blocks.UPPER)
+    with pytest.raises(SceneError, match=r"2 nodes, of bodies \[2\], are equally near") as refused:
+        hhr.FullOrderModel(pressed_stack(2, (output,)))
+    assert str(refused.value).endswith(": move the place to one of them, such as (0.0, 1.0)")
+    moved = dataclasses.replace(output, place=(float(x[0]), 1.0))
+    assert hhr.FullOrderModel(pressed_stack(2, (moved,))).fields.functionals.items[0].name == "a"
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: hhr.Torque("a", 0, -0.1), "friction -0.1"),
+        (lambda: hhr.LargestPressure("", 0), "must be a text"),
+        (lambda: hhr.LargestPressure("a", 0, unit=3), "the unit 3"),
+        (lambda: hhr.LargestPressure("a", -1), "place of a pair"),
+        (lambda: hhr.DisplacementAt("a", (0.0, 0.0), 5), "component 5"),
+        (lambda: hhr.DisplacementAt("a", ("x", 0.0), 0), "finite numbers"),
+        (lambda: hhr.VonMises("a", 1, "least"), "must be 'max' or 'mean'"),
+        (lambda: hhr.VonMises("a", 1, where=((0.0, 0.0),)), "must be two corners"),
+        (lambda: hhr.LinearForm("a", 3), "must be a function of an Assembler"),
+        (lambda: small_pellet(outputs=(OUTPUTS[0], OUTPUTS[0])), "two outputs are called 'peak'"),
+        (lambda: small_pellet(outputs=(3,)), r"outputs\[0\] .* must be an output"),
+    ],
+)
+def test_what_is_no_output_is_refused(make, message):
+    with pytest.raises((SceneError, TypeError), match=message):
+        make()
+
+
+def test_a_scene_without_outputs_has_none():
+    answer = hhr.FullOrderModel(pressed_block("plane_strain")).solve(0.05)
+    with pytest.raises(HHRError, match="name them in the scene"):
+        answer.outputs()

@@ -1,0 +1,117 @@
+"""Scripts of demos and benchmarks: all names that they import exist, and each of them runs at its smallest size."""
+
+import ast
+import importlib
+import json
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+from bare import SCENE_FOLDERS, WAIT
+from needs import needs
+
+ROOT = Path(__file__).parents[2]
+FILES = sorted(path for folder in SCENE_FOLDERS[2:] for path in Path(folder).glob("*.py"))
+FILES += sorted(path for path in (ROOT / "demos").glob("*/*.py") if path.stem != "__init__")
+PROGRAMS = {path.stem: path for path in FILES if "__main__" in path.read_text()}
+NEEDED = {"calculix": "ccx"}
+"""Programs without which a script has nothing to do."""
+
+
+def missing_names(path):
+    """Names that a file imports from the package, inside of functions too, and that are not there."""
+    for node in ast.walk(ast.parse(path.read_text())):
+        if isinstance(node, ast.ImportFrom) and node.module and node.module.startswith("hhr_dolfinx"):
+            module = importlib.import_module(node.module)
+            for alias in node.names:
+                try:
+                    there = hasattr(module, alias.name) or importlib.import_module(f"{node.module}.{alias.name}")
+                except ImportError:
+                    there = False
+                if not there:
+                    yield f"{path.name}:{node.lineno}: {node.module}.{alias.name}"
+
+
+def test_all_names_that_scripts_import_exist():
+    """An import inside of a function would fail at the end of an hour of work otherwise."""
+    assert len(FILES) > 50
+    assert [name for path in FILES for name in missing_names(path)] == []
+
+
+def test_an_import_inside_of_a_function_is_seen(tmp_path):
+    (tmp_path / "one.py").write_text("def f():\n    from hhr_dolfinx.timing import timed, plot_fields\n")
+    assert list(missing_names(tmp_path / "one.py")) == ["one.py:2: hhr_dolfinx.timing.plot_fields"]
+
+
+def run(path, out):
+    """Run a script at its smallest size, as a user does."""
+    size = ["--quick"] if "demo_parser" in path.read_text() else []
+    program = [sys.executable, str(path), *size, "--out", str(out)]
+    environment = os.environ | {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+    return subprocess.run(program, capture_output=True, text=True, cwd=out, env=environment, timeout=WAIT)
+
+
+def check_friction(report):
+    """Both models keep all conditions: what remains is round-off, and interpolation between walls, measured as 3e-7.
+
+    Errors of an increment whose force is small are over a thousandth of the largest force: 1e-3 bounds them.
+    """
+    assert {"scene", "seed", "versions", "machine"} <= set(report)
+    assert report["sizes"]["N"] > 1000 and report["sizes"]["N_lambda"] > 100
+    times = report["times"]
+    ratio = times["fom_best"]["median"] / times["online"]["median"]
+    assert report["ratios"]["fom_best/online"] == pytest.approx(ratio, rel=0.5) and times["offline"] > 0
+    friction = report["friction"]
+    assert {"increments", "iterations", "fallbacks", "mu_kappa", "errors", "reference"} <= set(friction)
+    assert set(friction["errors"]) == {"normal", "tangential", "slip"}
+    for error in friction["errors"].values():
+        assert set(error) == {"median", "p95", "max", "n"} and error["n"] == friction["increments"]
+        assert error["max"] < 1e-3
+
+
+CHECKS = {"fretting": check_friction, "press_fit_torque": check_friction}
+"""What reports must hold besides."""
+OF_PLUGINS = {
+    "bolted_joint": ("exporters", "moduli", "one_call", "pages"), "calculix": ("exporters",), "calibrate": ("moduli",),
+    "certified": ("fallback", "moduli", "theorems"), "extreme_cases": ("baselines", "inelastic"),
+    "contract": ("baselines", "fallback", "friction", "inelastic", "local", "moduli", "sliding"),
+    "fretting": ("friction",), "friction": ("friction",), "friction_flow": ("friction", "inelastic"),
+    "friction_pellet": ("friction", "moduli"), "friction_random": ("friction",), "fuel_rod": ("moduli",),
+    "greedy_training": ("greedy", "moduli"), "history_indicator": ("inelastic",), "indentation": ("inelastic",),
+    "local_models": ("greedy", "local", "moduli", "theorems"), "pellet_cladding_plastic": ("inelastic",),
+    "one_call": ("friction", "inelastic", "moduli", "one_call"), "pellet_materials": ("moduli",),
+    "press_fit": ("moduli",), "press_fit_torque": ("friction",), "random_recipes": ("baselines",),
+    "scale": ("moduli",), "sliding_punch": ("sliding", "friction"),
+}  # fmt: skip
+"""Plug-ins that scripts need."""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "name",
+    [
+        pytest.param(name, marks=needs(*OF_PLUGINS.get(name, ())))
+        for name in sorted(set(PROGRAMS) - {"leaf_spring", "joint", "figures"})
+    ],
+)
+def test_a_script_runs_at_its_smallest(name, tmp_path):
+    if name in NEEDED and shutil.which(NEEDED[name]) is None:
+        pytest.skip(f"{name} compares with {NEEDED[name]}, which is not on the PATH")
+    ended = run(PROGRAMS[name], tmp_path)
+    assert ended.returncode == 0, ended.stderr[-3000:]
+    reports = {path.stem: json.loads(path.read_text()) for path in tmp_path.glob("*.json")}
+    assert reports and all(reports.values())
+    if name in CHECKS:
+        CHECKS[name](reports["report"])
+
+
+@pytest.mark.parametrize(("name", "ending"), [("leaf_spring", ".msh"), ("joint", ".step")])
+def test_the_file_that_a_demo_reads_is_made_by_its_script(name, ending, tmp_path):
+    """The script writes beside itself: a copy of it leaves the repository as it is."""
+    copy = Path(shutil.copy(PROGRAMS[name], tmp_path))
+    ended = subprocess.run([sys.executable, str(copy)], capture_output=True, text=True, timeout=WAIT)
+    assert ended.returncode == 0, ended.stderr[-3000:]
+    assert copy.with_suffix(ending).stat().st_size > 10_000

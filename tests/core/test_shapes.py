@@ -1,0 +1,389 @@
+"""Shapes that depend on parameters: the mesh moved in the geometry function, closed forms, the door."""
+
+import dataclasses
+
+import numpy as np
+import press_fit as fit
+import pytest
+from bare import SCENE_FOLDERS
+from mpi4py import MPI
+from needs import needs
+from scenes import PAIR_BOX, check_contact_conditions, largest_difference, pressed_block, pressed_pair, slope_errors
+from test_mpi import launch
+from toy_law import Bingham
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx import compat
+from hhr_dolfinx.errors import NotSolvableError, ParameterError, SceneError
+from hhr_dolfinx.geometries import block, press_fit, two_blocks
+
+BODIES = ("E1", 0.3), (4.0, 0.25)
+SPACE = {"E1": (1.0, 6.0), "crown": (0.0, 0.03), "tall": (0.8, 1.2)}
+POINT = {"push": 0.008, "slide": 0.01, "load": 0.05, "gap": 0.002, "E1": 2.0, "crown": 0.025, "tall": 0.9}
+CROWNED = hhr.Shape(1, ("x", "1 + (y - 1) * tall - crown * y * (x - 1.5)**2"))
+MESHES = {"plane_strain": {"cells": 4}, "plane_stress": {"cells": 4, "simplices": True, "matching": False}}
+
+
+def crowned(points, tag, crown, tall):
+    """The same map as a function."""
+    x, y = points.T
+    return np.column_stack([x, 1 + (y - 1) * tall - crown * y * (x - 1.5) ** 2]) if tag == 1 else points
+
+
+def meshed(hypothesis, mesh, crown, tall):
+    """The plain scene, with its nodes moved by its own geometry, constant stiffness E1 = 2."""
+    cells, matching = mesh["cells"], mesh.get("matching", True)
+    first = (1.0, 0.0), (2.0, 1.0), (cells, cells)
+    second = (1.0, 1.0), (2.0, 2.0), (cells + (0 if matching else 1), cells + (0 if matching else 1))
+
+    def geometry(comm):
+        warp = lambda points, tag: crowned(points, tag, crown, tall)  # noqa: E731
+        simplices = mesh.get("simplices", False)
+        return two_blocks.two_blocks(comm, first=first, second=second, simplices=simplices, warp=warp)
+
+    scene = pressed_pair(hypothesis, ((2.0, 0.3), BODIES[1]), geometry=geometry, **mesh)
+    return hhr.FullOrderModel(scene)
+
+
+BY_RULE = 1e-5
+"""On distorted quadrilaterals the integrand of K is no polynomial, and a scene with shapes may take another rule for it
+than a plain one: far below the error of the mesh."""
+
+
+def check_like(answer, other, tolerance=BY_RULE):
+    """Fields of two answers on one mesh; the rows of the second may come in another order."""
+    rows, others = (item.fields.problem.at(item.parameter) for item in (answer, other))
+    first, second = (np.lexsort((item.contact_slaves, item.contact_pairs)) for item in (rows, others))
+    assert largest_difference(rows.contact_points[first], others.contact_points[second]) < 1e-12
+    assert largest_difference(rows.contact_areas[first], others.contact_areas[second]) < 1e-12
+    assert np.array_equal(answer.active[first], other.active[second])
+    assert largest_difference(answer.forces()[first], other.forces()[second]) < tolerance
+    for name in ("displacement", "stress"):
+        assert largest_difference(getattr(answer, name)(), getattr(other, name)()) < tolerance, name
+
+
+@pytest.fixture(scope="module", params=sorted(MESHES))
+def pair(request):
+    """Two blocks, the lower one with a crown and a height, and matching nodes or not."""
+    scene = pressed_pair(request.param, BODIES, SPACE, shapes=(CROWNED,), **MESHES[request.param])
+    return hhr.FullOrderModel(scene)
+
+
+def test_at_a_point_it_is_the_plain_scene_meshed_there(pair):
+    plain = meshed(pair.scene.hypothesis, MESHES[pair.scene.hypothesis], POINT["crown"], POINT["tall"])
+    expected = plain.solve([POINT[name] for name in PAIR_BOX])
+    assert 0 < expected.active.sum() < len(expected.active)  # the crown has lost contact at its ends
+    pair.solve([*[POINT[name] for name in PAIR_BOX], 5.0, 0.0, 1.2])
+    found = pair.solve(POINT)
+    tolerance = 1e-11 if MESHES[pair.scene.hypothesis].get("simplices") else BY_RULE
+    check_like(found, expected, tolerance)
+    problem = pair.problem.at(POINT)
+    check_contact_conditions(problem, found.displacement(), found.forces(), found.parameter)
+    for name in ("stiffness", "mass"):
+        assert largest_difference(getattr(problem, name).toarray(), getattr(plain.problem, name).toarray()) < tolerance
+
+
+def test_conditions_keep_their_order_and_the_mesh_its_place(pair):
+    """Asking for other shapes leaves no trace."""
+    base, before = pair.problem, pair.discretisation.mesh.geometry.x.copy()
+    for point in pair.parameters.random(5, seed=2):
+        problem = base.at(point)
+        assert np.array_equal(problem.contact_slaves, base.contact_slaves)
+        assert np.array_equal(problem.contact_pairs, base.contact_pairs)
+        assert not problem.varies and problem.contact.nnz >= len(problem.gaps)
+    assert np.array_equal(pair.discretisation.mesh.geometry.x, before)
+    at_middle = base.at(base.middle)
+    assert largest_difference(at_middle.stiffness.toarray(), base.stiffness.toarray()) < 1e-14
+    assert np.array_equal(at_middle.points, base.points)
+    answer = pair.solve(POINT)
+    assert np.array_equal(answer.stress(), answer.stress())
+    assert largest_difference(pair.stress_of(answer.displacement(), POINT), answer.stress()) < 1e-14
+
+
+def test_gradients_are_those_of_differences(pair):
+    """Both difference the assembly, with steps of their own."""
+    assert slope_errors(pair, [POINT[name] for name in pair.parameters.names]).max() < 1e-5
+
+
+@pytest.fixture(scope="module")
+def training():
+    """Of the pair whose meshes do not match."""
+    scene = pressed_pair("plane_stress", BODIES, SPACE, shapes=(CROWNED,), cells=3, matching=False)
+    return hhr.train(scene, hhr.Sobol(32), held_out=8)
+
+
+def test_interpolated_condensation_answers_at_shapes_that_were_not_trained(training):
+    model, full = training.condense(), training.full_order
+    for point in full.parameters.random(6, seed=5):
+        exact, found = full.solve(point), model.solve(point)
+        assert largest_difference(found.forces(), exact.forces()) < 1e-3
+        assert largest_difference(found.displacement(), exact.displacement()) < 1e-3
+        assert largest_difference(found.stress(), exact.stress()) < 1e-2
+    point = [POINT[name] for name in full.parameters.names]
+    assert slope_errors(model, point).max() < 1e-5
+    exact, found = (item.solve(point, gradient=True).gradient for item in (full, model))
+    box = np.subtract(full.parameters.upper, full.parameters.lower)
+    assert largest_difference(found.multipliers * box, exact.multipliers * box) < 1e-3
+
+
+def test_condensation_converges_with_its_tolerance(training):
+    from hhr_dolfinx.reduction.condense import condense
+    from hhr_dolfinx.reduction.interpolate import GridSettings
+
+    full, errors = training.full_order, []
+    for tolerance in (1e-1, 1e-3, 1e-5):
+        model = condense(full, training.snapshots, GridSettings(tolerance, 200))
+        errors.append(max(largest_difference(model.solve(point).forces(), full.solve(point).forces())
+                          for point in full.parameters.random(3, seed=6)))  # fmt: skip
+    assert errors[0] > errors[1] > errors[2] and errors[2] < 1e-4
+
+
+def test_the_store_tells_shapes_apart(tmp_path, pair):
+    """Two maps that agree in the middle of the box."""
+    other = hhr.Shape(1, ("x", "1 + (y - 1) * (1 + 2 * (tall - 1)) - crown * y * (x - 1.5)**2"))
+    moved = hhr.FullOrderModel(dataclasses.replace(pair.scene, shapes=(other,)))
+    point = np.array([[POINT[name] for name in pair.parameters.names]])
+    for model in (pair, moved):
+        for again in (0, 1):
+            store = hhr.SnapshotStore(tmp_path, model)
+            found = hhr.compute_snapshots(model, point, store=store)
+            assert store.found == again
+            assert largest_difference(found.forces[:, 0], model.solve(point[0]).forces()) < 1e-9
+    assert len(list(tmp_path.glob("*.npz"))) == 2
+
+
+def tall_block(hypothesis="plane_stress", shape=("w * x", "h * y"), space=None, **others):
+    """A block on an obstacle, ``w`` times as wide and ``h`` times as high."""
+    bounds = {"push": (0.0, 0.1), "w": (0.5, 2.0), "h": (0.5, 2.0)} | (space or {})
+    parameters = hhr.ParameterSpace(tuple(bounds), *zip(*bounds.values(), strict=True))
+    shapes = (hhr.Shape(block.SOLID, shape),)
+    return dataclasses.replace(pressed_block(hypothesis), **{"parameters": parameters, "shapes": shapes} | others)
+
+
+def test_a_block_of_any_size_on_an_obstacle():
+    """Uniform stress: p = E (push - gap) / (2 h) over a width of 1.5 w, and the gradient of it."""
+    model = hhr.FullOrderModel(tall_block())
+    for push, w, h in ((0.05, 0.7, 1.6), (0.1, 2.0, 0.5), (0.02, 1.0, 1.0)):
+        answer = model.solve([push, w, h], gradient=True)
+        pressure = 3.0 * (push - 0.01) / (2 * h)
+        total = 1.5 * w * pressure
+        assert answer.forces().sum() == pytest.approx(total, rel=1e-11)
+        assert answer.stress()[:, 1] == pytest.approx(np.full(16, -pressure), rel=1e-11)
+        slopes = [1.5 * w * 3.0 / (2 * h), total / w, -total / h]
+        assert answer.gradient.multipliers.sum(axis=0)[0] == pytest.approx(slopes[0], rel=1e-9)
+        if push < 0.1:
+            assert answer.gradient.multipliers.sum(axis=0) == pytest.approx(slopes, rel=1e-8)
+    assert not model.solve([0.005, 1.0, 1.0]).forces().any()
+
+
+SMALL = {"around": 3, "hub_cells": (2, 4), "shaft_cells": (2, 5)}
+INNER, RADIUS, INTERFERENCE = 1.0, 2.0, 1e-3
+
+
+def rings(cells):
+    """A ring in a ring whose wall is a parameter, in plane strain by their ends."""
+    first = (INNER, 0.0), (RADIUS, 0.2), (cells, 1)
+    second = (RADIUS, 0.0), (RADIUS + 1.0, 0.2), (cells, 1)
+    side = two_blocks.side
+    ends = [side(tag, 1, upper) for tag in (1, 2) for upper in (False, True)]
+    return hhr.Scene(
+        name="rings",
+        geometry=lambda comm: two_blocks.two_blocks(comm, first=first, second=second),
+        hypothesis="axisymmetric",
+        bodies=(hhr.Body(1, 7.0, 0.3), hhr.Body(2, "E2", 0.2)),
+        contacts=(hhr.NodeToNode(side(1, 0, True), side(2, 0, False), (1.0, 0.0)),),
+        parameters=hhr.ParameterSpace(("wall", "E2"), (0.5, 1.0), (1.5, 5.0)),
+        displacements=tuple(hhr.Displacement(tag, 1) for tag in ends),
+        openings=(hhr.Opening(0, hhr.Amplitude(-INTERFERENCE)),),
+        shapes=(hhr.Shape(2, (f"{RADIUS} + (r - {RADIUS}) * wall", "z")),),
+    )
+
+
+def lame(wall, young):
+    """Pressure between two rings in plane strain."""
+
+    def compliance(modulus, poisson, near, far, outer):
+        ratio = (far**2 + near**2) / abs(far**2 - near**2)
+        turned = poisson / (1 - poisson) * (1 if outer else -1)
+        return RADIUS * (1 - poisson**2) / modulus * (ratio + turned)
+
+    inner = compliance(7.0, 0.3, RADIUS, INNER, outer=False)
+    return INTERFERENCE / (inner + compliance(young, 0.2, RADIUS, RADIUS + wall, outer=True))
+
+
+def test_a_ring_of_any_wall_converges_to_lame():
+    """Quadratically in the size of its cells, at walls that no mesh was made for."""
+    errors = []
+    for cells in (4, 8, 16):
+        model, found = hhr.FullOrderModel(rings(cells)), []
+        for wall, young in ((0.5, 1.0), (0.8, 3.0), (1.5, 5.0)):
+            pressure = model.solve([wall, young]).forces().sum() / (2 * np.pi * RADIUS * 0.2)
+            found.append(abs(pressure / lame(wall, young) - 1))
+        errors.append(max(found))
+    assert errors[2] < 1e-3
+    assert 3.5 < errors[0] / errors[1] < 4.5 and 3.5 < errors[1] / errors[2] < 4.5
+
+
+def test_a_hub_in_space_is_the_hub_meshed_there():
+    """The demo on a small mesh; its plain scene has the map in its geometry function."""
+    space = hhr.ParameterSpace(
+        ("interference", "wall", "crown", "E_hub"), (0.01, 8.0, 0.0, 7e4), (0.03, 14.0, 0.02, 3e5)
+    )
+    scene = fit.scene(**SMALL)
+    bare = {"outputs": ()} if hasattr(scene, "outputs") else {}
+    scene = dataclasses.replace(scene, loads=(), parameters=space, **bare)
+    point = np.array([0.02, 12.5, 0.012, 150e3])
+
+    def geometry(comm):
+        made = mesh, cells, _ = scene.geometry(comm)
+        nodes = np.unique(compat.geometry_dofmap(mesh)[cells.find(press_fit.HUB)])
+        x, y, z = mesh.geometry.x[nodes].T
+        rho = np.hypot(x, y)
+        inside = (rho - fit.RADIUS) / fit.WALL
+        new = fit.RADIUS + inside * point[1] + (1 - inside) * point[2] * (z / fit.LENGTH) ** 2
+        mesh.geometry.x[nodes] = np.column_stack([x * new / rho, y * new / rho, z])
+        return made
+
+    plain = dataclasses.replace(
+        scene,
+        geometry=geometry,
+        bodies=(hhr.Body(press_fit.HUB, 150e3, 0.3), scene.bodies[1]),
+        parameters=hhr.ParameterSpace(("interference",), (0.01,), (0.03,)),
+        # that moves nothing, so that both have one rule of integration
+        shapes=(hhr.Shape(press_fit.HUB, ("x", "y", "z")),),
+    )
+    expected = hhr.FullOrderModel(plain).solve(point[:1])
+    check_like(hhr.FullOrderModel(scene).solve(point), expected, 1e-10)
+
+
+def wedge(normal):
+    """A block whose lid turns by up to 0.2 rad under one that turns with it; its normals are those of the mesh."""
+    tilt = "(y + slope * (x - 1.5) * {})"
+    shapes = (hhr.Shape(1, ("x", tilt.format("y"))), hhr.Shape(2, ("x", tilt.format("(2 - y)"))))
+    surfaces = two_blocks.side(1, 1, True), two_blocks.side(2, 1, False)
+    contacts = (hhr.NodeToSurface(*surfaces, normal),)
+    bodies, space = ((2.0, 0.3), (4.0, 0.25)), {"slope": (-0.2, 0.2)}
+    return pressed_pair("plane_strain", bodies, space, cells=4, matching=False, shapes=shapes, contacts=contacts)
+
+
+def test_a_contact_surface_that_turns_takes_its_normals_along():
+    model = hhr.FullOrderModel(wedge(None))
+    for slope in (-0.2, 0.13):
+        problem = model.problem.at([0.03, 0.0, 0.0, 0.0, slope])
+        normal = np.array([-slope, 1.0]) / np.hypot(slope, 1.0)
+        slaves = problem.contact.toarray().reshape(len(problem.gaps), -1, 2)[
+            np.arange(len(problem.gaps)), problem.contact_slaves]  # fmt: skip
+        assert slaves == pytest.approx(np.tile(normal, (len(slaves), 1)), abs=1e-9)
+        assert problem.gaps[:, 0] == pytest.approx(0.0, abs=1e-12)
+    fixed = hhr.FullOrderModel(wedge((0.0, 1.0))).problem.at([0.03, 0.0, 0.0, 0.0, 0.2])
+    turned = model.problem.at([0.03, 0.0, 0.0, 0.0, 0.2])
+    assert abs(fixed.contact - turned.contact).max() > 0.1
+
+
+def test_condensation_follows_a_surface_that_turns():
+    training = hhr.train(wedge(None), hhr.Sobol(24), held_out=8)
+    model, full = training.condense(), training.full_order
+    for point in full.parameters.random(5, seed=4):
+        exact, found = full.solve(point), model.solve(point)
+        assert largest_difference(found.forces(), exact.forces()) < 1e-3
+        assert largest_difference(found.displacement(), exact.displacement()) < 1e-3
+
+
+DOOR = [
+    ({"shape": ("w * x",)}, r"shape of body 1 has 1 formulas: one for each of \('x', 'y'\) is needed"),
+    ({"shape": ("w * x", "h * y", "1")}, "has 3 formulas"),
+    ({"shape": ("w * x", "h * z")}, r"the shape of body 1 names \['z'\]: coordinates are \('x', 'y'\), parameters"),
+    ({"shape": ("w * x", "h * y"), "space": {"x": (0.0, 1.0)}}, r"parameters \['x'\] have the names of coordinates"),
+    ({"shape": ("w * r", "h * z"), "hypothesis": "axisymmetric", "space": {"z": (0.0, 1.0)}}, r"\['z'\] have"),
+    ({"shape": ("w * x", "h * y"), "hypothesis": "axisymmetric"}, r"names \['x', 'y'\]: coordinates are \('r', 'z'\)"),
+    ({"shape": ("w * x", "h +")}, "a coordinate of the shape of body 1: the formula 'h \\+' cannot be read"),
+    ({"shape": ("w * x", None)}, "a coordinate of the shape of body 1 = None must be"),
+    ({"shape": "w * x"}, "coordinates of the shape of body 1 must be a tuple"),
+    ({"shapes": (hhr.Shape(9, ("x", "h * y")),)}, r"shapes\[0\] of scene .* is of body 9: give one shape for"),
+    ({"shapes": (hhr.Shape(1, ("w * x", "y")), hhr.Shape(1, ("x", "h * y")))}, r"shapes\[1\] of scene .* is of body 1"),
+    ({"shapes": ("h * y",)}, r"shapes\[0\] of scene .* it must be a Shape"),
+    ({"bodies": (hhr.Body(1, 3.0, 0.3, law=Bingham(1.0, 0.1)),)}, "flow, and their shape depends on parameters"),
+]  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [pytest.param(*item, marks=needs("inelastic") if "flow" in item[1] else (), id=item[1][:25]) for item in DOOR],
+)
+def test_shapes_that_are_none_are_refused_at_the_door(given, said):
+    with pytest.raises(SceneError, match=said):
+        tall_block(**given)
+
+
+@pytest.mark.parametrize(("shape", "said"), [
+    (("x", "y * (1.5 - h)"), "turns 16 cells inside out at .*narrow the box, or move the nodes around it too"),
+    (("x * w * (x - 0.8)", "h * y"), "turns .* cells inside out at"),
+    (("w * x", "h * y / (h - h)"), "is not finite at .*: check its formulas"),
+    (("w * x", "sqrt(h - 1) * y"), "is not finite at"),
+    (("w * x", "y * 0 * h"), "inside out"),
+    (("w * x", "h * table(y, 0, 0, 0.5, 0.5)"), "outside the table .*Give the table further points"),
+])  # fmt: skip
+def test_cells_that_turn_inside_out_somewhere_in_the_box(shape, said):
+    with pytest.raises(SceneError, match=said):
+        hhr.FullOrderModel(tall_block(shape=shape))
+
+
+def test_bodies_that_share_nodes_move_alike():
+    """One block of two bodies: a shape of one of them tears it off, whatever the other one does."""
+    from dolfinx import mesh as dmesh
+
+    def geometry(comm):
+        mesh, cells, facets = block.block(comm, lower=(0.0, 0.0), upper=(1.5, 2.0), cells=(4, 4))
+        middles = dmesh.compute_midpoints(mesh, 2, cells.indices)
+        return (
+            mesh,
+            dmesh.meshtags(mesh, 2, cells.indices, np.where(middles[:, 0] < 0.7, 1, 2).astype(np.int32)),
+            facets,
+        )
+
+    bodies = hhr.Body(1, 3.0, 0.3), hhr.Body(2, 3.0, 0.3)
+    together = tuple(hhr.Shape(tag, ("w * x", "h * y")) for tag in (1, 2))
+    model = hhr.FullOrderModel(tall_block(geometry=geometry, bodies=bodies, shapes=together))
+    assert model.solve([0.05, 0.7, 1.6]).forces().sum() == pytest.approx(1.05 * 3.0 * 0.04 / 3.2, rel=1e-11)
+    apart = together[0], hhr.Shape(2, ("w * x", "y * (2 - h) + 0 * x"))
+    # alone it takes the nodes of its neighbour along, as far as that one's cells bear it
+    for shapes, said in ((apart, "tears it from its .* must move them alike"), (together[:1], "4 cells inside out")):
+        with pytest.raises(SceneError, match=said):
+            hhr.FullOrderModel(tall_block(geometry=geometry, bodies=bodies, shapes=shapes))
+
+
+def test_surfaces_that_stop_facing_each_other_are_told():
+    """The upper block slides off as a shape: nodes without a facet, elsewhere than in the middle."""
+    shape = hhr.Shape(2, ("x + off", "y"))
+    surfaces = two_blocks.side(1, 1, True), two_blocks.side(2, 1, False)
+    scene = pressed_pair("plane_strain", ((2.0, 0.3), (4.0, 0.25)), {"off": (-0.6, 0.6)}, cells=4, matching=False,
+                         shapes=(shape,), contacts=(hhr.NodeToSurface(*surfaces, (0.0, 1.0)),))  # fmt: skip
+    model = hhr.FullOrderModel(scene)
+    with pytest.raises((ParameterError, SceneError), match=r"Narrow the box|do not face"):
+        model.solve([0.03, 0.0, 0.0, 0.0, 0.55])
+
+
+def test_what_a_shape_has_no_answer_for_yet(pair):
+    with pytest.raises((SceneError, NotSolvableError), match=r"training\.condense\(\)"):
+        known = hhr.compute_snapshots(pair, pair.parameters.random(2, 0)).known_statuses()
+        hhr.exact_condensation(pair, known)
+    with pytest.raises(ParameterError, match=r"crown = 0\.2 is outside"):
+        pair.solve({**POINT, "crown": 0.2})
+    assert pair.comm.size == MPI.COMM_WORLD.size == 1
+
+
+PROGRAM = """
+import sys
+sys.path[:0] = {folders!r}
+import test_shapes
+import hhr_dolfinx as hhr
+try:
+    hhr.FullOrderModel(test_shapes.tall_block())
+except hhr.errors.SceneError as error:
+    print(error, flush=True)
+"""
+
+
+def test_several_ranks_are_refused():
+    said = launch(2, ["-c", PROGRAM.format(folders=SCENE_FOLDERS)])
+    assert said.count("depends on parameters: build its model on one rank") == 2

@@ -1,0 +1,194 @@
+"""Strains that are not small: warned of from a tenth, refused from one, along histories and in training."""
+
+import dataclasses
+import warnings
+
+import numpy as np
+import pytest
+from needs import needs
+from scenes import pressed_block, squeezed
+from tubes import tube
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.strains import check_corners
+from hhr_dolfinx.errors import ConvergenceError, ReductionError, SmallStrainWarning
+from hhr_dolfinx.geometries import block
+from hhr_dolfinx.models import strains as cell_strains
+from hhr_dolfinx.models.strains import StrainOperators
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged
+from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
+from hhr_dolfinx.study.condensing import condensed
+
+
+def strains(largest, count=1000, rest=1e-3):
+    """Some strains, one of them by itself."""
+    found = np.full((count, 4), rest)
+    found[3, 1] = -largest
+    return found
+
+
+@pytest.mark.parametrize("strain, said", [(0.09, False), (0.11, True)])
+def test_large_strains_are_said_once(strain, said):
+    watch = SmallStrains()
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for _ in range(2):
+            watch.check(strains(strain, rest=strain))
+    assert [item.category for item in caught] == [SmallStrainWarning] * said
+
+
+def test_what_is_no_small_strain_is_no_answer():
+    with pytest.raises(Diverged, match=r"a strain of 1\.1 is no small strain"):
+        SmallStrains().check(strains(1.1, rest=1.1))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        SmallStrains().check(strains(3.0))  # the corner of a punch
+    with pytest.raises(Diverged):
+        SmallStrains().check(strains(101.0))
+
+
+@pytest.fixture(scope="module")
+def soft():
+    """A tube that creeps under pressure, full and condensed: strains grow with time."""
+    import condensing
+
+    full = hhr.FullOrderModel(condensing.walled_tube(hhr.Norton(1.0, 1.0), wall=100.0, cells=4))
+    return full, condensing.condensed(full, [full.march(held(seconds)) for seconds in (0.01, 0.02)], trust=None)
+
+
+def held(seconds, steps=8):
+    """A pressure put on at once and held."""
+    return [(0.0, [0.0]), *((seconds * k / steps, [1.0]) for k in range(1, steps + 1))]
+
+
+@needs("inelastic")
+def test_histories_full_and_small(soft):
+    import condensing
+
+    for model in soft:
+        with warnings.catch_warnings():
+            warnings.simplefilter("error", SmallStrainWarning)
+            short = model.march(held(0.02), condensing.QUIET)
+        assert short.answers[-1].plastic_strain().max() < 0.1
+        with pytest.warns(SmallStrainWarning, match="no small strain, and answers are those of small strains"):
+            model.march(held(0.3), condensing.QUIET)
+        with pytest.raises(ConvergenceError, match="no small strain"):
+            model.march(held(10.0), dataclasses.replace(condensing.QUIET, cuts=0))
+
+
+def test_strains_in_cells_are_those_of_a_linear_field():
+    """A linear field on the tube has its own strain in each cell, the hoop one among them."""
+    full = hhr.FullOrderModel(tube(None, 1.0, cells=3))
+    problem = full.problem
+    r, z = problem.points.T
+    field = np.stack([0.2 * r + 0.06 * z, 0.04 * r - 0.1 * z], axis=1).ravel()
+    strain = StrainOperators.of(problem, axisymmetric=True).kinds[0].matrix
+    found = (strain @ field).reshape(len(problem.cell_nodes), 4)
+    middle = problem.points[problem.cell_nodes].mean(axis=1)
+    expected = np.tile([0.2, 0.05, -0.1, 0.0], (len(middle), 1))
+    expected[:, 3] = 0.2 + 0.06 * middle[:, 1] / middle[:, 0]
+    assert found == pytest.approx(expected, abs=1e-14)
+
+
+@pytest.mark.parametrize("push, outcome", [(0.15, None), (0.5, "warned"), (4.0, "refused")])
+def test_training_of_elastic_bodies(push, outcome):
+    """A block of height 2 that is shortened: the strain is a little less than half of that."""
+    scene = pressed_block("plane_strain")
+    scene = dataclasses.replace(scene, parameters=hhr.ParameterSpace(("push",), (0.0,), (push,)))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        if outcome == "refused":
+            with pytest.raises(ReductionError, match=r"push = 4: a strain of 2 at .* mean nothing at 1"):
+                hhr.train(scene, 3, held_out=0)
+        else:
+            hhr.train(scene, 3, held_out=0)
+    said = [str(item.message) for item in caught if item.category is SmallStrainWarning]
+    assert len(said) == (outcome == "warned") and all("push = 0.5: a strain of 0.25 " in text for text in said)
+
+
+@pytest.mark.parametrize("hypothesis", ["plane_strain", "solid"])
+def test_rotations_in_cells_are_those_of_a_rigid_motion(hypothesis):
+    """u = w x p about an axis has the rotation w in each cell, and no strain."""
+    problem = hhr.FullOrderModel(pressed_block(hypothesis)).problem
+    dim = problem.points.shape[1]
+    turn = np.zeros((dim, dim))
+    turn[np.triu_indices(dim, 1)] = -np.arange(1, dim * (dim - 1) // 2 + 1) / 10.0
+    turn -= turn.T
+    field = (problem.points @ turn.T).ravel()
+    strain, rotation = StrainOperators.of(problem, axisymmetric=False).kinds
+    found = (rotation.matrix @ field).reshape(len(problem.cell_nodes), -1)
+    assert found == pytest.approx(np.tile(-turn[np.triu_indices(dim, 1)], (len(found), 1)), abs=1e-13)
+    assert np.abs(strain.matrix @ field).max() < 1e-13
+
+
+def strip(push):
+    """A strip of 20 x 0.5, clamped at one end, the other one pushed down over a floor that lies 1 below it."""
+    left, right = block.side(0, upper=False), block.side(0, upper=True)
+    return hhr.Scene(
+        name="strip",
+        geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(20, 0.5), cells=(80, 2)),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(block.SOLID, 1.0, 0.3),),
+        contacts=(hhr.Obstacle(block.side(1, upper=False), (0.0, -1.0), 20.0),),
+        parameters=hhr.ParameterSpace(("push",), (0.0,), (push,)),
+        displacements=(
+            *hhr.Displacement.clamp(left, 2),
+            hhr.Displacement(right, 1, hhr.Amplitude(slopes={"push": -1.0})),
+        ),
+    )
+
+
+@pytest.mark.parametrize("push, outcome", [(0.5, None), (4.0, "warned"), (18.0, "refused")])
+def test_a_strip_that_turns_far_at_small_strains(push, outcome):
+    """The end turns by 3/2 of push / 20, and strains by a fortieth of that."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        if outcome == "refused":
+            with pytest.raises(
+                ReductionError, match=r"push = 18: a rotation of 1\.\d+ rad in more than 1% of the cells"
+            ):
+                hhr.train(strip(push), 3, held_out=0)
+        else:
+            hhr.train(strip(push), 3, held_out=0)
+    said = [str(item.message) for item in caught if item.category is SmallStrainWarning]
+    assert len(said) == (outcome == "warned")
+    assert all("push = 4: a rotation of 0.3 rad" in text and "w^2 / 2 = 0.04" in text for text in said)
+
+
+@pytest.mark.filterwarnings("ignore:.*kept out of training")
+def test_corners_of_the_box_of_a_model_are_looked_at():
+    """A training may keep clear of them: a strain of (deepest - .5) / 10 is that of the whole block."""
+    full = hhr.FullOrderModel(squeezed(12.0))
+    with pytest.raises(ReductionError, match=r"at down = 12: a strain of 1\.[12]"):
+        check_corners(full, condensed(full))
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", SmallStrainWarning)
+        small = hhr.FullOrderModel(squeezed(1.0))
+        check_corners(small, hhr.condense(small))
+        with pytest.raises(SmallStrainWarning, match=r"at down = 3: a strain of 0\.2"):
+            check_corners(full := hhr.FullOrderModel(squeezed(3.0)), condensed(full))
+
+
+def test_each_verb_warns_of_strains_that_are_large():
+    """The full model at the first answer that has them, and once more beyond all sense; condensation of its box."""
+    full = hhr.FullOrderModel(squeezed(12.0))
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        for down in (0.7, 3.0, 3.5, 11.9, 12.0):
+            full.solve([down])
+    said = [str(item.message) for item in caught if item.category is SmallStrainWarning]
+    assert len(said) == 2
+    assert said[0].startswith("at down = 3: a strain of 0.2")
+    assert said[1].startswith("at down = 11.9: a strain of 1.2")
+    with pytest.warns(SmallStrainWarning, match=r"at down = 12: a strain of .*narrow it"):
+        hhr.condense(squeezed(12.0))
+
+
+def test_cells_that_are_looked_at_stand_for_all(monkeypatch):
+    """Every third cell of a field that is the same in all."""
+    monkeypatch.setattr(cell_strains, "CELLS", 6)
+    problem = hhr.FullOrderModel(squeezed(3.0)).problem
+    strain = StrainOperators.of(problem, axisymmetric=False).kinds[0]
+    assert 4 <= strain.cells <= 6
+    stretched = (problem.points * [0.25, 0.0]).ravel()[:, None]
+    assert strain.sizes(stretched) == pytest.approx(0.25)

@@ -1,0 +1,91 @@
+"""Files of a user's own: an elimination, a way to reduce, a kind of output; no file of the package changes."""
+
+import dataclasses
+import pickle
+
+import numpy as np
+import pytest
+from needs import present
+from scenes import pressed_pair
+from toy_elimination import DenseElimination
+from toy_functional import PressureNorm, SmoothPeak
+from toy_reductor import DenseCondensation
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import ReductionError
+
+OUTPUTS = (hhr.LargestPressure("peak", 0, unit="MPa"), SmoothPeak("smooth", 0))
+
+
+@pytest.fixture(scope="module")
+def training():
+    scene = pressed_pair("plane_strain", ((2.0, 0.3), (5.0, 0.3)), {}, cells=3)
+    return hhr.train(dataclasses.replace(scene, outputs=OUTPUTS), hhr.Sobol(16), held_out=5)
+
+
+@pytest.fixture(scope="module")
+def model(training):
+    return training.build(DenseCondensation())
+
+
+def test_it_answers_as_the_full_order_does(training, model, tmp_path):
+    """Alone, many at once, along a path, with derivatives; from a file and copied; as a rival and behind a fallback."""
+    full = training.full_order
+    points = full.parameters.random(6, 3)
+    hhr.save_model(tmp_path / "own.npz", model)
+    known = [DenseElimination, PressureNorm]
+    for one in (model, hhr.load_model(tmp_path / "own.npz", known), pickle.loads(pickle.dumps(model))):
+        many = one.solve_many(points)
+        for point, beside in zip(points, many, strict=True):
+            exact, found = full.solve(point, gradient=True), one.solve(point, gradient=True)
+            size = np.abs(exact.forces()).max()
+            assert np.abs(found.forces() - exact.forces()).max() <= 1e-9 * size
+            assert np.abs(beside.forces() - exact.forces()).max() <= 1e-9 * size
+            assert found.displacement() == pytest.approx(exact.displacement(), rel=1e-9, abs=1e-12)
+            slopes = exact.gradient.multipliers
+            assert np.abs(found.gradient.multipliers - slopes).max() <= 1e-7 * np.abs(slopes).max(initial=1e-300)
+        assert len(one.march([(float(k), point) for k, point in enumerate(points)]).answers) == len(points) - 1
+
+
+def test_its_output_has_a_value_and_derivatives_everywhere(training, model):
+    """Between the largest pressure and that times a root of the number of conditions; slopes against differences."""
+    point = np.mean([model.parameters.lower, model.parameters.upper], axis=0)
+    found = model.outputs(point, gradient=True)
+    conditions = training.full_order.conditions
+    assert found["peak"] <= found["smooth"] <= found["peak"] * conditions ** (1 / 8.0)
+    differences = model.parameters.differences(
+        lambda moved: np.array([model.outputs(moved)["smooth"]]), point, 1e-5)[0]  # fmt: skip
+    assert found.gradient["smooth"] == pytest.approx(differences, rel=1e-5, abs=1e-6 * np.abs(differences).max())
+
+
+def test_a_reductor_refuses_in_its_own_words_and_others_are_told(training):
+    with pytest.raises(ValueError, match="are more than 3"):
+        training.build(DenseCondensation(most=3))
+    with pytest.raises(ReductionError, match="is no recipe"):
+        training.build("condensation")
+    if present("moduli"):
+        from hhr_dolfinx.reduction.condense import Condensation
+
+        with pytest.raises(ReductionError, match="does not depend on parameters"):
+            training.build(Condensation())
+
+
+class Returning:
+    """A way to reduce that returns whatever it is given."""
+
+    def __init__(self, made):
+        self.made = made
+
+    def reduced(self, full, snapshots, held_out):
+        return self.made
+
+
+def test_what_a_way_to_reduce_may_return(training, model):
+    """Models of the same scene, and nothing else; the class alone is no way to reduce."""
+    assert training.build(Returning(model)) is model
+    other = hhr.FullOrderModel(pressed_pair("plane_strain", ((2.0, 0.3), (5.0, 0.3)), {}, cells=4))
+    for made, why in ((None, "must return a model"), ("model", "must return a model"), (other, "of the same scene")):
+        with pytest.raises(ReductionError, match=why):
+            training.build(Returning(made))
+    with pytest.raises(ReductionError, match="DenseCondensation is a class, give a value of it"):
+        training.build(DenseCondensation)

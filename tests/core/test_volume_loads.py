@@ -1,0 +1,445 @@
+"""Loads on whole bodies and amplitudes as formulas, against closed forms, in the full order and reduced."""
+
+import dataclasses
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+
+import hertz_half_discs as demo
+import numpy as np
+import pytest
+from bare import SCENE_FOLDERS
+from kept_values import put, rewrite_model
+from needs import needs
+from parted import by_lapack
+from test_mpi import launch
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import ModelFileError, SceneError, SceneWarning
+from hhr_dolfinx.geometries import block, two_blocks
+
+HEIGHT, FIRST, SECOND = 2.0, two_blocks.FIRST, two_blocks.SECOND
+BOX = hhr.ParameterSpace(("E", "nu", "T"), (1.0, 0.1, 0.0), (3.0, 0.43, 2.0))
+MU = {"E": 2.0, "nu": 0.27, "T": 1.5}
+SERIES = (0.4, 0.6)
+"""Heights of two blocks on each other."""
+
+
+def alone(hypothesis, loads, *, poisson="nu", held=(), cells=3, lower=None, upper=None, **body):
+    """A block of height 2 that stands on its lower sides, far from a wall, under loads."""
+    dim = 3 if hypothesis == "solid" else 2
+    up, kept = dim - 1, [place for place, name in enumerate(BOX.names) if isinstance(poisson, str) or name != "nu"]
+    box = [tuple(part[place] for place in kept) for part in (BOX.names, BOX.lower, BOX.upper)]
+    lower, upper = lower or (0.0,) * dim, upper or (1.5,) * up + (HEIGHT,)
+    return hhr.Scene(
+        name="alone",
+        geometry=partial(block.block, lower=lower, upper=upper, cells=np.broadcast_to(cells, dim).tolist()),
+        hypothesis=hypothesis,
+        bodies=(hhr.Body(block.SOLID, "E", poisson, **body),),
+        contacts=(hhr.Obstacle(block.side(0, True), tuple(float(axis == 0) for axis in range(dim)), 10.0),),
+        parameters=hhr.ParameterSpace(*box),
+        displacements=(*(hhr.Displacement(block.side(axis, False), axis) for axis in range(dim)), *held),
+        loads=loads,
+    )
+
+
+def solved(scene):
+    """Coordinates, displacements of nodes and stresses of cells at MU."""
+    full = hhr.FullOrderModel(scene)
+    answer = full.solve({name: MU[name] for name in scene.parameters.names})
+    points = full.problem.points
+    return points, answer.displacement().reshape(points.shape), answer.stress()
+
+
+HEAT = hhr.ThermalExpansion(block.SOLID, "1e-2 * (1 + T)", "T")
+STRAIN = 1e-2 * (1 + MU["T"]) * MU["T"]
+HYPOTHESES = ("plane_strain", "plane_stress", "axisymmetric", "solid")
+
+
+@pytest.mark.parametrize("poisson", ["nu", "0.05 + nu", 0.3, 0.49])
+@pytest.mark.parametrize("hypothesis", HYPOTHESES)
+def test_free_expansion(hypothesis, poisson):
+    """No stress but that of what plane strain holds; "0.05 + nu" and 0.49 take the mean dilatation."""
+    points, displacement, stress = solved(alone(hypothesis, (HEAT,), poisson=poisson))
+    ratio = {"nu": MU["nu"], "0.05 + nu": 0.05 + MU["nu"]}.get(poisson, poisson)
+    plane = hypothesis == "plane_strain"
+    assert displacement == pytest.approx((1 + ratio if plane else 1.0) * STRAIN * points, abs=1e-13)
+    expected = np.zeros_like(stress)
+    expected[:, 2] = -MU["E"] * STRAIN if plane else 0.0
+    assert stress == pytest.approx(expected, abs=1e-13)
+
+
+@pytest.mark.parametrize("poisson", ["nu", 0.49])
+@pytest.mark.parametrize("hypothesis", HYPOTHESES)
+def test_clamped_between_its_ends(hypothesis, poisson):
+    """The stress along a bar is -E alpha T, and along both axes that plane strain holds -E alpha T / (1 - nu)."""
+    up = 2 if hypothesis == "solid" else 1
+    held = (hhr.Displacement(block.side(up, True), up),)
+    _, _, stress = solved(alone(hypothesis, (HEAT,), poisson=poisson, held=held))
+    expected = np.zeros_like(stress)
+    ratio = MU["nu"] if poisson == "nu" else poisson
+    plane = hypothesis == "plane_strain"
+    expected[:, up] = -MU["E"] * STRAIN / (1 - ratio if plane else 1.0)
+    expected[:, 2] = expected[:, up] if plane or up == 2 else 0.0
+    assert stress == pytest.approx(expected, abs=1e-13)
+
+
+@pytest.mark.parametrize("poisson", ["nu", 0.49])
+def test_a_graded_body_expands_without_stress(poisson):
+    """What multiplies its modulus multiplies the forces of its strain."""
+    scene = alone("axisymmetric", (HEAT,), poisson=poisson, grading=lambda x: 1 + x[0] * x[1])
+    points, displacement, stress = solved(scene)
+    assert displacement == pytest.approx(STRAIN * points, abs=1e-13)
+    assert stress == pytest.approx(0 * stress, abs=1e-13)
+
+
+@pytest.mark.parametrize("poisson", [0.3, 0.49])
+@pytest.mark.parametrize("grading", [lambda x: 2.0, lambda x: 2.0 + 0 * x[0]])
+def test_gradings_of_bodies_with_a_mean_dilatation(poisson, grading):
+    """Twice as stiff, a body moves half as far."""
+    weight = hhr.BodyForce(block.SOLID, (0.1, -1.0), "T")
+    _, once, stress = solved(alone("plane_strain", (weight,), poisson=poisson))
+    _, half, same = solved(alone("plane_strain", (weight,), poisson=poisson, grading=grading))
+    assert half == pytest.approx(once / 2, abs=1e-12) and same == pytest.approx(stress, abs=1e-11)
+
+
+def test_strains_add_up_and_have_directions():
+    """Swelling along axes and heat leave no stress, and shear leaves none of a block that only stands."""
+    swelling = hhr.Eigenstrain(block.SOLID, hhr.Amplitude(0.1, {"T": 0.2}), ((1, 0, 0), (0, 2, 0), (0, 0, -1.0)))
+    points, displacement, stress = solved(alone("plane_stress", (swelling, HEAT)))
+    expected = (0.1 + 0.2 * MU["T"]) * np.array([1.0, 2.0]) + STRAIN
+    assert displacement == pytest.approx(expected * points, abs=1e-13)
+    assert stress == pytest.approx(0 * stress, abs=1e-13)
+    shear = hhr.Eigenstrain(block.SOLID, "T**2", ((0, 0.1, 0), (0.1, 0, 0), (0, 0, 0)), lambda x: 2.0)
+    clamped = tuple(hhr.Displacement(block.side(1, False), axis) for axis in (0, 1))
+    scene = dataclasses.replace(alone("plane_strain", (shear,)), displacements=clamped)
+    points, displacement, stress = solved(scene)
+    assert displacement[:, 0] == pytest.approx(2 * 0.2 * MU["T"] ** 2 * points[:, 1], abs=1e-13)
+    assert stress == pytest.approx(0 * stress, abs=1e-13)
+
+
+@pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric", "solid"])
+def test_a_column_under_its_weight(hypothesis):
+    """Nodal values are exact: u = rho g (H y - y^2 / 2) / E."""
+    dim = 3 if hypothesis == "solid" else 2
+    weight = hhr.BodyForce(block.SOLID, (0.0,) * (dim - 1) + (-1.0,), "0.1 * T**2")
+    points, displacement, _ = solved(alone(hypothesis, (weight,), poisson=0.0))
+    y = points[:, -1]
+    assert displacement[:, -1] == pytest.approx(-0.1 * MU["T"] ** 2 * (HEIGHT * y - y**2 / 2) / MU["E"], abs=1e-12)
+
+
+INNER, OUTER, NU = 1.0, 2.0, 0.3
+
+
+def annulus(load, cells):
+    """A ring that is held in height, so that it is in plane strain."""
+    held = (hhr.Displacement(block.side(1, True), 1),)
+    corners = {"lower": (INNER, 0.0), "upper": (OUTER, 0.25)}
+    scene = alone("axisymmetric", (load,), poisson="nu", held=held, cells=(cells, 2), **corners)
+    return dataclasses.replace(scene, displacements=scene.displacements[1:])
+
+
+def lame(particular, radial_stress, r):
+    """Radial displacement of a free ring: a particular solution, C1 r and C2 / r, whose radial stresses add up to 0."""
+    young, nu = MU["E"], MU["nu"]
+    lam, mu = young * nu / (1 + nu) / (1 - 2 * nu), young / 2 / (1 + nu)
+    ends = np.array([INNER, OUTER])
+    rows = np.stack([np.full(2, 2 * (lam + mu)), -2 * mu / ends**2], axis=1)
+    c1, c2 = np.linalg.solve(rows, -radial_stress(ends))
+    return particular(r) + c1 * r + c2 / r
+
+
+def turning(r):
+    """Of a ring that turns, rho omega^2 = 0.3 T^2."""
+    young, nu, load = MU["E"], MU["nu"], 0.3 * MU["T"] ** 2
+    lam, mu = young * nu / (1 + nu) / (1 - 2 * nu), young / 2 / (1 + nu)
+    factor = -load / (8 * (lam + 2 * mu))
+    return lame(lambda r: factor * r**3, lambda r: factor * (3 * (lam + 2 * mu) + lam) * r**2, r)
+
+
+def hot(r):
+    """Of a ring with the temperature T (1 - r^2 / OUTER^2)."""
+    young, nu, strain = MU["E"], MU["nu"], 0.01 * MU["T"]
+    lam, mu = young * nu / (1 + nu) / (1 - 2 * nu), young / 2 / (1 + nu)
+    grown = lambda r: strain * ((r**2 - INNER**2) / 2 - (r**4 - INNER**4) / (4 * OUTER**2))  # noqa: E731
+    field = lambda r: strain * (1 - r**2 / OUTER**2)  # noqa: E731
+    ratio = (1 + nu) / (1 - nu)
+    slope = lambda r: ratio * (field(r) - grown(r) / r**2)  # noqa: E731
+    stress = lambda r: (  # noqa: E731
+        (lam + 2 * mu) * slope(r) + lam * ratio * grown(r) / r**2 - (3 * lam + 2 * mu) * field(r)
+    )
+    return lame(lambda r: ratio * grown(r) / r, stress, r)
+
+
+RINGS = {
+    "turning": (hhr.Centrifugal(block.SOLID, "0.3 * T**2"), turning),
+    "hot": (hhr.ThermalExpansion(block.SOLID, 0.01, "T", lambda x: 1 - x[0] ** 2 / OUTER**2), hot),
+}
+
+
+@pytest.mark.parametrize("name", RINGS)
+def test_rings(name):
+    """Turning and heated, they meet Lame's closed form with the square of the size of the cells."""
+    load, exact = RINGS[name]
+    errors = []
+    for cells in (8, 16, 32):
+        points, displacement, _ = solved(annulus(load, cells))
+        radial = exact(points[:, 0])
+        errors.append(np.abs(displacement[:, 0] - radial).max() / np.abs(radial).max())
+    rates = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert errors[-1] < 1e-3 and (rates > 1.9).all()
+
+
+@pytest.mark.parametrize(
+    ("hypothesis", "place", "distance"),
+    [
+        ("plane_stress", {"axis_point": (0.5, -1.0)}, (0.25, 2.0)),
+        ("solid", {"axis_point": (0.5, 0.0, 0.0), "axis_direction": (0.0, 3.0, 4.0)}, (0.25, 0.0, 0.0)),
+        ("solid", {"axis_direction": (0.0, 0.0, 4.0)}, (0.75, 0.75, 0.0)),
+    ],
+)
+def test_axes_of_what_turns(hypothesis, place, distance):
+    """The force is the volume times the distance of the centre, (0.75, 0.75, 1), from the axis."""
+    load = hhr.Centrifugal(block.SOLID, "2 * T", **place)
+    forces = nodal_forces(alone(hypothesis, (load,)), load)
+    assert forces.sum(axis=0) == pytest.approx(1.5 ** (len(distance) - 1) * HEIGHT * np.array(distance), abs=1e-12)
+
+
+def nodal_forces(scene, load):
+    """Forces of the amplitude 1 on all nodes, held or not."""
+    discretisation = hhr.FullOrderModel(scene).discretisation
+    (term,) = load.terms(discretisation.assembler(load))
+    return term.columns.reshape(-1, discretisation.mesh.geometry.dim)
+
+
+def layers(*, young="E1", poisson="nu1", clamped=False, loads=None, cells=(6, 4)):
+    """Two blocks on each other that grow into a gap, in plane stress; clamped, they do so unevenly."""
+    low, high = SERIES
+    boxes = ((0.0, 0.0), (1.0, low), cells), ((0.0, low), (1.0, low + high), cells)
+    ends = (two_blocks.side(FIRST, 1, False), two_blocks.side(SECOND, 1, True))
+    sides = tuple(hhr.Displacement(two_blocks.side(body, 0, False), 0) for body in (FIRST, SECOND))
+    held = tuple(hhr.Displacement(end, axis) for end in ends for axis in ((0, 1) if clamped else (1,)))
+    names, lower, upper = ("E1", "nu1", "T", "gap"), (1.0, 0.1, 0.5, 0.0), (3.0, 0.4, 2.0, 0.02)
+    kept = [place for place, name in enumerate(names) if name in (young, poisson, "T", "gap")]
+    box = [tuple(part[place] for place in kept) for part in (names, lower, upper)]
+    heat = hhr.ThermalExpansion(FIRST, "0.02 * (1 + 0.1 * T)", "T"), hhr.Eigenstrain(SECOND, "0.01 * T")
+    return hhr.Scene(
+        name="layers",
+        geometry=partial(two_blocks.two_blocks, first=boxes[0], second=boxes[1]),
+        hypothesis="plane_stress",
+        bodies=(hhr.Body(FIRST, young, poisson), hhr.Body(SECOND, 2.0, 0.3)),
+        contacts=(hhr.NodeToNode(two_blocks.side(FIRST, 1, True), two_blocks.side(SECOND, 1, False), (0.0, 1.0)),),
+        parameters=hhr.ParameterSpace(*box),
+        displacements=held if clamped else (*held, *sides),
+        loads=heat if loads is None else loads,
+        openings=(hhr.Opening(0, hhr.Amplitude(slopes={"gap": 1.0})),),
+    )
+
+
+UNEVEN = (
+    hhr.ThermalExpansion(FIRST, "table(T, 0, 0.02, 1, 0.025, 2, 0.027)", "T", lambda x: 1 + 2 * x[0] ** 2),
+    hhr.Eigenstrain(SECOND, hhr.Amplitude(slopes={"T": 0.01}), ((1.0, 0, 0), (0, 2.0, 0), (0, 0, 0))),
+    hhr.BodyForce(SECOND, (0.0, -1.0), "0.01 * T**2"),
+    hhr.Pressure(two_blocks.side(FIRST, 0, True), "0.02 * sqrt(T)"),
+    hhr.Traction(two_blocks.side(SECOND, 0, True), (1.0, 0.5), "0.01 * T"),
+)
+
+
+def test_two_layers_that_grow_into_a_gap():
+    """The pressure closes what is left of the gap over both compliances."""
+    full = hhr.FullOrderModel(layers())
+    for point in full.parameters.random(5, seed=1):
+        young, _, temperature, gap = point
+        grown = 0.02 * (1 + 0.1 * temperature) * temperature * SERIES[0] + 0.01 * temperature * SERIES[1] - gap
+        pressure = max(grown, 0.0) / (SERIES[0] / young + SERIES[1] / 2.0)
+        answer = full.solve(point)
+        assert answer.forces().sum() == pytest.approx(pressure, abs=1e-12)
+        expected = np.zeros((len(full.problem.cell_nodes), 4))
+        expected[:, 1] = -pressure
+        assert answer.stress() == pytest.approx(expected, abs=1e-12)
+
+
+def test_moduli_as_formulas_and_as_numbers():
+    """Nodal forces and stresses follow the moduli, bit for bit but round-off."""
+    full = hhr.FullOrderModel(layers(clamped=True, loads=UNEVEN))
+    for point in full.parameters.random(3, seed=2):
+        numbers = layers(young=point[0], poisson=point[1], clamped=True, loads=UNEVEN)
+        expected, answer = hhr.FullOrderModel(numbers).solve(point[2:]), full.solve(point)
+        for one, two in (
+            (answer.displacement(), expected.displacement()),
+            (answer.forces(), expected.forces()),
+            (answer.stress(), expected.stress()),
+        ):
+            assert one == pytest.approx(two, abs=1e-10 * np.abs(two).max())
+
+
+@pytest.fixture(scope="module")
+def training():
+    return hhr.train(layers(clamped=True, loads=UNEVEN), hhr.Sobol(64), held_out=20)
+
+
+@needs("moduli")
+@pytest.mark.parametrize("how", ["build", "condense"])
+def test_reduced_and_condensed(training, how):
+    """They agree with the full model, in stresses too."""
+    full, model = training.full_order, getattr(training, how)()
+    for point in full.parameters.random(10, seed=3):
+        expected, answer = full.solve(point), model.solve(point)
+        displacement, stress, forces = expected.displacement(), expected.stress(), expected.forces()
+        assert answer.displacement() == pytest.approx(displacement, abs=1e-4 * np.abs(displacement).max())
+        assert answer.forces() == pytest.approx(forces, abs=1e-3 * np.abs(forces).max())
+        assert np.linalg.norm(answer.stress() - stress) < 1e-3 * np.linalg.norm(stress)
+
+
+@needs("moduli")
+@pytest.mark.parametrize("how", ["full_order", "build", "condense"])
+def test_gradients(training, how):
+    """Against central differences."""
+    model = training.full_order if how == "full_order" else getattr(training, how)()
+    for point in model.parameters.random(2, seed=4):
+        gradient = model.solve(point, gradient=True).gradient
+        for place in range(len(point)):
+            ends = []
+            for step in (-1e-5, 1e-5):
+                moved = point.copy()
+                moved[place] += step
+                ends.append(model.solve(moved))
+            for name in ("unknown", "multipliers"):
+                difference = (getattr(ends[1], name) - getattr(ends[0], name)) / 2e-5
+                exact = getattr(gradient, name)
+                assert exact[:, place] == pytest.approx(difference, abs=1e-8 * np.abs(exact).max(initial=0.0))
+
+
+def test_files(tmp_path):
+    """Formulas are kept as text; a file that names other parameters, or functions that are unknown, is refused."""
+    scene = layers(young=1.5, poisson=0.2, clamped=True, loads=UNEVEN)
+    model = hhr.train(scene, [4, 4], held_out=0, folder=tmp_path / "snapshots").build()
+    path = tmp_path / "model.npz"
+    hhr.save_model(path, model)
+    for point in scene.parameters.random(5, seed=5):
+        assert np.array_equal(hhr.load_model(path).solve(point).forces(), by_lapack(model).solve(point).forces())
+    for numbers, message in (
+        ({"text": "gap", "names": ["gap", "T"]}, r"a formula is one of other parameters than \('T', 'gap'\)"),
+        ({"text": "exit(gap)", "names": ["T", "gap"]}, "calls 'exit'"),
+        ({"text": "other", "names": ["T", "gap"]}, "names \\['other'\\]"),
+    ):
+        hhr.save_model(path, model)
+        scalar = {"kind": "Scalar", "fields": numbers}
+        rewrite_model(path, put("fields.amplitudes.nonaffine.0", scalar))
+        with pytest.raises(ModelFileError, match=message):
+            hhr.load_model(path)
+
+
+def test_what_a_scene_without_formulas_loads():
+    program = (
+        f"import sys; sys.path.insert(0, {str(Path(demo.__file__).parent)!r})\n"
+        "import hhr_dolfinx as hhr, hertz_half_discs as demo\n"
+        "hhr.FullOrderModel(demo.scene(arc_segments=28, flat_segments=7)).solve(0.3).stress()\n"
+        "print([name for name in sys.modules if name.endswith(('formulas', 'volume', 'volume_loads', 'eigenstrains'))])"
+    )
+    run = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=True)
+    assert run.stdout.strip() == "[]"
+
+
+def test_names_and_numbers_stay_affine():
+    """Answers of affine scenes are tabulated, so that a bare name is made a slope, and a bare number a constant."""
+    pressure = partial(hhr.Pressure, two_blocks.side(FIRST, 0, True))
+    loads = pressure(" T "), pressure("2e-3 * 5"), hhr.ThermalExpansion(SECOND, 1e-2, 3.0)
+    amplitudes = hhr.FullOrderModel(layers(young=1.0, poisson=0.2, loads=loads)).problem.amplitudes
+    assert amplitudes.nonaffine == ()
+    assert amplitudes.constant[2:].tolist() == [0.0, 0.01, 0.03] and amplitudes.slopes[2].tolist() == [1.0, 0.0]
+
+
+def test_idle_parameters():
+    scene = layers(young=1.0, poisson=0.2, loads=(hhr.BodyForce(FIRST, (1.0, 0.0), "T - T + 1"),))
+    with pytest.warns(SceneWarning, match=r"parameters \('T',\) of scene"):
+        hhr.FullOrderModel(scene)
+
+
+def test_on_two_ranks():
+    """Means over cells and formulas on meshes that are spread."""
+    program = (
+        f"import sys; sys.path[:0] = {SCENE_FOLDERS!r}\n"
+        "import test_volume_loads as t\n"
+        "t.test_free_expansion('axisymmetric', 0.49); t.test_two_layers_that_grow_into_a_gap()\n"
+        "print('all is well')\n"
+    )
+    assert launch(2, ["-c", program]).count("all is well") == 2
+
+
+SKEW = ((0, 1, 0), (0, 0, 0), (0, 0, 0))
+
+
+@pytest.mark.parametrize(
+    ("make", "message"),
+    [
+        (lambda: hhr.BodyForce(1, (0.0, 0.0), 1.0), "the direction .* of the body force on tag 1 must not be zero"),
+        (lambda: hhr.BodyForce(1, (0.0, "1"), 1.0), "must hold finite numbers"),
+        (lambda: hhr.BodyForce(1.0, (0.0, 1.0), 1.0), r"the tag 1\.0 of a body force must be an integer"),
+        (lambda: hhr.BodyForce(1, (0.0, 1.0), None), "the amplitude None of the body force on tag 1"),
+        (lambda: hhr.BodyForce(1, (0.0, 1.0), "2 *"), "the amplitude of the body force on tag 1.*cannot be read"),
+        (lambda: hhr.Centrifugal(1, 1.0, axis_direction=(0, 0, 0)), "axis_direction .* must not be zero"),
+        (lambda: hhr.Eigenstrain(1, 1.0, SKEW), "must be a symmetric 3x3 tensor"),
+        (lambda: hhr.Eigenstrain(1, 1.0, 0.0), "must be a symmetric 3x3 tensor"),
+        (lambda: hhr.Eigenstrain(1, 1.0, ((1, 0), (0, 1))), "must be a symmetric 3x3 tensor"),
+        (lambda: hhr.Eigenstrain(1, 1.0, field=3.0), r"the field 3\.0 of the eigenstrain of body 1 must be a function"),
+        (lambda: hhr.ThermalExpansion(1, None, 3.0), "expansion of the thermal expansion of body 1 = None"),
+        (lambda: hhr.ThermalExpansion(1, 1.0, "exit()"), "temperature of the thermal expansion of body 1.*'exit'"),
+        (lambda: hhr.PartialPressure(1, "2 * p", "h"), "must be a finite number or an Amplitude"),
+    ],
+)
+def test_loads_that_are_none(make, message):
+    with pytest.raises(SceneError, match=message):
+        make()
+
+
+@pytest.mark.parametrize(
+    ("load", "message"),
+    [
+        (hhr.Pressure(221, "2 * p"), r"the amplitude of Pressure.*names \['p'\], the parameters are"),
+        (hhr.Pressure(221, "log(T - 1)"), "is nan at .*finite everywhere in the box"),
+        (hhr.ThermalExpansion(FIRST, "table(T, 0, 1, 1, 2)", "T"), "outside the table from 0 to 1.*further points"),
+    ],
+)
+def test_formulas_that_do_not_fit_the_box(load, message):
+    with pytest.raises(SceneError, match=message):
+        layers(loads=(load,))
+
+
+@pytest.mark.parametrize(
+    ("load", "message"),
+    [
+        (hhr.BodyForce(FIRST, (1.0, 0.0, 0.0), "T"), "must have 2 components"),
+        (hhr.BodyForce(7, (1.0, 0.0), "T"), "cell tag.*7"),
+        (hhr.Eigenstrain(7, "T"), "cell tag.*7"),
+        (hhr.Centrifugal(FIRST, "T", axis_point=(0.0,)), "must have 2 components"),
+        (hhr.Centrifugal(FIRST, "T", axis_direction=(0, 0, 1)), "the axis of a scene in plane_stress is known"),
+        (hhr.Eigenstrain(FIRST, "T", ((0, 0, 1), (0, 0, 0), (1, 0, 0))), "shears out of the plane"),
+        (hhr.Eigenstrain(FIRST, "T", field=lambda x: x), "must map UFL coordinates to a UFL scalar"),
+        (hhr.Eigenstrain(FIRST, "T", field=lambda x: "hot"), "must map UFL coordinates to a UFL scalar"),
+        (hhr.Eigenstrain(FIRST, "T", field=lambda x: 1 / (x[0] - x[0])), "not finite"),
+    ],
+)
+def test_loads_that_do_not_fit_the_mesh(load, message):
+    with pytest.raises(SceneError, match=message):
+        hhr.FullOrderModel(layers(loads=(load,)))
+
+
+def test_axes_that_do_not_fit():
+    turning_about = partial(hhr.Centrifugal, block.SOLID, "T")
+    with pytest.raises(SceneError, match="needs an axis_direction of 3 components"):
+        hhr.FullOrderModel(alone("solid", (turning_about(),)))
+    with pytest.raises(SceneError, match="the axis of an axisymmetric scene is at r = 0"):
+        hhr.FullOrderModel(alone("axisymmetric", (turning_about((1.0, 0.0)),)))
+
+
+def test_amplitudes_whose_names_are_no_words():
+    """An affine amplitude may have any names, but those that are multiplied by a modulus become formulas."""
+    scene = layers()
+    names = ("E1", "nu1", "T - 1", "gap")
+    space = dataclasses.replace(scene.parameters, names=names)
+    load = hhr.Eigenstrain(FIRST, hhr.Amplitude(slopes={"T - 1": 1.0}))
+    scene = dataclasses.replace(scene, parameters=space, loads=(load,))
+    with pytest.raises(SceneError, match="names of parameters are words"):
+        hhr.FullOrderModel(scene)

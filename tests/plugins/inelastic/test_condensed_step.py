@@ -1,0 +1,342 @@
+"""Steps of condensed flow: compiled kernels beside plain ones, steps of all sizes, and laws of a user's own."""
+
+import dataclasses
+
+import condensing
+import numpy as np
+import pytest
+from condensing import FINE, QUIET, TIGHT, apart, condensed, cycle, pressures, up
+from scenes import pressed_pair
+from test_flow_moduli import MATERIALS, push
+from toy_law import Bingham
+from tubes import tube
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
+from hhr_dolfinx.errors import (
+    ConvergenceError,
+    OutsideTrainingError,
+    SceneError,
+)
+from hhr_dolfinx.geometries import two_blocks
+from hhr_dolfinx.plugins.inelastic import condensed_step, small_strains
+from hhr_dolfinx.plugins.inelastic import condensed_step as codes
+from hhr_dolfinx.plugins.inelastic.condensed_step import StepLoad, StepModel, Work, touch
+from hhr_dolfinx.plugins.inelastic.update import kernel_of
+
+pytestmark = [
+    pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.UncheckedWarning"),
+    pytest.mark.filterwarnings("ignore:no training solution has contact"),
+]
+
+
+@pytest.fixture(scope="module")
+def tubes():
+    return condensing.tubes()
+
+
+@pytest.fixture(scope="module")
+def pellet():
+    return condensing.pellet()
+
+
+def contact_arrays(schur):
+    """A step of nothing but contact."""
+    size, nothing = len(schur), np.zeros
+    shapes = nothing((2, 4)), nothing((2, 4)), nothing((size, 4)), nothing(0), np.ascontiguousarray(schur)
+    rest = (
+        nothing((size, 2)),
+        nothing((2, 2)),
+        nothing((2, size)),
+        np.array([1]),
+        np.ones(1),
+        1.0,
+        nothing((2, 4), np.float32),
+    )
+    return StepModel(*shapes, *rest), Work.of(2, size, 1, 4)
+
+
+def contact_load(slack):
+    return StepLoad(np.zeros(4), np.zeros(slack.size), slack, np.zeros((4, 1)), np.zeros(1), 1.0)
+
+
+def test_statuses_are_those_of_the_active_set():
+    """P-matrices of three kinds, one slack after another from the statuses before, some of them zero."""
+    rng, worst = np.random.default_rng(0), 0.0
+    for case in range(150):
+        size = int(rng.integers(1, 40))
+        rows = rng.standard_normal((size, size + 5))
+        schur = rows @ rows.T
+        if case % 3 == 1:
+            scales = 10 ** rng.uniform(-4, 4, size)
+            schur = scales[:, None] * schur * scales
+        if case % 3 == 2:
+            places = np.arange(size)
+            schur = np.exp(-np.abs(places[:, None] - places) / 20)
+        arrays, work = contact_arrays(schur)
+        for query in range(6):
+            slack = rng.standard_normal(size) * np.sqrt(np.diag(schur))
+            slack = (slack, slack, slack, abs(slack), -abs(slack), np.where(np.arange(size) % 3, slack, 0.0))[query]
+            assert touch(arrays, contact_load(slack), work)
+            expected = active_set(SchurEqualities.symmetric(schur), slack, slack < 0)
+            assert expected.status is Status.CONVERGED
+            worst = max(worst, np.abs(work.forces - expected.forces).max() / max(expected.forces.max(), 1e-300))
+            # a rigid motion along with the gaps changes nothing: slack + moved g with g = 1
+            shifted = arrays._replace(moved=np.outer(slack, [1.0, 0.0]))
+            work.there[:] = (-0.5, 0.0)
+            assert touch(shifted, contact_load(slack / 2), work)
+            assert work.forces == pytest.approx(expected.forces, abs=1e-9 * expected.forces.max(initial=1e-300))
+            work.there[:] = 0.0
+    assert worst < 1e-10
+
+
+def test_dependent_conditions_never_let_bodies_overlap():
+    """Some rows twice, mostly with other gaps: found, or not found; never a solution with a condition forgotten."""
+    rng, outcomes = np.random.default_rng(1), []
+    for _ in range(200):
+        size = int(rng.integers(2, 12))
+        rows = rng.standard_normal((size, size + 5))
+        rows = rng.permutation(np.vstack([rows, rows[rng.integers(0, size, size=2)]]))
+        schur = rows @ rows.T
+        arrays, work = contact_arrays(schur)
+        for _ in range(3):
+            slack = rng.standard_normal(len(schur)) * np.sqrt(np.diag(schur))
+            found = touch(arrays, contact_load(slack), work)
+            outcomes.append(found)
+            if found:
+                size = np.abs(slack).max()
+                assert (slack + schur @ work.forces).min() > -1e-8 * size
+                assert work.forces.min() > -1e-8 * work.forces.max(initial=1e-300)
+    assert np.mean(outcomes) > 0.5
+
+
+def derivative_error(model, kinds, constants, seed):
+    """J of a compiled step beside central differences of R, at a random state and correction."""
+    rng, arrays = np.random.default_rng(seed), model.step_model
+    points, components, conditions = model.points.size, model.flow.components, model.conditions
+    work = Work.of(model.modes, conditions, points, components)
+    elastic = Work.of(model.modes, conditions, points, components)
+    plastic = 1e-3 * rng.standard_normal((components, points))
+    plastic[:3] -= plastic[:3].mean(axis=0)
+    slack = rng.standard_normal(conditions) * np.abs(model.flow.moved).max() * 1e-2
+    strain = 5e-3 * rng.standard_normal(components * points)
+    load = StepLoad(strain, np.zeros(conditions), slack, plastic, np.abs(plastic[0]), 0.1)
+    assert touch(arrays, load, elastic)
+    load = load._replace(forces=elastic.forces)
+    size = 5e-3 / np.abs(model.flow.per_mode).max()
+
+    def residual(correction):
+        work.numbers[codes.LINEAR] = codes.NO_TANGENT
+        work.there[:] = correction
+        # one evaluation and no more: the residual and J there are what is left behind
+        condensed_step.solve(arrays, load, work, kinds, constants, 1e-300, 1)
+        return work.left.copy(), work.active.copy()
+
+    here = size * rng.standard_normal(model.modes)
+    value, active = residual(here)
+    assert condensed_step.linearise(arrays, work)
+    newton, turned = work.newton.copy(), active
+    slopes = np.empty((model.modes, model.modes))
+    for k in range(model.modes):
+        step = 1e-7 * size * (np.arange(model.modes) == k)
+        ends = [residual(here + sign * step) for sign in (1, -1)]
+        turned = turned | ends[0][1] ^ ends[1][1]
+        slopes[:, k] = (ends[0][0] - ends[1][0]) / (2e-7 * size)
+    assert value.any()
+    return np.abs(-newton @ slopes - np.eye(model.modes)).max(), active.sum()
+
+
+@pytest.mark.parametrize("which", ["tube", "pellet"])
+def test_newtons_matrix_is_the_derivative_of_the_residual(tubes, pellet, which):
+    """Several statuses, plasticity and creep; a difference may cross the onset of flow at some point."""
+    model = (tubes if which == "tube" else pellet)[2].equilibrium
+    kernels = [kernel_of(group.law) for group in model.material.groups]
+    kinds, constants = np.array([kind for kind, _ in kernels]), np.array([values for _, values in kernels])
+    found = [derivative_error(model, kinds, constants, seed) for seed in range(12)]
+    errors, counts = zip(*found, strict=True)
+    assert np.median(errors) < 1e-5 and np.sort(errors)[-3] < 1e-3
+    assert len(set(counts)) > 1
+
+
+def test_first_yield_to_round_off_converges(tubes):
+    """Where the first point yields by 1e-15 to 1e-1 of the pressure, with usual and with small tolerances."""
+    model = tubes[2]
+    low, high = 0.3, 0.9
+    for _ in range(60):
+        middle = (low + high) / 2
+        flows = model.march(up(middle, 1), QUIET).answers[-1].plastic_strain().any()
+        low, high = (low, middle) if flows else (middle, high)
+    for part in (0.0, *10.0 ** np.arange(-15, 0)):
+        for settings in (QUIET, TIGHT):
+            history = model.march(
+                [*up(high * (1 + part), 1), (1.0, np.array([high])), (2.0, np.array([0.0]))], settings
+            )
+            assert len(history.answers) == 3 and history.cuts == 0
+
+
+def test_steps_of_all_sizes_are_solved(pellet):
+    """Random legs up, down and held over seven decades of pace, far outside of what was trained."""
+    model, rng = pellet[2], np.random.default_rng(1)
+    for _ in range(40):
+        steps, shares, seconds = int(rng.integers(1, 30)), [0.0], []
+        for _ in range(int(rng.integers(1, 5))):
+            target = rng.choice([0.0, 1.0, shares[-1], rng.random()])
+            shares += list(np.linspace(shares[-1], target, steps + 1)[1:])
+            seconds += [10 ** rng.uniform(-4, 3) / steps] * steps
+        path = pressures(shares, seconds, rng.uniform(4, 16), rng.uniform(0.5, 1.5))
+        history = model.march(path, QUIET)
+        assert len(history.answers) == len(path) - 1
+        for answer in history.answers:
+            assert answer.converged and np.isfinite(answer.displacement()).all()
+
+
+def pair(first, second, **others):
+    """Two blocks that both flow, with moduli of their own."""
+    bodies = hhr.Body(two_blocks.FIRST, "E1", 0.3, first), hhr.Body(two_blocks.SECOND, "2 * E2", 0.35, second)
+    return hhr.FullOrderModel(pressed_pair("plane_strain", bodies, MATERIALS, cells=3, **others))
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [(hhr.Plasticity(0.05, 0.0), None), (hhr.Norton(0.05, 20.0), hhr.Norton(2.0, 1.0)),
+     (hhr.Norton(0.1, 8.0), hhr.Plasticity(0.08, 0.0))],
+    ids=["perfect plasticity", "creep", "both"],
+)  # fmt: skip
+def test_what_is_handed_out_is_in_balance(first, second, monkeypatch):
+    """Random walks through the box at any pace: R, gaps and signs of forces, by other code than that of the steps."""
+    monkeypatch.setattr(small_strains, "MOST", small_strains.RUNAWAY)  # some creep farther than small strains mean
+    full, rng = pair(first, second), np.random.default_rng(0)
+    corners = [full.march(push(*moduli, steps=5), TIGHT) for moduli in ((2.0, 2.0), (4.0, 9.0), (2.0, 9.0))]
+    model = condensed(full, corners)
+    low, high = np.array(full.parameters.lower), np.array(full.parameters.upper)
+    for _ in range(20):
+        count, largest = int(rng.integers(2, 15)), 1e-9
+        points = rng.uniform(low, high, (count, low.size))
+        points[:, 4:] = points[0, 4:]
+        history = model.march(list(zip(np.cumsum(10 ** rng.uniform(-3, 3, count)), points, strict=True)), QUIET)
+        for answer in history.answers:
+            equilibrium = model.equilibrium.at(answer.parameter)
+            theta, correction = equilibrium.amplitudes(answer.parameter), answer.unknown[: equilibrium.modes]
+            largest = max(largest, np.linalg.norm(correction))
+            residual, _ = equilibrium.residual(answer.unknown, answer.gauss, theta)
+            assert np.linalg.norm(residual) <= 1.01e-5 * largest
+            slack = equilibrium.gaps_at(answer.unknown, theta) - model.flow.moved @ correction
+            forces, length = answer.multipliers, np.abs(equilibrium.gaps(theta)).max()
+            assert slack.min() > -1e-10 * length and forces.min() >= -1e-10 * forces.max()
+            assert np.abs(forces * slack).max() <= 1e-10 * length * forces.max()
+            deviator = answer.gauss.state.plastic[:, :3].sum(axis=1)
+            assert np.abs(deviator).max() < 1e-12
+
+
+def test_a_load_that_is_not_borne_is_outside():
+    """Perfect plasticity beyond its limit load 2/√3 ln 2: modes that never showed it bear it, but the door speaks."""
+    scene = tube(hhr.Plasticity("s"), 1.0, cells=6)
+    full = hhr.FullOrderModel(
+        dataclasses.replace(scene, parameters=hhr.ParameterSpace(("p", "s"), (0.0, 0.5), (2.0, 1.5)))
+    )
+    model = condensed(full, [full.march(up(0.7 * s, constants=(s,)), TIGHT) for s in (0.8, 1.2)])
+    path = up(0.95, constants=(1.0,))
+    with pytest.raises(OutsideTrainingError, match=r"step \d, to t = .* s") as caught:
+        model.march([(1.25 * time, point) for time, point in path], hhr.MarchSettings(outside="refuse"))
+    assert len(caught.value.history.answers) < 8
+
+
+def test_a_step_that_fails_says_what_was_tried(tubes):
+    """Too few iterations: what was tried last, and the steps before, all of them solved."""
+    model, few = tubes[2], hhr.MarchSettings(outside="ignore", iterations=1, cuts=1)
+    said = r"step 5 to t = 0.5 s did not converge: the iterations allowed are spent, with a residual of .* of the " \
+        r"correction after 2 iterations. Take smaller steps; the 4 steps before are kept"  # fmt: skip
+    with pytest.raises(ConvergenceError, match=said) as caught:
+        model.march(up(0.9), few)
+    done, exact = caught.value.history.answers, model.march(up(0.9), QUIET).answers
+    assert all(np.array_equal(one.unknown, other.unknown) for one, other in zip(done, exact[:4], strict=True))
+    # cut in parts they suffice for
+    history = model.march(up(0.9, 2), hhr.MarchSettings(outside="ignore", iterations=4))
+    assert history.cuts > 0 and len(history.answers) == 2
+    expected = model.march(up(0.9, 2), QUIET)
+    assert apart(history, expected)[0] < 1e-2
+
+
+@dataclasses.dataclass(frozen=True)
+class Own:
+    """Linear hardening of a user's own, which may answer nonsense as soon as anything flows."""
+
+    yield_stress: float
+    hardening: float
+    answer: object = None
+
+    def flow(self, trial, plastic_strain, shear, dt):
+        over = trial - self.yield_stress - self.hardening * plastic_strain
+        slope = 1 / (3 * shear + self.hardening)
+        found = np.maximum(over, 0.0) * slope, np.where(over > 0, slope, 0.0)
+        return self.answer(trial, plastic_strain, *found) if self.answer and (over > 0).any() else found
+
+
+def with_law(model, law):
+    """The same condensed model with another law at its points."""
+    groups = tuple(dataclasses.replace(group, law=law) for group in model.flow.groups)
+    return model.changed(flow=dataclasses.replace(model.flow, groups=groups))
+
+
+def test_laws_of_a_users_own_answer_as_compiled_ones(tubes):
+    """The same hardening stated by the user, and perfect plasticity as a Bingham body without viscosity."""
+    model = tubes[2]
+    for ours, theirs in (((1.0, 5.0), Own(1.0, 5.0)), ((1.0, 0.0), Bingham(1.0, 0.0))):
+        compiled = with_law(model, hhr.Plasticity(*ours))
+        one, other = compiled.march(cycle(0.75), FINE), with_law(model, theirs).march(cycle(0.75), FINE)
+        assert one.answers[-1].plastic_strain().any() and one.iterations == other.iterations
+        for here, there in zip(one.answers, other.answers, strict=True):
+            assert here.unknown == pytest.approx(there.unknown, abs=1e-10 * np.abs(one.answers[-1].unknown).max())
+            assert here.stress() == pytest.approx(there.stress(), abs=1e-10)
+
+
+def _raises(kind):
+    def answer(*given):
+        raise kind("no way")
+
+    return answer
+
+
+def _writes(trial, cumulated, amount, slope):
+    cumulated[:] = 7.0
+    return amount, slope
+
+
+NONSENSE = {
+    "raises": (_raises(RuntimeError), SceneError, "failed with RuntimeError: no way"),
+    "overflows": (_raises(ZeroDivisionError), ConvergenceError, "Own.*found no flow in a step of .* no way"),
+    "is not finite": (lambda q, p, a, b: (a * np.nan, b), ConvergenceError, "Own.* flows by nan"),
+    "has no slope": (lambda q, p, a, b: (a, b * np.nan), ConvergenceError, "Own.* has the slope nan"),
+    "turns the stress round": (lambda q, p, a, b: (1e6 * a, b), ConvergenceError, "Own.* flows by .* was expected"),
+    "flows back": (lambda q, p, a, b: (-a, b), ConvergenceError, "Own.* flows by -"),
+    "is a number": (lambda q, p, a, b: (0.0, 0.0), ConvergenceError, "must answer with a flow and a slope of shape"),
+    "is too short": (lambda q, p, a, b: (a[1:], b[1:]), ConvergenceError, "must answer with .* of shape"),
+    "is a table": (lambda q, p, a, b: (a[None], b[None]), ConvergenceError, "must answer with .* of shape"),
+    "is nothing": (lambda q, p, a, b: None, SceneError, "answered None"),
+    "is complex": (lambda q, p, a, b: (1j * a, b), SceneError, "must return two arrays of numbers"),
+    "writes": (_writes, SceneError, "read-only"),
+}
+
+
+@pytest.mark.parametrize("case", NONSENSE)
+def test_a_law_that_answers_nonsense_is_named(tubes, case):
+    """The steps before are kept as they were."""
+    answer, kind, message = NONSENSE[case]
+    model, path = with_law(tubes[2], Own(1.0, 5.0, answer)), up(0.85)
+    with pytest.raises(kind, match=message) as caught:
+        model.march(path, QUIET)
+    done = caught.value.history.answers
+    expected = tubes[2].march(path, QUIET).answers
+    assert 0 < len(done) < len(expected)
+    for here, there in zip(done, expected, strict=False):
+        assert here.unknown == pytest.approx(there.unknown, abs=1e-14)
+        assert not here.plastic_strain().any()
+
+
+def test_a_wrong_slope_costs_iterations_alone(tubes):
+    model = with_law(tubes[2], Own(1.0, 5.0, lambda q, p, a, b: (a, 0.3 * b)))
+    with pytest.warns(hhr.errors.LawWarning, match="the slope of Own"):
+        history = model.march(up(0.85), FINE)
+    exact = tubes[2].march(up(0.85), FINE)
+    assert sum(history.iterations) > sum(exact.iterations)
+    assert apart(history, exact)[0] < 1e-8

@@ -1,0 +1,399 @@
+"""Histories in a store: what was solved is never solved again, whatever ended the run; and only what is the same."""
+
+import importlib.util
+import subprocess
+import sys
+from collections import Counter
+from dataclasses import dataclass, replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import flowing
+import numpy as np
+import pellet_cladding
+import pellet_cladding_plastic as demo
+import pytest
+from bare import SCENE_FOLDERS, WAIT, BareFull, bare_problem, on_disk
+from scenes import pressed_block
+from scipy.sparse import csc_matrix
+from toy_law import Bingham
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx import files
+from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.errors import ConvergenceError, SnapshotFileWarning
+from hhr_dolfinx.plugins.inelastic import march
+from hhr_dolfinx.plugins.inelastic.laws import Norton
+from hhr_dolfinx.plugins.inelastic.update import Group
+from hhr_dolfinx.snapshots import store as store_of_snapshots
+from hhr_dolfinx.snapshots.store import _digest_of
+
+PATH = demo.path(10.0, flowing.STEPS)
+RENEWED = hhr.MarchSettings("tangent")
+"""New tangents in each iteration: nothing but answers passes from step to step, and a resumed history is the same."""
+LONG, KEPT = demo.path(10.0, 20), 12
+"""The twelfth of these steps leaves its tangent to the next one: it takes four iterations, at most ``WAIT``."""
+MOVED = 1e-4
+"""A resumed history has another tangent there; both end where a step moves the stress by ``relative_stress`` = 1e-5 of
+itself, in several iterations. Measured: 9e-6."""
+
+
+@pytest.fixture(scope="module")
+def full():
+    return flowing.flowing_full()
+
+
+@pytest.fixture(scope="module")
+def whole(full):
+    """The history without a store."""
+    return full.march(PATH, RENEWED)
+
+
+@pytest.fixture
+def solved(monkeypatch):
+    """Counts the steps that are solved."""
+    counts, advance = Counter(), march._advance
+
+    def counting(*arguments):
+        counts["steps"] += 1
+        return advance(*arguments)
+
+    monkeypatch.setattr(march, "_advance", counting)
+    return counts
+
+
+def computed(full, folder, path=PATH, settings=RENEWED):
+    """A history with a store of its own, as a new run would have it."""
+    store = hhr.SnapshotStore(folder, full)
+    (history,) = hhr.compute_snapshots(full, [path], store=store, settings=settings).histories
+    return history, store
+
+
+def bits(history):
+    parts = [(a.unknown, a.multipliers, a.active, a.gauss.stress, *a.gauss.state) for a in history.answers]
+    return [part.tobytes() for step in parts for part in step]
+
+
+def ends_after(monkeypatch, steps, error):
+    """Lets the law of the cladding raise once some steps are kept."""
+    flow, folder = Norton.flow, {}
+
+    def ending(self, *arguments):
+        if len(list(folder["path"].glob("*.npz"))) >= steps:
+            raise error
+        return flow(self, *arguments)
+
+    monkeypatch.setattr(Norton, "flow", ending)
+    return folder
+
+
+# ---------------------------------------------------------------- runs that ended
+
+
+@pytest.mark.parametrize("error", [KeyboardInterrupt(), ArithmeticError("no root")], ids=["interrupt", "failed step"])
+def test_a_history_goes_on_behind_its_last_file(error, full, whole, solved, tmp_path, monkeypatch):
+    with monkeypatch.context() as patch:
+        ends_after(patch, 3, error)["path"] = tmp_path
+        # an interrupt passes; a law that finds no flow is a step that fails, in parts too
+        with pytest.raises(KeyboardInterrupt if isinstance(error, KeyboardInterrupt) else ConvergenceError) as ended:
+            computed(full, tmp_path)
+    assert len(ended.value.history.answers) == len(list(tmp_path.glob("*.npz"))) == 3
+    solved.clear()
+    history, store = computed(full, tmp_path)
+    assert store.found == 3 and solved["steps"] == flowing.STEPS - 3
+    assert [answer.time for answer in history.answers] == [time for time, _ in PATH[1:]]
+    assert bits(history) == bits(whole) and history.iterations == whole.iterations
+    solved.clear()
+    again, store = computed(full, tmp_path)
+    assert solved["steps"] == 0 and store.found == flowing.STEPS and bits(again) == bits(history)
+    assert again.iterations == history.iterations and again.signs == history.signs
+
+
+def test_large_histories_stay_on_the_disk(full, whole, solved, tmp_path, monkeypatch):
+    """Solved, resumed and read: the same bits, which lie in the files and take no memory of their own."""
+    for module in (files, store_of_snapshots):
+        monkeypatch.setattr(module, "MAPPED", 1)
+    with monkeypatch.context() as patch:
+        ends_after(patch, 3, KeyboardInterrupt())["path"] = tmp_path
+        with pytest.raises(KeyboardInterrupt):
+            computed(full, tmp_path)
+    for found in (3, flowing.STEPS):
+        history, store = computed(full, tmp_path)
+        assert store.found == found and bits(history) == bits(whole) and history.iterations == whole.iterations
+        assert [answer.time for answer in history.answers] == [time for time, _ in PATH[1:]]
+        arrays = [array for answer in history.answers for array in (answer.gauss.stress, *answer.gauss.state)]
+        assert all(on_disk(array) for array in arrays)
+    assert solved["steps"] == flowing.STEPS + 1, "the interrupted step and no other is solved twice"
+    # whoever writes into an answer changes neither the file nor what is read of it next
+    history.answers[0].gauss.stress[:] = 0.0
+    assert bits(computed(full, tmp_path)[0]) == bits(whole)
+
+
+def test_kept_tangents_stay_behind_and_answers_agree(full, tmp_path, monkeypatch):
+    settings = hhr.MarchSettings()
+    with monkeypatch.context() as patch:
+        ends_after(patch, KEPT, KeyboardInterrupt())["path"] = tmp_path
+        with pytest.raises(KeyboardInterrupt):
+            computed(full, tmp_path, LONG, settings)
+    (history, _), whole = computed(full, tmp_path, LONG, settings), full.march(LONG, settings)
+    assert bits(history) != bits(whole), "the tangent was not kept: nothing is tested"
+    for one, two in zip(history.answers, whole.answers, strict=True):
+        for name in ("displacement", "forces", "stress", "plastic_strain"):
+            found, expected = getattr(one, name)(), getattr(two, name)()
+            assert np.linalg.norm(found - expected) <= MOVED * np.linalg.norm(expected), name
+
+
+KILLED = f"""
+import os, signal, sys
+sys.path[:0] = {[str(Path(__file__).parent), *SCENE_FOLDERS]!r}
+import numpy as np
+import test_history_files as tests
+whole, written = np.savez, []
+def killing(file, **arrays):
+    written.append(file)
+    if len(written) == 4:  # in the middle of a file
+        file.write(b"half")
+        file.flush()
+        os.kill(os.getpid(), signal.SIGKILL)
+    whole(file, **arrays)
+np.savez = killing
+tests.computed(tests.flowing.flowing_full(), sys.argv[1])
+"""
+
+
+def test_a_killed_run_leaves_whole_steps(full, whole, solved, tmp_path):
+    run = subprocess.run([sys.executable, "-c", KILLED, str(tmp_path)], capture_output=True, text=True, timeout=WAIT)
+    assert run.returncode == -9, run.stderr[-2000:]
+    assert len(list(tmp_path.glob("*.npz"))) == 3 and len(list(tmp_path.glob("*.part"))) == 1
+    history, store = computed(full, tmp_path)
+    # another process assembles the same bits, or nothing would be found
+    assert store.found == 3 and solved["steps"] == flowing.STEPS - 3 and bits(history) == bits(whole)
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_a_damaged_step_is_warned_of_and_solved_anew(full, whole, solved, tmp_path):
+    _, store = computed(full, tmp_path)
+    path = store._path(store.steps(PATH, RENEWED)._queries[4])
+    content = bytearray(path.read_bytes())
+    content[-200] ^= 1
+    path.write_bytes(content)
+    solved.clear()
+    with pytest.warns(SnapshotFileWarning, match=f"{path.name}.*solved anew"):
+        history, store = computed(full, tmp_path)
+    # what follows is solved from the new step
+    assert store.found == 3 and solved["steps"] == flowing.STEPS - 3 and bits(history) == bits(whole)
+    assert computed(full, tmp_path)[1].found == flowing.STEPS
+
+
+def test_a_training_is_resumed(solved, tmp_path, monkeypatch):
+    scene, paths = demo.scene(**flowing.SMALL_MESH), [demo.path(gap, flowing.STEPS) for gap in (5.0, 12.0)]
+    with monkeypatch.context() as patch:
+        ends_after(patch, flowing.STEPS + 2, KeyboardInterrupt())["path"] = tmp_path
+        with pytest.raises(KeyboardInterrupt):
+            hhr.train(scene, paths, folder=tmp_path, march=RENEWED)
+    solved.clear()
+    training = hhr.train(scene, paths, folder=tmp_path, march=RENEWED)
+    assert solved["steps"] == flowing.STEPS - 2
+    (skipped,) = [item["why"] for item in training.log.skipped if item["stage"] == "snapshots"]
+    assert skipped.startswith(f"{flowing.STEPS + 2} of {2 * flowing.STEPS} answers were read")
+    expected = [training.full_order.march(path, RENEWED) for path in paths]
+    assert [bits(history) for history in training.snapshots.histories] == [bits(history) for history in expected]
+
+
+def test_unloaded_bodies_are_solutions_too(tmp_path):
+    """Beside no forces at all the last digits of those before would be a residual of any size."""
+    scene = pressed_block("plane_strain")
+    full = hhr.FullOrderModel(replace(scene, bodies=(replace(scene.bodies[0], law=hhr.Plasticity(1e9)),)))
+    path = [(float(k), (push,)) for k, push in enumerate((0.0, 0.05, 0.1, 0.05, 0.0))]
+    computed(full, tmp_path, path)
+    assert computed(full, tmp_path, path)[1].found == 4
+
+
+def test_histories_of_elastic_bodies(tmp_path):
+    full = hhr.FullOrderModel(pellet_cladding.scene(**pellet_cladding.QUICK_MESH))
+    path = [(0.0, (5.0, 0.6)), (1.0, (100.0, 2.0)), (2.0, (170.0, 3.2))]
+    history, _ = computed(full, tmp_path, path)
+    again, store = computed(full, tmp_path, path)
+    assert store.found == 2
+    for one, two in zip(again.answers, history.answers, strict=True):
+        assert np.array_equal(one.unknown, two.unknown) and one.time == two.time and one.fields is full
+
+
+# ---------------------------------------------------------------- the same, and no other
+
+
+def test_a_longer_path_begins_with_the_steps_of_a_shorter_one(full, solved, tmp_path):
+    computed(full, tmp_path, PATH[:4])
+    solved.clear()
+    _, store = computed(full, tmp_path)
+    assert store.found == 3 and solved["steps"] == flowing.STEPS - 3
+    assert computed(full, tmp_path, PATH[:6])[1].found == 5
+
+
+def test_what_is_another_question_has_other_files(full, tmp_path):
+    computed(full, tmp_path, PATH[:3])
+    later = [(time + (k > 0), point) for k, (time, point) in enumerate(PATH[:3])]
+    wider = [(time, point + np.array([0.0, 0.0, 1e-3])) for time, point in PATH[:3]]
+    others = [
+        (full, later, RENEWED),
+        (full, [(-1.0, PATH[0][1]), *PATH[1:3]], RENEWED),  # starts earlier
+        (full, wider, RENEWED),
+        (full, PATH[:1] + PATH[2:3], RENEWED),  # the second step at once
+        (full, PATH[:3], hhr.MarchSettings()),
+        (full, PATH[:3], replace(RENEWED, relative_force=1e-6)),
+        (full, PATH[:3], replace(RENEWED, iterations=61)),
+        (hhr.FullOrderModel(demo.scene(exponent=5.0, **flowing.SMALL_MESH)), PATH[:3], RENEWED),
+    ]
+    files = set(tmp_path.glob("*.npz"))
+    for other, path, settings in others:
+        history, store = computed(other, tmp_path, path, settings)
+        assert store.found == 0
+        now = set(tmp_path.glob("*.npz"))
+        assert len(now - files) == len(history.answers)
+        files = now
+    # but not by what decides nothing, or another way to write a number
+    same = replace(RENEWED, outside="refuse", iterations=np.int64(60), cuts=np.int32(6))
+    assert computed(full, tmp_path, PATH[:3], same)[1].found == 2
+
+
+class Plain:
+    """A law of a user's own that is no dataclass, with numbers where nothing looks for them."""
+
+    __slots__ = ("inside",)
+
+    def __init__(self, *numbers):
+        self.inside = lambda trial: sum(numbers) * trial
+
+    def flow(self, trial, *_):
+        return self.inside(trial), 0 * trial
+
+
+@dataclass(frozen=True)
+class Table:
+    """An amplitude with an array."""
+
+    values: np.ndarray
+    count = 1
+
+    def __call__(self, point):
+        return [0], [self.values @ point]
+
+
+def digest(law=None, groups=None):
+    full = BareFull(bare_problem())
+    groups = (Group(np.arange(3), 1.0, 0.3, law),) if groups is None else groups
+    material, nothing = SimpleNamespace(groups=groups), csc_matrix((12, 1))
+    full.equilibrium = SimpleNamespace(material=material, eigenstrains=nothing)
+    return _digest_of(full)
+
+
+def test_laws_are_told_apart_by_what_they_do():
+    numbers = [(1.0, 2.0), (2.0, 1.0), (1.0, 2.0 + 1e-12)]
+    kinds = (hhr.Plasticity, hhr.Norton, Bingham)
+    # a yield stress beyond Young's modulus is never met
+    laws = [None, Plain(1.0), Plain(1.0, 1e-12)]
+    laws += [kind(scale * first, second) for kind in kinds for first, second in numbers for scale in (1e-3, 1e-2)]
+    digests = [digest(law) for law in laws]
+    assert len(set(digests)) == len(digests)
+    assert digest(Plain(0.5, 0.5)) == digest(Plain(1.0))
+    assert digests[:1] != [digest(groups=(Group(np.arange(3), 2.0, 0.3, None),))]
+
+
+def test_amplitudes_are_told_apart_by_what_they_are_at_a_point(tmp_path):
+    tables = Table(np.array([1.0, 2.0])), Table(np.array([2.0, 1.0]))
+    stores = []
+    for given in ((), *((table,) for table in tables)):
+        amplitudes = Amplitudes(np.ones(1), np.zeros((1, 2)), given)
+        stores.append(hhr.SnapshotStore(tmp_path, BareFull(replace(bare_problem(), amplitudes=amplitudes))))
+    point = np.array([0.5, 3.0])
+    assert len({str(store._path(store._query_at(point))) for store in stores}) == 3
+    same = np.array([1.0, 1.0])
+    assert len({str(store._path(store._query_at(same))) for store in stores[1:]}) == 1
+
+
+def test_a_law_that_was_edited_is_another_one(tmp_path):
+    """The same name and the same numbers: what it does is what counts."""
+    digests = []
+    for factor in ("1.0", "2.0", "1.0"):
+        path = tmp_path / f"law_{len(digests)}.py"
+        base = f"class Base:\n    def flow(self, trial, *_):\n        return {factor} * trial, 0 * trial\n"
+        path.write_text(f"{base}\n\nclass Own(Base):\n    pass\n")
+        spec = importlib.util.spec_from_file_location(path.stem, path)
+        module = importlib.util.module_from_spec(spec)
+        sys.modules[path.stem] = module
+        spec.loader.exec_module(module)
+        digests.append(digest(module.Own()))
+    assert digests[0] == digests[2] != digests[1]
+
+
+LAW = """
+import functools
+import numpy as np
+import helpers_of_{0} as helpers
+
+FACTOR = {1}
+TABLE = np.array([{2}])
+
+def doubled(x, by={3}):
+    return by * x
+
+class Curve:
+    def __init__(self):
+        self.slope = {4}
+
+CURVE = Curve()
+
+@functools.lru_cache
+def cached(x):
+    return {5} * x
+
+class Own:
+    step = {6}
+
+    def flow(self, trial, *_):
+        inner = lambda x: {7} * x
+        over = inner(helpers.outer(doubled(trial))) * FACTOR * self.step
+        return over * TABLE[0] * CURVE.slope * cached(1.0), self.same + 0 * trial
+
+    @property
+    def same(self):
+        return {8} * np.maximum(0.0, 1.0)
+"""
+
+
+def law_as_edited(folder, number, values):
+    """A law whose numbers stand everywhere but in its fields, in two files."""
+    sys.modules.pop(f"helpers_of_{number}", None)
+    (folder / f"helpers_of_{number}.py").write_text(f"def outer(x):\n    return {values[-1]} * x\n")
+    path = folder / f"law_{number}.py"
+    path.write_text(LAW.format(number, *values))
+    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module.Own, path
+
+
+def test_what_a_law_calls_and_reads_counts_too(tmp_path, monkeypatch):
+    """A function, a constant, a table beside it, or in another file of the user's: answers would be mixed up."""
+    monkeypatch.syspath_prepend(tmp_path)
+    cases = [["1.0"] * 9, *(["1.0"] * k + [f"{2.0 + k}"] + ["1.0"] * (8 - k) for k in range(9)), ["1.0"] * 9]
+    laws = [law_as_edited(tmp_path, number, values)[0]() for number, values in enumerate(cases)]
+    digests = [digest(law).hex() for law in laws]
+    assert digests[0] == digests[-1] and len(set(digests)) == len(digests) - 1
+    laws[0].flow(1.0)  # which fills a cache
+    assert digest(laws[0]).hex() == digests[0]
+
+
+def test_a_law_is_what_runs_and_not_what_its_file_says_by_now(tmp_path, monkeypatch):
+    """A notebook imports a law, its file is edited, the notebook trains: the next session must solve anew."""
+    monkeypatch.syspath_prepend(tmp_path)
+    old, path = law_as_edited(tmp_path, 0, ["1.0"] * 9)
+    before = digest(old())
+    path.write_text(path.read_text().replace("1.0 * x", "3.0 * x"))
+    assert digest(old()) == before
+    typed = []
+    for factor in ("1.0", "2.0", "1.0"):
+        names = {"__name__": "__console__"}
+        exec(f"class Own:\n    def flow(self, trial, *_):\n        return {factor} * trial, 0 * trial", names)
+        typed.append(digest(names["Own"]()))
+    assert typed[0] == typed[2] != typed[1]

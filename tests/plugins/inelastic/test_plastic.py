@@ -1,0 +1,508 @@
+"""Bodies that flow: laws against UFL and closed forms, histories against closed forms, reduced against full."""
+
+import dataclasses
+import json
+import subprocess
+import sys
+
+import contact_patch_test as patch
+import numpy as np
+import pellet_cladding_plastic as demo
+import pytest
+from bare import WAIT
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scenes import node_dofs, pressed_block, whole_domain
+from tubes import POISSON, YOUNG, in_time, tube
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.certify.accuracy import relative_error
+from hhr_dolfinx.errors import (
+    ConvergenceError,
+    NotSolvableError,
+    ParameterError,
+    ReductionError,
+    SceneError,
+    UnstableModelError,
+)
+from hhr_dolfinx.geometries import block, two_blocks
+from hhr_dolfinx.models.answer import History
+from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.plugins.inelastic.project import project_flow, tangent_margin
+from hhr_dolfinx.plugins.inelastic.recipe import FlowDeim, StressDeim
+from hhr_dolfinx.plugins.inelastic.update import Group, Material, State
+from hhr_dolfinx.reduction.completion import Completion
+from hhr_dolfinx.reduction.projection import project
+from hhr_dolfinx.reduction.recipe import Deim, ForceDeim, LoadNodes, Pod, Rid, Zone
+
+MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
+
+NODES = (Deim(), ForceDeim(1e-8), StressDeim(1e-9), FlowDeim(1e-6), Zone(demo.pressed_nodes))
+PRESSED = hhr.Recipe.flowing(nodes=NODES)
+"""As usual where bodies flow, with the pressed line for a zone."""
+
+
+@dataclasses.dataclass(frozen=True)
+class Voce:
+    """A law of a user's own: hardening that saturates, yield at s0 + Q (1 - exp(-b p))."""
+
+    yield_stress: float
+    rise: float
+    rate: float
+
+    def flow(self, trial, plastic_strain, shear, dt):
+        """Newton's method for q_tr - 3 mu Δp = yield(p + Δp), concave in Δp: iterates rise to the root."""
+        step = np.zeros_like(trial)
+        for _ in range(50):
+            saturation = self.rise * np.exp(-self.rate * (plastic_strain + step))
+            over = trial - 3 * shear * step - self.yield_stress - self.rise + saturation
+            step = np.maximum(step + over / (3 * shear + self.rate * saturation), 0.0)
+        slope = 1 / (3 * shear + self.rate * self.rise * np.exp(-self.rate * (plastic_strain + step)))
+        return step, np.where(step > 0, slope, 0.0)
+
+
+LAWS = {
+    "plasticity": hhr.Plasticity(1.0, 5.0),
+    "perfect plasticity": hhr.Plasticity(1.0, 0.0),
+    "norton 4": hhr.Norton(2.0, 4.0),
+    "norton 20": hhr.Norton(2.0, 20.0),
+    "voce": Voce(1.0, 0.5, 30.0),
+}
+
+
+def material(law, points, components=4):
+    return Material([Group(np.arange(points), YOUNG, POISSON, law)], components)
+
+
+def some_states(seed, points=40, components=4):
+    """Strains around yield, and a state reached by an earlier step."""
+    rng = np.random.default_rng(seed)
+    strain = rng.standard_normal((points, components)) * 10 ** rng.uniform(-3.5, -1, (points, 1))
+    plastic = 0.3 * rng.standard_normal((points, components)) * np.abs(strain).max(axis=1, keepdims=True)
+    plastic[:, :3] -= plastic[:, :3].mean(axis=1, keepdims=True)
+    return strain, State(plastic, np.abs(rng.standard_normal(points)) * 1e-2)
+
+
+@pytest.mark.parametrize("components", [4, 6])
+@pytest.mark.parametrize("law", LAWS)
+def test_tangents_are_the_derivatives_of_the_stress(law, components):
+    """Central differences with a step of 1e-6 of the strain: 1e-6 relative, away from the onset of flow."""
+    points, h = 40, 1e-6
+    strain, old = some_states(3, points, components)
+    model = material(LAWS[law], points, components)
+    tangents = model.update(strain, old, 0.1, tangent=True).tangents
+    sizes = np.abs(strain).max(axis=1)
+    for k in range(components):
+        change = np.zeros_like(strain)
+        change[:, k] = h * sizes
+        ends = [model.update(strain + sign * change, old, 0.1, tangent=False).stress for sign in (1, -1)]
+        assert (ends[0] - ends[1]) / (2 * h * sizes[:, None]) == pytest.approx(tangents[:, :, k], abs=1e-5 * YOUNG)
+
+
+@settings(max_examples=60, deadline=None)
+@given(seed=st.integers(0, 10**6), law=st.sampled_from(sorted(LAWS)))
+def test_flow_dissipates_keeps_volume_and_stays_admissible(seed, law):
+    strain, old = some_states(seed)
+    update = material(LAWS[law], len(strain)).update(strain, old, 0.1, tangent=False)
+    flow = update.state.plastic - old.plastic
+    assert flow[:, :3].sum(axis=1) == pytest.approx(0.0, abs=1e-14)
+    assert (np.einsum("ni,ni->n", update.stress, flow) >= -1e-15).all()
+    assert (update.state.cumulated >= old.cumulated).all()
+    if isinstance(LAWS[law], hhr.Plasticity):
+        deviator = update.stress - np.pad(
+            update.stress[:, :3].mean(axis=1, keepdims=True) * np.ones(3), ((0, 0), (0, 1))
+        )
+        equivalent = np.sqrt(1.5 * np.sum(deviator**2, axis=1))
+        limit = LAWS[law].yield_stress + LAWS[law].hardening * update.state.cumulated
+        assert (equivalent <= limit * (1 + 1e-12)).all()
+
+
+@pytest.mark.parametrize("exponent", [1.0, 2.5, 4.0, 5.0, 20.0])
+def test_norton_over_many_decades(exponent):
+    """x + 3 mu dt (x / K)^m = q_tr, to round-off over K and q in twelve decades."""
+    for resistance in 10.0 ** np.arange(-3, 4):
+        law, shear, dt = hhr.Norton(resistance, exponent), 80.0, 0.1
+        trial = np.concatenate([[0.0], 10.0 ** np.linspace(-6, 6, 200)])
+        flow, _ = law.flow(trial, np.zeros_like(trial), shear, dt)
+        stress = resistance * (flow / dt) ** (1 / exponent)
+        assert stress + 3 * shear * flow == pytest.approx(trial, rel=1e-9)
+
+
+def bar(law, steps_scene=0.1):
+    """A cylinder pulled and pushed along its axis, free at its side: uniaxial stress."""
+    up = block.side(1, upper=True)
+    return hhr.Scene(
+        name="bar",
+        geometry=lambda comm: block.block(comm, lower=(0, 0), upper=(1, 2), cells=(2, 2)),
+        hypothesis="axisymmetric",
+        bodies=(hhr.Body(block.SOLID, YOUNG, POISSON, law),),
+        contacts=(hhr.Obstacle(block.side(0, upper=True), (1, 0), 2.0),),  # far away
+        parameters=hhr.ParameterSpace(("pull",), (-steps_scene,), (steps_scene,)),
+        displacements=(
+            hhr.Displacement(block.side(0, upper=False), 0),
+            hhr.Displacement(block.side(1, upper=False), 1),
+            hhr.Displacement(up, 1, hhr.Amplitude(slopes={"pull": 2.0})),
+        ),
+    )
+
+
+def uniaxial(law, strains):
+    """Stress of a bar under the given axial strains, one scalar equation per step."""
+    shear, plastic, cumulated, stresses = YOUNG / 3, 0.0, 0.0, []  # 3 mu -> E in one dimension
+    for strain in strains:
+        trial = YOUNG * (strain - plastic)
+        flow = float(law.flow(np.array([abs(trial)]), np.array([cumulated]), shear, 0.1)[0][0])
+        plastic, cumulated = plastic + np.sign(trial) * flow, cumulated + flow
+        stresses.append(YOUNG * (strain - plastic))
+    return np.array(stresses)
+
+
+@pytest.mark.parametrize("law", ["plasticity", "perfect plasticity", "norton 4", "voce"])
+@pytest.mark.parametrize("search", ["tangent", "frozen", "elastic"])
+def test_uniaxial_cycle_with_unloading(law, search):
+    """Loading, unloading, flow the other way and back, by every search operator and a law of a user's own."""
+    full = hhr.FullOrderModel(bar(LAWS[law]))
+    strains = np.concatenate([np.linspace(0, 0.02, 6), np.linspace(0.015, -0.02, 8), np.linspace(-0.01, 0.01, 4)])
+    path = [(0.1 * k, np.array([strain])) for k, strain in enumerate(strains)]
+    tight = hhr.MarchSettings(search, 1e-12, 1e-10, 1e-10, iterations=400)
+    history = full.march(path, tight)
+    axial = np.array([answer.stress()[:, 1] for answer in history.answers])
+    assert axial == pytest.approx(np.tile(uniaxial(LAWS[law], strains[1:])[:, None], (1, axial.shape[1])), abs=1e-8)
+    assert np.abs(history.answers[-1].stress()[:, [0, 2, 3]]).max() < 1e-8
+
+
+def test_thick_tube_elastic_plastic():
+    """Perfectly plastic tube in plane strain: p = 2 σ0/√3 (ln c + (1 - c²/4) / 2) at a plastic radius c.
+
+    Exact for an incompressible material; with nu = 0.49 the front differs by less than an element.
+    """
+    law, radius = hhr.Plasticity(1.0), 1.5
+    pressure = 2 / np.sqrt(3) * (np.log(radius) + (1 - radius**2 / 4) / 2)
+    full = hhr.FullOrderModel(tube(law, 1.0, poisson=0.49))
+    path = [(k / 20, np.array([pressure * k / 20])) for k in range(21)]
+    last = full.march(path).answers[-1]
+    cells = np.flatnonzero(last.plastic_strain().reshape(-1, 4).max(axis=1) > 0)
+    middles = full.problem.points[full.problem.cell_nodes].mean(axis=1)[:, 0]
+    assert middles[cells].max() == pytest.approx(radius, abs=1.5 / 24)
+    # hoop less radial stress where it yields
+    flowing, stress = last.plastic_strain() > 1e-6, last.stress()
+    assert (stress[:, 2] - stress[:, 0])[flowing] == pytest.approx(2 / np.sqrt(3), rel=5e-3)
+
+
+def test_thick_tube_in_steady_creep():
+    """Norton tube under constant pressure: σ_θ - σ_r = p 2/m (2/r)^(2/m) / (2^(2/m) - 1) when rates are steady.
+
+    Creep strains are then ten times the elastic ones.
+    """
+    law, pressure = hhr.Norton(2.0, 4.0), 0.5
+    full = hhr.FullOrderModel(tube(law, pressure))
+    times = np.concatenate([[0.0, 1e-3], np.geomspace(1e-2, 4.0, 60)])
+    path = [(time, np.array([pressure if k else 0.0])) for k, time in enumerate(times)]
+    stress = full.march(path, hhr.MarchSettings(floor_stress=1e-8)).answers[-1].stress()
+    points = full.problem.points[full.problem.cell_nodes]
+    # radii of the 2 x 2 Gauss points of each cell, in the order of the rule
+    low, high = points[:, :, 0].min(axis=1), points[:, :, 0].max(axis=1)
+    nodes = np.array([0.5 - 0.5 / 3**0.5, 0.5 + 0.5 / 3**0.5])
+    radii = np.repeat(low[:, None] + (high - low)[:, None] * nodes, 2, axis=1)
+    difference = np.sort((stress[:, 2] - stress[:, 0]).reshape(len(points), 4), axis=1)[:, ::-1]
+    assert difference == pytest.approx(pressure * 0.5 * (2 / radii) ** 0.5 / (2**0.5 - 1), rel=0.01)
+
+
+def test_newton_converges_quadratically():
+    """With consistent tangents the residual squares from one iteration to the next."""
+    model = hhr.FullOrderModel(tube(hhr.Plasticity(1.0, 5.0), 1.0)).equilibrium
+    theta = model.amplitudes(np.array([0.7]))
+    x, rest, norms = np.zeros(model.size), model.material.at_rest(), []
+    for _ in range(8):
+        update = model.material.update(model.strain(x, theta), rest, 1.0, tangent=True)
+        residual, _ = model.residual(x, update, theta)
+        norms.append(np.linalg.norm(residual))
+        operator = model.linearised(update.tangents)
+        x = x + operator.correct(residual, x, theta, np.zeros(model.conditions, dtype=bool)).change
+    norms = np.array(norms) / norms[0]
+    small = np.flatnonzero((norms < 1e-2) & (norms > 1e-13))
+    assert small.size >= 2 and norms.min() < 1e-12
+    for k in small[:-1]:
+        assert norms[k + 1] < 100 * norms[k] ** 2 + 1e-13
+
+
+def of_all_functions(full, history):
+    """The reduced model that leaves nothing out: a function for each free dof, on the whole domain."""
+    free, problem = np.flatnonzero(full.problem.free), full.problem
+    basis = np.zeros((problem.free.size, free.size))
+    basis[free, np.arange(free.size)] = 1.0
+    sets = whole_domain(problem)
+    flow = project_flow(full.equilibrium, basis, sets)
+    fields = Completion.of(problem, hhr.SnapshotSet.of_histories([history])).reconstruction(problem, basis, sets, flow)
+    return ReducedModel(project(problem, basis, sets), full.parameters, fields, flow=flow)
+
+
+@pytest.fixture(scope="module")
+def pellet():
+    """The demo's scene on a coarse mesh and its training histories."""
+    full = hhr.FullOrderModel(demo.scene(**MESH))
+    return full, {gap: full.march(demo.path(gap, 20)) for gap in (5.0, 10.0, 15.0)}
+
+
+def test_search_operators_agree(pellet):
+    full, histories = pellet
+    for search in ("tangent", "elastic"):
+        other = full.march(demo.path(10.0, 20), hhr.MarchSettings(search, iterations=300))
+        for ours, theirs in zip(other.answers, histories[10.0].answers, strict=True):
+            size = np.abs(theirs.unknown).max()
+            # a residual of 1e-5 of the loads
+            assert ours.unknown == pytest.approx(theirs.unknown, abs=2e-4 * size)
+            assert np.array_equal(ours.active, theirs.active)
+
+
+def test_whole_basis_on_the_whole_domain_gives_the_full_history():
+    """All functions and all cells: the reduced history is the full one, to the tolerance of the solver."""
+    full = hhr.FullOrderModel(
+        demo.scene(radial_cells=4, axial_cells=6, cladding_radial_cells=2, cladding_axial_cells=5)
+    )
+    tight = hhr.MarchSettings(relative_force=1e-10, floor_stress=1e-8)
+    exact = full.march(demo.path(10.0, 12), tight)
+    reduced = of_all_functions(full, exact)
+    assert any(answer.active.any() for answer in exact.answers)
+    for there, here in zip(exact.answers, reduced.march(demo.path(10.0, 12), tight).answers, strict=True):
+        field = reduced.fields.basis @ here.unknown
+        assert field == pytest.approx(there.unknown, abs=1e-8 * np.abs(there.unknown).max())
+        assert here.displacement() == pytest.approx(there.displacement(), abs=1e-8 * np.abs(there.unknown).max())
+        for forces in (here.multipliers, here.forces()):
+            assert forces == pytest.approx(there.forces(), abs=1e-6 * max(there.forces().max(), 1.0))
+        for strain in (here.gauss.state.cumulated, here.plastic_strain()):
+            assert strain == pytest.approx(there.plastic_strain(), abs=1e-9)
+        assert np.array_equal(here.stress(), here.gauss.stress)
+    # and its projected tangents are those of the full model
+    last, before, model = exact.answers[-1], exact.answers[-2], full.equilibrium
+    strain = model.strain(last.unknown, model.amplitudes(last.parameter))
+    tangents = model.material.update(strain, before.gauss.state, 1 / 12, tangent=True).tangents
+    assert tangent_margin(reduced, tangents, model.stiffness(tangents)) == pytest.approx(1.0, abs=1e-8)
+
+
+def test_reduced_history_of_the_demo(pellet):
+    """Trained on the ends of the gap, compared in the middle: the errors of the demo hold on a coarse mesh."""
+    full, histories = pellet
+    snapshots = hhr.SnapshotSet.of_histories([histories[5.0], histories[15.0]])
+    reduction = hhr.build(full, snapshots, PRESSED)
+    assert reduction.offline.tangent_margin > 0
+    here, there = (model.march(demo.path(10.0, 20)).answers[-1] for model in (reduction, full))
+    points = reduction.equilibrium.points
+    assert relative_error(here.displacement(), there.displacement()) < 0.02
+    assert relative_error(here.multipliers, there.forces()[reduction.fields.A_lambda]) < 0.1
+    assert relative_error(here.gauss.stress[:, 0], there.stress()[points][:, 0]) < 0.05
+    assert relative_error(here.plastic_strain(), there.plastic_strain()) < 0.02
+    assert len(reduction.flow.cells) < len(full.problem.cell_nodes)
+
+
+def test_tangents_that_are_not_positive_refuse_a_model(pellet):
+    """Without growth the RID stays too small for its modes: refused, whatever the elastic operator looks like."""
+    full, histories = pellet
+    nodes = (Deim(), ForceDeim(1e-2), StressDeim(1e-2), FlowDeim(1e-2), LoadNodes())
+    small = hhr.Recipe.flowing(basis=Pod(1e-10), nodes=nodes, domain=Rid(0, 0))
+    with pytest.raises(UnstableModelError, match="projected tangent at a training state"):
+        hhr.build(full, hhr.SnapshotSet.of_histories([histories[5.0], histories[15.0]]), small)
+
+
+def test_what_converged_is_kept_when_a_step_fails():
+    """A bar of perfect plasticity under more than it bears: step, time and point are named, and the rest is kept."""
+    scene = bar(hhr.Plasticity(1.0), 2.0)
+    pulled = hhr.Traction(block.side(1, upper=True), (0.0, 1.0), hhr.Amplitude(slopes={"pull": 1.0}))
+    full = hhr.FullOrderModel(dataclasses.replace(scene, displacements=scene.displacements[:2], loads=(pulled,)))
+    path = [(k / 10, np.array([1.4 * k / 10])) for k in range(11)]
+    with pytest.raises(ConvergenceError, match=r"step \d+ to t = 0\.\d+ s did not converge.*Gauss point \d+") as caught:
+        full.march(path, hhr.MarchSettings(cuts=2))
+    done = caught.value.history.answers
+    assert len(done) == 7, "7 x 0.14 is less than the yield stress of 1, 8 x 0.14 is more"
+    assert done[-1].stress()[:, 1] == pytest.approx(0.98)
+
+
+def test_a_step_too_long_is_cut():
+    full = hhr.FullOrderModel(tube(hhr.Plasticity(1.0, 1.0), 2.0))
+    history = full.march([(0.0, np.zeros(1)), (1.0, np.array([1.2]))], hhr.MarchSettings("tangent", iterations=4))
+    assert history.cuts == 1 and len(history.answers) == 1
+
+
+# the imposed upper corner may pass the wall, and the mesh with the gap has no use for that parameter
+@pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.SceneWarning")
+def test_two_pairs_one_opening():
+    """A gap that opens acts on its own pair, as a mesh with that gap does."""
+    base = patch.scene(hhr.NodeToSurface, (3, 3), (4, 3), poisson=0.3)
+    wall = hhr.Obstacle(two_blocks.side(2, 0, True), (1.0, 0.0), 1.02)
+    space = hhr.ParameterSpace(("push", "side", "gap"), (0.0, 0.0, -0.1), (0.1, 0.05, 0.1))
+    opening = hhr.Opening(1, hhr.Amplitude(0.0, {"gap": 1.0}))
+    scene = dataclasses.replace(base, contacts=(*base.contacts, wall), parameters=space, openings=(opening,))
+    moved = dataclasses.replace(scene, contacts=(*base.contacts, dataclasses.replace(wall, offset=1.01)), openings=())
+    one, two = hhr.FullOrderModel(scene).solve([0.08, 0.03, -0.01]), hhr.FullOrderModel(moved).solve([0.08, 0.03, 0.0])
+    assert two.active[:5].any() and two.active[5:].any()
+    assert one.displacement() == pytest.approx(two.displacement(), abs=1e-12)
+    with pytest.raises(SceneError, match="an opening names contact 5, of 2"):
+        dataclasses.replace(scene, openings=(hhr.Opening(5, hhr.Amplitude(0.01)),))
+
+
+def test_moving_lifts_in_the_reduced_model():
+    """Whole basis and RID on a scene driven by an imposed displacement: the full history."""
+    full = hhr.FullOrderModel(tube_pushed_by_displacement())
+    path = [(0.1 * k, np.array([0.002 * k])) for k in range(8)]
+    tight = hhr.MarchSettings(relative_force=1e-10, floor_stress=1e-11)
+    exact = full.march(path, tight)
+    reduced = of_all_functions(full, exact)
+    last, same = exact.answers[-1], reduced.march(path, tight).answers[-1]
+    assert last.plastic_strain().max() > 1e-3 and last.active.all()
+    assert reduced.fields.basis @ same.unknown == pytest.approx(last.unknown, abs=1e-10)
+    assert same.displacement() == pytest.approx(last.displacement(), abs=1e-10)
+    assert same.multipliers == pytest.approx(last.multipliers, rel=1e-7)
+
+
+def tube_pushed_by_displacement():
+    """The tube with its inner surface moved out, against a wall."""
+    scene = tube(LAWS["plasticity"], 1.0, cells=6)
+    move = hhr.Displacement(block.side(0, upper=False), 0, hhr.Amplitude(slopes={"p": 1.0}))
+    wall = hhr.Obstacle(block.side(0, upper=True), (1, 0), 2.001)
+    return dataclasses.replace(scene, displacements=(*scene.displacements, move), loads=(), contacts=(wall,))
+
+
+def test_a_soft_body_converges_beside_a_stiff_one():
+    """Each body by its own forces: one a millionth as stiff and strong yields the same, whatever squeezes the other."""
+    first, second = two_blocks.FIRST, two_blocks.SECOND
+    held = [(two_blocks.side(body, 1, False), axis) for body in (first, second) for axis in (0, 1)]
+    squeeze = hhr.Displacement(two_blocks.side(second, 1, True), 1, hhr.Amplitude(slopes={"squeeze": -1.0}))
+    push = hhr.Traction(two_blocks.side(first, 1, True), (0.3, -1.0), hhr.Amplitude(slopes={"push": 1e-6}))
+    shapes = {"first": ((0.0, 0.0), (1.0, 1.0), (3, 3)), "second": ((0.0, 3.0), (1.0, 4.0), (2, 2))}
+    scene = hhr.Scene(
+        name="soft_and_stiff",
+        geometry=lambda comm: two_blocks.two_blocks(comm, **shapes),
+        hypothesis="plane_strain",
+        bodies=(
+            hhr.Body(first, YOUNG * 1e-6, POISSON, hhr.Plasticity(1e-6, 5e-6)),
+            hhr.Body(second, YOUNG, POISSON),
+        ),
+        contacts=(hhr.Obstacle(two_blocks.side(first, 0, True), (1, 0), 3.0),),
+        parameters=hhr.ParameterSpace(("push", "squeeze"), (0.0, 0.0), (2.0, 0.3)),
+        displacements=(*(hhr.Displacement(tag, axis) for tag, axis in held), squeeze),
+        loads=(push,),
+    )
+    full = hhr.FullOrderModel(scene)
+    lasts = []
+    for squeezed in (0.0, 0.3):
+        path = [(0.1 * k, np.array([1.5, squeezed]) * k / 8) for k in range(9)]
+        lasts.append(full.march(path, hhr.MarchSettings(floor_stress=1e-9)).answers[-1])
+    soft = node_dofs(full.problem, np.flatnonzero(full.problem.points[:, 1] < 1.5))
+    alone, beside = (answer.unknown[soft] for answer in lasts)
+    assert lasts[0].plastic_strain().max() > 1e-3
+    assert beside == pytest.approx(alone, abs=2e-4 * np.abs(alone).max())
+
+
+def test_a_gap_that_closes_without_stress_converges():
+    """A rigid motion has no forces to measure residuals by: round-off of the stiffness is the measure."""
+    path = [(0.1 * k, np.array([0.005 * k])) for k in range(5)]
+    for full in (in_time(pressed_block("plane_strain")), hhr.FullOrderModel(pressed_block("plane_strain"))):
+        answers = full.march(path).answers
+        assert answers[0].forces().sum() == 0 and answers[-1].forces().sum() > 0
+
+
+def test_a_body_that_moves_freely_is_refused():
+    scene = demo.scene(**MESH)
+    loose = tuple(item for item in scene.displacements if item.tag != demo.geometry.PELLET_BOTTOM)
+    with pytest.raises(NotSolvableError, match="can move freely"):
+        hhr.FullOrderModel(dataclasses.replace(scene, displacements=loose))
+
+
+@pytest.mark.parametrize("name", ["plasticity", "norton 4"])
+def test_a_body_that_flows_is_never_answered_for_as_an_elastic_one(name):
+    """A query is one step from rest in which it flows."""
+    law, full = LAWS[name], hhr.FullOrderModel(bar(LAWS[name]))
+    answer = full.solve(0.01, duration=0.1)
+    assert answer.stress()[:, 1] == pytest.approx(uniaxial(law, [0.01])[0], rel=1e-4)
+    assert answer.plastic_strain().min() > 1e-4 and answer.converged
+    (step,) = full.march([(0.0, [0.0]), (0.1, [0.01])]).answers
+    assert answer.displacement() == pytest.approx(step.displacement(), rel=1e-4, abs=1e-9)
+
+
+def test_a_query_starts_where_the_box_is_nearest_to_zero(monkeypatch):
+    """At the lower end of a box around zero the bar would be pushed by all of it: no place to be at rest."""
+    full, asked = hhr.FullOrderModel(bar(LAWS["plasticity"])), []
+    honest = full.march
+    monkeypatch.setattr(full, "march", lambda path, settings: asked.append(path) or honest(path, settings))
+    full.solve(0.01)
+    assert [point.tolist() for _, point in asked[0]] == [[0.0], [0.01]]
+
+
+class Nonsense:
+    """A law whose flow is not a number."""
+
+    def flow(self, trial, plastic_strain, shear, dt):
+        return np.full_like(trial, np.nan), np.zeros_like(trial)
+
+
+def test_a_law_that_answers_nan_is_named():
+    full = hhr.FullOrderModel(bar(Nonsense()))
+    with pytest.raises(ConvergenceError, match=r"Nonsense.*flows by nan under an equivalent stress"):
+        full.march([(0.0, np.zeros(1)), (1.0, np.array([0.01]))])
+
+
+def test_nothing_to_train_on(pellet):
+    for histories in ([], [History(0.0, np.zeros(3))]):
+        with pytest.raises(ReductionError, match="at least one"):
+            hhr.build(pellet[0], hhr.SnapshotSet.of_histories(histories))
+
+
+@pytest.mark.parametrize("path", [
+    [(0.0, [0.0]), (1.0, [np.nan])], [(0.0, [0.0]), (1.0, [9.0])], [(0.0, [0.0, 0.0])], [(0.0, [0.0]), (0.0, [0.01])],
+])  # fmt: skip
+def test_impossible_paths(path):
+    full = hhr.FullOrderModel(bar(LAWS["plasticity"]))
+    with pytest.raises(ParameterError):
+        full.march(path)
+
+
+@pytest.mark.parametrize(
+    "kind, values",
+    [("Plasticity", (80.0, -1.0)), ("Plasticity", (0.0,)), ("Norton", (1.0, 0.5)), ("Norton", (0.0, 4.0))]
+)  # fmt: skip
+def test_impossible_laws(kind, values):
+    with pytest.raises(ValueError, match="must"):
+        getattr(hhr, kind)(*values)
+
+
+def test_unknown_search():
+    with pytest.raises(ValueError, match="search 'newton' is unknown, one of tangent, frozen, elastic"):
+        hhr.MarchSettings("newton")
+
+
+def test_plane_stress_with_flow_is_refused():
+    scene = dataclasses.replace(bar(LAWS["plasticity"]), hypothesis="plane_stress")
+    with pytest.raises(SceneError, match="plane stress"):
+        hhr.FullOrderModel(scene)
+
+
+def test_no_flow_costs_two_iterations_a_step():
+    """An elastic scene in time: the answer of each step, and one look at it."""
+    full = in_time(bar(None))
+    history = full.march([(0.1 * k, np.array([1e-3 * k])) for k in range(6)])
+    assert max(history.iterations) <= 2
+    assert not history.answers[-1].plastic_strain().any()
+
+
+def test_quick_demo(tmp_path):
+    command = [sys.executable, demo.__file__, "--quick", "--out", str(tmp_path)]
+    run = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path, timeout=WAIT)
+    assert run.returncode == 0, run.stderr[-3000:]
+    report = json.loads((tmp_path / "report.json").read_text())
+    assert report["stability"]["tangent"] > 0
+    assert report["errors"]["primal_euclid"]["max"] < 0.05
+    for name in ("fields.vtu", "fields.png", "pressures.png", "contact_force.png", "iterations_of_a_step.png"):
+        assert (tmp_path / name).stat().st_size > 5000
+
+
+@pytest.mark.parametrize("simplices", [False, True])
+@pytest.mark.parametrize("hypothesis", ["plane_strain", "solid"])
+def test_without_a_law_time_gives_the_elastic_answer(hypothesis, simplices):
+    """For strains of 4 and of 6 components."""
+    scene = pressed_block(hypothesis, simplices=simplices, cells=3)
+    full, path = hhr.FullOrderModel(scene), [(0.0, np.zeros(1)), (1.0, np.array([0.05]))]
+    elastic = full.solve(0.05)
+    for model in (in_time(scene), full):
+        (answer,) = model.march(path).answers
+        assert answer.displacement() == pytest.approx(elastic.displacement(), abs=1e-8)
+        assert answer.forces() == pytest.approx(elastic.forces(), abs=1e-6)

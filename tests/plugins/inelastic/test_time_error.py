@@ -1,0 +1,221 @@
+"""Errors of the time steps of laws with rates: their estimate beside true ones, and steps cut by it."""
+
+import warnings
+from dataclasses import replace
+from types import SimpleNamespace
+
+import condensing
+import flowing
+import numpy as np
+import pellet_cladding_plastic as demo
+import pytest
+from condensing import walled_tube
+from toy_law import Bingham
+from tubes import tube
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.errors import ParameterError, TimeStepWarning
+from hhr_dolfinx.materials.elasticity import lame_parameters
+from hhr_dolfinx.plugins.inelastic.points import ALL_HERE
+from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.time_error import TimeError
+from hhr_dolfinx.plugins.inelastic.update import Group, Material
+
+pytestmark = pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.TimeStepWarning")
+QUIET = hhr.MarchSettings(search="elastic", iterations=200, outside="ignore")
+CONTROLLED = replace(QUIET, time_tolerance=0.01)
+NEAR = 3.0
+"""Factor within which an estimate is to be of the largest error of a history; measured .9 to 1.8 in bodies."""
+
+
+def held(steps, up=8, high=2, top=1.0):
+    """Times and shares of a load that is put on within a second and held for four decades of time, from .01 s on."""
+    times = np.concatenate([np.arange(up + 1) / up, 1 + np.logspace(high - 4, high, steps + 1)])
+    return times, top * np.minimum(times, 1.0)
+
+
+def errors(exact, history):
+    """Largest errors of stress, forces, displacement and cumulated strain over their largest sizes in a history."""
+    times = np.array([answer.time for answer in exact.answers])
+    found = []
+    for name in ("stress", "forces", "displacement", "plastic_strain"):
+        fields = [getattr(answer, name)() for answer in exact.answers]
+        wrong = []
+        for answer in history.answers:
+            place = int(np.abs(times - answer.time).argmin())
+            assert times[place] == pytest.approx(answer.time)
+            wrong.append(np.linalg.norm(getattr(answer, name)() - fields[place]))
+        size = max(np.linalg.norm(field) for field in fields)
+        found.append(max(wrong) / size if size > 0 else 0.0)
+    return np.array(found)
+
+
+@pytest.mark.parametrize("law", [hhr.Norton(1.0, 4.0), hhr.Norton(1.0, 1.0), Bingham(0.2, 1.0)], ids=repr)
+@pytest.mark.parametrize("steps", [4, 8, 16, 32, 64])
+def test_estimate_at_a_point_held_at_a_strain(law, steps):
+    """Relaxation of σ_eq from 1 over four decades, of which laws have closed forms."""
+    material = Material([Group(np.arange(1), 1.0, 0.3, law)], 4)
+    _, shear = lame_parameters(1.0, 0.3)
+    strain = np.array([[0.0, 0.0, 0.0, np.sqrt(2 / 3) / (2 * shear)]])
+    model = SimpleNamespace(material=material, points=np.arange(1), together=ALL_HERE)
+
+    def answer(time, stress, state):
+        return SimpleNamespace(time=time, parameter=np.zeros(0), state=lambda: GaussState(stress, state))
+
+    def exact(time):
+        rate = 3 * shear * time
+        if isinstance(law, Bingham):
+            return 0.2 + 0.8 * np.exp(-rate)
+        return np.exp(-rate) if law.exponent == 1 else (1 + 3 * rate) ** (-1 / 3)
+
+    state = material.at_rest()
+    here = answer(0.0, 2 * shear * strain, state)
+    error = replace(TimeError.at_rest(model, here), rate=None, largest=float(np.linalg.norm(here.state().stress)))
+    wrong, told = [], []
+    for time in np.logspace(-2, 2, steps + 1):
+        update = material.update(strain, state, time - here.time, tangent=False)
+        there, state = answer(time, update.stress, update.state), update.state
+        error = error.after(model, here, there)
+        wrong.append(abs(float(update.stress[0, 3]) * np.sqrt(1.5) - exact(time)))
+        told.append(error.estimate)
+        here = there
+    # each of four steps is ten times as long as the one before: 3.3 for a convex decay
+    assert 1 / NEAR < max(told) / max(wrong) < (NEAR if steps > 4 else 4.0)
+
+
+@pytest.fixture(scope="module")
+def pressed():
+    """A creeping tube that is pressed against a wall and held, and one that bulges freely: exact histories beside."""
+    law, found = hhr.Norton(2.0, 4.0), []
+    for scene, top, high in ((walled_tube(law, wall=2.003), 0.9, 2), (tube(law, 0.6, cells=8), 0.6, 0)):
+        full = hhr.FullOrderModel(scene)
+
+        def path(steps, up=8, top=top, high=high):
+            return [(float(time), np.array([share])) for time, share in zip(*held(steps, up, high, top), strict=True)]
+
+        found.append((full, path, full.march(path(256, 128), hhr.MarchSettings("tangent"))))
+    return found
+
+
+@pytest.mark.parametrize("scene", [0, 1], ids=["pressed against a wall", "bulging"])
+@pytest.mark.parametrize("steps", [4, 16, 64])
+def test_estimate_of_creeping_tubes(pressed, scene, steps):
+    full, path, exact = pressed[scene]
+    history = full.march(path(steps), hhr.MarchSettings("tangent"))
+    assert 1 / NEAR < history.time_error.max() / errors(exact, history).max() < NEAR
+    # steps of a tolerance, from whatever path
+    cut = full.march(path(steps), hhr.MarchSettings("tangent", time_tolerance=0.01))
+    assert cut.time_error.max() < 0.012 and errors(exact, cut).max() < 0.03
+    assert [answer.time for answer in cut.answers] == [time for time, _ in path(steps)[1:]]
+
+
+@pytest.fixture(scope="module")
+def pellet():
+    """The flowing pellet with its small models, whose own errors do not count, and a path."""
+    full = flowing.flowing_full()
+
+    def path(steps, gap=8.0, up=8):
+        return demo.history(*held(steps, up), gap)
+
+    trained = [full.march(path(16, gap), QUIET) for gap in flowing.TRAINING]
+    reduced = hhr.build(full, hhr.SnapshotSet.of_histories(trained), hhr.Recipe.flowing().as_it_is())
+    return {
+        "full": full,
+        "HHR": reduced,
+        "condensed": condensing.condensed(full, trained, attempts=1, trust=None),
+    }, path
+
+
+@pytest.mark.parametrize("name", ["full", "HHR", "condensed"])
+def test_all_models_estimate_and_cut_alike(pellet, name):
+    """Few steps are 10 % off, and their estimate says so; a tolerance of a hundredth is kept by each model itself."""
+    models, path = pellet
+    exact = models[name].march(path(128, up=128), QUIET)
+    plain, cut = (models[name].march(path(4), settings) for settings in (QUIET, CONTROLLED))
+    wrong = errors(exact, plain)
+    assert wrong[0] > 0.08 and 1 / NEAR < plain.time_error.max() / wrong.max() < NEAR
+    assert sum(plain.parts) <= 14 and (name == "HHR" or plain.cuts == 0)
+    assert errors(exact, cut)[:2].max() < 0.02 and cut.time_error.max() < 0.012
+    assert cut.cuts == sum(part > 1 for part in cut.parts) > 5 and 40 < sum(cut.parts) < 200
+    assert np.array_equal([answer.time for answer in cut.answers], [time for time, _ in path(4)[1:]])
+
+
+def test_finer_tolerances_take_more_parts(pellet):
+    models, path = pellet
+    exact = models["condensed"].march(path(128, up=128), QUIET)
+    found = [models["condensed"].march(path(4), replace(CONTROLLED, time_tolerance=t)) for t in (0.1, 0.03, 0.01)]
+    parts = [sum(history.parts) for history in found]
+    assert parts == sorted(set(parts)) and parts[0] < 30
+    wrong = [errors(exact, history)[0] for history in found]
+    assert wrong == sorted(wrong, reverse=True)
+
+
+def test_laws_without_rates_have_no_time_error():
+    full = hhr.FullOrderModel(walled_tube(hhr.Plasticity(1.0, 5.0)))
+    plain, cut = (full.march(condensing.up(0.9), replace(QUIET, time_tolerance=t)) for t in (None, 1e-4))
+    assert plain.time_error.max() == cut.time_error.max() == 0.0 and cut.parts == [1] * 8
+    assert np.array_equal(plain.answers[-1].stress(), cut.answers[-1].stress())
+
+
+def test_stored_histories_go_on_with_their_parts(pellet, tmp_path):
+    """Answers of another tolerance are others; a history that ended goes on as it would have."""
+    models, path = pellet
+    full, asked = models["full"], [path(4)]
+    whole = full.march(asked[0], CONTROLLED)
+
+    def stored(path, settings):
+        store = hhr.SnapshotStore(tmp_path, full)
+        return hhr.compute_snapshots(full, [path], store=store, settings=settings).histories[0], store.found
+
+    assert stored(asked[0][:6], CONTROLLED)[1] == 0
+    history, found = stored(asked[0], CONTROLLED)
+    # whether the last step takes two parts or four is round-off: both were seen, by sums of K in another order
+    assert found == 5 and history.parts[:-1] == whole.parts[:-1] and history.time_tolerance == 0.01
+    assert history.time_error[:5] == pytest.approx(whole.time_error[:5])
+    # the rate at the start of a step comes of its law, not of the part before: equal but for round-off
+    one, other = (item.answers[-2].stress() for item in (history, whole))
+    assert np.abs(one - other).max() < 1e-4 * np.abs(one).max()
+    again, found = stored(asked[0], CONTROLLED)
+    assert found == 13 and again.parts == history.parts and np.array_equal(again.time_error, history.time_error)
+    assert stored(asked[0], replace(CONTROLLED, time_tolerance=0.02))[1] == 0
+    assert stored(asked[0], QUIET)[1] == 0
+
+
+def test_another_model_takes_the_same_parts(pellet):
+    """The check of a model compares it in the parts of the full order: time steps are no error of the model."""
+    models, path = pellet
+    exact = models["full"].march(path(4), CONTROLLED)
+    assert len(exact.solved_path) == 1 + sum(exact.parts)
+    found = models["HHR"].march(exact.solved_path, QUIET).thinned([answer.time for answer in exact.answers])
+    assert np.array_equal([a.time for a in found.answers], [a.time for a in exact.answers])
+    assert found.time_error.max() == pytest.approx(exact.time_error.max(), rel=0.05)
+
+
+@pytest.mark.filterwarnings("always::hhr_dolfinx.errors.TimeStepWarning")
+def test_long_steps_are_warned_of_once(pellet):
+    models, path = pellet
+    full, paths = models["full"], [path(4), path(4, 12.0), path(64, up=32)]
+    with pytest.warns(TimeStepWarning, match=r"steps of this history make errors of 1\d % .*time_tolerance=0.01"):
+        full.march(paths[0], QUIET)
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        snapshots = hhr.compute_snapshots(full, paths, settings=QUIET)
+    (told,) = [str(item.message) for item in caught if item.category is TimeStepWarning]
+    assert "2 of 3 histories make errors of 1" in told
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        # neither where it was said before, nor where it was asked for
+        condensing.condensed(full, snapshots.histories)
+        full.march(paths[0], replace(CONTROLLED, time_tolerance=0.1))
+    assert not [item for item in caught if item.category is TimeStepWarning]
+
+
+@pytest.mark.parametrize("tolerance", [0.0, -1.0, 1.0, 1e-6, np.nan, True, "fine"])
+def test_tolerances_that_mean_nothing(tolerance):
+    with pytest.raises(ParameterError, match="time_tolerance"):
+        hhr.MarchSettings(time_tolerance=tolerance)
+
+
+def test_steps_cut_by_a_tolerance_have_no_gradient():
+    with pytest.raises(ParameterError, match="have no gradient: march along the path in more steps"):
+        hhr.MarchSettings(time_tolerance=0.01, gradient=True)

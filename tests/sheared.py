@@ -1,0 +1,69 @@
+"""A block pressed on another one and sheared, with friction between them."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
+
+PATH = [(0.0, (0.0, 0.0)), (1.0, (0.03, 0.0)), *((2.0 + k, (0.03, s)) for k, s in enumerate((0.02, 0.06, 0.0, -0.06)))]
+
+
+def rubbing(friction=0.3, cells=8, pairing=None, dimension=2, **others) -> hhr.Scene:
+    """A block pressed on another one and sheared."""
+    last = dimension - 1
+    first, second = (np.zeros(dimension), np.ones(dimension)), (np.zeros(dimension), np.ones(dimension))
+    second[0][last], second[1][last] = 1.0, 2.0
+    faces = side(FIRST, last, True), side(SECOND, last, False)
+    top = side(SECOND, last, True)
+    normal = tuple(np.eye(dimension)[last])
+    moved = {axis: hhr.Amplitude() for axis in range(dimension)}
+    moved |= {0: hhr.Amplitude(slopes={"shear": 1.0}), last: hhr.Amplitude(slopes={"push": -1.0})}
+    box = {"push": (0.0, 0.05), "shear": (-0.1, 0.1), **others.pop("box", {})}
+    n = (cells,) * dimension
+    return hhr.Scene(**{
+        "name": "rubbing",
+        "geometry": lambda comm: two_blocks(comm, first=(*first, n), second=(*second, n)),
+        "hypothesis": "plane_strain" if dimension == 2 else "solid",
+        "bodies": (hhr.Body(FIRST, 3.0, 0.3), hhr.Body(SECOND, 5.0, 0.2)),
+        "contacts": (pairing or hhr.NodeToNode(*faces, normal, friction=friction),),
+        "displacements": (
+            *hhr.Displacement.clamp(side(FIRST, last, False), dimension),
+            *(hhr.Displacement(top, axis, amplitude) for axis, amplitude in moved.items()),
+        ),
+        "parameters": hhr.ParameterSpace(tuple(box), *zip(*box.values(), strict=True)),
+        **others,
+    })  # fmt: skip
+
+
+def round_block(comm):
+    """The same blocks, of which the upper one touches with a round side."""
+
+    def warp(points, tag):
+        bulge = 0.2 * (points[:, 0] - 0.5) ** 2 * (2 - points[:, 1]) if tag == SECOND else 0.0
+        return points + np.outer(np.ones(len(points)) * bulge, (0.0, 1.0))
+
+    shape = {"first": ((0.0, 0.0), (1.0, 1.0), (24, 24)), "second": ((0.0, 1.0), (1.0, 2.0), (24, 24))}
+    return two_blocks(comm, warp=warp, **shape)
+
+
+def leaning(comm):
+    """The same blocks, of which the upper one is lifted at its right side."""
+
+    def warp(points, tag):
+        return points + np.outer(0.03 * points[:, 0] * (tag == SECOND), (0.0, 1.0))
+
+    return two_blocks(comm, warp=warp, first=((0, 0), (1, 1), (8, 8)), second=((0, 1), (1, 2), (8, 8)))
+
+
+def driven(dimension=2, **others) -> hhr.Scene:
+    """The same blocks with sides that are held below and moved above: of contacts there both sides are imposed."""
+    scene = rubbing(dimension=dimension, cells=8 if dimension == 2 else 3, **others)
+    sides = (
+        hhr.Displacement(side(FIRST, 0, False), 0),
+        hhr.Displacement(side(SECOND, 0, False), 0, hhr.Amplitude(slopes={"shear": 1.0})),
+    )
+    return dataclasses.replace(scene, displacements=(*scene.displacements, *sides))
