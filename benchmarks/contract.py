@@ -372,7 +372,7 @@ def _outputs(item: Context) -> None:
 
 
 def _gradient(item: Context) -> None:
-    if not item.model.flows:
+    if item.model.equilibrium is None:
         assert item.solved(gradient=True).gradient.multipliers.shape[1] == len(item.mu)
         return
     settings = hhr.MarchSettings(outside="ignore", gradient=True, relative_force=1e-8, relative_stress=1e-8)

@@ -18,7 +18,6 @@ from hhr_dolfinx.amplitudes import Coverage
 from hhr_dolfinx.errors import FileContentError, ModelFileError, SceneError
 from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.plain import as_plain, by_name, restored
-from hhr_dolfinx.plugins.inelastic.laws import Norton, Plasticity
 
 
 @dataclass(frozen=True)
