@@ -43,6 +43,10 @@ ADVICE: Mapping[Status, str] = MappingProxyType(
 class ReducedLaws(Protocol):
     """Arrays of bodies with laws on a RID, which a plug-in makes and a file keeps."""
 
+    @property
+    def cells(self) -> np.ndarray:
+        """Numbers of the cells where laws are evaluated."""
+
     def equilibrium(
         self, problem: ReducedProblem, parameters: ParameterSpace, fields: Reconstruction, trained: Trained | None
     ) -> Equilibrium:

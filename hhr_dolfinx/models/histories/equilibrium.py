@@ -33,7 +33,9 @@ class Equilibrium(Protocol):
         reader: name of the plug-in, whose facets do the rest, see :func:`facet_of`.
     """
 
-    reader: str
+    @property
+    def reader(self) -> str:
+        """See the class."""
 
     def march(
         self,

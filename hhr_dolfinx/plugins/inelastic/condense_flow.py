@@ -32,7 +32,7 @@ from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, 
 from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlow, CondensedFlowModel
 from hhr_dolfinx.plugins.inelastic.cubature import Cubature, compressed, fitted
 from hhr_dolfinx.plugins.inelastic.elastic_response import ElasticResponse, elastic_response
-from hhr_dolfinx.plugins.inelastic.equilibrium import MeshEquilibrium
+from hhr_dolfinx.plugins.inelastic.equilibrium import MeshEquilibrium, equilibrium_of
 from hhr_dolfinx.plugins.inelastic.modes import correction_modes
 from hhr_dolfinx.plugins.inelastic.state import flowed as any_flowed
 from hhr_dolfinx.plugins.inelastic.state import states_of
@@ -66,8 +66,7 @@ def correction_strain(
     problem = full.problem
     if problem.friction is not None:
         return strain.of(correction)
-    assert full.equilibrium is not None
-    equilibrium = full.equilibrium.at(answer.parameter)
+    equilibrium = equilibrium_of(full).at(answer.parameter)
     theta = problem.amplitudes(answer.parameter)
     scale = elastic.factors.compliances(answer.parameter)[elastic.parts]
     free = scale * (elastic.forced @ theta) + elastic.given @ theta - problem.lifts @ theta
@@ -93,8 +92,7 @@ class FlowingDomain:
     @classmethod
     def of(cls, full: FullModel, basis: np.ndarray, answers: Sequence[Answer], sizes: np.ndarray) -> FlowingDomain:
         """Domain of training answers with corrections of given energy norms."""
-        equilibrium = full.equilibrium
-        assert equilibrium is not None
+        equilibrium = equilibrium_of(full)
         largest = np.zeros(equilibrium.material.gauss_points)
         for answer, size in zip(answers, sizes, strict=True):
             largest = np.maximum(largest, np.abs(answer.state().state.plastic).max(axis=1) / size)
@@ -112,8 +110,7 @@ class FlowingDomain:
         sizes: np.ndarray,
     ) -> np.ndarray:
         """ε_p - dev ε_c at training states, over the energy norms of their corrections, (S, p c)."""
-        assert full.equilibrium is not None
-        there = StrainAt(full.equilibrium.operator, self.points)
+        there = StrainAt(equilibrium_of(full).operator, self.points)
         found = np.empty((len(answers), self.deviators[:, :, 0].size))
         for k, (answer, correction) in enumerate(zip(answers, corrections.T, strict=True)):
             plastic = answer.state().state.plastic[self.points]
@@ -418,12 +415,11 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
             "may turn their sign: allow more points (most_points), or a smaller stability"
         )
     with log.stage("online_arrays", shared.announce):
-        assert full.equilibrium is not None
         flow = _online(full, elastic, basis, domain, cubature, answers)
         problem = full.problem
         fields = CondensedFlowFields(
             problem.amplitudes, elastic.factors, elastic.parts, basis, elastic.per_force, elastic.forced,
-            elastic.given, problem.block_size, shared.fields.on(flow.points, full.equilibrium), plain_outputs(full),
+            elastic.given, problem.block_size, shared.fields.on(flow.points, equilibrium_of(full)), plain_outputs(full),
             problem.friction, full,
         )  # fmt: skip
         model = CondensedFlowModel(flow, full.parameters, fields)
@@ -448,8 +444,7 @@ def _online(
     answers: Sequence[Answer],
 ) -> CondensedFlow:
     """Arrays of a step, on the points of the cubature."""
-    equilibrium = full.equilibrium
-    assert equilibrium is not None
+    equilibrium = equilibrium_of(full)
     problem = full.problem
     points, weights = _watched(domain, cubature, answers)
     groups, order = _by_body(equilibrium.material.groups, points)
@@ -559,8 +554,7 @@ class _FieldModes:
     def of(cls, full: FullModel, snapshots: SnapshotSet) -> _FieldModes:
         """Modes of training histories."""
         problem = full.problem
-        equilibrium = full.equilibrium
-        assert equilibrium is not None
+        equilibrium = equilibrium_of(full)
         states = [item.state for item in states_of(snapshots)]
         flowed = np.flatnonzero(np.any([state.cumulated > 0 for state in states], axis=0))
         plastic = state_modes([state.plastic[flowed].ravel() for state in states], LEFT_OUT["plastic"])

@@ -494,8 +494,9 @@ class CondensedFlowModel(KeptModel):
         self.trained = trained
         self.offline = offline
         self.friction = fields.friction
-        self.equilibrium = CondensedEquilibrium(flow, fields.amplitudes, parameters, fields)
-        self.equilibrium.trained = trained
+        equilibrium = CondensedEquilibrium(flow, fields.amplitudes, parameters, fields)
+        equilibrium.trained = trained
+        self.equilibrium = equilibrium
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """See :class:`KeptModel`."""

@@ -15,6 +15,7 @@ import numpy as np
 
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Statuses
+from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer, Fields
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.parameters import ParameterSpace
@@ -243,6 +244,12 @@ class MeshEquilibrium(Equilibrium, Protocol):
 
 
 def equilibrium_of(full: FullModel) -> MeshEquilibrium:
-    """Equilibrium of a full model whose bodies are inelastic."""
+    """Equilibrium of a full model whose bodies are inelastic.
+
+    Raises:
+        NotOfferedError: for laws that another plug-in reads, whose equilibrium has no Gauss points of ours.
+    """
     found: Any = full.equilibrium
+    if found is None or found.reader != "inelastic":
+        raise NotOfferedError(f"bodies of scene '{full.scene.name}' have no laws of plasticity or creep")
     return found

@@ -18,6 +18,7 @@ from hhr_dolfinx.models.answer import Answer, History, Model
 from hhr_dolfinx.models.answer import Path as HistoryPath
 from hhr_dolfinx.models.histories.equilibrium import SEARCHES, MarchSettings, told_once
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
 from hhr_dolfinx.snapshots.records import Lost
 from hhr_dolfinx.study.measure import Errors, Measurement, Row, answer_errors, conditions_inside
 from hhr_dolfinx.study.report.advice import TRAINING, Advice, by_favour, in_words
@@ -130,7 +131,7 @@ def history_errors(
     errors = answer_errors(full.problem, found, known, floor, conditions_inside(model))
     stress = there.stress()
     flowed = there.plastic_strain()
-    if isinstance(model, ReducedModel) and model.flow is not None and "gauss" in here.memory:
+    if isinstance(model, ReducedModel) and isinstance(model.flow, ReducedFlow) and "gauss" in here.memory:
         inside = model.flow.points
         errors["stress_rr"] = relative_error(here.gauss.stress[:, 0], stress[inside, 0])
         errors["plastic_strain"] = relative_error(here.gauss.state.cumulated, flowed[inside])
