@@ -95,8 +95,14 @@ class Completion:
             force_snapshots=self.rays if cone else None,
             gap_scale=self.gap_scale,
             dimension=problem.block_size,
-            flow=None if flow is None or self.laws is None else self.laws.completion(flow),
+            flow=None if flow is None else self._of_laws(flow),
         )
+
+    def _of_laws(self, flow: ReducedLaws) -> CompletionOfLaws:
+        """Completion of the fields of laws."""
+        if self.laws is None:
+            raise ReductionError("the fields of laws of bodies in training are unknown: give them as laws")
+        return self.laws.completion(flow)
 
 
 def spanning_rays(columns: np.ndarray, tolerance: float) -> np.ndarray:

@@ -312,7 +312,7 @@ class SnapshotStore:
         self._full = full
         self._problem = full.problem
         self._laws = stored_laws(full)
-        self._fingerprint = _digest_of(full, self._laws)  # collective, before anything that may fail on one rank
+        self._fingerprint = _digest_of(full)  # collective, before anything that may fail on one rank
         self._folder = make_folder(folder)
         clear_leftovers(self._folder)
         conditions, dofs = self._problem.contact.shape
@@ -518,7 +518,7 @@ class KeptSteps:
         self._store._save(answer, self._queries[self._count])
 
 
-def _digest_of(full: FullModel, laws: StoredLaws) -> bytes:
+def _digest_of(full: FullModel) -> bytes:
     """Fingerprint of every bit of a problem and its laws, and of the version of the package that solves it.
 
     The bounds of the parameters are left out: a wider box finds the solutions of a narrower one. Non-affine amplitudes
@@ -542,7 +542,7 @@ def _digest_of(full: FullModel, laws: StoredLaws) -> bytes:
         parts += ["" if scalar is None else scalar.text for scalar in scalars]
         parts += [friction.normal, friction.area, friction.law, friction.tangential, friction.owner, friction.tangents]
         parts += [friction.fixed, friction.twice]
-    parts += laws.fingerprint()
+    parts += stored_laws(full).fingerprint()
     add_to(digest, parts)
     return digest.digest()
 

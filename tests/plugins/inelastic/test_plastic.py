@@ -30,6 +30,7 @@ from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.inelastic.project import project_flow, tangent_margin
 from hhr_dolfinx.plugins.inelastic.recipe import FlowDeim, StressDeim
+from hhr_dolfinx.plugins.inelastic.stages import FittedFlow
 from hhr_dolfinx.plugins.inelastic.update import Group, Material, State
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.projection import project
@@ -233,7 +234,8 @@ def of_all_functions(full, history):
     basis[free, np.arange(free.size)] = 1.0
     sets = whole_domain(problem)
     flow = project_flow(full.equilibrium, basis, sets)
-    fields = Completion.of(problem, hhr.SnapshotSet.of_histories([history])).reconstruction(problem, basis, sets, flow)
+    snapshots = hhr.SnapshotSet.of_histories([history])
+    fields = Completion.of(problem, snapshots, FittedFlow.of(snapshots)).reconstruction(problem, basis, sets, flow)
     return ReducedModel(project(problem, basis, sets), full.parameters, fields, flow=flow)
 
 
