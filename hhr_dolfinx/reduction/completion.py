@@ -13,7 +13,7 @@ from scipy.optimize import nnls
 
 from hhr_dolfinx.certify.differences import exact_difference, field_response
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import BoundError
+from hhr_dolfinx.errors import BoundError, ReductionError
 from hhr_dolfinx.models.bounds.bound import Bound
 from hhr_dolfinx.models.estimates import NOT_ASKED
 from hhr_dolfinx.models.reconstruct import Reconstruction

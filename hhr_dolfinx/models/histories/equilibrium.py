@@ -87,7 +87,7 @@ def warn_of_time_error(estimate: float, tolerance: float | None) -> None:
     if collected is not None:
         collected.append(estimate)
     elif tolerance is None and estimate > ACCEPTED:
-        warn(f"the time steps of this history {_said(estimate)}", TimeStepWarning, stacklevel=5)
+        warn(f"the time steps of this history {_said(estimate)}", TimeStepWarning, stacklevel=6)
 
 
 @contextmanager

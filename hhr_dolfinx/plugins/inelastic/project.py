@@ -13,6 +13,7 @@ from hhr_dolfinx.contact.problem import IndexSets
 from hhr_dolfinx.errors import ReductionError, UnstableModelError
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.inelastic.elastic_response import elastic_response
+from hhr_dolfinx.plugins.inelastic.equilibrium import MeshEquilibrium, equilibrium_of
 from hhr_dolfinx.plugins.inelastic.force_correction import ForceCorrection
 from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
 
