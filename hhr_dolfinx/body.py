@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import Any, Protocol
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import RANGES, Limits
@@ -13,8 +13,21 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import ParameterSpace, Tag, check_tag, is_number
 from hhr_dolfinx.units import Units
 
-if TYPE_CHECKING:
-    from hhr_dolfinx.scene import Scene
+
+class SceneOfBodies(Protocol):
+    """A scene, as far as laws of bodies look at it."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """Its bodies."""
+
+    @property
+    def shapes(self) -> tuple[Any, ...]:
+        """Shapes of bodies that depend on parameters."""
 
 
 class LawsOfScenes(Protocol):
@@ -23,7 +36,7 @@ class LawsOfScenes(Protocol):
     def check_body(self, body: Body) -> None:
         """Raise SceneError for a body whose law, elasticity or grading is not built in."""
 
-    def check_scene(self, scene: Scene) -> None:
+    def check_scene(self, scene: SceneOfBodies) -> None:
         """Raise SceneError for a scene with such bodies that has other parts which are not built in."""
 
     def parameters_of(self, law: Any) -> set[str]:

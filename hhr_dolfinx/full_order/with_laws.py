@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discretisation import Discretisation
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.functionals.functional import Functional
-    from hhr_dolfinx.models.histories.equilibrium import FullEquilibrium
-    from hhr_dolfinx.outputs import VonMises
+    from hhr_dolfinx.models.histories.equilibrium import FullEquilibrium, StressOutput
     from hhr_dolfinx.scene import Scene
 
 
@@ -46,7 +45,7 @@ class BodiesWithLaws(Protocol):
     def places(self) -> int:
         """See the class."""
 
-    def mises(self, output: VonMises, cells: np.ndarray) -> Functional:
+    def mises(self, output: StressOutput, cells: np.ndarray) -> Functional:
         """Von Mises' stress of an output in some cells, by their numbers."""
 
     def equilibrium(self, full: FullModel) -> FullEquilibrium:

@@ -23,7 +23,22 @@ from hhr_dolfinx.warn import warn
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer, History, Path
     from hhr_dolfinx.models.functionals.functional import Functional
-    from hhr_dolfinx.outputs import VonMises
+
+
+class StressOutput(Protocol):
+    """An output of the stress of some cells."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+    @property
+    def unit(self) -> str:
+        """Its unit, as text."""
+
+    @property
+    def kind(self) -> str:
+        """``mean`` for the mean over the volume, otherwise the largest value."""
 
 
 class Equilibrium(Protocol):
@@ -67,7 +82,7 @@ class FullEquilibrium(Equilibrium, Protocol):
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress in Kelvin's notation at these places, (places, components)."""
 
-    def mises(self, output: VonMises, cells: np.ndarray) -> Functional:
+    def mises(self, output: StressOutput, cells: np.ndarray) -> Functional:
         """Von Mises' stress of an output in some cells, by their numbers."""
 
 

@@ -23,7 +23,7 @@ from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.linear.rows import Rows
 from hhr_dolfinx.materials.strain import ElasticPart, SparsePattern, StrainOperator
 from hhr_dolfinx.models.answer import Answer, History, Path
-from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, StressOutput
 from hhr_dolfinx.plugins.inelastic.constants import check_law
 from hhr_dolfinx.plugins.inelastic.equilibrium import Correction
 from hhr_dolfinx.plugins.inelastic.gauss_points import at_gauss_points, material_at, stiffness_parts, strain_operator
@@ -39,7 +39,6 @@ from hhr_dolfinx.scene import Scene
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.outputs import VonMises
     from hhr_dolfinx.plugins.friction.rubbing_step import RubbingStep
     from hhr_dolfinx.plugins.inelastic.outputs import FlowMises
 
@@ -71,7 +70,7 @@ class GaussModel:
         """Number of Gauss points."""
         return self.operator.gauss_points
 
-    def mises(self, output: VonMises, cells: np.ndarray) -> FlowMises:
+    def mises(self, output: StressOutput, cells: np.ndarray) -> FlowMises:
         """Von Mises' stress of an output in some cells."""
         from hhr_dolfinx.plugins.inelastic.outputs import mises  # imported here: most scenes have no outputs
 
@@ -159,7 +158,7 @@ class FullEquilibrium(Histories):
         """Number of Gauss points."""
         return self.operator.gauss_points
 
-    def mises(self, output: VonMises, cells: np.ndarray) -> FlowMises:
+    def mises(self, output: StressOutput, cells: np.ndarray) -> FlowMises:
         """Von Mises' stress of an output in some cells."""
         from hhr_dolfinx.plugins.inelastic.outputs import mises  # imported here: most scenes have no outputs
 

@@ -185,8 +185,7 @@ def _step(
             floor = max(settings.floor_stress * largest, ROUND_OFF_STRAIN * together.largest(linear.moduli.max()))
             if together.largest((remaining - settings.relative_stress * np.abs(update.stress)).max()) <= floor:
                 memory.strains.check(strain, together)
-                slow = settings.search == "tangent" or iteration > memory.patience
-                memory.linearisation = None if slow else linear
+                memory.linearisation = None if settings.search == "tangent" or iteration > memory.patience else linear
                 memory.grow(scale, largest)
                 answer = found_as(found._replace(iterations=iteration), goal.parameter, x, model.fields)
                 slip = {} if friction_step is None else {"slip": friction_step.slip(x)}

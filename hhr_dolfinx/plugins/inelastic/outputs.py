@@ -11,7 +11,7 @@ from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.models.functionals.functional import Functional, State
 from hhr_dolfinx.models.functionals.kinds import von_mises
-from hhr_dolfinx.outputs import VonMises
+from hhr_dolfinx.models.histories.equilibrium import StressOutput
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class FlowMises(Functional):
         return {"points": self.points}
 
 
-def mises(operator: StrainOperator, output: VonMises, cells: np.ndarray) -> FlowMises:
+def mises(operator: StrainOperator, output: StressOutput, cells: np.ndarray) -> FlowMises:
     """Von Mises' stress of an output at the Gauss points of some cells."""
     points = operator.points_of(cells)
     shares = operator.weights.ravel()[points]

@@ -8,8 +8,7 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.plugins.inelastic import constants
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.body import Body
-    from hhr_dolfinx.scene import Scene
+    from hhr_dolfinx.body import Body, SceneOfBodies
 
 
 class _LawsOfScenes:
@@ -22,7 +21,7 @@ class _LawsOfScenes:
                 "each of its values, and no grading"
             )
 
-    def check_scene(self, scene: Scene) -> None:
+    def check_scene(self, scene: SceneOfBodies) -> None:
         """Raise SceneError for other bodies of such elasticity, and for shapes."""
         others = [body.tag for body in scene.bodies if body.uneven]
         if others:

@@ -125,8 +125,7 @@ def train(
         training: the number of points along each parameter, on a regular grid; a sampling, ``Sobol(512)`` or
             ``LatinHypercube(100)``; ``Greedy(budget=100)``, which chooses points where present models are worst; or
             an array of points, (S, P). For laws that remember a list of paths, each of times in seconds and
-            parameters, or drawn from a family, ``family.paths(Sobol(12))``, or for laws of bodies
-            ``Greedy(family=family)``.
+            parameters, or drawn from a family, ``family.paths(Sobol(12))``, ``Greedy(family=family)``.
         held_out: for the trust check: a number of random parameters (100, a fifth of them with grazing contact; 0 for
             none), or paths.
         seed: of random parameters.
