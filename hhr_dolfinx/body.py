@@ -31,7 +31,7 @@ class SceneOfBodies(Protocol):
 
 
 class LawsOfScenes(Protocol):
-    """What a plug-in that reads laws of bodies says of scenes: its facet ``scene``."""
+    """Checks of scenes by a plug-in that reads laws of bodies: its facet ``scene``."""
 
     def check_body(self, body: Body) -> None:
         """Raise SceneError for a body whose law, elasticity or grading is not built in."""
@@ -161,7 +161,7 @@ class Body:
 
 
 def laws_of_scenes(reader: str) -> LawsOfScenes:
-    """What a plug-in says of scenes with its laws."""
+    """Checks of scenes by the plug-in that reads their laws."""
     found: LawsOfScenes = registry.facet(reader, "scene", "a scene whose bodies have laws")
     return found
 

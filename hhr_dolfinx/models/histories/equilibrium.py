@@ -87,7 +87,7 @@ class FullEquilibrium(Equilibrium, Protocol):
 
 
 def facet_of(equilibrium: Equilibrium, word: str, what: str) -> Any:
-    """What the plug-in of an equilibrium does at one place of the core, see :func:`hhr_dolfinx.registry.facet`."""
+    """Facet of the plug-in that made an equilibrium, see :func:`hhr_dolfinx.registry.facet`."""
     return registry.facet(equilibrium.reader, word, what)
 
 

@@ -1,4 +1,4 @@
-"""What scenes with inelastic bodies may hold: the facet ``scene``, see :class:`hhr_dolfinx.body.LawsOfScenes`."""
+"""Checks of scenes with inelastic bodies: the facet ``scene``, see :class:`hhr_dolfinx.body.LawsOfScenes`."""
 
 from __future__ import annotations
 
