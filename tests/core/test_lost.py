@@ -11,7 +11,6 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, TrainingWarning
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.path_families import Leg, PathFamily
-from hhr_dolfinx.plugins.inelastic.state import flowed
 from hhr_dolfinx.snapshots.records import compute_snapshots
 from hhr_dolfinx.study.training.train import train
 
@@ -32,6 +31,8 @@ def family(scene):
 
 @needs("inelastic")
 def test_histories_without_an_answer_are_named_and_left_out(yielding):
+    from hhr_dolfinx.plugins.inelastic.state import flowed
+
     paths = family(yielding).paths(np.array([[0.4], [0.6], [1.6], [0.7]]))
     with pytest.warns(TrainingWarning, match=r"1 of 4 training queries have no answer .*: load \(to = 1\.6\): step \d"):
         training = train(yielding, paths, held_out=[])

@@ -10,7 +10,6 @@ import hertz_half_discs as discs
 import numpy as np
 import pytest
 from needs import needs
-from paths import PathCase, summarise_paths, try_path
 from scenes import pressed_block
 from toy_rival import NearestAnswer, NearestHistory
 
@@ -179,6 +178,8 @@ def test_a_correction_where_nothing_flows(tmp_path):
 def test_both_models_on_paths(study):
     """On a path of the family, and on one never trained, of which both warn."""
     full, models = study.training.full_order, study.measured.models
+    from paths import PathCase, summarise_paths, try_path
+
     cases = [PathCase("between", pushed(0.012), True), PathCase("far aside", pushed(0.045), False)]
     rows = [try_path(full, models, case, 0.0, settings_of_paths().march) for case in cases]
     for name in models:

@@ -21,7 +21,6 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import MissingPackageError, ModelFileWarning, NotOfferedError
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.plugins.exporters import c_header, fmu
-from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.plugins.pages.arrays import contact_tree
 from hhr_dolfinx.plugins.pages.packing import Packed, steps_of
 from hhr_dolfinx.trained import TrainedRange
@@ -650,6 +649,7 @@ def test_a_unit_that_flows_runs_in_fmpy(tmp_path):
 
 @needs("inelastic", "moduli")
 def test_flow_that_c_does_not_know_is_refused_by_name():
+    from hhr_dolfinx.plugins.inelastic.update import Group
 
     creeping = SimpleNamespace(groups=(Group(np.arange(3), 1.0, 0.3, hhr.Norton(1.0, 2.0)),))
     model = copy.copy(flowing("outputs")[0])
