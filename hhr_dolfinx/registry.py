@@ -153,7 +153,11 @@ def asked_of_answers() -> Mapping[str, Any]:
 
 
 def _called(place: str, answer: Any) -> Any:
-    return load(place)(answer)
+    return _loaded(place)(answer)
+
+
+_loaded = functools.cache(load)
+"""Objects at places, quicker: a history asks each of its answers."""
 
 
 def reader_of(law: Any, what: str) -> str:

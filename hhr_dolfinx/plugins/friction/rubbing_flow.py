@@ -27,6 +27,7 @@ from hhr_dolfinx.plugins.inelastic.condensed_step import DECREASE, LEAST_SHARE
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, extrapolated
 from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
 from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.trained import Signs
 from hhr_dolfinx.plugins.inelastic.update import Material, State, Update
 
@@ -103,7 +104,7 @@ class RubbingFlowStepper:
         slack = model.gaps(theta).copy()
         slack[self._friction.tangential] -= here.slip.position
         coefficient, limit = self._friction.bounds(goal.parameter)
-        rest = coefficient, limit, here.state().state, goal.time - here.time
+        rest = coefficient, limit, gauss_of(here).state, goal.time - here.time
         load = _Load(slack, model.free_strain @ theta, *rest)
         starts = [extrapolated(trail, goal.time, model.modes)] if len(trail) > 1 else []
         spent = 0

@@ -35,6 +35,7 @@ from hhr_dolfinx.plugins.inelastic.elastic_response import ElasticResponse, elas
 from hhr_dolfinx.plugins.inelastic.equilibrium import MeshEquilibrium, equilibrium_of
 from hhr_dolfinx.plugins.inelastic.modes import correction_modes
 from hhr_dolfinx.plugins.inelastic.state import flowed as any_flowed
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.state import states_of
 from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.reduction.modes import state_modes
@@ -95,7 +96,7 @@ class FlowingDomain:
         equilibrium = equilibrium_of(full)
         largest = np.zeros(equilibrium.material.gauss_points)
         for answer, size in zip(answers, sizes, strict=True):
-            largest = np.maximum(largest, np.abs(answer.state().state.plastic).max(axis=1) / size)
+            largest = np.maximum(largest, np.abs(gauss_of(answer).state.plastic).max(axis=1) / size)
         points = np.flatnonzero(largest > FLOWED * largest.max())
         deviators = np.stack([deviator(equilibrium.strain_of(column)[points]) for column in basis.T], axis=2)
         elastic = equilibrium.material.moduli_at(full.problem.middle).elastic
@@ -113,7 +114,7 @@ class FlowingDomain:
         there = StrainAt(equilibrium_of(full).operator, self.points)
         found = np.empty((len(answers), self.deviators[:, :, 0].size))
         for k, (answer, correction) in enumerate(zip(answers, corrections.T, strict=True)):
-            plastic = answer.state().state.plastic[self.points]
+            plastic = gauss_of(answer).state.plastic[self.points]
             strain = correction_strain(full, elastic, answer, correction, there)
             found[k] = (plastic - deviator(strain)).ravel() / sizes[k]
         return found
@@ -490,7 +491,7 @@ def _watched(domain: FlowingDomain, cubature: Cubature, answers: Sequence[Answer
     The few points of a cubature may all lie away from the place of the first plastic strain. A history with plastic
     strain there alone would look elastic, whatever stress it causes.
     """
-    flowed = np.array([answer.state().state.cumulated[domain.points] for answer in answers])
+    flowed = np.array([gauss_of(answer).state.cumulated[domain.points] for answer in answers])
     largest = flowed.max(axis=1, keepdims=True)
     # the first of points that are equal up to round-off
     order = [k for k in np.argsort(largest[:, 0], kind="stable") if largest[k] > 0]

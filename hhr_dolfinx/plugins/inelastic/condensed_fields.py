@@ -26,6 +26,7 @@ from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 from hhr_dolfinx.plugins.inelastic.completion import KNOWN_ERROR, GappyField
 from hhr_dolfinx.plugins.inelastic.state import state
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.trained import share_of_stress
 
 if TYPE_CHECKING:
@@ -222,7 +223,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress at all Gauss points, Kelvin's notation, (Gauss points, components)."""
         theta = self._dense(answer.parameter)
-        plastic = answer.state().state.plastic
+        plastic = gauss_of(answer).state.plastic
         return self.flow.stress(self._elastic(answer), theta, plastic) / self._giving(answer.parameter)
 
     def estimate(self, answer: Answer) -> Estimate | None:
@@ -233,7 +234,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
 
     def unexplained(self, answer: Answer) -> tuple[float, float]:
         """Norms of the leave-one-out residual, as a stress, and of σ, where laws are evaluated."""
-        gauss = answer.state()
+        gauss = gauss_of(answer)
         inside = self.flow.points
         left = self.flow.unforeseen(gauss.state.plastic) / self._giving(answer.parameter, inside)
         return float(np.linalg.norm(left)), float(np.linalg.norm(gauss.stress))

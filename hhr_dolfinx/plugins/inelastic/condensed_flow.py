@@ -42,6 +42,7 @@ from hhr_dolfinx.plugins.inelastic.march import Histories
 from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
 from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
 from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.trained import Signs, TrainedPaths
 from hhr_dolfinx.plugins.inelastic.update import Group, Material, State, check_flow, flow_of, kernel_of
 
@@ -370,7 +371,7 @@ class CondensedStepper:
         model = self._model
         material = model.material.at(goal.parameter)
         theta = model.amplitudes(goal.parameter)
-        before = here.state().state
+        before = gauss_of(here).state
         rest = np.ascontiguousarray(before.plastic.T), before.cumulated, goal.time - here.time
         # without a correction, so that these are the forces of the elastic bodies
         load = StepLoad(model.free_strain @ theta, self._elastic.forces, model.gaps(theta), *rest)

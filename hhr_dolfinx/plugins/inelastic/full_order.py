@@ -32,6 +32,7 @@ from hhr_dolfinx.plugins.inelastic.march import Histories, march
 from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
 from hhr_dolfinx.plugins.inelastic.points_of_ranks import PointsOfRanks
 from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.trained import Signs
 from hhr_dolfinx.plugins.inelastic.update import Material, Update
 from hhr_dolfinx.scene import Scene
@@ -166,11 +167,11 @@ class FullEquilibrium(Histories):
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress of an answer at all Gauss points, (Gauss points, components)."""
-        return answer.state().stress.copy()
+        return gauss_of(answer).stress.copy()
 
     def plastic_strain(self, answer: Answer) -> np.ndarray:
         """Cumulated plastic strain of an answer at all Gauss points."""
-        return answer.state().state.cumulated.copy()
+        return gauss_of(answer).state.cumulated.copy()
 
     def march(
         self,
@@ -324,7 +325,7 @@ class FullEquilibrium(Histories):
 
     def signs(self, answer: Answer) -> Signs:
         """Residual of the free dofs and its scale; gaps are satisfied to the tolerance of the solver."""
-        residual, sizes = self.residual(answer.unknown, answer.state(), self.amplitudes(answer.parameter))
+        residual, sizes = self.residual(answer.unknown, gauss_of(answer), self.amplitudes(answer.parameter))
         left = (residual - self.contact_load(answer.multipliers)) * self.problem.free
         return Signs(float(np.linalg.norm(left)), float(np.linalg.norm(sizes)), 0.0)
 

@@ -23,6 +23,7 @@ from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goa
 from hhr_dolfinx.plugins.inelastic.points import Points
 from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
 from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.trained import Signs
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ class LinearisedStepper:
 
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before, by its results."""
-        gauss = answer.state()
+        gauss = gauss_of(answer)
         memory = self._memory
         _, scale = self._model.residual(answer.unknown, gauss, self._model.amplitudes(answer.parameter))
         memory.grow(scale, _root_mean_square(gauss.stress, self._model.together))
@@ -163,11 +164,11 @@ def _step(
     for iteration in range(1, settings.iterations + 1):
         renew = flows and (linear is None or settings.search == "tangent")
         strain = model.strain(x, theta)
-        update = together.agreed(partial(material.update, strain, here.state().state, dt, tangent=renew))
+        update = together.agreed(partial(material.update, strain, gauss_of(here).state, dt, tangent=renew))
         if not together.every(bool(np.isfinite(update.stress).all())):
             raise Diverged("the stress is not finite", together.place(~np.isfinite(update.stress).all(axis=1)))
         residual, scale = model.residual(x, update, theta)
-        flowed = update.state.cumulated - here.state().state.cumulated
+        flowed = update.state.cumulated - gauss_of(here).state.cumulated
         try:
             linear = model.linearised(update.tangents) if renew else linear
             change, found = linear.correct(residual, x, theta, active, friction_step)
@@ -218,8 +219,8 @@ def _elastic_start(model, here, theta, point):
     change = model.strain(x, theta) - model.strain(x, before)
     if model.together.every(not change.any()):
         return x
-    stress = here.state().stress + np.einsum("nij,nj->ni", model.material.elastic, change)
-    residual, _ = model.residual(x, GaussState(stress, here.state().state), theta)
+    stress = gauss_of(here).stress + np.einsum("nij,nj->ni", model.material.elastic, change)
+    residual, _ = model.residual(x, GaussState(stress, gauss_of(here).state), theta)
     try:
         change, found = model.elastic.correct(residual, x, theta, here.active, _friction_step(model, here, point))
     except NotSolvableError:

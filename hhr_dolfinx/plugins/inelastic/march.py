@@ -26,6 +26,7 @@ from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Marching, Stepper
 from hhr_dolfinx.plugins.inelastic.one_step import check_elasticity, one_step, refuse_gradient
 from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.time_error import TimeError, in_parts
 from hhr_dolfinx.plugins.inelastic.trained import Watch
 from hhr_dolfinx.warn import warn
@@ -214,12 +215,12 @@ def _turns(model: Marching, trail: tuple[Answer, ...], target: np.ndarray) -> bo
 def _check_slopes(model: Marching, before: Answer, after: Answer) -> bool:
     """Warn of laws with a wrong slope; returns True if there was enough plastic flow to judge."""
     together = model.together
-    if not together.largest(after.state().state.cumulated.max(initial=0.0)) > 0:
+    if not together.largest(gauss_of(after).state.cumulated.max(initial=0.0)) > 0:
         return False
     strain = model.strain(after.unknown, model.amplitudes(after.parameter))
     material = model.material.at(after.parameter)
     try:
-        complaints = material.wrong_slopes(strain, before.state().state, after.time - before.time, together)
+        complaints = material.wrong_slopes(strain, gauss_of(before).state, after.time - before.time, together)
     except ConvergenceError:  # the whole of a step that was cut, for which a law may find no flow
         return False
     for complaint in complaints or ():

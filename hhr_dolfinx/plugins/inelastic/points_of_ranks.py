@@ -12,6 +12,7 @@ from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.update import State
 
 
@@ -80,13 +81,13 @@ class PointsOfRanks:
 
     def own(self, answer: Answer) -> Answer:
         """See :class:`Points`."""
-        gauss = answer.state()
+        gauss = gauss_of(answer)
         state = State(*(np.asarray(part)[self.points] for part in gauss.state))
         return answer.remembering(gauss=GaussState(np.asarray(gauss.stress)[self.points], state))
 
     def whole(self, answer: Answer) -> Answer:
         """See :class:`Points`."""
-        gauss = answer.state()
+        gauss = gauss_of(answer)
         state = State(*(self.gathered(part) for part in gauss.state))
         return answer.remembering(gauss=GaussState(self.gathered(gauss.stress), state))
 

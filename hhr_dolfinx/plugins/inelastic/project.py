@@ -16,6 +16,7 @@ from hhr_dolfinx.plugins.inelastic.elastic_response import elastic_response
 from hhr_dolfinx.plugins.inelastic.equilibrium import MeshEquilibrium, equilibrium_of
 from hhr_dolfinx.plugins.inelastic.force_correction import ForceCorrection
 from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
@@ -68,7 +69,7 @@ def training_tangents(full: MeshEquilibrium, snapshots: SnapshotSet, count: int)
             state = full.material.at_rest()
             if step > 0:
                 time = history.answers[step - 1].time
-                state = history.answers[step - 1].state().state
+                state = gauss_of(history.answers[step - 1]).state
             strain = full.strain(here.unknown, full.amplitudes(here.parameter))
             material = full.material.at(here.parameter)
             tangents: Any = material.update(strain, state, here.time - time, tangent=True).tangents

@@ -27,6 +27,7 @@ from hhr_dolfinx.plugins.inelastic.linearised_step import LinearisedStepper
 from hhr_dolfinx.plugins.inelastic.march import Histories
 from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
 from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.trained import Signs, TrainedPaths
 from hhr_dolfinx.plugins.inelastic.update import Material, Update
 from hhr_dolfinx.trained import Trained
@@ -250,13 +251,13 @@ class ReducedEquilibrium(Histories):
         theta = self.amplitudes(answer.parameter)
         inner = self.flow.inner
         loads = self.flow.loads @ theta
-        internal, sizes = self.operator.internal(answer.state().stress)
+        internal, sizes = self.operator.internal(gauss_of(answer).stress)
         contact = self.flow.contact @ answer.multipliers
         size = np.linalg.norm(loads) + np.linalg.norm(sizes[inner]) + np.linalg.norm(contact)
         depth = self.depth(answer, theta)
         left = float(np.linalg.norm(loads - internal[inner] - contact))
         flow: FlowFields | None = self.fields.flow  # type: ignore[assignment]
-        misfit, stress = (0.0, 0.0) if flow is None else flow.unexplained(answer.state().stress)
+        misfit, stress = (0.0, 0.0) if flow is None else flow.unexplained(gauss_of(answer).stress)
         return Signs(left, float(size), depth, misfit=misfit, stress=stress)
 
     def tangent(self, tangents: np.ndarray) -> np.ndarray:

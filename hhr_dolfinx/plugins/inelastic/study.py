@@ -19,6 +19,7 @@ from hhr_dolfinx.models.answer import Path as HistoryPath
 from hhr_dolfinx.models.histories.equilibrium import SEARCHES, MarchSettings, told_once
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.snapshots.records import Lost
 from hhr_dolfinx.study.measure import Errors, Measurement, Row, answer_errors, conditions_inside
 from hhr_dolfinx.study.report.advice import TRAINING, Advice, by_favour, in_words
@@ -179,7 +180,7 @@ def seconds_of_parts(full_or_reduced: FullOrderModel | ReducedModel, history: Hi
     (before, _), (time, _), answer = *history.path[-2:], history.answers[-1]
     theta = model.amplitudes(answer.parameter)
     step = time - before
-    gauss = answer.state()
+    gauss = gauss_of(answer)
     material = model.material.at(answer.parameter)
     strain = model.strain(answer.unknown, theta)
     update = material.update(strain, gauss.state, step, tangent=True)
