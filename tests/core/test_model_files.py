@@ -157,7 +157,7 @@ def bits(model):
     found = []
     for answer in answers_of(model):
         parts = [answer.parameter, answer.unknown, answer.multipliers, answer.displacement(), answer.forces()]
-        if answer.gauss is not None:
+        if "gauss" in answer.memory:
             parts += [answer.stress(), answer.plastic_strain()]
         estimate = answer.estimate()
         found += [part.tobytes() for part in parts]

@@ -105,7 +105,7 @@ def test_four_lines_of_an_elastic_model(elastic, coarse):
     assert error(answer.displacement(), exact.displacement()) < 1e-10
     assert error(answer.forces(), exact.forces()) < 1e-10
     assert answer.status is Status.CONVERGED and answer.converged and not answer.cycled
-    assert answer.parameter.tolist() == [0.37] and answer.gauss is None
+    assert answer.parameter.tolist() == [0.37] and not answer.memory
     assert answer.active.shape == answer.multipliers.shape
 
 
@@ -323,7 +323,8 @@ def test_fields_of_an_elastic_answer(elastic, coarse):
     assert stress.shape == (len(full.problem.cell_nodes), 4)
     assert np.array_equal(stress, full.stress_of(answer.displacement()))
     assert error(stress, full.solve(0.37).stress()) < 1e-10
-    assert answer.plastic_strain().size == 0
+    if present("inelastic"):
+        assert answer.plastic_strain().size == 0
     estimate = answer.estimate()
     assert estimate is None or (estimate.kind == "bound" and 0 <= estimate.primal < np.inf)
 
