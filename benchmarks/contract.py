@@ -161,7 +161,7 @@ def rubbing(kind: str) -> hhr.FullOrderModel:
 
 def hyper_reduced(full: hhr.FullOrderModel) -> Any:
     """A model of paths that load, shear and turn round, at some points of what stays along each."""
-    space, fixed = full.parameters, full.friction.fixed
+    space, fixed = full.parameters, full.law.fixed
     rest = np.clip(0.0, space.lower, space.upper)
     histories = []
     for point in space.random(12, seed=1):
@@ -466,7 +466,7 @@ def _from_file(kind: str) -> Any:
 
 def _in_fallback(kind: str) -> Any:
     model = model_of(kind)
-    of = "forces" if model.fields.frictional is not None else None  # their indicator is silent on all else
+    of = "forces" if model.fields.interface is not None else None  # their indicator is silent on all else
     return hhr.FallbackModel(model, KINDS[kind].full(), 0.05, of=of)
 
 

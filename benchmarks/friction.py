@@ -43,7 +43,7 @@ def row(case: str, quantity: str, reference: float, ours: float) -> Row:
 
 def resultants(model: Any, answer: Any) -> tuple[np.ndarray, np.ndarray]:
     """Pressures and tangential forces on the slave along x of the contacts with friction, (C,) each."""
-    friction = model.problem.friction
+    friction = model.problem.law
     forces = answer.multipliers
     shear = np.bincount(friction.owner, -forces[friction.tangential] * friction.tangents[:, 0], friction.normal.size)
     return forces[friction.normal], shear
@@ -53,8 +53,8 @@ def cattaneo(cells: int) -> Iterator[Row]:
     """Equal cylinders: width, stick width, traction, and the loop of a cycle."""
     full = hhr.FullOrderModel(fretting.scene(cells, friction=FRICTION), MPI.COMM_SELF)
     problem = full.problem
-    x = problem.contact_points[problem.friction.normal, 0]
-    area = problem.friction.area
+    x = problem.contact_points[problem.law.normal, 0]
+    area = problem.law.area
     push = 0.004
     steps = [(push, 0.0)] + [(push, shear) for shear in np.linspace(0.0, 0.00135, 8)[1:]]
     steps += [(push, shear) for shear in np.linspace(0.00135, -0.00135, 15)[1:]]
@@ -82,10 +82,10 @@ def loop(full: Any, answers: list[Any], name: str) -> Row:
     for answer in answers[1:]:
         _, shear = resultants(full, answer)
         share = 1 - abs(first - shear.sum()) / (2 * FRICTION * P)
-        stuck = problem.friction.area[answer.slip.statuses == 1].sum()
+        stuck = problem.law.area[answer.slip.statuses == 1].sum()
         widths.append((stuck, share**0.5))
     found, expected = np.array(widths).T
-    whole = problem.friction.area[pressure > 0].sum()
+    whole = problem.law.area[pressure > 0].sum()
     off = np.abs(found / whole - expected).mean()
     return row(name, "width that sticks on the way back, 1 + mean error by the whole", 1.0, 1 + off)
 
@@ -126,7 +126,7 @@ def mindlin(cells: int) -> Iterator[Row]:
     steps = [(push, shear) for shear in np.linspace(0.0, most, 8)]
     history = full.march([(float(k), point) for k, point in enumerate([(0.0, 0.0), *steps])])
     answer = history.answers[-1]
-    friction = full.problem.friction
+    friction = full.problem.law
     pressure, shear = resultants(full, answer)
     points = full.problem.contact_points[friction.normal]
     r = np.hypot(points[:, 0], points[:, 1])

@@ -43,7 +43,7 @@ def path(gap: float, steps: int) -> Any:
 
 def errors(full: Any, found: hhr.History, exact: hhr.History) -> dict[str, float]:
     """Largest error of all and of tangential forces over the largest of the history, and of the work at its end."""
-    rows = full.friction.tangential
+    rows = full.law.tangential
     forces = np.array([[answer.forces() for answer in history.answers] for history in (exact, found)])
     work = [history.answers[-1].slip.work.sum() for history in (exact, found)]
     off = {"forces": forces, "tangential": forces[:, :, rows]}

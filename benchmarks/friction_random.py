@@ -15,8 +15,8 @@ import _demos  # noqa: F401
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.friction import Friction
-from hhr_dolfinx.contact.sliding_set import Increment, SlidingContact
+from hhr_dolfinx.plugins.friction.laws import Friction
+from hhr_dolfinx.plugins.friction.sliding_set import Increment, SlidingContact
 from hhr_dolfinx.study import cli
 from hhr_dolfinx.study.report import report
 

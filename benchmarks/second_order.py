@@ -25,7 +25,7 @@ from mpi4py import MPI
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.compat import NamedMesh
-from hhr_dolfinx.contact.problem import ContactRows
+from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import PairingWarning
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.pairings.surface import Surface, nodal_rows

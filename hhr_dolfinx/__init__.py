@@ -20,7 +20,6 @@ PUBLIC = {
     "amplitudes": "Amplitude",
     "body": "Body",
     "certify.trust": "TrustLimits",
-    "contact.friction": "Coulomb Tresca",
     "errors": "HHRError",
     "full_order.full": "FullOrderModel",
     "full_order.mesh_error": "MeshError mesh_error",
@@ -34,8 +33,8 @@ PUBLIC = {
     "online.matrices": "condense_matrices",
     "online.model_file": "load_model save_model",
     "online.tables": "answer_table read_points write_answers",
-    "outputs": "ContactForce ContactMoment ContactWidth DisplacementAt DissipatedWork ElasticEnergy FrictionForce "
-    "GapAt LargestPressure LargestSlip LargestWear LinearForm LostContact SlipArea StickArea Torque VonMises",
+    "outputs": "ContactForce ContactMoment ContactWidth DisplacementAt ElasticEnergy GapAt LargestPressure LinearForm "
+    "LostContact VonMises",
     "pairings.mortar": "Mortar",
     "pairings.node_to_node": "NodeToNode",
     "pairings.node_to_surface": "DoublePass NodeToSurface",

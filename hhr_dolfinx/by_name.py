@@ -51,9 +51,8 @@ _MODULES: Mapping[str, Mapping[str, str]] = {
     },
     "outputs": {
         "outputs": (
-            "ContactForce ContactMoment ContactWidth DisplacementAt DissipatedWork ElasticEnergy FrictionForce "
-            "GapAt LargestPressure LargestSlip LargestWear LinearForm LostContact SlipArea StickArea Torque "
-            "VonMises"
+            "ContactForce ContactMoment ContactWidth DisplacementAt ElasticEnergy GapAt LargestPressure LinearForm "
+            "LostContact VonMises"
         ),
     },
     "samplings": {

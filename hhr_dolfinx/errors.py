@@ -37,6 +37,10 @@ class ReductionError(HHRError, ValueError):
     """The reduced model cannot be built from these snapshots or settings."""
 
 
+class ClaimError(ReductionError):
+    """A model calls itself exact, and answers of the full model deny it."""
+
+
 class UnseenLoadError(ReductionError):
     """A load does not act on the reduced integration domain; more layers of cells may help."""
 

@@ -27,6 +27,11 @@ class Memory(Mapping[str, Any]):
         """These variables and more; a name that both have is taken from ``more``."""
         return Memory(**{**self._parts, **more})
 
+    def counted(self) -> dict[str, int]:
+        """Numbers that a line on the answer shows, by name, of the parts that have a method ``counted``."""
+        counts = [part.counted() for part in self._parts.values() if hasattr(part, "counted")]
+        return {name: number for part in counts for name, number in part.items()}
+
     def __reduce__(self) -> tuple:
         return _memory, (self._parts,)
 

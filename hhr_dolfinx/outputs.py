@@ -22,7 +22,6 @@ from hhr_dolfinx.parameters import Tag, as_tuple, check_tag, is_number, is_whole
 if TYPE_CHECKING:
     import ufl
 
-    from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.loads import Assembler
 
@@ -111,9 +110,6 @@ class ModelProbe(Protocol):
     def loaded(self, output: ContactOutput) -> tuple[np.ndarray, np.ndarray]:
         """Conditions of this contact that have an area, and their areas, (c,) each."""
 
-    def sliding(self, output: ContactOutput) -> tuple[np.ndarray, Friction]:
-        """Frictional contacts of the pair of an output, by their number in the friction, and the friction."""
-
     def at_place(self, output: PlacedOutput, points: np.ndarray) -> np.ndarray:
         """Numbers of the points, (n, dim), of ``base`` nearest to the place of an output."""
 
@@ -169,7 +165,7 @@ class _Output:
 
 
 @dataclass(frozen=True)
-class _OfContact(_Output):
+class OfContact(_Output):
     """Base class of outputs of a contact.
 
     Attributes:
@@ -187,16 +183,16 @@ class _OfContact(_Output):
 
 
 @dataclass(frozen=True)
-class LargestPressure(_OfContact):
+class LargestPressure(OfContact):
     """Largest contact pressure of a contact: force over tributary area."""
 
     def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
-        return Largest(self.name, self.unit, *_no_rows(), *probe.loaded(self))
+        return Largest(self.name, self.unit, *no_rows(), *probe.loaded(self))
 
 
 @dataclass(frozen=True)
-class ContactForce(_OfContact):
+class ContactForce(OfContact):
     """Component of the resultant of a contact on the body of its first surface, the slave.
 
     Attributes:
@@ -211,12 +207,12 @@ class ContactForce(_OfContact):
     def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         conditions, points, forces = probe.nodal_forces(self)
-        along = np.tile(_unit(self, "direction", probe.dimension), len(points))
+        along = np.tile(unit_vector(self, "direction", probe.dimension), len(points))
         return Linear.of(self.name, self.unit, conditions, forces @ along)
 
 
 @dataclass(frozen=True)
-class ContactMoment(_OfContact):
+class ContactMoment(OfContact):
     """Component of the moment of a contact on the body of its first surface, the slave.
 
     Attributes:
@@ -237,150 +233,17 @@ class ContactMoment(_OfContact):
                 "Torque that friction can bear"
             )
         conditions, points, forces = probe.nodal_forces(self)
-        arms = points - _place(self, "about", probe.dimension)
+        arms = points - place_of(self, "about", probe.dimension)
         if probe.dimension == 2:
-            _no_axis(self)
+            no_axis(self)
             turned = np.column_stack([-arms[:, 1], arms[:, 0]])
         else:
-            turned = np.cross(_unit(self, "axis", 3), arms)
+            turned = np.cross(unit_vector(self, "axis", 3), arms)
         return Linear.of(self.name, self.unit, conditions, forces @ turned.ravel())
 
 
 @dataclass(frozen=True)
-class Torque(_OfContact):
-    """Torque about an axis that friction can bear: its coefficient times the sum of force times distance to the axis.
-
-    Attributes:
-        friction: coefficient of friction.
-        origin: a point of the axis; None in axisymmetry, for the axis of the scene.
-        axis: direction of the axis in space; None in the plane, for the normal of the plane.
-    """
-
-    vectors: ClassVar[tuple[str, ...]] = ("origin", "axis")
-
-    friction: float
-    origin: tuple[float, ...] | None = None
-    axis: tuple[float, ...] | None = None
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not is_number(self.friction) or self.friction < 0:
-            raise SceneError(f"output '{self.name}': the friction {self.friction!r} must be a number, not negative")
-
-    def prepared(self, probe: ModelProbe) -> Functional:
-        """Functional of this output, see :class:`Output`."""
-        conditions = probe.conditions(self)
-        dim = probe.dimension
-        points = probe.problem.contact_points[conditions]
-        if probe.scene.hypothesis == "axisymmetric":
-            _no_axis(self)
-            if self.origin is not None:
-                raise SceneError(f"output '{self.name}': the axis of an axisymmetric scene is given, leave out origin")
-            distances = np.abs(points[:, 0])
-        else:
-            arms = points - _place(self, "origin", dim)
-            if dim == 2:
-                _no_axis(self)
-                distances = np.linalg.norm(arms, axis=1)
-            else:
-                distances = np.linalg.norm(np.cross(_unit(self, "axis", 3), arms), axis=1)
-        return Linear.of(self.name, self.unit, conditions, float(self.friction) * distances)
-
-
-@dataclass(frozen=True)
-class FrictionForce(_OfContact):
-    """Component of the resultant of the tangential forces of a contact on the body of its first surface, the slave.
-
-    Attributes:
-        direction: direction of the component, see :class:`ContactForce`, which is the sum of pressures and friction.
-    """
-
-    vectors: ClassVar[tuple[str, ...]] = ("direction",)
-
-    direction: tuple[float, ...]
-
-    def prepared(self, probe: ModelProbe) -> Functional:
-        """Functional of this output, see :class:`Output`."""
-        _, friction = probe.sliding(self)
-        conditions, points, forces = probe.nodal_forces(self)
-        own = np.isin(conditions, friction.tangential)
-        along = np.tile(_unit(self, "direction", probe.dimension), len(points))
-        return Linear.of(self.name, self.unit, conditions[own], (forces @ along)[own])
-
-
-@dataclass(frozen=True)
-class LargestSlip(_OfContact):
-    """Largest accumulated slip of a node of a contact."""
-
-    def prepared(self, probe: ModelProbe) -> Functional:
-        """Functional of this output, see :class:`Output`."""
-        return _remembered(self, probe, "path", largest=True)
-
-
-@dataclass(frozen=True)
-class DissipatedWork(_OfContact):
-    """Accumulated energy dissipated by friction of a contact."""
-
-    def prepared(self, probe: ModelProbe) -> Functional:
-        """Functional of this output, see :class:`Output`."""
-        return _remembered(self, probe, "work", largest=False)
-
-
-@dataclass(frozen=True)
-class LargestWear(_OfContact):
-    """Largest accumulated wear depth by Archard's law: a constant times the integral of the pressure over the slip.
-
-    It is an output only: gaps do not change with it.
-
-    Attributes:
-        constant: wear depth per pressure and length.
-    """
-
-    constant: float
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if not is_number(self.constant) or self.constant < 0:
-            raise SceneError(f"output '{self.name}': the constant {self.constant!r} must be a number, not negative")
-
-    def prepared(self, probe: ModelProbe) -> Functional:
-        """Functional of this output, see :class:`Output`."""
-        return _remembered(self, probe, "wear", largest=True, factor=float(self.constant))
-
-
-@dataclass(frozen=True)
-class StickArea(_OfContact):
-    """Area of a contact that touches and sticks, see :class:`ContactWidth`."""
-
-    sticks: ClassVar[bool] = True
-
-    def prepared(self, probe: ModelProbe) -> Functional:
-        """Functional of this output, see :class:`Output`."""
-        from hhr_dolfinx.models.functionals.friction import StatusArea
-
-        own, friction = probe.sliding(self)
-        return StatusArea(self.name, self.unit, *_no_rows(), own, friction.area[own], self.sticks)
-
-
-@dataclass(frozen=True)
-class SlipArea(StickArea):
-    """Area of a contact that touches and slips."""
-
-    sticks: ClassVar[bool] = False
-
-
-def _remembered(
-    output: _OfContact, probe: ModelProbe, quantity: str, *, largest: bool, factor: float = 1.0
-) -> Functional:
-    """Functional of an accumulated quantity of friction in the contact of an output."""
-    from hhr_dolfinx.models.functionals.friction import Remembered
-
-    own, _ = probe.sliding(output)
-    return Remembered(output.name, output.unit, *_no_rows(), own, quantity, factor, largest)
-
-
-@dataclass(frozen=True)
-class ContactWidth(_OfContact):
+class ContactWidth(OfContact):
     """Area under load of a contact: a width per unit depth in the plane, the area of the whole turn in axisymmetry.
 
     Nodes with less than a thousandth of the largest pressure of the contact do not count. The area changes by steps of
@@ -390,21 +253,21 @@ class ContactWidth(_OfContact):
     def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         conditions, areas = probe.loaded(self)
-        return Loaded(self.name, self.unit, *_no_rows(), conditions, areas, 0.0, 1.0)
+        return Loaded(self.name, self.unit, *no_rows(), conditions, areas, 0.0, 1.0)
 
 
 @dataclass(frozen=True)
-class LostContact(_OfContact):
+class LostContact(OfContact):
     """Fraction of the area of a contact that is not under load, from 0 to 1; see :class:`ContactWidth`."""
 
     def prepared(self, probe: ModelProbe) -> Functional:
         """Functional of this output, see :class:`Output`."""
         conditions, areas = probe.loaded(self)
-        return Loaded(self.name, self.unit, *_no_rows(), conditions, areas, 1.0, -1.0 / float(areas.sum()))
+        return Loaded(self.name, self.unit, *no_rows(), conditions, areas, 1.0, -1.0 / float(areas.sum()))
 
 
 @dataclass(frozen=True)
-class GapAt(_OfContact):
+class GapAt(OfContact):
     """Gap of the contact condition nearest to a point; zero in contact.
 
     Attributes:
@@ -539,7 +402,7 @@ class LinearForm(_Output):
         return Linear.of(self.name, self.unit, row=csr_matrix(vector[None]))
 
 
-def _place(output: _Output, name: str, dim: int) -> np.ndarray:
+def place_of(output: _Output, name: str, dim: int) -> np.ndarray:
     """A vector of an output, (dim,)."""
     value = getattr(output, name)
     if value is None or len(value) != dim:
@@ -547,19 +410,21 @@ def _place(output: _Output, name: str, dim: int) -> np.ndarray:
     return np.array(value)
 
 
-def _unit(output: _Output, name: str, dim: int) -> np.ndarray:
+def unit_vector(output: _Output, name: str, dim: int) -> np.ndarray:
     """A vector of an output, normalised to length 1."""
-    vector = _place(output, name, dim)
+    vector = place_of(output, name, dim)
     length = np.linalg.norm(vector)
     if length == 0:
         raise SceneError(f"output '{output.name}': {name} = {getattr(output, name)} must not be zero")
     return vector / length
 
 
-def _no_axis(output: Any) -> None:
+def no_axis(output: Any) -> None:
+    """Raise SceneError for an axis in the plane."""
     if output.axis is not None:
         raise SceneError(f"output '{output.name}': an axis is for meshes in space, leave it out")
 
 
-def _no_rows() -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+def no_rows() -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
+    """Rows of an output that reads no displacement."""
     return 0, _NOWHERE, _NOWHERE, _NOTHING

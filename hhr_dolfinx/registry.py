@@ -10,11 +10,11 @@ from __future__ import annotations
 import functools
 import importlib
 import importlib.metadata
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
 
 from hhr_dolfinx.errors import NotOfferedError, PluginWarning, SceneError
 from hhr_dolfinx.warn import warn
@@ -25,6 +25,34 @@ if TYPE_CHECKING:
 GROUP = "hhr_dolfinx.plugins"
 """Group of entry points of plug-ins."""
 NOTHING: Mapping[str, Any] = MappingProxyType({})
+
+
+class Way(NamedTuple):
+    """A reductor in a manifest. It is loaded for the scenes that want it, and for no other.
+
+    Attributes:
+        place: of its class; a value without arguments has the usual settings.
+        wanted: function of the full model.
+        condenses: whether its models keep all contact conditions; ``condense()`` takes the first such one.
+    """
+
+    place: str
+    wanted: Callable[..., bool]
+    condenses: bool = False
+
+
+class Stage(NamedTuple):
+    """A stage of the hyper-reduction, a function of a :class:`~hhr_dolfinx.reduction.build.Draft`.
+
+    Attributes:
+        place: of the function.
+        after: place of the stage that it follows.
+        wanted: function of the full model and the recipe.
+    """
+
+    place: str
+    after: str = ""
+    wanted: Callable[..., bool] = lambda full, recipe: True
 
 
 @dataclass(frozen=True)
@@ -45,6 +73,11 @@ class Plugin:
         trainings: ways to choose training points of ``hhr train`` and ``hhr study``: places of objects with
             ``options``, decorators of click, and ``training(given)``, by the option that selects them.
         materials: methods by which a law of a body is one of this plug-in, see :func:`reader_of`.
+        pair_laws: places of functions ``(value, what) -> PairLaw`` by the field of a pairing whose value they read, see
+            :mod:`hhr_dolfinx.contact.law`.
+        recipes: places of functions ``(**changes) -> Recipe`` by their names as attributes of ``Recipe``.
+        reductors: ways to build a model by name, which ``hhr.reduce`` tries after those of the core.
+        stages: further stages of the hyper-reduction.
         memory: names of the parts of :class:`~hhr_dolfinx.memory.Memory` that its laws keep in answers.
         answers: what it adds to answers: places of functions of an answer, by the names of methods.
         facets: places of objects that do for its laws what the core leaves to them, by words: each part of the core
@@ -63,6 +96,10 @@ class Plugin:
     methods: Mapping[str, str] = field(default=NOTHING)
     trainings: Mapping[str, str] = field(default=NOTHING)
     materials: tuple[str, ...] = ()
+    pair_laws: Mapping[str, str] = field(default=NOTHING)
+    recipes: Mapping[str, str] = field(default=NOTHING)
+    reductors: Mapping[str, Way] = field(default=NOTHING)
+    stages: tuple[Stage, ...] = ()
     memory: tuple[str, ...] = ()
     answers: Mapping[str, str] = field(default=NOTHING)
     facets: Mapping[str, str] = field(default=NOTHING)

@@ -24,7 +24,7 @@ from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag, is_
 from hhr_dolfinx.units import Units
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Law
+    from hhr_dolfinx.contact.law import PairLaw
     from hhr_dolfinx.formulas import Formula
     from hhr_dolfinx.outputs import Output
     from hhr_dolfinx.shapes import Shape
@@ -196,7 +196,9 @@ class Scene:
             )
         self._check_places()
         self._check_names()
-        self._check_friction()
+        for place, law in enumerate(self.laws):
+            if law is not None:
+                law.check(self, f"contact {place} of scene '{self.name}'")
 
     def _check_parameter_units(self) -> None:
         """Raise SceneError for units that are not texts, and for misspelt names."""
@@ -217,9 +219,8 @@ class Scene:
             f"  body {body.tag}: young {body.young}, poisson {body.poisson}{_law_of(body)}" for body in self.bodies
         ]
         for place, pair in enumerate(self.contacts):
-            law = getattr(pair, "friction", None)
-            friction = "" if law is None else f", friction {law}"
-            lines.append(f"  contact {place}: {type(pair).__name__} of {', '.join(map(str, pair.tags))}{friction}")
+            law = "" if (own := self.laws[place]) is None else f", {own.words}"
+            lines.append(f"  contact {place}: {type(pair).__name__} of {', '.join(map(str, pair.tags))}{law}")
         for what, items in (("displacements", self.displacements), ("loads", self.loads), ("shapes", self.shapes)):
             if items:
                 lines.append(f"  {what}: {', '.join(_named_in_short(item) for item in items)}")
@@ -248,29 +249,17 @@ class Scene:
         return sum(amplitude.constant + float(amplitude.row(self.parameters) @ point) for amplitude in own)
 
     @cached_property
-    def friction(self) -> tuple[Law | None, ...]:
-        """Law of friction of each contact pair; None without one."""
-        given = [getattr(item, "friction", None) for item in self.contacts]
-        if all(item is None for item in given):
-            return tuple(given)
-        from hhr_dolfinx.contact.friction import law_of
+    def laws(self) -> tuple[PairLaw | None, ...]:
+        """Law of each contact pair in addition to unilateral contact; None without one."""
+        from hhr_dolfinx.contact.law import pair_law
 
-        return tuple(law_of(item, f"contact {place} of scene '{self.name}'") for place, item in enumerate(given))
+        found = [pair_law(item, f"contact {place} of scene '{self.name}'") for place, item in enumerate(self.contacts)]
+        return tuple(found)
 
-    def _check_friction(self) -> None:
-        """Raise SceneError for invalid laws of friction, and for laws with invalid values somewhere in the box."""
-        laws = [(place, law) for place, law in enumerate(self.friction) if law is not None]
-        if not laws:
-            return
-        from hhr_dolfinx.contact.friction import FrictionLaw
-
-        for place, law in laws:
-            FrictionLaw.of(law, self.parameters, f"contact {place} of scene '{self.name}'")
-        if self.shapes and any(law.limit is not None for _, law in laws):
-            raise SceneError(
-                f"scene '{self.name}' has friction with a limit of its stress, and bodies that change their shape, and "
-                "with it their areas: that is not built in. Give Coulomb's coefficient alone"
-            )
+    @property
+    def remembers(self) -> bool:
+        """True if answers depend on the path that leads to them, by the law of a contact."""
+        return any(law is not None and law.remembers for law in self.laws)
 
     @cached_property
     def reader(self) -> str:
@@ -304,11 +293,10 @@ class Scene:
 
     @property
     def named(self) -> set[str]:
-        """Parameters that bodies and laws of friction name, in addition to those of loads."""
+        """Parameters that bodies and laws of contacts name, in addition to those of loads."""
         found: set[str] = set().union(*(shape.variables for shape in self.shapes))
         texts = [text for body in self.bodies for text in (body.young, body.poisson) if isinstance(text, str)]
-        laws = [law for law in self.friction if law is not None]
-        texts += [text for law in laws for text in (law.coefficient, law.limit) if isinstance(text, str)]
+        texts += [text for law in self.laws if law is not None for text in law.texts]
         if not texts:
             return found
         from hhr_dolfinx.formulas import Formula

@@ -72,7 +72,7 @@ class StageLog:
         self.skipped.append({"stage": stage, "why": why})
         logger.debug("%s is left out: %s", stage, why)
 
-    def refuse(self, why: str, **attempt: int) -> None:
+    def refuse(self, why: str, **attempt: object) -> None:
         """Record that an attempt, such as ``layers=2``, was refused."""
         self.refused.append({**attempt, "why": why})
         shown = ", ".join(f"{name} {value}" for name, value in attempt.items())

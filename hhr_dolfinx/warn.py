@@ -95,3 +95,30 @@ def collected(*categories: type[Warning]) -> Iterator[list[Warned]]:
 
     with _handled(take):
         yield found
+
+
+_FIRST: ContextVar[set[str] | None] = ContextVar("kinds of warnings said in a block", default=None)
+
+
+@contextmanager
+def first_alone() -> Iterator[None]:
+    """Context in which each kind of warning that asks :func:`is_first` is given once, for many histories."""
+    if _FIRST.get() is not None:  # the outermost block counts
+        yield
+        return
+    token = _FIRST.set(set())
+    try:
+        yield
+    finally:
+        _FIRST.reset(token)
+
+
+def is_first(kind: str) -> bool:
+    """True for the first warning of a kind in a block of :func:`first_alone`; always outside of one."""
+    said = _FIRST.get()
+    if said is None:
+        return True
+    if kind in said:
+        return False
+    said.add(kind)
+    return True

@@ -10,7 +10,7 @@ from tubes import YOUNG, tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
-from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings, condense_flow
+from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
 TIGHT = hhr.MarchSettings(
     relative_stress=1e-8, relative_force=1e-8, floor_stress=1e-6, iterations=300, outside="ignore"
@@ -22,7 +22,7 @@ WHOLE = {"modes": 1e-9, "cubature": 1e-9, "attempts": 1}
 
 
 def condensed(full, histories, **settings):
-    return condense_flow(full, hhr.SnapshotSet.of_histories(histories), CorrectionSettings(**settings))
+    return hhr.build(full, hhr.SnapshotSet.of_histories(histories), CorrectionSettings(**settings))
 
 
 def apart(one, other):
@@ -87,4 +87,4 @@ def pellet():
     histories = [full.march(loaded(*item), TIGHT) for item in INSIDE]
     held = [full.march(loaded(7.0 + 4 * k, 0.9 - 0.1 * k, 0.9 + 0.2 * k), TIGHT) for k in range(3)]
     sets = [hhr.SnapshotSet.of_histories(item) for item in (histories, held)]
-    return full, histories, condense_flow(full, sets[0], None, sets[1])
+    return full, histories, hhr.build(full, sets[0], CorrectionSettings(), sets[1])

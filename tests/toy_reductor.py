@@ -22,7 +22,7 @@ class DenseCondensation:
 
     def reduced(self, full, snapshots, held_out):
         problem, free = full.problem, np.flatnonzero(full.problem.free)
-        if problem.varies or problem.friction is not None:
+        if problem.varies or problem.law.plugin:
             raise NotOfferedError("this condensation is exact for constant stiffness without friction only")
         if free.size > self.most:
             raise ValueError(f"{free.size} dofs are more than {self.most}")

@@ -10,7 +10,7 @@ import numpy as np
 from mpi4py import MPI
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.study.report.friction import draw_friction, tangential_forces
+from hhr_dolfinx.plugins.friction.pictures import draw_friction, tangential_forces
 from hhr_dolfinx.timing import timed
 from parts.friction_report import differences, errors_of, sizes_and_times
 
@@ -66,18 +66,18 @@ def study(scene: hhr.Scene, options: Any) -> dict[str, Any]:
         histories[name], taken = timed(partial(one.march, steps))
         seconds[name] = [taken / (len(steps) - 1)]
     exact, found = histories["fom_best"], histories["online"]
-    x = full.problem.contact_points[model.friction.normal, 0]
+    x = full.problem.contact_points[model.law.normal, 0]
     turn, back = STEPS, 2 * STEPS
     references, closed = [], {}
-    pressures = np.array([answer.forces() for answer in found.answers])[:, model.friction.normal]
-    shears = tangential_forces(model.friction, found, ALONG)
+    pressures = np.array([answer.forces() for answer in found.answers])[:, model.law.normal]
+    shears = tangential_forces(model.law, found, ALONG)
     for number, name, turned in ((turn, "sheared", None), (back, "back", shears[turn].sum())):
         form = Mindlin(pressures[number].sum(), shears[number].sum(), turned)
         closed[number] = form.traction(x)
-        stuck = model.friction.area[found.answers[number].slip.statuses == 1].sum() / 2
-        references += list(beside(name, form, x, shears[number] / model.friction.area, stuck))
+        stuck = model.law.area[found.answers[number].slip.statuses == 1].sum() / 2
+        references += list(beside(name, form, x, shears[number] / model.law.area, stuck))
     draw_friction(
-        model.friction, x, found, options.out / "fretting.png", direction=(1.0, 0.0),
+        model.law, x, found, options.out / "fretting.png", direction=(1.0, 0.0),
         driven=("shear [mm]", np.array([answer.parameter[1] for answer in found.answers])),
         tractions={turn: "sheared", back: "back at the middle"}, closed_forms=closed,
         labels=("x [mm]", "traction [MPa]", "tangential force [N/mm]"),

@@ -16,8 +16,8 @@ def differences(full: hhr.FullOrderModel, found: hhr.History, exact: hhr.History
 
     The denominator is at least a thousandth of the largest norm along the history.
     """
-    rows = {"normal": np.setdiff1d(np.arange(full.conditions), full.friction.tangential)}
-    rows["tangential"] = full.friction.tangential
+    rows = {"normal": np.setdiff1d(np.arange(full.conditions), full.law.tangential)}
+    rows["tangential"] = full.law.tangential
     values = {name: [np.array([answer.forces()[own] for answer in history.answers]) for history in (found, exact)]
               for name, own in rows.items()}  # fmt: skip
     values["slip"] = [np.array([answer.slip.path for answer in history.answers]) for history in (found, exact)]

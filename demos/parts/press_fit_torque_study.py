@@ -121,7 +121,7 @@ def draw(full: Any, model: Any, cases: np.ndarray, curves: np.ndarray, file: Pat
     )
     middle = np.array([*(0.5 * (np.array(demo.LOWER) + demo.UPPER))[1:]])
     answers = model.march(path(middle)).answers
-    places = full.problem.contact_points[model.friction.normal]
+    places = full.problem.contact_points[model.law.normal]
     angle, height = np.degrees(np.arctan2(places[:, 1], places[:, 0])), places[:, 2]
     for axis, number in zip(bottom.subplots(1, len(SHOWN), sharey=True), SHOWN, strict=True):
         slipped = answers[number].slip.path - answers[0].slip.path

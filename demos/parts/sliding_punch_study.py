@@ -67,7 +67,7 @@ def row(case: str, quantity: str, reference: float, ours: float) -> dict[str, An
 
 def widths(model: Any, history: hhr.History) -> list[float]:
     """Length of what touches, of each answer."""
-    return [float(model.friction.area[answer.slip.pressure > 0].sum()) for answer in history.answers]
+    return [float(model.law.area[answer.slip.pressure > 0].sum()) for answer in history.answers]
 
 
 def draw(model: Any, history: hhr.History, values: np.ndarray, file: Path) -> None:
@@ -77,7 +77,7 @@ def draw(model: Any, history: hhr.History, values: np.ndarray, file: Path) -> No
     x = model.slave_points()[:, 0]
     for answer in history.answers[::10]:
         way = answer.parameter[1]
-        profile.plot(x + way, answer.slip.pressure / model.friction.area, ".-", label=f"{way:.1f} mm")
+        profile.plot(x + way, answer.slip.pressure / model.law.area, ".-", label=f"{way:.1f} mm")
     profile.set(xlabel="x [mm]", ylabel="pressure [MPa]", title="pressure goes along")
     profile.legend(fontsize=8, ncols=5, title="drawn by", loc="upper center", bbox_to_anchor=(0.5, -0.14))
     ways = [answer.parameter[1] for answer in history.answers]

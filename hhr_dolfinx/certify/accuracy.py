@@ -122,8 +122,13 @@ class Residuals:
     sign: float
 
 
-def contact_residuals(problem: ContactProblem, displacement: np.ndarray, forces: np.ndarray, theta: Theta) -> Residuals:
-    """Residuals of (1.21) for a displacement, lift included, (N,), and forces, (N_lambda,), as returned to a user."""
+def contact_residuals(
+    problem: ContactProblem, displacement: np.ndarray, forces: np.ndarray, theta: Theta, opened: Any = 0.0
+) -> Residuals:
+    """Residuals of (1.21) for a displacement, lift included, (N,), and forces, (N_lambda,), as returned to a user.
+
+    ``opened`` is the part of the gaps that the memory of a law adds, see :meth:`ContactLaw.opened`.
+    """
     homogeneous = displacement - problem.lifts @ theta
     load = problem.loads @ theta
     contact_load = problem.contact.T @ forces
@@ -136,16 +141,18 @@ def contact_residuals(problem: ContactProblem, displacement: np.ndarray, forces:
     scale = max(norm(problem.external @ theta), norm(contact_load)) or norm(load)
     left = residual * rows.of(problem.free)
     equilibrium = float(np.sqrt(rows.sum(left @ left))) / scale if scale > 0 else 0.0
-    return Residuals(equilibrium, *slack_residuals(problem, homogeneous, forces, theta))
+    return Residuals(equilibrium, *slack_residuals(problem, homogeneous, forces, theta, opened))
 
 
-def slack_residuals(problem: ContactProblem, homogeneous: np.ndarray, forces: np.ndarray, theta: Theta) -> tuple:
+def slack_residuals(
+    problem: ContactProblem, homogeneous: np.ndarray, forces: np.ndarray, theta: Theta, opened: Any = 0.0
+) -> tuple:
     """``(penetration, sign)`` of :class:`Residuals` for a displacement less its lift, (N,)."""
-    gaps = problem.gaps @ theta
+    gaps = problem.gaps @ theta + opened
     motion = problem.contact @ homogeneous
     # a closed pair does not move: relative to its round-off every penetration would be large
     least = 1e-3 * np.abs(homogeneous).max()
-    pressing = problem.pressing  # tangential forces have any sign, and their rows no gap
+    pressing = problem.pressing  # other forces have any sign, and their rows no gap
     penetration = 0.0
     for pair in np.unique(problem.contact_pairs):
         inside = (problem.contact_pairs == pair) & pressing

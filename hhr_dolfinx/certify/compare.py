@@ -184,7 +184,9 @@ def residuals_of(full: FullModel, answer: Answer) -> Residuals:
         return laws.residuals(full, answer)
     problem = full.problem
     theta = problem.amplitudes(answer.parameter)
-    return contact_residuals(problem.at(answer.parameter), answer.displacement(), answer.forces(), theta)
+    forces = answer.forces()
+    opened = problem.law.opened(answer.memory)
+    return contact_residuals(problem.at(answer.parameter), answer.displacement(), forces, theta, opened)
 
 
 def largest_motion(full: FullModel, training: Solutions) -> float:

@@ -6,7 +6,7 @@ Perfect inf-sup constants are necessary and not sufficient; cond(K~) and validat
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, fields
 from numbers import Real
 from typing import TYPE_CHECKING, Any
@@ -32,8 +32,7 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.models.answer import Model
-from hhr_dolfinx.timing import StageLog
-from hhr_dolfinx.warn import collected, repeat, warn
+from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
@@ -139,28 +138,6 @@ MORE_LAYERS = "add RID layers (in Python, hhr.Recipe(domain=hhr.Rid(layers=4)))"
 """Python code that enlarges a RID: no command has an option for it."""
 
 
-def first_trusted(attempt: Callable[[int], Any], layers: int, most_layers: int, log: StageLog) -> Any:
-    """The first attempt that passes its checks, from ``layers`` to ``most_layers`` layers of cells around the RID.
-
-    The error of the last attempt is raised; the log records every refusal.
-    """
-    before = len(log.skipped)
-    while True:
-        try:
-            with collected() as caught:
-                found = attempt(layers)
-        except (NotSolvableError, UnstableModelError, UnseenLoadError) as refused:
-            log.refuse(str(refused), layers=layers)
-            if layers >= most_layers:
-                raise
-        else:
-            # warnings of refused attempts do not concern the returned model
-            repeat(caught)
-            return found
-        del log.skipped[before:]
-        layers += 1
-
-
 def check_solvable(stability: Stability, problem: ContactProblem | None = None, sets: IndexSets | None = None) -> None:
     """Raise NotSolvableError if the rows of B~1 or B~2 are dependent, thesis (1.67), (5.24)-(5.25).
 
@@ -176,20 +153,6 @@ def check_solvable(stability: Stability, problem: ContactProblem | None = None, 
         "the contact rows are dependent on the reduced basis, thesis (1.67): "
         + (twins or "keep more modes (a smaller POD tolerance) or fewer contact points in the RID (layers, zones)")
     )
-
-
-def check_sticking(stability: Stability) -> None:
-    """Raise NotSolvableError for a singular S of the RID: forces of sticking contacts are then undetermined.
-
-    Without friction this may be correct for a body that only contact holds; with friction a second solution was found,
-    10 % off.
-    """
-    if abs(stability.contact_definite) < DEPENDENT:
-        raise NotSolvableError(
-            "the contact rows are dependent on the modes without rigid motions, so that friction has several answers: "
-            "enrich the basis further, enrichment=Enrich(2.0), as the usual recipe does where its first enrichment is "
-            "too small, or take a condensed model"
-        )
 
 
 def _check_parallel(problem: ContactProblem, sets: IndexSets) -> None:
@@ -303,7 +266,7 @@ def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str | 
 def warn_of_training(full: FullModel, snapshots: Solutions, held_out: Solutions | None) -> None:
     """Warn in advance of deficits in training and validation that no check of the model can find."""
     laws = compared_laws(full)
-    if laws is None and not full.problem.friction:  # each step of an elastic load path is a point like any other
+    if laws is None and not full.problem.law.remembers:  # each step of an elastic load path is a point like any other
         warn_of_gaps_in_training(snapshots.points)
         warn_of_moduli_unseen(full.problem, snapshots.points)
     if not snapshots.any_contact(full.problem):
@@ -314,7 +277,7 @@ def warn_of_training(full: FullModel, snapshots: Solutions, held_out: Solutions 
         )
     if laws is not None:
         laws.warn_of_training(full, snapshots)
-    _warn_of_held_out(held_out, laws is not None or full.problem.friction is not None)
+    _warn_of_held_out(held_out, laws is not None or full.problem.law.remembers)
 
 
 def _warn_of_held_out(held_out: Solutions | None, paths: bool) -> None:
@@ -399,7 +362,7 @@ def compared_histories(
     snapshots: Solutions,
     held_out: Solutions | None,
     limits: TrustLimits | None,
-    remedy: str = OF_A_RID,
+    remedy: str | Mapping[str, str] = OF_A_RID,
 ) -> tuple[Comparison | None, dict[str, list[Any]]]:
     """Errors against known load paths, None without limits, and the signs of their steps by label.
 

@@ -41,10 +41,6 @@ def largest_values(
         length = scene.units.length
         force = scene.units.force_in(scene.hypothesis)
     displacement = answer.displacement().reshape(-1, dimension)
-    slips = {}
-    if "slip" in answer.memory:
-        statuses = answer.slip.statuses
-        slips = {"contacts that stick": int((statuses == 1).sum()), "contacts that slip": int((statuses == 2).sum())}
     rows = {_with_unit("largest displacement", length): float(np.linalg.norm(displacement, axis=1).max())}
     several = pairs is not None and np.unique(pairs).size > 1
     if pairs is None or scene is None:
@@ -54,7 +50,7 @@ def largest_values(
             which = f" {number} of {', '.join(map(str, scene.contacts[number].tags))}" if several else ""
             name = f"sum of the forces of contact{which}" if several else "sum of contact forces"
             rows[_with_unit(name, force)] = float(forces[pairs == number].sum())
-    return rows | {"active contacts": int((forces > 0).sum())} | slips
+    return rows | {"active contacts": int((forces > 0).sum())} | answer.memory.counted()
 
 
 def _with_unit(name: str, unit: str) -> str:
@@ -112,12 +108,12 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     estimate = answer.estimate() if is_model(what) else None
     if estimate is not None:
         rows |= estimate.shown()
-    unique = model.uniqueness(point) if model.friction is not None and not step else ""
+    unique = model.uniqueness(point) if model.law.remembers and not step else ""
     if first_rank():
         for name, value in rows.items():
             click.echo(f"{name}: {value:.6g}")
         if unique:
-            click.echo(f"answers with friction: {unique}")
+            click.echo(f"answers with {model.law.name}: {unique}")
     if out is not None:
         from hhr_dolfinx.study.report.fields import write_fields
 

@@ -67,8 +67,8 @@ def train(
     with ranks.each_for_itself(MPI.COMM_WORLD, f"reading {scene}"):
         made = scene_of(scene)
     folder = out or Path("out") / made.name
-    if part is None and kind == "condensed" and any(law is not None for law in made.friction):
-        # contact with friction is condensed without a training
+    if part is None and kind == "condensed" and made.remembers:
+        # a law that remembers is condensed without a training
         from hhr_dolfinx.full_order.full import FullOrderModel
         from hhr_dolfinx.study.condensing import condense
 

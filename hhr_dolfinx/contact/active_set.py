@@ -54,7 +54,7 @@ class Status(Enum):
     DIVERGED = "the step did not converge: march along a path, in smaller steps"
     ADRIFT = "a body that nothing but contact holds moves off: contact only pushes, and loads pull it away"
     UNDEFINED = "the problem cannot be made at this parameter: its shape or its stiffness is not one that can be solved"
-    UNSETTLED = "contacts keep changing between stick and slip: march in smaller increments, or there is no answer"
+    UNSETTLED = "contacts keep changing their status: march in smaller increments, or there is no answer"
     CYCLING = "the statuses repeat even one at a time, so the contact Schur complement is no P-matrix"
 
 

@@ -17,10 +17,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from scipy.sparse import csc_matrix, csr_matrix, diags, identity, issparse, kron, vstack
+from scipy.sparse import csc_matrix, csr_matrix, diags, identity, kron, vstack
 from scipy.sparse.csgraph import connected_components
 
 from hhr_dolfinx.amplitudes import Amplitudes, Theta
+from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.linear.rows import MatrixOfRows, Rows
 from hhr_dolfinx.parameters import ParameterSpace, PointLike
@@ -28,7 +29,6 @@ from hhr_dolfinx.parameters import ParameterSpace, PointLike
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
-    from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.formulas import Modulus, Scalar
 
 
@@ -98,44 +98,6 @@ ROUND_OFF_OF_MOTIONS = 1e-13
 """Part of the sum of |K| |lift| below which K times a lift is round-off, as along rigid motions."""
 
 
-@dataclass(frozen=True)
-class ContactRows:
-    """Contact conditions ``B U <= D`` of thesis (1.27), without imposed displacements.
-
-    Attributes:
-        matrix: B, (N_lambda, N), nodal and unweighted, so that kappa(B) = 1 node to node. A row is n·u at the slave,
-            less n·u where it touches; n points out of the slave's body, and the force on it is -n λ.
-        gap: initial gap, (N_lambda,), in the unit of length.
-        slaves: node that carries each condition and its multiplier, (N_lambda,); DEIM and enrichment pick it.
-        points: position of each condition, (N_lambda, dim), for pictures and messages.
-        areas: tributary area of each condition, (N_lambda,), which turns forces into pressures.
-    """
-
-    matrix: csr_matrix
-    gap: np.ndarray
-    slaves: np.ndarray
-    points: np.ndarray
-    areas: np.ndarray
-
-    def __post_init__(self):
-        m = np.size(self.gap)
-        sizes = {name: len(getattr(self, name)) for name in ("slaves", "points", "areas")}
-        if not issparse(self.matrix) or self.matrix.shape[0] != m or set(sizes.values()) != {m}:
-            raise SceneError(f"contact rows need a sparse matrix with a row for each of {m} gaps, and as many {sizes}")
-        if not all(np.isfinite(item).all() for item in (self.matrix.data, self.gap, self.areas)):
-            raise SceneError("contact rows are not finite: check normals and gaps of the pairing")
-
-    def take(self, index: np.ndarray) -> ContactRows:
-        """Some of the rows, in the order of ``index``."""
-        return ContactRows(*(getattr(self, name)[index] for name in self.__dataclass_fields__))
-
-
-def joined(parts: Sequence[ContactRows]) -> ContactRows:
-    """Rows of several pairs, one pair after another."""
-    matrix, *others = ([getattr(part, name) for part in parts] for name in ContactRows.__dataclass_fields__)
-    return ContactRows(csr_matrix(vstack(matrix)), *(np.concatenate(item) for item in others))
-
-
 def masked(matrix: csc_matrix, rows: np.ndarray) -> csc_matrix:
     """A sparse matrix in which rows outside a mask are zero, in the format csc without stored zeros."""
     kept = csc_matrix(diags(rows.astype(float)) @ matrix)
@@ -191,8 +153,7 @@ class ContactProblem:
         loose: description of the bodies that contact holds, with their motions.
         whole_contact: B with the columns of imposed dofs, (N_lambda, N), for forces on them; None if it is unknown.
         pins: as many dofs as there are rigid motions of both kinds, which fix them; None if all bodies are held.
-        friction: tangential conditions, which follow those of pressures, see :mod:`hhr_dolfinx.contact.friction`; None
-            without friction.
+        law: law of the contact conditions, those of pressures first.
         comm: ranks that have some rows each; None if all rows are local.
     """
 
@@ -220,7 +181,7 @@ class ContactProblem:
     loose: str = ""
     whole_contact: csr_matrix | None = None
     pins: np.ndarray | None = None
-    friction: Friction | None = None
+    law: ContactLaw = UNILATERAL
     comm: Comm | None = None
 
     @property
@@ -239,19 +200,13 @@ class ContactProblem:
 
     @cached_property
     def pressing(self) -> np.ndarray:
-        """Conditions with the force of a pressure, (N_lambda,) bool: all except tangential ones."""
-        found = np.ones(len(self.gaps), dtype=bool)
-        if self.friction is not None:
-            found[self.friction.tangential] = False
-        return found
+        """Conditions with the force of a pressure, (N_lambda,) bool."""
+        return self.law.pressing(len(self.gaps))
 
     @cached_property
     def distinct(self) -> np.ndarray:
-        """Conditions that no other condition repeats, (N_lambda,) bool: all except tangential ones of corners."""
-        found = np.ones(len(self.gaps), dtype=bool)
-        if self.friction is not None:
-            found[self.friction.twice] = False
-        return found
+        """Conditions that no other condition repeats, (N_lambda,) bool."""
+        return self.law.distinct(len(self.gaps))
 
     def require_parts(self, what: str = "what reads K") -> None:
         """Raise NotOfferedError if K is not a sum of known parts."""
@@ -261,12 +216,12 @@ class ContactProblem:
                 "adds to K. Solve with the full model, or return weights and matrices from parts()"
             )
 
-    def require_no_friction(self, what: str) -> None:
-        """Raise NotOfferedError for friction, in functions for pressures alone."""
-        if self.friction is not None:
+    def require_no_memory(self, what: str) -> None:
+        """Raise NotOfferedError for a law that remembers, in functions for pressures alone."""
+        if self.law.remembers:
             raise NotOfferedError(
-                f"{what} is not built in where contacts have friction: march along paths, or condense elastic bodies, "
-                "hhr.condense(scene)"
+                f"{what} is not built in where contacts have {self.law.name}: march along paths, or condense elastic "
+                "bodies, hhr.condense(scene)"
             )
 
     def pressing_of(self, place: int) -> np.ndarray:

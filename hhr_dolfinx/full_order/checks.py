@@ -15,7 +15,8 @@ from mpi4py import MPI
 from hhr_dolfinx import compat
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.body import laws_of_scenes
-from hhr_dolfinx.contact.problem import ContactProblem, ContactRows
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NotSolvableError, SceneError, SceneWarning
 from hhr_dolfinx.full_order.names import TagNames
 from hhr_dolfinx.linear.sparse import singular_stiffness

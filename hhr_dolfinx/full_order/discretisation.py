@@ -19,7 +19,9 @@ from scipy.sparse import csc_matrix, csr_matrix, vstack
 from ufl.core.expr import Expr
 
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
-from hhr_dolfinx.contact.problem import ContactProblem, ContactRows, joined, masked, strained
+from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw, MeshArrays, PairLaw
+from hhr_dolfinx.contact.problem import ContactProblem, masked, strained
+from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.full_order.checks import (
@@ -35,7 +37,6 @@ from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.formulas import Formula, Modulus
     from hhr_dolfinx.loads import Load
 
@@ -122,9 +123,10 @@ class Discretisation(DiscreteSpace):
         rows = rows.take(kept)
         pairs = pairs[kept]
         gaps = gaps[kept]
-        friction = None
-        if any(law is not None for law in scene.friction):
-            rows, pairs, friction = self._with_tangents(rows, pairs, free, lifts)
+        laws = {place: law for place, law in enumerate(scene.laws) if law is not None}
+        law: ContactLaw = UNILATERAL
+        if laws:
+            rows, pairs, law = self._with_laws(laws, rows, pairs, free, lifts)
             gaps = np.vstack([gaps, -(rows.matrix[len(gaps) :] @ lifts).toarray()])
         pulled = [strained(term, lifts) if moduli else term @ lifts for term in stiffness]
         lifted = [masked(csc_matrix(vstack(self.comm.allgather(part))), free) for part in pulled]
@@ -150,7 +152,7 @@ class Discretisation(DiscreteSpace):
             parameters=scene.parameters,
             first=self.rows.start,
             whole_contact=rows.matrix,
-            friction=friction,
+            law=law,
             comm=self.comm if self.comm.size > 1 else None,
         )
 
@@ -161,26 +163,18 @@ class Discretisation(DiscreteSpace):
         dim = self.mesh.geometry.dim
         return csr_matrix(self.own_rows(mass)[::dim][:, ::dim])
 
-    def _with_tangents(
-        self, rows: ContactRows, pairs: np.ndarray, free: np.ndarray, lifts: csc_matrix
-    ) -> tuple[ContactRows, np.ndarray, Friction]:
-        """Append tangential rows to the conditions; return all rows, the pair of each, and the friction on them."""
-        from hhr_dolfinx.contact.friction import FrictionLaw
-        from hhr_dolfinx.contact.tangents import Mesh, with_tangents
-
-        scene = self.scene
-        laws = {
-            place: FrictionLaw.of(law, scene.parameters, f"contact {place}")
-            for place, law in enumerate(scene.friction)
-            if law is not None
-        }
-        shaped: set[str] = set().union(*(shape.variables for shape in scene.shapes))
-
-        def places(some: set[str]) -> np.ndarray:
-            return np.array([k for k, name in enumerate(scene.parameters.names) if name in some], dtype=np.int64)
-
-        mesh = Mesh(self._points(), self._cell_nodes(), self.order)
-        return with_tangents(rows, pairs, laws, free, lifts, places(scene.named), places(shaped), mesh)
+    def _with_laws(
+        self, laws: dict[int, PairLaw], rows: ContactRows, pairs: np.ndarray, free: np.ndarray, lifts: csc_matrix
+    ) -> tuple[ContactRows, np.ndarray, ContactLaw]:
+        """Append the rows of laws by pair to the conditions; return all rows, the pair of each, and the law on them."""
+        if len({law.plugin for law in laws.values()}) > 1:
+            raise SceneError(f"contacts of scene '{self.scene.name}' have laws of several plug-ins: not built in")
+        if not all(law.remembers for law in laws.values()):
+            raise SceneError(
+                f"a law of contacts of scene '{self.scene.name}' does not remember: such laws are not built in"
+            )
+        mesh = MeshArrays(self._points(), self._cell_nodes(), self.order)
+        return next(iter(laws.values())).attached(laws, self.scene, rows, pairs, free, lifts, mesh)
 
     def load_terms(self) -> list[Term]:
         """Terms of all loads on the current mesh, affine ones first, in the order of θ."""

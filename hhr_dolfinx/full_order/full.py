@@ -132,7 +132,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         )
         self.problem = problem = discretisation.checked(problem)
         self.parameters = problem.parameters
-        self.friction = problem.friction
+        self.law = problem.law
         self.keeps_columns = self._has_room()
         self.stiffness: SparseStiffness
         self.system = system_of(problem, self.scene.system, lambda: self.stiffness, self._stiffness_of)
@@ -370,11 +370,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
                 self.strains.look(answer)
                 keep(answer)
 
-            if self.friction is None:
-                return solve_along(self, checked, settings, known=known, keep=keep_small)
-            from hhr_dolfinx.models.histories.sliding import slide_along
-
-            return slide_along(self, checked, settings, known=known, keep=keep_small)
+            if self.law.remembers:
+                return self.follow(checked, settings, known=known, keep=keep_small)
+            return solve_along(self, checked, settings, known=known, keep=keep_small)
         return self.equilibrium.march(checked, settings, known=known, keep=keep)
 
     # fields of an answer, see models.answer.Fields

@@ -26,7 +26,6 @@ from hhr_dolfinx.shapes import coordinate_names
 
 if TYPE_CHECKING:
     from hhr_dolfinx.body import Body
-    from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
     from hhr_dolfinx.full_order.with_laws import BodiesWithLaws
     from hhr_dolfinx.loads import Assembler
@@ -86,21 +85,6 @@ class Probe:
         if not conditions.size:
             raise SceneError(f"output '{output.name}': no condition of contact {output.contact} has an area")
         return conditions, self.problem.contact_areas[conditions]
-
-    def sliding(self, output: ContactOutput) -> tuple[np.ndarray, Friction]:
-        """Contacts with friction, by their number there, of the pair of an output, and the friction.
-
-        Raises:
-            SceneError: for a pair without friction.
-        """
-        pressing = self.conditions(output)
-        friction = self.problem.friction
-        own = np.zeros(0) if friction is None else np.flatnonzero(np.isin(friction.normal, pressing))
-        if friction is None or not own.size:
-            raise SceneError(
-                f"output '{output.name}': contact {output.contact} has no friction: give its pair one, friction=0.3"
-            )
-        return own, friction
 
     def at_place(self, output: PlacedOutput, points: np.ndarray) -> np.ndarray:
         """Numbers of the points, (n, dim), of ``base`` nearest to the place of an output; several if they coincide.
@@ -430,9 +414,10 @@ def _energy(
             f"output '{output.name}': bodies of scene '{discretisation.scene.name}' have laws, and the work of forces "
             "is not their elastic energy: leave it out"
         )
-    if problem.friction is not None:
+    if problem.law.remembers:
         raise SceneError(
-            f"output '{output.name}': with friction the work of forces is not elastic energy alone: leave it out"
+            f"output '{output.name}': with {problem.law.name} the work of forces is not elastic energy alone: leave it "
+            "out"
         )
     names = problem.parameters.names
     moduli = tuple(f"({modulus.factor}) * ({modulus.rest})" for modulus in problem.moduli) or ("1",)

@@ -20,6 +20,7 @@ from hhr_dolfinx.models.shown import Shown, counted, line, point_of, table
 from hhr_dolfinx.trained import USUAL
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.completion import InterfaceCompletion
     from hhr_dolfinx.models.estimates import Estimate, Estimates
     from hhr_dolfinx.models.functionals.functional import Outputs
     from hhr_dolfinx.models.gradient import Gradient
@@ -99,7 +100,7 @@ class ModelFields:
         output_bound: estimates the errors of outputs.
         indicator: estimates the error of an answer; the recipe chooses it.
         flow: completes the fields of bodies with laws.
-        frictional: completes forces and slip of hyper-reduced contact with friction.
+        interface: completes forces and memory of a law of interfaces in hyper-reduced models.
         functionals: outputs of the scene.
         unbounded: reason why errors are not estimated, for models without an estimate.
         full: the full model, which has the mesh; None of a copy or from a file, since a mesh belongs to one process.
@@ -110,7 +111,7 @@ class ModelFields:
     output_bound: Any = None
     indicator: Any = None
     flow: Completion | None = None
-    frictional: Any = None
+    interface: InterfaceCompletion | None = None
     functionals: Any = None
     unbounded: str = ""
     exact: ClassVar[bool] = False
@@ -128,7 +129,7 @@ class ModelFields:
         if self.bound is not None:
             return self.bound.kind
         of_laws = "" if self.flow is None else self.flow.kind
-        known = {"indicator": self.indicator, of_laws: self.flow, FORCES: self.frictional}
+        known = {"indicator": self.indicator, of_laws: self.flow, FORCES: self.interface}
         return next((kind for kind, own in known.items() if own is not None), "")
 
     def estimates(self, many: Any) -> Estimates | None:
@@ -236,7 +237,7 @@ class Answer(NamedTuple):
     def pressure(self, full: Meshed | None = None) -> np.ndarray:
         """Contact pressure at each condition of the whole surface: nodal forces over tributary areas, (N_lambda,).
 
-        Tangential conditions of friction have tractions. Conditions without an area are NaN.
+        Other conditions than those of pressures have tractions. Conditions without an area are NaN.
 
         Args:
             full: the full model, whose mesh has the areas; not needed in the process that built the model.

@@ -10,11 +10,12 @@ from collections.abc import Callable, Mapping
 from copy import copy
 from functools import cached_property
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Pairs, Status
+from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
 from hhr_dolfinx.declared import Integers
 from hhr_dolfinx.models.answer import Answer, CheckedStart, Fields, SeveralAnswers, outcome
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, answer_of, differentiated
@@ -22,9 +23,6 @@ from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace, PointsLike
 from hhr_dolfinx.trained import USUAL, TrainedRange
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Friction
 
 MOST_ROWS = 16_000
 NUMBERS = 8_000_000
@@ -45,10 +43,10 @@ class CondensedModel(KeptModel):
         pairs: number of the contact pair of each condition, (m,); None takes all for one pair.
         trained: range of parameters in which answers can be trusted; None for no limit.
         advice: remedy for each status, for the messages.
-        friction: tangential conditions and their laws; None without friction.
+        law: law of the contact conditions.
     """
 
-    kept = ("parameters", "eliminated", "known", "fields", "pairs", "trained", "friction")
+    kept = ("parameters", "eliminated", "known", "fields", "pairs", "trained", "law")
     handed_on = ("advice",)
 
     def __init__(
@@ -60,7 +58,7 @@ class CondensedModel(KeptModel):
         pairs: Annotated[Integers, "m"] | None = None,
         trained: TrainedRange | None = None,
         advice: Mapping[Status, str] = MappingProxyType({}),
-        friction: Friction | None = None,
+        law: ContactLaw = UNILATERAL,
     ):
         self.parameters = parameters
         self.eliminated = eliminated
@@ -69,12 +67,12 @@ class CondensedModel(KeptModel):
         self.trained = trained
         self.advice = dict(advice)
         self.pairs = pairs
-        self.friction = friction
+        self.law = law
         # if the whole box was trained, its own check is enough
         self._range = None if trained is None or trained.covers(parameters) else trained
         self._pairs = Pairs.of(pairs)
         self._m = known.active.shape[1]
-        self._regions = eliminated.table_of(known) if friction is None else None
+        self._regions = None if law.remembers else eliminated.table_of(known)
 
     def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """From the critical region of the nearest statuses if it holds there; else by the active set."""
@@ -97,7 +95,7 @@ class CondensedModel(KeptModel):
             raise_on_failure: raise at the first point without a solution, or go on with NaN and a status.
             outside: see :meth:`Model.solve`.
         """
-        if self.friction is not None:
+        if self.law.remembers:
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
         checked = self.parameters.points(points)
         outside = self._checked_outside(outside)

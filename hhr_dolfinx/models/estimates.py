@@ -44,7 +44,7 @@ SHOWN = {
 STRESS = "indicator of the stress"
 """Kind of the estimates of laws of bodies, which cover only the stress."""
 FORCES = "indicator of the forces"
-"""Kind of the estimates of hyper-reduced contact with friction, which cover only forces."""
+"""Kind of the estimates of hyper-reduced laws of interfaces, which cover only forces."""
 
 
 class Estimate(NamedTuple):
@@ -277,7 +277,7 @@ def check_asked(fields: Any, of: Any) -> None:
         ParameterError: for another name, or an output without a bound, with the reason.
     """
     if fields.estimated == FORCES:
-        check_of_friction(of)
+        check_of_forces(of)
     known, others = _outputs(fields)
     check_word([*known, *others], of)
     if of in others and of not in ASKED:
@@ -289,12 +289,12 @@ def check_asked(fields: Any, of: Any) -> None:
         )
 
 
-def check_of_friction(of: Any) -> None:
-    """Raise ParameterError for an error that the indicator of a hyper-reduced model with friction does not cover."""
+def check_of_forces(of: Any) -> None:
+    """Raise ParameterError for an error that the indicator of forces of a hyper-reduced model does not cover."""
     if of != "forces":
         raise ParameterError(
-            f"of = {of!r}: with friction a hyper-reduced model has an indicator of its forces, and nothing else is "
-            "known of its errors: ask for of='forces'"
+            f"of = {of!r}: the hyper-reduced model has an indicator of its forces, by the law of its contacts, and "
+            "nothing else is known of its errors: ask for of='forces'"
         )
 
 

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
     from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status
-    from hhr_dolfinx.contact.friction import Friction
+    from hhr_dolfinx.contact.law import ContactLaw
     from hhr_dolfinx.contact.problem import ContactProblem, ScaledBodies
     from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness, Stiffness
     from hhr_dolfinx.linear.rows import Rows
@@ -132,8 +132,8 @@ class FullModel(Fields, Model, Protocol):
         """Equilibrium of bodies with laws; None if all bodies are elastic."""
 
     @property
-    def friction(self) -> Friction | None:
-        """Tangential conditions and their laws; None without friction."""
+    def law(self) -> ContactLaw:
+        """Law of the contact conditions."""
 
     @property
     def strains(self) -> StrainGuard:

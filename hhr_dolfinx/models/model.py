@@ -13,7 +13,9 @@ from typing import TYPE_CHECKING, Any, ClassVar, Self
 
 import numpy as np
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
 from hhr_dolfinx.errors import (
     NotOfferedError,
     NotSolvableError,
@@ -34,16 +36,16 @@ from hhr_dolfinx.models.answer import (
 )
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, Equilibrium, MarchSettings
 from hhr_dolfinx.models.histories.path import checked_path, solve_along
+from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.models.shown import MOST, Shown, counted
 from hhr_dolfinx.plain import rebuilt
 from hhr_dolfinx.trained import USUAL, Trained, TrainedRange, check_outside
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.models.eliminations.elimination import CondensedContact
     from hhr_dolfinx.models.functionals.functional import Outputs
-    from hhr_dolfinx.models.histories.sliding import Slider
+    from hhr_dolfinx.models.histories.increments import Increments
     from hhr_dolfinx.parameters import ParameterSpace, PointLike, PointsLike
 
 
@@ -80,7 +82,7 @@ class AnsweringModel(Shown):
         parameters: the box of the parameters.
         fields: completes the answers.
         equilibrium: answers paths of bodies with laws; None in elastic models.
-        friction: tangential conditions and their laws; None without friction.
+        law: law of its own contact conditions.
         advice: remedy for each status, for the messages.
         usual_outside: default policy outside the training range, ``warn`` or ``ignore``.
         of_full_order: whether it is the full model of a scene, whose answers are exact.
@@ -91,7 +93,7 @@ class AnsweringModel(Shown):
     parameters: ParameterSpace
     fields: Any  # ModelFields of the kind of model
     equilibrium: Equilibrium | None = None
-    friction: Friction | None = None
+    law: ContactLaw = UNILATERAL
     advice: Mapping[Status, str] = MappingProxyType({})
     reduction: Any = None
     _range: TrainedRange | None = None
@@ -99,6 +101,13 @@ class AnsweringModel(Shown):
     usual_outside: ClassVar[str] = "warn"
     of_full_order: ClassVar[bool] = False
     instead: ClassVar[str] = "it needs the mesh and its factors. Keep a reduced or a condensed model, training.build()"
+
+    def __getattr__(self, name: str) -> Any:
+        """Law of the contacts by the former name of the attribute, for one version."""
+        if name.startswith("_") or name not in registry.named("pair_laws"):
+            raise AttributeError(f"a {type(self).__name__} has no {name!r}")
+        warn(f"model.{name} is now model.law", DeprecationWarning, stacklevel=2)
+        return self.law if self.law.plugin else None
 
     def facts(self) -> dict[str, str]:
         """See :class:`~hhr_dolfinx.models.shown.Shown`."""
@@ -163,9 +172,7 @@ class AnsweringModel(Shown):
         from hhr_dolfinx.models.estimates import known_error
 
         known = known_error(self.fields)
-        if self.friction is None or self.equilibrium is not None:
-            return known
-        return f"{known}; with friction of one answer, of several unless uniqueness(mu) says 'one answer'"
+        return known if self.equilibrium is not None else steps_of(self.law).known_error(known)
 
     def solve(
         self,
@@ -189,8 +196,8 @@ class AnsweringModel(Shown):
             return self.equilibrium.one_step(self, point, raise_on_failure, outside, gradient, **step)
         if step:
             raise NotOfferedError(f"solve knows no {', '.join(step)} here: all bodies are elastic")
-        if self.friction is not None:
-            from hhr_dolfinx.models.histories.sliding import proportional
+        if self.law.remembers:
+            from hhr_dolfinx.models.histories.increments import proportional
 
             return proportional(self, point, raise_on_failure, outside, gradient)
         self.check_range(point, outside)
@@ -221,13 +228,14 @@ class AnsweringModel(Shown):
     def pressures(self, answer: Answer) -> np.ndarray:
         """Forces of an answer along the contact normals, (c,); their sum is the total contact force."""
         forces = answer.forces()
-        return forces if self.friction is None else np.delete(forces, self.friction.tangential)
+        law: ContactLaw = self.law if self.fields.interface is None else self.fields.interface.whole
+        return forces[law.pressing(len(forces))]
 
-    def slide(self, path: Path, settings: MarchSettings, **how: Any) -> History:
-        """History of elastic bodies with friction along a checked path; see :func:`histories.sliding.slide_along`."""
-        from hhr_dolfinx.models.histories.sliding import slide_along
+    def follow(self, path: Path, settings: MarchSettings, **how: Any) -> History:
+        """History of elastic bodies whose law remembers, along a checked path; see :mod:`histories.increments`."""
+        from hhr_dolfinx.models.histories.increments import follow
 
-        return slide_along(self, path, settings, **how)
+        return follow(self, path, settings, **how)
 
     def answering(self, history: History) -> AnsweringModel:
         """The model that answered a history: itself, or one of those that it uses."""
@@ -237,31 +245,20 @@ class AnsweringModel(Shown):
         """An answer of NaN to a checked point, (P,)."""
         return unanswered(point, self.sizes, self.fields, status)
 
-    def slider(self, settings: MarchSettings) -> Slider:
-        """Solver of increments with friction."""
-        from hhr_dolfinx.models.histories.sliding import Slider
-
-        return Slider(self, settings.gradient)
+    def increments(self, settings: MarchSettings) -> Increments:
+        """Solver of the increments of a law that remembers."""
+        return steps_of(self.law).increments(self, settings)
 
     def coupling(self, mu: PointLike) -> float:
-        """Strength of the coupling of pressures and slip by friction: below one, each increment has one answer.
+        """Strength of the coupling of contact conditions by their law: below one, each increment has one answer.
 
-        From one on there may be several, and the search finds one of them; see :mod:`hhr_dolfinx.contact.uniqueness`.
-        Zero without friction. NaN if unknown: for bodies with rigid motions or laws, or an unsymmetric S.
+        From one on there may be several, and the search finds one of them. Zero for unilateral contact. NaN if
+        unknown, as for bodies with rigid motions or laws, or an unsymmetric S.
         """
-        if self.friction is None:
-            return 0.0
-        if self.equilibrium is not None:  # each linearisation has another S
-            return np.nan
-        from hhr_dolfinx.contact.uniqueness import coupling
-
-        point = self.parameters.point(mu)
-        contact = self.contacts()(point)
-        coefficient, _ = self.friction.bounds(point)
-        return np.nan if contact.floating is not None else coupling(contact.schur, self.friction, coefficient)
+        return steps_of(self.law).coupling(self, self.parameters.point(mu))
 
     def uniqueness(self, mu: PointLike) -> str:
-        """Uniqueness of increments with friction at a parameter, by :meth:`coupling`.
+        """Uniqueness of increments at a parameter, by :meth:`coupling`.
 
         Returns:
             ``one answer``, which is proved; ``several answers possible``, of which one is found, and the estimate
@@ -306,9 +303,9 @@ class AnsweringModel(Shown):
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
         """Answer a path, from rest if bodies have laws; see :meth:`~hhr_dolfinx.models.answer.Model.march`."""
-        if self.friction is not None and self.equilibrium is None:
-            return self.slide(checked_path(self.parameters, path), settings)
         if self.equilibrium is None:
+            if self.law.remembers:
+                return self.follow(checked_path(self.parameters, path), settings)
             return solve_along(self, checked_path(self.parameters, path), settings)
         return self.equilibrium.march(checked_path(self.parameters, path), settings)
 
@@ -375,8 +372,10 @@ class KeptModel(AnsweringModel):
             yield f"{sizes.get('N')} dofs are no nodes of dimension {self.fields.dimension}, which must be 1, 2 or 3"
         if empty := [name for name in ("N_lambda", "m", "ell") if sizes.get(name, 1) == 0]:
             yield f"sizes {empty} are zero"
-        if self.friction is not None and self.friction.tangents.shape[1] != self.fields.dimension:
-            yield f"tangents of friction have {self.friction.tangents.shape[1]} components, not {self.fields.dimension}"
+        if isinstance(self.law, ContactLaw):
+            yield from self.law.faults_for(self.fields.dimension)
+        else:
+            yield f"its law is a {type(self.law).__name__}, and no law of contact conditions"
         if self.trained is not None and self.trained.names != tuple(self.parameters.names):
             yield f"it was trained on {self.trained.names}, and its parameters are {self.parameters.names}"
         if self.fields.functionals is not None:

@@ -22,8 +22,8 @@ from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.bounds.output_difference import OutputDifference
+    from hhr_dolfinx.models.completion import InterfaceCompletion
     from hhr_dolfinx.models.field_response import FieldResponse
-    from hhr_dolfinx.models.frictional_fields import FrictionalFields
     from hhr_dolfinx.models.functionals.functional import Functionals
     from hhr_dolfinx.models.functionals.shaped import ReshapedFunctionals
     from hhr_dolfinx.models.many import ManyAnswers
@@ -63,7 +63,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         unbounded: reason for a missing bound.
         response: coordinates of forces on the whole surface if S and the response to loads are known; None
             if the coordinates are gamma.
-        frictional: reconstruction of forces and slip of contacts with friction; None without friction.
+        interface: completion of the forces of a law of interfaces; None for unilateral contact.
         full: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
     """
 
@@ -84,7 +84,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     output_bound: OutputDifference | None = None
     unbounded: str = ""
     response: FieldResponse | None = None
-    frictional: FrictionalFields | None = None
+    interface: InterfaceCompletion | None = None
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
@@ -93,12 +93,12 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
             yield "contact conditions of the RID are there twice: they are dependent"
         if not (self.gap_scale > 0).all():
             yield f"gap_scale has the entry {self.gap_scale.min()}, not positive"
-        if self.force_snapshots is None and self.bound is None and self.frictional is None:
+        if self.force_snapshots is None and self.bound is None and self.interface is None:
             yield "neither training forces nor a bound say what forces outside the RID are"
         if self.response is not None and (self.force_snapshots is not None or self.bound is None):
             yield "its displacement is made of forces everywhere, and nothing completes them"
-        if self.frictional is not None and not np.array_equal(self.frictional.within, self.A_lambda):
-            yield "its friction is that of another RID"
+        if self.interface is not None and not np.array_equal(self.interface.within, self.A_lambda):
+            yield "its law of interfaces is that of another RID"
         if self.output_bound is not None and (
             self.bound is None or self.functionals is None or not self.output_bound.fits(self.functionals)
         ):
@@ -179,13 +179,13 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
 
         If S is known the forces outside close the remaining gaps, a small contact problem. Otherwise (1.70)-(1.71) is
         used: non-negative combinations of training forces are fitted to the forces inside the RID, and penalised
-        outside where the reconstructed gap is open; inside, forces at open gaps are 0 already. With friction they are
-        fitted by modes, as tangential forces have any sign.
+        outside where the reconstructed gap is open; inside, forces at open gaps are 0 already. A law of
+        interfaces may have its own way.
         """
         if not answer.converged:
             return np.full(len(self.gaps), np.nan)
-        if self.frictional is not None:
-            return self.frictional.forces(answer.multipliers, answer.parameter)
+        if self.interface is not None:
+            return self.interface.forces(answer.multipliers, answer.parameter)
         if self.force_snapshots is None:
             return self._bound_at(answer).completed(answer.multipliers[None], self._outside)[0]
         forces = self.force_snapshots @ self._fitted(answer).weights
@@ -221,8 +221,8 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         """
         gradient = answer.gradient
         assert gradient is not None
-        if self.frictional is not None:
-            return self.frictional.force_changes(answer.multipliers, gradient.multipliers, answer.parameter)
+        if self.interface is not None:
+            return self.interface.force_changes(answer.multipliers, gradient.multipliers, answer.parameter)
         if self.force_snapshots is None:
             there = self._bound_at(answer)
             own = answer.multipliers[None]
@@ -298,7 +298,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
             return found
         return found._replace(outputs=self.output_bound.errors(self, answer, forces[0], exact.forces[0]))
 
-    def rubbed(self, answer: Answer) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def indicating(self, answer: Answer) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """Forces in the RID, slack of all conditions, and the scale of gaps: input of an indicator of forces."""
         theta = self.amplitudes(answer.parameter)
         slack = self._slack(theta, answer.unknown[None])[0]
@@ -328,9 +328,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return replace(found, outputs_of=outputs_of)
 
     def _indicated(self, answer: Answer) -> Estimate | None:
-        """Estimate of an indicator: a user-defined one, that of frictional contact, or of laws of bodies."""
+        """Estimate of an indicator: a user-defined one, that of a law of interfaces, or of laws of bodies."""
         if self.indicator is not None:
             return Estimate.indicated(self.indicator(answer))
-        if self.frictional is not None and self.flow is None:
-            return Estimate.indicated(self.frictional.indicated(*self.rubbed(answer)), FORCES)
+        if self.interface is not None and self.flow is None:
+            return Estimate.indicated(self.interface.indicated(*self.indicating(answer)), FORCES)
         return None if self.flow is None else self.flow.estimate(answer)

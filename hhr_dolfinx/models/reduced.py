@@ -69,7 +69,7 @@ class ReducedModel(KeptModel):
         trained: training range: of points, or of paths for bodies with laws.
         known: statuses of the training points on A_lambda; None for bodies with laws.
         flow: laws of bodies on the RID; None in elastic models.
-        offline: record of the construction, an ``OfflineRecord``; None for a model from a file.
+        offline: record of the construction, a ``Record``; None for a model from a file.
         factorise: factors K~ and the active blocks.
         compliances: interpolated elimination of gamma if K~ depends on few parameters; None factors K~ for each point.
 
@@ -106,8 +106,8 @@ class ReducedModel(KeptModel):
         self.flow = flow
         self.offline = offline
         self.factorise = factorise
-        if fields.frictional is not None:
-            self.friction = fields.frictional.inside
+        if fields.interface is not None:
+            self.law = fields.interface.inside
         self.eliminated: CondensedModel | None = None
         try:
             if flow is None:
@@ -150,19 +150,13 @@ class ReducedModel(KeptModel):
 
     def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
         """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`; one by one with laws."""
-        if self.eliminated is None or self.friction is not None:
+        if self.eliminated is None or self.law.remembers:
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
         return self.eliminated.solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
 
     def contacts(self) -> Callable[[np.ndarray], CondensedContact]:
         """See :class:`AnsweringModel`; the conditions of the RID, without gamma."""
         return super().contacts() if self.eliminated is None else self.eliminated.contacts()
-
-    def pressures(self, answer: Answer) -> np.ndarray:
-        """See :class:`AnsweringModel`; on the whole surface."""
-        frictional = self.fields.frictional
-        forces = answer.forces()
-        return forces if frictional is None else np.delete(forces, frictional.friction.tangential)
 
     def _without_gamma(self, factorise: Factorise) -> CondensedModel:
         """The model with gamma eliminated: once, or for each parameter if the stiffness depends on it."""
@@ -171,7 +165,7 @@ class ReducedModel(KeptModel):
         eliminated = self.compliances or _elimination(self.problem, self.fields.amplitudes, self.parameters, factorise)
         trained = self.trained if isinstance(self.trained, TrainedRange) else None
         return CondensedModel(
-            self.parameters, eliminated, self.known, self.fields, self.problem.pairs, trained, ADVICE, self.friction
+            self.parameters, eliminated, self.known, self.fields, self.problem.pairs, trained, ADVICE, self.law
         )
 
 

@@ -48,7 +48,7 @@ class Answers(NamedTuple):
         largest_displacement: largest displacement of any node, (S,); None unless requested: it needs the whole field.
         columns: further columns of the kind of model by head, (S,) each, such as the number of the local model that
             answered; see :meth:`~hhr_dolfinx.models.model.AnsweringModel.columns`.
-        total_force: sum of the normal forces, (S,), if there are tangential ones too; None without friction.
+        total_force: sum of the normal forces, (S,), if the law of the contacts has other forces too; else None.
     """
 
     points: np.ndarray
@@ -214,9 +214,9 @@ class Query:
         return status
 
     @property
-    def _friction(self) -> Any:
-        """Tangential conditions of the model; None without friction, and for user-defined models, which have none."""
-        return getattr(self.model, "friction", None)
+    def _other_forces(self) -> bool:
+        """True if contacts have other forces than pressures; user-defined models have none."""
+        return isinstance(self.model, AnsweringModel) and self.model.law.remembers
 
     def _blank(self, count: int) -> dict[str, np.ndarray]:
         """Columns by name, without values."""
@@ -224,7 +224,7 @@ class Query:
         table["forces"] = np.full((count, self.model.conditions), np.nan)
         if self.displacement:
             table["largest_displacement"] = np.full(count, np.nan)
-        if self._friction is not None:
+        if self._other_forces:
             table["total_force"] = np.full(count, np.nan)
         return table
 
@@ -235,7 +235,7 @@ class Query:
         if not rows.size:
             return
         found: dict[str, Any] = {"forces": many.forces()}
-        if self._friction is not None:
+        if self._other_forces:
             found["total_force"] = [self.model.pressures(answer).sum() for answer in many]
         if self.heads:
             found |= dict(zip(self.heads, many.outputs().values(), strict=True))

@@ -38,7 +38,7 @@ TABLES = (".csv", ".parquet")
 
 MODULES = {
     "amplitudes": "Amplitudes Coverage Limits",
-    "contact.friction": "Coulomb Friction FrictionLaw Tresca",
+    "contact.law": "Unilateral",
     "formulas": "Formula Modulus Scalar",
     "materials.strain": "StrainOperator",
     "models.bounds.difference": "ExactDifference",
@@ -55,9 +55,7 @@ MODULES = {
     "models.eliminations.shaped": "InterpolatedProblem ReshapedElimination",
     "models.exact": "ExactFields SolvedFields",
     "models.field_response": "FieldResponse",
-    "models.frictional_fields": "FrictionalFields",
     "models.functionals.cells": "CellRule Middles MovingCells",
-    "models.functionals.friction": "Remembered StatusArea",
     "models.functionals.functional": "Functionals",
     "models.functionals.kinds": "Energy Largest Linear Loaded Mises MovingMises",
     "models.functionals.shaped": "ReshapedFunctionals Zone",

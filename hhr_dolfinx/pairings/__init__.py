@@ -18,7 +18,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Protocol
 
-from hhr_dolfinx.contact.problem import ContactRows
+from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.pairings.surface import Surface, mean_normal, nodal_rows, tangential_order, unit, warn_of_overlap
 from hhr_dolfinx.parameters import Tag
 

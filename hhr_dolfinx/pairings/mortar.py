@@ -9,14 +9,15 @@ treatment of boundaries with mortar contact formulations using dual Lagrange mul
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, identity
 from scipy.spatial import cKDTree
 
-from hhr_dolfinx.contact.problem import ContactRows
+from hhr_dolfinx.contact.law import LAW, PairLaw
+from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NeverFacingError, SceneError
 from hhr_dolfinx.pairings.facing import opposed
 from hhr_dolfinx.pairings.projection import ROUND_OFF, near_pairs
@@ -40,9 +41,6 @@ from hhr_dolfinx.pairings.surface import (
 )
 from hhr_dolfinx.parameters import Tag
 
-if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Law
-
 COVERED = 0.1
 """Covered fraction of a node's area below which it has no condition: its gap would be extrapolated too far."""
 MULTIPLIERS = ("dual", "standard")
@@ -63,20 +61,22 @@ class Mortar:
         normal: n from slave to master, along which points are projected; None takes the averaged outer normal of the
             slave at each of its nodes, and projects along the normal of each slave facet.
         multipliers: ``dual`` or ``standard``.
-        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.contact.friction`; None without.
+        friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A plug-in reads it.
+        law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None without.
     """
 
     slave: Tag
     master: Tag
     normal: tuple[float, ...] | None = None
     multipliers: str = "dual"
-    friction: float | str | Law | None = None
+    friction: Any = field(default=None, metadata=LAW)
+    law: PairLaw | None = field(default=None, metadata=LAW)
 
     def __post_init__(self) -> None:
         if self.multipliers not in MULTIPLIERS:
             raise SceneError(f"multipliers '{self.multipliers}' are unknown, one of {', '.join(MULTIPLIERS)}")
-        if self.friction is not None and self.multipliers != "dual":
-            raise SceneError("friction is a law of each contact for itself, which needs dual multipliers")
+        if not (self.friction is None and self.law is None) and self.multipliers != "dual":
+            raise SceneError("a law such as friction is one of each contact for itself, which needs dual multipliers")
 
     @property
     def tags(self) -> tuple[Tag, ...]:

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from scipy.spatial import cKDTree
 
-from hhr_dolfinx.contact.problem import ContactRows
+from hhr_dolfinx.contact.law import LAW, PairLaw
+from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.sides import along_normal
 from hhr_dolfinx.pairings.surface import (
@@ -22,9 +23,6 @@ from hhr_dolfinx.pairings.surface import (
 )
 from hhr_dolfinx.parameters import Tag
 
-if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Law
-
 
 @dataclass(frozen=True)
 class NodeToNode:
@@ -34,13 +32,15 @@ class NodeToNode:
         first: facet tag of the surface whose outer normal is n.
         second: facet tag of the facing surface.
         normal: unit vector n, from the first to the second surface.
-        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.contact.friction`; None without.
+        friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A plug-in reads it.
+        law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None without.
     """
 
     first: Tag
     second: Tag
     normal: tuple[float, ...]
-    friction: float | str | Law | None = None
+    friction: Any = field(default=None, metadata=LAW)
+    law: PairLaw | None = field(default=None, metadata=LAW)
 
     @property
     def tags(self) -> tuple[Tag, ...]:

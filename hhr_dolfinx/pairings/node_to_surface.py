@@ -3,14 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy import linalg
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.contact.problem import ContactRows, joined
+from hhr_dolfinx.contact.law import LAW, PairLaw
+from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.errors import NeverFacingError, SceneError
 from hhr_dolfinx.pairings.facing import BEYOND, opposed
 from hhr_dolfinx.pairings.projection import ClosestPoints, closest_points, project
@@ -33,9 +34,6 @@ from hhr_dolfinx.pairings.surface import (
     warn_of_tilt,
 )
 from hhr_dolfinx.parameters import Tag
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Law
 
 DEPENDENT = 1e-8
 """Fraction of a row not spanned by the rows before it, below which the row is dependent on them."""
@@ -75,13 +73,15 @@ class NodeToSurface:
         master: facet tag of the facing surface.
         normal: n from slave to master, along which the slave nodes are projected. None takes the closest point, and an
             n for each node: against the smoothed outer normal of the master at that point.
-        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.contact.friction`; None without.
+        friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A plug-in reads it.
+        law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None without.
     """
 
     slave: Tag
     master: Tag
     normal: tuple[float, ...] | None = None
-    friction: float | str | Law | None = None
+    friction: Any = field(default=None, metadata=LAW)
+    law: PairLaw | None = field(default=None, metadata=LAW)
 
     @property
     def tags(self) -> tuple[Tag, ...]:
@@ -142,13 +142,15 @@ class DoublePass:
         first: facet tag of one surface; all of its conditions are kept.
         second: facet tag of the other.
         normal: from the first to the second surface, or None; see :class:`NodeToSurface`.
-        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.contact.friction`; None without.
+        friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A plug-in reads it.
+        law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None without.
     """
 
     first: Tag
     second: Tag
     normal: tuple[float, ...] | None = None
-    friction: float | str | Law | None = None
+    friction: Any = field(default=None, metadata=LAW)
+    law: PairLaw | None = field(default=None, metadata=LAW)
 
     @property
     def tags(self) -> tuple[Tag, ...]:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.contact.problem import ContactRows
+from hhr_dolfinx.contact.law import LAW, PairLaw
+from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.pairings.sides import along_normal
 from hhr_dolfinx.pairings.surface import (
@@ -21,9 +22,6 @@ from hhr_dolfinx.pairings.surface import (
 )
 from hhr_dolfinx.parameters import Tag, is_number
 
-if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Law
-
 
 @dataclass(frozen=True)
 class Obstacle:
@@ -33,13 +31,15 @@ class Obstacle:
         surface: facet tag of the surface of the body.
         normal: unit vector n, from the body towards the obstacle.
         offset: position of the plane along n.
-        friction: coefficient of Coulomb's law, or a law, see :mod:`hhr_dolfinx.contact.friction`; None without.
+        friction: coefficient of Coulomb's law, a number or a formula, or its law; None without. A plug-in reads it.
+        law: any law of a plug-in in addition to unilateral contact, such as ``Coulomb(0.3)``; None without.
     """
 
     surface: Tag
     normal: tuple[float, ...]
     offset: float
-    friction: float | str | Law | None = None
+    friction: Any = field(default=None, metadata=LAW)
+    law: PairLaw | None = field(default=None, metadata=LAW)
 
     def __post_init__(self) -> None:
         if not is_number(self.offset):

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags, identity
 
-from hhr_dolfinx.contact.problem import ContactRows
+from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.declared import Booleans, Floats, Integers
 from hhr_dolfinx.errors import PairingWarning, SceneError
 from hhr_dolfinx.parameters import Tag

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.contact.problem import ContactRows
+from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.pairings.surface import Surface, area_vectors
 from hhr_dolfinx.parameters import Tag
 

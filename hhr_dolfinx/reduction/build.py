@@ -5,56 +5,53 @@ Stages that a scene does not need are skipped and listed with the reason.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Protocol, runtime_checkable
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from hhr_dolfinx.certify.accuracy import force_floor
-from hhr_dolfinx.certify.compare import Comparison, compare_on_s, compare_points
+from hhr_dolfinx import registry
+from hhr_dolfinx.certify.compare import Comparison, compare_on_s
 from hhr_dolfinx.certify.constants import FullConstants, Stability, assess
 from hhr_dolfinx.certify.trust import (
+    TrustLimits,
     check_comparison,
     check_loads_seen,
     check_solvable,
     check_stability,
-    check_sticking,
-    first_trusted,
     warn_of_training,
 )
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ReductionError
 from hhr_dolfinx.models.bounds.difference import ExactDifference
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
-from hhr_dolfinx.models.estimates import known_error, warn_unbounded
+from hhr_dolfinx.models.estimates import warn_unbounded
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.ranks import together
-from hhr_dolfinx.reduction.calibration import MOST_TRAINING_COMPARED, calibrated
 from hhr_dolfinx.reduction.completion import Completion, bound_of
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
+from hhr_dolfinx.reduction.interface import reduction_of
+from hhr_dolfinx.reduction.laws import bodies_of
 from hhr_dolfinx.reduction.projection import project, reduced_domain
-from hhr_dolfinx.reduction.recipe import Enrich, Recipe, basis_of, chosen_nodes
-from hhr_dolfinx.reduction.stages import stages_of
+from hhr_dolfinx.reduction.recipe import Recipe, basis_of, chosen_nodes
+from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, as_reductor, compared, made, outcomes
+from hhr_dolfinx.registry import Stage
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.trained import Trained, TrainedRange
+from hhr_dolfinx.warn import repeat
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.reduced import ReducedLaws
     from hhr_dolfinx.models.starts import LinearStarts
 
 
-FURTHER = Enrich(2.0)
-"""Enrichment of the usual recipe with friction if its usual enrichment leaves contact rows dependent: only friction
-then holds a body, and forces of sticking contacts need modes without its rigid motions."""
-
-
-@dataclass(frozen=True)
-class OfflineRecord:
-    """Offline record of a reduced model: its recipe, its dimensions and the results of the checks.
+@dataclass(frozen=True, eq=False)
+class HyperFacts:
+    """Facts of a hyper-reduced model, in its :class:`~hhr_dolfinx.reduction.reductor.Record`.
 
     Attributes:
         recipe: the recipe.
@@ -65,8 +62,6 @@ class OfflineRecord:
         enrichment: the enrichment of the basis.
         tangent_margin: smallest real part of the eigenvalues of the projected tangents; None if they were not
             computed.
-        comparison: errors against known answers; None if the check was skipped.
-        log: times of the stages, skipped stages, refused attempts.
     """
 
     recipe: Recipe
@@ -76,59 +71,98 @@ class OfflineRecord:
     stability: Stability
     enrichment: Enrichment
     tangent_margin: float | None
-    comparison: Comparison | None
-    log: StageLog
 
 
-@dataclass(frozen=True)
-class _Offline:
+@dataclass(frozen=True, eq=False)
+class Offline:
     """Data that all attempts share.
 
     Attributes:
-        full: the full model.
-        snapshots, held_out: its answers, for training and for validation.
+        task: the full model and its answers.
         recipe: the recipe.
         basis: before enrichment, (own, ell).
         nodes: nodes from which the RID is made.
         constants: of the full model.
         completion: reconstruction of answers.
-        states: tangents at training states and their stiffness.
-        log: records every stage.
-        announce: called with each stage that begins.
+        computed: results that stages compute once for all attempts, by name.
     """
 
-    full: FullModel
+    task: Task
     snapshots: SnapshotSet
-    held_out: SnapshotSet | None
     recipe: Recipe
     basis: np.ndarray
     nodes: np.ndarray
     constants: FullConstants
     completion: Completion
-    states: list[tuple[np.ndarray, Any]]
-    log: StageLog
-    announce: Announce
+    computed: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def full(self) -> FullModel:
+        """The full model."""
+        return self.task.full
+
+    @property
+    def log(self) -> StageLog:
+        """Records every stage."""
+        return self.task.log
+
+    def once(self, name: str, compute: Callable[[], Any]) -> Any:
+        """A result that a stage computes in the first attempt only."""
+        if name not in self.computed:
+            self.computed[name] = compute()
+        return self.computed[name]
+
+
+@dataclass(eq=False)
+class Draft:
+    """A hyper-reduced model under construction: each stage adds a part.
+
+    Attributes:
+        shared: data that all attempts share.
+        layers: layers of cells of the RID.
+        sets: index sets of the RID.
+        enrichment: the enriched basis.
+        reduced: the projected arrays.
+        flow: laws of bodies on the RID; None for elastic bodies.
+        stability: constants of the projection.
+        fields: reconstruction of answers.
+        model: the model.
+        tangent_margin: see :class:`HyperFacts`.
+    """
+
+    shared: Offline
+    layers: int
+    sets: IndexSets = field(init=False)
+    enrichment: Enrichment = field(init=False)
+    reduced: ReducedProblem = field(init=False)
+    flow: ReducedLaws | None = None
+    stability: Stability = field(init=False)
+    fields: Reconstruction = field(init=False)
+    model: ReducedModel = field(init=False)
+    tangent_margin: float | None = None
+
+    @property
+    def basis(self) -> np.ndarray:
+        """The enriched basis, (own, ell)."""
+        return self.enrichment.basis
+
+    @property
+    def facts(self) -> HyperFacts:
+        """Facts of the model."""
+        made = self.basis, self.sets, self.stability, self.enrichment, self.tangent_margin
+        return HyperFacts(self.shared.recipe, self.layers, *made)
 
 
 def usual_recipe(full: FullModel) -> Recipe:
     """The default recipe of a scene."""
+    return usual_recipes(full)[0]
+
+
+def usual_recipes(full: FullModel) -> tuple[Recipe, ...]:
+    """Default recipes of a scene; each is tried if the one before leaves contact rows dependent."""
     if full.equilibrium is not None:
-        return stages_of(full).recipe()
-    return Recipe() if full.problem.friction is None else Recipe.with_friction()
-
-
-@runtime_checkable
-class Reductor(Protocol):
-    """A user-defined reduction: it makes a model from answers of the full one."""
-
-    def reduced(self, full: FullModel, snapshots: SnapshotSet, held_out: SnapshotSet | None) -> AnsweringModel:
-        """A model of the same scene.
-
-        Args:
-            full: the full model, with all rows.
-            snapshots: training answers at single parameters, or load paths.
-            held_out: validation answers, for a check; None without any.
-        """
+        return bodies_of(full).recipes()
+    return reduction_of(full.problem.law).recipes()
 
 
 def build(
@@ -140,7 +174,7 @@ def build(
 ) -> Any:
     """Build an HHR model that passes the trust check, thesis sections 1.4.2-1.4.6 and 6.2.3.
 
-    A :class:`Reductor` instead of a recipe makes a model of another kind from the same answers, as
+    A :class:`~hhr_dolfinx.reduction.reductor.Reductor` instead of a recipe makes a model of another kind, as
     :class:`~hhr_dolfinx.reduction.condense.Condensation` does.
 
     A model that fails is built again with one more layer of cells, up to ``recipe.domain.most_layers``. For bodies with
@@ -168,38 +202,20 @@ def build(
     given: Any = full
     if not (isinstance(given, AnsweringModel) and given.of_full_order):
         raise ReductionError(f"{full!r} is no full model: give FullOrderModel(scene)")
-    if isinstance(recipe, Reductor) and not isinstance(recipe, type):
-        full, *sets = everywhere(full, snapshots, held_out)
-        return _of_scene(full, recipe, recipe.reduced(full, *sets))
-    log = StageLog()
-    if recipe is None and full.problem.friction is not None and full.equilibrium is None:
-        try:
-            return _of_recipe(full, snapshots, usual_recipe(full), held_out, log, announce)
-        except NotSolvableError as error:
-            log.say(f"the usual recipe is tried again with {FURTHER}: {error}")
-            recipe = replace(usual_recipe(full), enrichment=FURTHER)
-    chosen = usual_recipe(full) if recipe is None else recipe
-    return _of_recipe(full, snapshots, chosen, held_out, log, announce)
-
-
-def _of_recipe(
-    full: FullModel,
-    snapshots: SnapshotSet,
-    recipe: Recipe,
-    held_out: SnapshotSet | None,
-    log: StageLog,
-    announce: Announce,
-) -> Any:
-    """See :func:`build`."""
-    _check_given(full, snapshots, recipe, held_out)
-    comm = full.problem.comm
-    if comm is not None and not (why := not_by_rows(full.problem, snapshots, recipe)):
-        with together(comm, f"reducing scene '{full.scene.name}'"):
-            return _built(full, snapshots, recipe, held_out, log, announce)
-    if comm is not None:
-        log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
-        full, snapshots, held_out = everywhere(full, snapshots, held_out)
-    return _built(full, snapshots, recipe, held_out, log, announce)
+    task = Task(full, snapshots, held_out, announce=announce)
+    if isinstance(recipe, HyperReduction):
+        recipe = recipe.recipe
+    elif (reductor := as_reductor(recipe)) is not None:
+        return made(reductor, task)
+    recipes = usual_recipes(full) if recipe is None else (recipe,)
+    for outcome in outcomes(recipes, lambda item: made(HyperReduction(item), task), (NotSolvableError,)):
+        if outcome.error is None:
+            break
+        task.log.say(f"the recipe {outcome.candidate} is refused: {outcome.error}")
+    repeat(outcome.warnings)
+    if outcome.error is not None:
+        raise outcome.error
+    return outcome.made
 
 
 def not_by_rows(problem: ContactProblem, snapshots: SnapshotSet | None = None, recipe: Recipe | None = None) -> str:
@@ -207,64 +223,13 @@ def not_by_rows(problem: ContactProblem, snapshots: SnapshotSet | None = None, r
 
     Decomposition, projection, enrichment and bounds use only sums over the ranks.
     """
-    if problem.friction is not None:
-        return "frictional contact"
+    if problem.law.plugin:
+        return f"contact with {problem.law.name}"
     if snapshots is not None and snapshots.histories:
         return "it is trained on histories"
     if recipe is not None and not recipe.by_rows:
         return "a step of the recipe does not say by_rows = True"
     return ""
-
-
-def everywhere(full: FullModel, *sets: SnapshotSet | None) -> tuple[Any, ...]:
-    """Gather a distributed full model and its answers, so that each rank has all rows. Collective."""
-    problem = full.problem
-    if problem.comm is None:
-        return full, *sets
-    return full.gathered(), *(None if item is None else item.gathered(problem) for item in sets)
-
-
-def _built(
-    full: FullModel,
-    snapshots: SnapshotSet,
-    recipe: Recipe,
-    held_out: SnapshotSet | None,
-    log: StageLog,
-    announce: Announce,
-) -> Any:
-    """See :func:`build`."""
-    if recipe.trust is None:
-        log.skip("validation", "no limits were given: the model is as it is")
-    else:
-        warn_of_training(full, snapshots, held_out)
-        if held_out is None:
-            log.skip("held_out", "nothing was kept out of training: training answers were compared")
-    with log.stage("basis", announce):
-        basis = basis_of(recipe.basis, full.problem, snapshots)
-    with log.stage("rid", announce):
-        nodes = chosen_nodes(full.problem, snapshots, recipe, basis)
-    with log.stage("full_constants", announce):
-        constants = FullConstants.of(full)
-    with log.stage("reconstruction", announce):
-        laws = None if full.equilibrium is None else stages_of(full).fitted(snapshots)
-        completion = Completion.of(full.problem, snapshots, laws)
-    states = _tangents(full, snapshots, recipe, log, announce)
-    if recipe.indicator is None and (full.problem.friction is None or full.equilibrium is not None):
-        log.skip("indicator", "no estimate of the error of each answer was requested")
-    shared = _Offline(full, snapshots, held_out, recipe, basis, nodes, constants, completion, states, log, announce)
-    return first_trusted(lambda layers: _attempt(shared, layers), recipe.domain.layers, recipe.domain.most_layers, log)
-
-
-def _tangents(
-    full: FullModel, snapshots: SnapshotSet, recipe: Recipe, log: StageLog, announce: Announce
-) -> list[tuple[np.ndarray, Any]]:
-    """Tangents at training states and their stiffness; empty for elastic bodies, or if they were not requested."""
-    if full.equilibrium is None or recipe.tangents is None:
-        why = "elastic bodies: the elastic operator is the tangent" if full.equilibrium is None else "not requested"
-        log.skip("tangents", why)
-        return []
-    with log.stage("training_tangents", announce):
-        return stages_of(full).tangents(full, snapshots, recipe.tangents)
 
 
 def sizes(full: FullModel, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int, int]:
@@ -282,24 +247,6 @@ def sizes(full: FullModel, snapshots: SnapshotSet, recipe: Recipe) -> tuple[int,
     return enrich(problem, basis, sets, kappa_max).basis.shape[1], sets.A_lambda.size
 
 
-def _of_scene(full: FullModel, reductor: Reductor, made: Any) -> AnsweringModel:
-    """The result of a reductor, if it is a model of the scene of the full one.
-
-    Raises:
-        ReductionError: if it is not.
-    """
-    name = type(reductor).__name__
-    if not isinstance(made, AnsweringModel):
-        raise ReductionError(f"{name}.reduced returned {made!r}: it must return a model")
-    found = made.parameters.names, made.conditions
-    if found != (full.parameters.names, full.conditions):
-        raise ReductionError(
-            f"{name}.reduced returned a model of the parameters {found[0]} and {found[1]} contact conditions, and the "
-            f"full model has {full.parameters.names} and {full.conditions}: it must return one of the same scene"
-        )
-    return made
-
-
 def _check_given(full, snapshots, recipe, held_out) -> None:
     """Raise ReductionError for an invalid recipe, and for solutions of another problem."""
     if isinstance(recipe, type):
@@ -308,6 +255,7 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
         raise ReductionError(f"{recipe!r} is no recipe: give a Recipe")
     problem = full.problem
     problem.require_parts("hyper-reduction")
+    reduction_of(problem.law)
     if problem.reshaped is not None:
         raise NotOfferedError(
             "hyper-reduction is not offered where shapes are parameters: condensation is quicker there, and a million "
@@ -317,127 +265,240 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
         if solutions is None and name == "held_out":
             continue
         check_of_problem(name, solutions, problem)
-        if full.equilibrium is None:
-            if solutions.states:
-                raise ReductionError(f"bodies of {name} have laws, and none of the model do: they are of another scene")
-            if problem.friction is not None and not solutions.histories:
-                raise ReductionError(f"{name} of a scene with friction must be histories: SnapshotSet.of_histories")
-            continue
-        stages_of(full).check_given(full, name, solutions)
+        if full.equilibrium is not None:
+            bodies_of(full).check_given(full, name, solutions)
+        elif solutions.states:
+            raise ReductionError(f"bodies of {name} have laws, and none of the model do: they are of another scene")
+        elif problem.law.remembers and not solutions.histories:
+            raise ReductionError(
+                f"{name} of a scene with {problem.law.name} must be histories: SnapshotSet.of_histories"
+            )
 
 
-def _attempt(shared: _Offline, layers: int) -> ReducedModel:
-    """One attempt with a constant number of layers."""
-    full = shared.full
-    recipe = shared.recipe
-    log = shared.log
+@dataclass(frozen=True)
+class HyperReduction(Reductor[Offline]):
+    """Hyper-reduction by a recipe. A model that is refused is built again with one more layer of cells.
+
+    Attributes:
+        recipe: the recipe; None takes the default of the scene, in a search.
+    """
+
+    recipe: Any = None
+    method: ClassVar[str] = "hhr"
+    level: ClassVar[str] = "layers"
+
+    @property
+    def limits(self) -> TrustLimits | None:
+        """Limits of the recipe."""
+        return self.recipe.trust
+
+    def check(self, task: Task) -> None:
+        """See :func:`build`."""
+        _check_given(task.full, task.snapshots, self.recipe, task.held_out)
+
+    def not_by_rows(self, task: Task) -> str:
+        """See :func:`not_by_rows`."""
+        return not_by_rows(task.full.problem, task.snapshots, self.recipe)
+
+    def levels(self, task: Task) -> Iterable[int]:
+        """Layers of cells."""
+        domain = self.recipe.domain
+        return range(domain.layers, max(domain.layers, domain.most_layers) + 1)
+
+    def prepare(self, task: Task, before: Offline | None = None) -> Offline:
+        """Basis, nodes of the RID, constants of the full model and reconstruction."""
+        full = task.full
+        problem = full.problem
+        log = task.log
+        recipe: Recipe = self.recipe
+        snapshots = task.snapshots
+        assert snapshots is not None  # checked
+        if recipe.trust is None:
+            log.skip("validation", "no limits were given: the model is as it is")
+        else:
+            warn_of_training(full, snapshots, task.held_out)
+            if task.held_out is None:
+                log.skip("held_out", "nothing was kept out of training: training answers were compared")
+        with log.stage("basis", task.announce):
+            basis = basis_of(recipe.basis, problem, snapshots)
+        with log.stage("rid", task.announce):
+            nodes = chosen_nodes(problem, snapshots, recipe, basis)
+        with log.stage("full_constants", task.announce):
+            constants = FullConstants.of(full)
+        with log.stage("reconstruction", task.announce):
+            laws = None if full.equilibrium is None else bodies_of(full).fitted(snapshots)
+            completion = Completion.of(problem, snapshots, laws)
+        if full.equilibrium is None or recipe.tangents is None:
+            why = "elastic bodies: the elastic operator is the tangent" if full.equilibrium is None else "not requested"
+            log.skip("tangents", why)
+        if recipe.indicator is None and (not problem.law.remembers or full.equilibrium is not None):
+            log.skip("indicator", "no estimate of the error of each answer was requested")
+        return Offline(task, snapshots, recipe, basis, nodes, constants, completion)
+
+    def attempt(self, prepared: Offline, level: int) -> tuple[ReducedModel, HyperFacts]:
+        """All stages, with a constant number of layers."""
+        draft = Draft(prepared, level)
+        for place in stages_of(prepared.full, self.recipe):
+            registry.load(place)(draft)
+        return draft.model, draft.facts
+
+    def compare(self, task: Task, model: ReducedModel) -> tuple[Comparison | None, Trained | None]:
+        """Errors against known answers, and on S for bodies with rigid motions."""
+        assert task.snapshots is not None  # checked
+        if task.snapshots.columns is not None:
+            task.log.skip("comparison", "trained on parts of histories: only models of all parts together answer one")
+            return None, None
+        limits = self.limits
+        found = compared(task, model, limits, self.remedy)
+        if limits is not None and not model.law.remembers and model.equilibrium is None:
+            if task.full.problem.rigid is not None and model.fields.bound is not None:
+                check_comparison(compare_on_s(model), limits)
+            warn_unbounded(model.fields)
+        return found
+
+    def proposals(self, search: Search) -> Iterator[Proposal]:
+        """By the default recipe; with a law that remembers only of paths, as points have no answers to train on."""
+        if not search.full.law.remembers or search.family is not None:
+            yield from super().proposals(search)
+
+
+_HERE = "hhr_dolfinx.reduction.build"
+_VARYING = "hhr_dolfinx.reduction.stages_of_varying"
+
+
+STAGES = (
+    Stage(f"{_HERE}:choose_domain"),
+    Stage(f"{_HERE}:enrich_basis", f"{_HERE}:choose_domain"),
+    Stage(f"{_HERE}:project_problem", f"{_HERE}:enrich_basis"),
+    Stage(f"{_HERE}:assess_projection", f"{_HERE}:project_problem"),
+    Stage(f"{_HERE}:check_constants", f"{_HERE}:assess_projection", lambda full, recipe: recipe.trust is not None),
+    Stage(f"{_HERE}:reconstruct", f"{_HERE}:assess_projection"),
+    Stage(f"{_HERE}:assemble", f"{_HERE}:reconstruct"),
+    Stage(f"{_VARYING}:interpolate", f"{_HERE}:assemble",
+          lambda full, recipe: full.problem.varies and full.equilibrium is None),
+    Stage(f"{_HERE}:start_along", f"{_HERE}:assemble",
+          lambda full, recipe: not full.problem.varies and not full.law.remembers and full.equilibrium is None),
+)  # fmt: skip
+"""Stages of an attempt; a plug-in adds its own in its manifest."""
+
+
+def stages_of(full: FullModel, recipe: Recipe) -> list[str]:
+    """Places of the stages of an attempt, in their order; of those after the same stage the ones of plug-ins first.
+
+    Raises:
+        ReductionError: for a stage that comes after one that is not there.
+    """
+    every = (*(stage for plugin in registry.installed().values() for stage in plugin.stages), *STAGES)
+    wanted = [stage for stage in every if stage.wanted(full, recipe)]
+
+    def from_here(place: str) -> Iterator[str]:
+        for stage in wanted:
+            if stage.after == place:
+                yield stage.place
+                yield from from_here(stage.place)
+
+    found = list(from_here(""))
+    if lost := [stage for stage in wanted if stage.place not in found]:
+        raise ReductionError(f"the stage {lost[0].place} comes after {lost[0].after}, which is no stage here")
+    return found
+
+
+def choose_domain(draft: Draft) -> None:
+    """The RID, which all loads of the training reach."""
+    shared = draft.shared
+    with shared.log.stage("rid", shared.task.announce):
+        draft.sets = reduced_domain(shared.full.problem, shared.nodes, draft.layers)
+        check_loads_seen(shared.full.problem, draft.sets, shared.snapshots.points)
+
+
+def enrich_basis(draft: Draft) -> None:
+    """The enriched basis, or the given one without a requested enrichment."""
+    shared = draft.shared
+    with shared.log.stage("enrichment", shared.task.announce):
+        step = shared.recipe.enrichment
+        problem = shared.full.problem
+        rows = _distinct(problem, draft.sets)
+        draft.enrichment = enrich(problem, shared.basis, rows, np.inf if step is None else step.kappa_max)
+        if step is None:
+            shared.log.skip("enrichment", "not requested")
+        else:
+            record_enrichment(draft.enrichment, step.kappa_max, shared.log)
+
+
+def project_problem(draft: Draft) -> None:
+    """The projected arrays."""
+    shared = draft.shared
+    with shared.log.stage("projection", shared.task.announce):
+        draft.reduced = project(shared.full.problem, draft.basis, draft.sets)
+
+
+def assess_projection(draft: Draft) -> None:
+    """Constants of a solvable projection."""
+    shared = draft.shared
     problem = shared.full.problem
-    with log.stage("rid", shared.announce):
-        sets = reduced_domain(problem, shared.nodes, layers)
-        check_loads_seen(problem, sets, shared.snapshots.points)
-    with log.stage("enrichment", shared.announce):
-        enrichment = _enriched(shared, sets)
-    basis = enrichment.basis
-    with log.stage("projection", shared.announce):
-        reduced = project(problem, basis, sets)
-    flow = None if full.equilibrium is None else _laws_on(shared, basis, sets)
-    with log.stage("stability", shared.announce):
-        stability = _assessed(shared, basis, sets, reduced)
-    fields = _fields(shared, basis, sets, flow)
-    known = shared.snapshots.known_statuses(sets.A_lambda) if flow is None else None
-    with log.stage("online_arrays", shared.announce):
-        range_ = TrainedRange.of(shared.snapshots.points, problem.parameters) if flow is None else None
-        model = ReducedModel(reduced, full.parameters, fields, range_, known=known, flow=flow)
-        if problem.varies and flow is None:
-            model = _eliminated_between(model, log)
-        elif model.eliminated is not None and not (reduced.motions or model.eliminated.tabulated or model.friction):
-            model = model.changed(known=_starts_along(model))
-    if problem.friction is not None and flow is None and recipe.trust is not None:
-        with log.stage("indicator", shared.announce):
-            told_by = [item.histories for item in (shared.held_out, shared.snapshots) if item is not None]
-            (model,) = calibrated(model, told_by, log)
-    margin = _checked_margin(shared, model, layers)
-    with log.stage("validation", shared.announce):
-        comparison, trained = _compared(shared, model)
-    shared.log.say(known_error(model.fields))
-    record = OfflineRecord(recipe, layers, basis, sets, stability, enrichment, margin, comparison, log)
-    return model.changed(trained=trained, offline=record)
+    with shared.log.stage("stability", shared.task.announce):
+        rows = _distinct(problem, draft.sets)
+        reduced = _rows_of(draft.reduced, problem, draft.sets)
+        draft.stability = assess(problem, shared.constants, draft.basis, rows, reduced)
+        check_solvable(draft.stability, problem, rows)
 
 
-def _assessed(shared: _Offline, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem) -> Stability:
-    """Constants of an admissible projection."""
-    problem = shared.full.problem
-    rows = _distinct(problem, sets)
-    stability = assess(problem, shared.constants, basis, rows, _rows_of(reduced, problem, sets))
-    check_solvable(stability, problem, rows)
-    if problem.friction is not None:
-        check_sticking(stability)
-    if shared.recipe.trust is not None:
-        check_stability(stability, shared.recipe.trust)
-    return stability
+def check_constants(draft: Draft) -> None:
+    """The same within the limits of the recipe."""
+    trust = draft.shared.recipe.trust
+    assert trust is not None
+    check_stability(draft.stability, trust)
 
 
-def _fields(shared: _Offline, basis: np.ndarray, sets: IndexSets, flow: ReducedLaws | None) -> Reconstruction:
+def reconstruct(draft: Draft) -> None:
     """Reconstruction of answers, with bounds if they are proved."""
+    shared = draft.shared
     full = shared.full
     recipe = shared.recipe
-    log = shared.log
     problem = full.problem
-    bounding = bound_of(full, recipe, shared.snapshots, basis, log, shared.announce)
+    bounding = bound_of(full, recipe, shared.snapshots, draft.basis, shared.log, shared.task.announce)
     bound = bounding.bound
-    response = bounding.response
-    with log.stage("reconstruction", shared.announce):
-        cone = (recipe.cone or bound is None) and problem.friction is None
-        fields = shared.completion.reconstruction(problem, bounding.columns, sets, flow, cone=cone)
+    with shared.log.stage("reconstruction", shared.task.announce):
+        cone = (recipe.cone or bound is None) and not problem.law.plugin  # forces of other laws may have any sign
+        fields = shared.completion.reconstruction(problem, bounding.columns, draft.sets, draft.flow, cone=cone)
         fields = replace(fields, bound=bound, unbounded=bounding.unbounded, stress_of=full.stress_of, full=full)
-        fields = replace(fields, functionals=plain_outputs(full), response=response)
+        fields = replace(fields, functionals=plain_outputs(full), response=bounding.response)
         if recipe.indicator is not None:
-            fields = replace(fields, indicator=recipe.indicator.prepared(problem, basis, sets))
-        if problem.friction is not None:
-            from hhr_dolfinx.models.frictional_fields import FrictionalFields
-
-            modes = shared.completion.force_modes
-            fields = replace(fields, frictional=FrictionalFields.fitted(problem, sets.A_lambda, modes))
+            fields = replace(fields, indicator=recipe.indicator.prepared(problem, draft.basis, draft.sets))
     if isinstance(bound, ExactDifference) and full.functionals is not None and problem.rigid is None:
         from hhr_dolfinx.certify.differences import output_difference
 
-        with log.stage("bound", shared.announce):
+        with shared.log.stage("bound", shared.task.announce):
             fields = replace(fields, output_bound=output_difference(full, shared.snapshots))
-    return fields
+    draft.fields = fields
 
 
-def _laws_on(shared: _Offline, basis: np.ndarray, sets: IndexSets) -> ReducedLaws:
-    """Laws of bodies on the RID."""
-    with shared.log.stage("projection", shared.announce):
-        return stages_of(shared.full).projected(shared.full, basis, sets)
+def assemble(draft: Draft) -> None:
+    """The model, with the range and the statuses of the training; the paths of load paths are known after the check."""
+    shared = draft.shared
+    space = shared.full.problem.parameters
+    elastic = draft.flow is None
+    known = shared.snapshots.known_statuses(draft.sets.A_lambda) if elastic else None
+    with shared.log.stage("online_arrays", shared.task.announce):
+        range_ = TrainedRange.of(shared.snapshots.points, space) if elastic else None
+        arrays = draft.reduced, shared.full.parameters, draft.fields, range_
+        draft.model = ReducedModel(*arrays, known=known, flow=draft.flow)
+
+
+def start_along(draft: Draft) -> None:
+    """Statuses start along derivatives, for a model without tabulated answers."""
+    model = draft.model
+    if model.eliminated is not None and not (draft.reduced.motions or model.eliminated.tabulated):
+        with draft.shared.log.stage("online_arrays", draft.shared.task.announce):
+            draft.model = model.changed(known=_starts_along(model))
 
 
 def _starts_along(model: ReducedModel) -> LinearStarts:
-    """Starts of a model without tabulated answers; the module is loaded only for such a model."""
+    """Starts of a model; the module is loaded only for such a model."""
     from hhr_dolfinx.reduction.starts import linear_starts
 
     inner: Any = model.eliminated
     return linear_starts(inner.eliminated, inner.known.points, inner.pairs, inner.known.active)
-
-
-def _eliminated_between(model: ReducedModel, log: StageLog) -> ReducedModel:
-    """A model whose K~ depends on parameters, interpolated between few of them; statuses start along derivatives."""
-    from hhr_dolfinx.reduction.interpolate_reduced import interpolated_reduction
-    from hhr_dolfinx.reduction.starts import linear_starts
-
-    if model.problem.motions:
-        log.skip("interpolation", "contact alone holds bodies: K~ is factored for each query")
-        return model
-    if model.friction is not None:
-        log.skip("interpolation", "frictional contact: K~ is factored once for all increments of a path")
-        return model
-    compliances, _ = interpolated_reduction(model.problem, model.fields.amplitudes, model.parameters)
-    if compliances is None:
-        log.skip("interpolation", "K~^-1 is no smooth function of the parameters: it is factored for each query")
-        return model
-    assert model.known is not None  # true for elastic bodies
-    known = linear_starts(compliances, model.known.points, model.problem.pairs)
-    return model.changed(compliances=compliances, known=known)
 
 
 def _distinct(problem: ContactProblem, sets: IndexSets) -> IndexSets:
@@ -451,56 +512,3 @@ def _rows_of(reduced: ReducedProblem, problem: ContactProblem, sets: IndexSets) 
         return reduced
     rows = {name: getattr(reduced, name)[kept] for name in ("contact_test", "contact_trial", "gaps", "pairs")}
     return replace(reduced, **rows)
-
-
-def _enriched(shared: _Offline, sets: IndexSets) -> Enrichment:
-    """The enriched basis, or the given one without a requested enrichment."""
-    step = shared.recipe.enrichment
-    problem = shared.full.problem
-    rows = _distinct(problem, sets)
-    enrichment = enrich(problem, shared.basis, rows, np.inf if step is None else step.kappa_max)
-    if step is None:
-        shared.log.skip("enrichment", "not requested")
-    else:
-        record_enrichment(enrichment, step.kappa_max, shared.log)
-    return enrichment
-
-
-def _checked_margin(shared: _Offline, model: ReducedModel, layers: int) -> float | None:
-    """Smallest tangent margin at training states; 1, that of the elastic operator, if all states are elastic."""
-    if model.equilibrium is None or shared.recipe.tangents is None:
-        return None
-    with shared.log.stage("stability", shared.announce):
-        return stages_of(shared.full).margin(model, shared.states, shared.recipe.tangents.least, layers)
-
-
-def _compared(shared: _Offline, model: ReducedModel) -> tuple[Comparison | None, Trained | None]:
-    """Errors against validation answers, or else against training, and the training range.
-
-    The training range of a model of load paths is known only after it has solved the known paths.
-    """
-    full = shared.full
-    snapshots = shared.snapshots
-    held_out = shared.held_out
-    limits = shared.recipe.trust
-    trained = model.trained
-    if snapshots.columns is not None:
-        shared.log.skip("comparison", "trained on parts of histories: only models of all parts together answer one")
-        return None, None
-    if model.friction is not None and model.equilibrium is None:
-        from hhr_dolfinx.certify.trust import compared_histories
-
-        return compared_histories(full, model, snapshots, held_out, limits)[0], trained
-    if model.equilibrium is not None:
-        return stages_of(full).checked(full, model, snapshots, held_out, limits)
-    if limits is None:
-        return None, trained
-    if held_out is None:
-        every = max(1, len(snapshots.points) // MOST_TRAINING_COMPARED)
-        held_out = snapshots.take(np.arange(0, len(snapshots.points), every))
-    comparison = compare_points(full, model, held_out, force_floor(full.problem, snapshots))
-    check_comparison(comparison, limits)
-    if full.problem.rigid is not None and model.fields.bound is not None:
-        check_comparison(compare_on_s(model), limits)
-    warn_unbounded(model.fields)
-    return comparison, trained

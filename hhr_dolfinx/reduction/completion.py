@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 
 FORCES = 1e-6
-"""Part of the squared training forces that modes of forces leave out, for friction, which gives them any sign."""
+"""Part of the squared training forces that modes of forces leave out, for laws that give them any sign."""
 IN_THE_CONE = 1e-3
 """Relative distance from the cone of the other snapshots below which a force snapshot is left out: the fraction of the
 largest force below which a relative force error is meaningless."""
@@ -155,7 +155,7 @@ def _gap_scale(problem, snapshots) -> np.ndarray:
     return scale
 
 
-OF_FRICTION = "frictional contact: the error of reduced increments has no bound"
+OF_MEMORY = "contact with {}: the error of reduced increments has no bound"
 
 
 class Bounding(NamedTuple):
@@ -185,8 +185,8 @@ def bound_of(
     """Bounds for a recipe, with a basis, (own, ell); None if not requested or not proved, with a log entry."""
     if not recipe.bound or recipe.indicator is not None:
         return Bounding(None, basis, unbounded=NOT_ASKED)
-    if full.problem.friction is not None:
-        return Bounding(None, basis, unbounded=OF_FRICTION)
+    if full.problem.law.remembers:
+        return Bounding(None, basis, unbounded=OF_MEMORY.format(full.problem.law.name))
     forces = snapshots.forces
     try:
         with log.stage("bound", announce):

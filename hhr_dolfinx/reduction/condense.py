@@ -5,17 +5,16 @@ Each connected component of a scene is solved separately, at the parameters of i
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, cast
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
 import numpy as np
 from scipy.sparse import csr_matrix
 
-from hhr_dolfinx.certify.accuracy import force_floor
-from hhr_dolfinx.certify.compare import Comparison, compare_points
-from hhr_dolfinx.certify.trust import OF_CONDENSATION, TrustLimits, check_comparison
+from hhr_dolfinx.certify.compare import Comparison
+from hhr_dolfinx.certify.trust import OF_CONDENSATION
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, NotOfferedError, ReductionError, SceneWarning, StabilityWarning
@@ -24,7 +23,7 @@ from hhr_dolfinx.models.eliminations.block import BlockElimination
 from hhr_dolfinx.models.eliminations.interpolated import Compliances, InterpolatedFields
 from hhr_dolfinx.models.eliminations.interpolation import GrownGrid
 from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
-from hhr_dolfinx.models.estimates import NOT_ASKED, known_error, warn_unbounded
+from hhr_dolfinx.models.estimates import NOT_ASKED, warn_unbounded
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.reduction.components import Solver, interpolated_compliances, solvers_of
@@ -33,12 +32,13 @@ from hhr_dolfinx.reduction.interpolate_reduced import interpolated_problem
 from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.recipe import Pod
+from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, compared, made
 from hhr_dolfinx.reduction.shaped import reshaped_functionals
 from hhr_dolfinx.reduction.starts import starts_of
 from hhr_dolfinx.reduction.varying_bound import between, varying_bound
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
-from hhr_dolfinx.timing import Announce, StageLog, unannounced
+from hhr_dolfinx.timing import Announce, StageLog
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
@@ -61,7 +61,7 @@ _INTERPOLATED = (
     "S is interpolated between parameters and not resolved here: raise the budget of the grid or narrow the box"
 )
 ADVICE: Mapping[Status, str] = MappingProxyType({Status.CYCLING: _INTERPOLATED, Status.SINGULAR: _INTERPOLATED})
-OF_FRICTION = "the moduli of bodies with friction vary, and how far interpolated forces are off is not bounded there"
+OF_MEMORY = "moduli vary, and contacts remember their path: how far interpolated forces are off is not bounded there"
 ALONG_NODES = (4, 16)
 PER_NODE = 8
 TOGETHER = 16
@@ -74,17 +74,22 @@ FEW = 150_000
 that answers take hardly longer, and into a page."""
 
 
-@dataclass(frozen=True)
-class CondensedRecord:
-    """Record of an interpolated condensation.
+GRID_PART = 1e-3
+"""Target error of interpolated S in a search, as a part of its target: errors of forces are ten or more times larger,
+just after a contact has closed even more."""
+GRID_BUDGETS = (200, 800, 800, 800, 800)
+"""Solutions for each component in rounds of a search."""
+
+
+@dataclass(frozen=True, eq=False)
+class CondensedFacts:
+    """Facts of an interpolated condensation, in its :class:`~hhr_dolfinx.reduction.reductor.Record`.
 
     Attributes:
         settings: targets of its grids.
         evaluations: solutions of the parts of the scene, one number for each grid.
         surpluses: surplus of the terms tried last, relative.
         unresolved: error of the formulas of moduli between the nodes of the grids, as far as it was tested, relative.
-        comparison: errors against known answers; None without known answers.
-        log: seconds of the stages.
         finer: whether answers use the interpolation of the bound instead of these grids.
     """
 
@@ -92,109 +97,119 @@ class CondensedRecord:
     evaluations: list[int]
     surpluses: list[float]
     unresolved: float
-    comparison: Comparison | None
-    log: StageLog
     finer: bool
+
+    @property
+    def doubt(self) -> float:
+        """Expected error of S of grids that spent their budget before they converged; 0 for others."""
+        worst = max([self.unresolved, *self.surpluses])
+        return 0.0 if self.finer or worst <= self.settings.tolerance else worst
+
+
+class _Prepared(NamedTuple):
+    """The task of all attempts, and solvers of all components, which keep their solutions for further tasks."""
+
+    task: Task
+    solvers: list[Solver]
 
 
 @dataclass(frozen=True)
-class Condensation:
-    """Interpolated condensation as a reduction, see :func:`condense`.
+class Condensation(Reductor[_Prepared]):
+    """Interpolated condensation: a model that keeps all contact conditions and interpolates their compliance.
+
+    Displacements of snapshots span the fields; the contact forces do not need them. Without snapshots, fields of
+    typical forces and loads at some nodes of the grids do.
 
     Attributes:
-        settings: targets of the sparse grids; see :func:`condense`.
-        bound: whether answers have a bound of their error.
-    """
-
-    settings: GridSettings | None = None
-    bound: bool = True
-
-    def reduced(self, full: FullModel, snapshots: SnapshotSet, held_out: SnapshotSet | None = None) -> CondensedModel:
-        """See :func:`condense`."""
-        return condense(full, snapshots, self.settings, held_out, bound=self.bound)
-
-
-def condense(
-    full: FullModel,
-    snapshots: SnapshotSet | None,
-    settings: GridSettings | None = None,
-    held_out: SnapshotSet | None = None,
-    *,
-    bound: bool = True,
-    fields: bool = True,
-    along: bool = False,
-    finer: bool | None = None,
-    solvers: list[Solver] | None = None,
-    spare: bool = False,
-    announce: Announce = unannounced,
-) -> CondensedModel:
-    """Build a model that keeps all contact conditions and interpolates their compliance.
-
-    Args:
-        full: the full model, on one rank, whose stiffness depends on parameters.
-        snapshots: answers whose displacements span the fields; the contact forces do not need them. None computes
-            fields of typical forces and loads at some nodes of the grids.
         settings: targets of the sparse grids; None for the defaults.
-        held_out: answers the model is compared with.
         bound: whether answers have a bound of their error, or an estimate if none is proved.
         fields: whether answers have displacements; without them there is no bound either.
         along: whether displacements under forces and loads span the fields in addition to snapshots.
         finer: whether answers use the interpolation of the bound if it is small; None: only without ``settings``.
-        solvers: of all components, by :func:`solvers_of`, which keep their solutions for another model.
-        spare: whether to leave out fields if there can be no bound.
-        announce: called with each stage and the share of it that is done; an exception from it stops the build.
-
-    Raises:
-        ReductionError: for a scene of constant stiffness, or of bodies with laws.
-
-    Warns:
-        StabilityWarning: if a grid spent its budget before it converged.
+        spare: whether to leave out fields if there can be no bound; nothing is compared then.
     """
-    finer = settings is None if finer is None else finer
-    settings = settings or DEFAULT_GRID
-    problem: ContactProblem = full.problem
-    _check_given(full, snapshots)
-    log = StageLog()
-    solvers = solvers_of(full) if solvers is None else solvers
-    compliances, grids = _compliances(full, solvers, settings, log, announce)
-    with log.stage("starts", announce):
-        known, forces = starts_of(compliances, _starts(problem), problem, full.comm, announce)
-    fields = fields and not (spare and _unbounded(full, log, solvers, announce))
-    with log.stage("fields", announce):
-        seen = _spanning(compliances, solvers, known, forces, snapshots, announce, along=along) if fields else []
-        made = _fields(full, seen, settings) if fields else _no_fields(full, settings)
-    if fields:
-        forces = forces.T if snapshots is None else snapshots.forces
-        made = _bounded(full, made, forces, log, solvers, announce, wanted=bound)
-    answering = _finer(compliances, made.bound) if finer else compliances
-    model = CondensedModel(
-        full.parameters, answering, known, made, problem.contact_pairs, advice=ADVICE, friction=problem.friction
-    )
-    log.say(known_error(made))
-    comparison = _compared(full, model, snapshots, held_out, log) if fields else None
-    model.offline = _record(settings, grids, comparison, log, finer=answering is not compliances)
-    return model
 
+    settings: GridSettings | None = None
+    bound: bool = True
+    fields: bool = True
+    along: bool = False
+    finer: bool | None = None
+    spare: bool = False
+    method: ClassVar[str] = "condensed"
+    remedy: ClassVar[Mapping[str, str]] = OF_CONDENSATION
 
-def _compared(
-    full: FullModel, model: CondensedModel, snapshots: SnapshotSet | None, held_out: SnapshotSet | None, log: StageLog
-) -> Comparison | None:
-    """Comparison with answers held out; None without any."""
-    if held_out is None or snapshots is None:
-        return None
-    with log.stage("validation"):
-        comparison = compare_points(full, model, held_out, force_floor(full.problem, snapshots))
-        check_comparison(comparison, TrustLimits(), OF_CONDENSATION)
-    return comparison
+    @classmethod
+    def usual(cls, settings: Any, *, fields: bool | None) -> Condensation:
+        """See :meth:`~hhr_dolfinx.reduction.reductor.Reductor.usual`."""
+        return cls(settings) if fields is None else cls(settings, bound=fields, fields=fields)
 
+    def check(self, task: Task) -> None:
+        """Refuse other scenes than of elastic bodies whose stiffness varies."""
+        _check_given(task.full, task.snapshots)
 
-def _record(
-    settings: GridSettings, grids: list[GrownGrid], comparison: Comparison | None, log: StageLog, *, finer: bool
-) -> CondensedRecord:
-    """Record of the construction of a model."""
-    numbers = [grid.evaluations for grid in grids], [grid.surplus for grid in grids]
-    unresolved = max((grid.unresolved for grid in grids), default=0.0)
-    return CondensedRecord(settings, *numbers, unresolved, comparison, log, finer)
+    def prepare(self, task: Task, before: _Prepared | None = None) -> _Prepared:
+        """Solvers of all components."""
+        task.full.problem.require_whole()
+        return _Prepared(task, solvers_of(task.full) if before is None else before.solvers)
+
+    def attempt(self, prepared: _Prepared, level: int) -> tuple[CondensedModel, CondensedFacts]:
+        """The model."""
+        task, solvers = prepared
+        full = task.full
+        log = task.log
+        announce = task.announce
+        finer = self.settings is None if self.finer is None else self.finer
+        settings = self.settings or DEFAULT_GRID
+        problem: ContactProblem = full.problem
+        compliances, grids = _compliances(full, solvers, settings, log, announce)
+        with log.stage("starts", announce):
+            known, forces = starts_of(compliances, _starts(problem), problem, full.comm, announce)
+        fields = self.fields and not (self.spare and _unbounded(full, log, solvers, announce))
+        seen: list[np.ndarray] = []
+        with log.stage("fields", announce):
+            if fields:
+                seen = _spanning(compliances, solvers, known, forces, task.snapshots, announce, along=self.along)
+            completed = _fields(full, seen, settings) if fields else _no_fields(full, settings)
+        if fields:
+            forces = forces.T if task.snapshots is None else task.snapshots.forces
+            completed = _bounded(full, completed, forces, log, solvers, announce, wanted=self.bound)
+        answering = _finer(compliances, completed.bound) if finer else compliances
+        parts = full.parameters, answering, known, completed, problem.contact_pairs
+        model = CondensedModel(*parts, advice=ADVICE, law=problem.law)
+        numbers = [grid.evaluations for grid in grids], [grid.surplus for grid in grids]
+        unresolved = max((grid.unresolved for grid in grids), default=0.0)
+        return model, CondensedFacts(settings, *numbers, unresolved, finer=answering is not compliances)
+
+    def compare(self, task: Task, model: Any) -> tuple[Comparison | None, Any]:
+        """Errors against validation answers; those of training span the fields."""
+        if task.held_out is None or self.spare or not self.fields:
+            return None, model.trained
+        return compared(task, model, self.limits, self.remedy)
+
+    def proposals(self, search: Search) -> Iterator[Proposal]:
+        """Finer and finer grids while forces are off; displacements of checks improve the fields of later rounds."""
+        before = _Prepared(Task(search.full), solvers_of(search.full, search.store))
+        tolerance = GRID_PART * search.target.error
+        # without fields nothing bounds an error; without a bound they serve displacements alone
+        spare = not search.reads_displacements
+        for budget in GRID_BUDGETS:
+            settings = GridSettings(tolerance, budget)
+
+            def make(settings: GridSettings = settings) -> Any:
+                task = Task(search.full, search.checked, announce=search.announce, sure=0)
+                return made(Condensation(settings, along=True, finer=True, spare=spare), task, before)
+
+            def spared(settings: GridSettings = settings) -> Any:
+                # all expensive results exist by now, so the budget need not stop the rest
+                task = Task(search.full, announce=search.progress, sure=0)
+                return made(Condensation(settings, fields=False), task, before)
+
+            count = len(search.held_out)
+            spanned = f", fields of {count} checks too" if count else ""
+            setting = f"interpolated to {tolerance:.0e}{spanned}"
+            yield Proposal(self.method, setting, make, spared if spare else None)
+            if search.forces_off:
+                tolerance /= 100
 
 
 def _starts(problem: ContactProblem) -> np.ndarray:
@@ -291,7 +306,7 @@ def _compliances(
 
 def _unbounded(full: FullModel, log: StageLog, solvers: list[Solver], announce: Announce) -> bool:
     """True if the errors of a model have no bound, whatever its fields."""
-    if full.problem.friction is not None:
+    if full.problem.law.remembers:
         return True
     try:
         with log.stage("bound", announce):
@@ -313,8 +328,8 @@ def _bounded(
     wanted: bool,
 ) -> InterpolatedFields:
     """Fields with a bound; unchanged without one, with the reason in the log."""
-    if not wanted or full.problem.friction is not None:
-        return replace(fields, unbounded=NOT_ASKED if not wanted else OF_FRICTION)
+    if not wanted or full.problem.law.remembers:
+        return replace(fields, unbounded=NOT_ASKED if not wanted else OF_MEMORY)
     try:
         with log.stage("bound", announce):
             return replace(fields, bound=varying_bound(full, fields.basis, forces, solvers, announce))
@@ -425,8 +440,7 @@ def _check_given(full: FullModel, snapshots: SnapshotSet | None) -> None:
         raise NotOfferedError(
             f"contact alone holds bodies of scene '{full.scene.name}', and their elasticity depends on parameters: "
             "interpolated condensation is not built in for these. Take "
-            + ("the full model itself" if problem.friction is not None else "a reduced model, training.build()")
+            + ("the full model itself" if problem.law.remembers else "a reduced model, training.build()")
         )
-    problem.require_whole()
     if snapshots is not None:
         check_of_problem("snapshots", snapshots, problem)

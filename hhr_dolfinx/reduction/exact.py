@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, ClassVar
 
 import numpy as np
 from scipy.sparse import csr_matrix
@@ -15,6 +17,52 @@ from hhr_dolfinx.models.eliminations.elimination import Responses
 from hhr_dolfinx.models.exact import ExactFields, SolvedFields
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, made
+
+STARTS = 64
+"""Points whose statuses are solved in advance on S, without snapshots."""
+
+
+@dataclass(frozen=True)
+class ExactCondensation(Reductor[Task]):
+    """Exact condensation, see :func:`exact_condensation`.
+
+    Attributes:
+        field: compute the displacement with each answer; without it only when it is asked for, and a query costs less.
+    """
+
+    field: bool = False
+    method: ClassVar[str] = "condensed"
+
+    @classmethod
+    def usual(cls, settings: Any, *, fields: bool | None) -> ExactCondensation:
+        """See :meth:`~hhr_dolfinx.reduction.reductor.Reductor.usual`; settings have no effect."""
+        return cls(bool(fields))
+
+    def not_by_rows(self, task: Task) -> str:
+        """One rank must have all rigid motions."""
+        return "" if task.full.problem.rigid is None else "contact alone holds bodies"
+
+    def attempt(self, prepared: Task, level: int) -> tuple[CondensedModel, None]:
+        """The model."""
+        full = prepared.full
+        snapshots = prepared.snapshots
+        if snapshots is None or full.law.remembers:
+            return exact_condensation(full, _known_statuses(full), field=self.field), None
+        return exact_condensation(full, snapshots.known_statuses(), field=self.field), None
+
+    def compare(self, task: Task, model: Any) -> tuple[None, None]:
+        """Nothing: the driver compares the claim of exactness."""
+        return None, None
+
+    def proposals(self, search: Search) -> Iterator[Proposal]:
+        """One model."""
+
+        def make() -> Any:
+            search.announce("exact condensation", 0.0)
+            return made(ExactCondensation(search.target.needs_fields), Task(search.full, sure=0))
+
+        yield Proposal(self.method, "exact", make)
 
 
 def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = True) -> CondensedModel:
@@ -69,8 +117,7 @@ def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = T
     if problem.rigid is not None:
         return _floating(problem, problem.rigid, responses, known, fields)
     eliminated = ConstantElimination(responses, problem.amplitudes)
-    friction = problem.friction
-    return CondensedModel(problem.parameters, eliminated, known, fields, problem.contact_pairs, friction=friction)
+    return CondensedModel(problem.parameters, eliminated, known, fields, problem.contact_pairs, law=problem.law)
 
 
 def _solved_fields(full: FullModel, free: np.ndarray) -> SolvedFields:
@@ -94,5 +141,19 @@ def _floating(
     taken = problem.contact @ rigid
     driving = rigid.T @ problem.loads
     left = FloatingElimination(responses, taken, driving, rigid, problem.amplitudes)
-    friction = problem.friction
-    return CondensedModel(problem.parameters, left, known, fields, problem.contact_pairs, friction=friction)
+    return CondensedModel(problem.parameters, left, known, fields, problem.contact_pairs, law=problem.law)
+
+
+def _known_statuses(full: FullModel) -> KnownStatuses:
+    """Statuses at some points of the box, solved on S."""
+    from hhr_dolfinx.sampling import Sobol
+
+    problem = full.problem
+    nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
+    if problem.law.remembers:  # an increment starts from the one before
+        return nothing
+    model = exact_condensation(full, nothing, field=False)
+    points = Sobol(STARTS).points(problem.parameters)
+    return (
+        KnownStatuses.of_answers(model.solve(point, start=None, raise_on_failure=False) for point in points) or nothing
+    )

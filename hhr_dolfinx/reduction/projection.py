@@ -263,11 +263,7 @@ def _index_sets(problem, cells, inside) -> IndexSets:
     # an imposed slave whose masters lie outside would give a row of zeros in B~1
     acts = abs(problem.contact) @ in_A.astype(float) > 0
     in_A_lambda = inside[problem.contact_slaves] & acts
-    if problem.friction is not None:
-        # friction that acts on no unknown is kept with the pressure that bounds it
-        friction = problem.friction
-        idle = np.diff(problem.contact.indptr)[friction.tangential] == 0
-        in_A_lambda[friction.tangential[idle]] = in_A_lambda[friction.normal[friction.owner[idle]]]
+    in_A_lambda = problem.law.kept_with(in_A_lambda, problem.contact)
     if not in_A_lambda.any():
         raise ReductionError(
             "no contact condition lies inside the reduced integration domain: "

@@ -20,7 +20,7 @@ import numpy as np
 from hhr_dolfinx import ranks, registry
 from hhr_dolfinx.certify.trust import TrustLimits
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import NotOfferedError, ReductionError
+from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.linear.rows import MatrixOfRows, Rows
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.parameters import is_whole
@@ -60,19 +60,6 @@ def nodes_of_values(problem: ContactProblem, values: np.ndarray, tolerance: floa
     """Nodes of the cells in which DEIM picks values of a field of Gauss points, as many in each cell."""
     picked = deim(pod(values, tolerance)[0])
     return problem.cell_nodes[picked // (len(values) // len(problem.cell_nodes))].ravel()
-
-
-def usual(name: str, **changes: Any) -> Recipe:
-    """Usual recipe by its name among the ``recipes`` of plug-ins, with changes of its steps.
-
-    Raises:
-        NotOfferedError: if no installed plug-in has it.
-    """
-    known = registry.parts("recipes")
-    if name not in known:
-        raise NotOfferedError(f"no installed plug-in has a recipe {name!r}")
-    made: Recipe = registry.load(known[name][0])(**changes)
-    return made
 
 
 class Basis(Protocol):
@@ -340,8 +327,18 @@ class Tangents:
             raise ReductionError(f"least = {self.least} of Tangents must lie in [0, 1): 1 is an RID of all cells")
 
 
+class _Named(type):
+    """Class with named recipes of plug-ins, such as that for a law of interfaces."""
+
+    def __getattr__(cls, name: str) -> Any:
+        places = {} if name.startswith("_") else registry.named("recipes")
+        if name not in places:
+            raise AttributeError(f"there is no recipe {name!r}, and no installed plug-in adds it")
+        return registry.load(places[name])
+
+
 @dataclass(frozen=True)
-class Recipe:
+class Recipe(metaclass=_Named):
     """Steps of a reduction; the defaults gave the best errors for their time on the elastic pellet-cladding scene.
 
     Attributes:
@@ -399,22 +396,6 @@ class Recipe:
             "cone": True,
         }
         return cls(Pod(tolerance), **(plain | changes))
-
-    @classmethod
-    def flowing(cls, **changes: Any) -> Recipe:
-        """Recipe of the plug-in for bodies that flow, if it is installed; see :func:`usual`."""
-        return usual("flowing", **changes)
-
-    @classmethod
-    def with_friction(cls, **changes: Any) -> Recipe:
-        """Recipe for elastic bodies with friction: slip needs more modes, and a RID with most frictional contacts."""
-        usual: dict[str, Any] = {
-            "nodes": (Deim(), ForceDeim(1e-4), LoadNodes()),
-            "domain": Rid(2, 4),
-            "enrichment": Enrich(10.0),
-            "trust": TrustLimits.of_histories(),
-        }
-        return cls(**({"basis": Pod(1e-10)} | usual | changes))
 
     @property
     def by_rows(self) -> bool:

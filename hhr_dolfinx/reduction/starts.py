@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 STAGE = "starts"
 ALONG = 4
-"""Points along each path that samples forces of friction."""
+"""Points along each path that samples the forces of a law that remembers."""
 NO_FIELDS: Any = ModelFields()
 """Fields of answers without fields."""
 
@@ -81,19 +81,24 @@ def starts_of(
 ) -> tuple[KnownStatuses, np.ndarray]:
     """Starts of searches, and typical forces, (S, m), of a condensed model at some points, (S, P).
 
-    With friction, increments start from the one before, and the forces are those along paths through a few points each,
-    which load, unload and reverse; the parameters that stay along a path are those of its first point.
+    With a law that remembers, increments start from the one before, and the forces are those along paths through a few
+    points each, which load, unload and reverse; the parameters that stay along a path are those of its first point.
     """
-    if problem.friction is None:
+    if not problem.law.remembers:
         known = linear_starts(eliminated, points, problem.contact_pairs, comm=comm, announce=announce)
         return known, np.maximum(known.margins, 0.0)
+    return _starts_along_paths(eliminated, points, problem, announce)
+
+
+def _starts_along_paths(
+    eliminated: Elimination, points: np.ndarray, problem: ContactProblem, announce: Announce
+) -> tuple[KnownStatuses, np.ndarray]:
+    """See :func:`starts_of`."""
     from hhr_dolfinx.models.condensed import CondensedModel
 
     nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
-    model = CondensedModel(
-        problem.parameters, eliminated, nothing, NO_FIELDS, problem.contact_pairs, friction=problem.friction
-    )
-    fixed = problem.friction.fixed
+    model = CondensedModel(problem.parameters, eliminated, nothing, NO_FIELDS, problem.contact_pairs, law=problem.law)
+    fixed = problem.law.fixed
     found = []
     seen = []
     for first in range(0, len(points), ALONG):
@@ -110,6 +115,6 @@ def starts_of(
         seen += [answer.parameter for answer in history.answers]
     if not found:
         raise ReductionError(
-            "no path through the box has an answer: contact rows are dependent, or friction is too large"
+            "no path through the box has an answer: contact rows are dependent, or the law of the contacts admits none"
         )
     return KnownStatuses(np.array(seen), np.array(found) != 0), np.array(found)

@@ -21,10 +21,9 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ReductionError, TrainingWarning
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, told_once
-from hhr_dolfinx.models.histories.far_sliding import first_alone
 from hhr_dolfinx.models.shown import Shown, counted
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.warn import warn
+from hhr_dolfinx.warn import first_alone, warn
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -300,7 +299,7 @@ def _solved(
 ) -> SnapshotSet | None:
     """Answers to the queries; None if none has an answer."""
     if not _are_paths(queries):
-        full.problem.require_no_friction("a set of snapshots at single parameters")
+        full.problem.require_no_memory("a set of snapshots at single parameters")
     with ranks.together(full.comm, "solving for snapshots"):
         if not _are_paths(queries):
             own = full.problem.spread.of
@@ -375,7 +374,10 @@ def _histories(
     for number, path in enumerate(progress(paths), start=1):
         _log.info("history %d of %d, %d steps", number, len(paths), len(path) - 1)
         history = None
-        label = getattr(path, "name", "") or f"a path that ends at {full.parameters.described(path[-1][1])}"
+        label = (
+            getattr(path, "name", "")
+            or f"a path that ends at {full.parameters.described(full.parameters.point(path[-1][1]))}"
+        )
         with _recording(lost, label):
             if store is None:
                 history = full.march(path, settings)

@@ -205,12 +205,6 @@ _LAYOUT: dict[str, tuple[str, ...]] = {
 }
 _PARTS: dict[str, tuple[str, ...]] = {"iterations": ("int",), "ends": ("float", "ends"), "time_error": ("float",)}
 """Additional arrays of a step that may be solved in parts."""
-_SLIP: dict[str, tuple[str, ...]] = {
-    "position": ("float", "tangential"),
-    **{name: ("float", "frictional") for name in ("path", "work", "wear", "pressure", "bound")},
-    "statuses": ("int", "frictional"),
-}
-"""Additional arrays of a step with friction."""
 
 UNKNOWN = -1.0
 """Time error of a step without an estimate."""
@@ -275,7 +269,8 @@ class _Elastic:
     def residual(self, answer: Answer, forces: float) -> float:
         problem = self._problem.at(answer.parameter)
         theta = self._problem.amplitudes(answer.parameter)
-        return max(astuple(contact_residuals(problem, answer.displacement(), answer.forces(), theta)))
+        opened = self._problem.law.opened(answer.memory)
+        return max(astuple(contact_residuals(problem, answer.displacement(), answer.forces(), theta, opened)))
 
     def size(self, answer: Answer) -> float:
         return 0.0
@@ -317,9 +312,8 @@ class SnapshotStore:
         clear_leftovers(self._folder)
         conditions, dofs = self._problem.contact.shape
         self._sizes = {"N": dofs, "N_lambda": conditions}
-        friction = self._problem.friction
-        if friction is not None:
-            self._sizes |= {"tangential": friction.tangential.size, "frictional": friction.normal.size}
+        self._law = self._problem.law
+        self._sizes |= self._law.sizes
         self._sizes |= self._laws.sizes
         self.found = 0
 
@@ -416,9 +410,9 @@ class SnapshotStore:
     def _save(self, answer: Answer, query: list) -> None:
         values = {name: getattr(answer, name) for name in _LAYOUT}
         values |= self._laws.arrays(answer)
-        values |= answer.slip._asdict() if "slip" in answer.memory else {}
+        values |= self._law.stored(answer.memory)
         values |= {name: getattr(answer, name) for name in _PARTS if name in self._layout()}
-        if np.isnan(answer.time_error):  # friction without a tolerance has none; files hold finite numbers
+        if np.isnan(answer.time_error):  # without a tolerance there is none; files hold finite numbers
             values["time_error"] = UNKNOWN
         arrays = {name: np.asarray(values[name]) for name in self._layout()}
         check_layout(arrays, self._layout(), self._sizes)
@@ -427,16 +421,13 @@ class SnapshotStore:
 
     def _layout(self) -> dict[str, tuple[str, ...]]:
         layout = _LAYOUT | dict(self._laws.layout) | (_PARTS if self._laws.layout else {})
-        return layout if self._problem.friction is None else layout | _PARTS | _SLIP
+        return layout | _PARTS | self._law.layout if self._law.remembers else layout
 
     def _answer(self, point: np.ndarray, arrays: dict[str, np.ndarray]) -> Answer:
         memory = NO_MEMORY | self._laws.memory(arrays)
         iterations = 0
         steps: dict[str, Any] = {}
-        if "position" in arrays:
-            from hhr_dolfinx.contact.friction import SlipState
-
-            memory |= {"slip": SlipState(**{name: arrays[name] for name in _SLIP})}
+        memory |= self._law.restored(arrays)
         if "ends" in arrays:
             iterations = int(arrays["iterations"])
             known = float(arrays["time_error"])
@@ -529,19 +520,14 @@ def _digest_of(full: FullModel) -> bytes:
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
     problem: ContactProblem = full.problem
     problem.require_parts("a store of snapshots")
-    others = "amplitudes parameters moduli reshaped rigid resting pins loose whole_contact friction comm".split()
+    others = "amplitudes parameters moduli reshaped rigid resting pins loose whole_contact law comm".split()
     others += [] if problem.comm is None else ["stiffness_terms", "node_mass", "first"]  # the same on all ranks
     parts = [getattr(problem, item.name) for item in fields(problem) if item.name not in others]
     parts += [] if problem.comm is None else _digests_of_rows(problem)
     parts += [problem.parameters.names, problem.amplitudes.constant, problem.amplitudes.slopes]
     parts += [text for modulus in problem.moduli for text in (modulus.factor, modulus.rest)]
     parts += [] if problem.reshaped is None else [problem.reshaped.described]
-    if problem.friction is not None:
-        friction = problem.friction
-        scalars = [scalar for law in friction.laws for scalar in (law.coefficient, law.limit)]
-        parts += ["" if scalar is None else scalar.text for scalar in scalars]
-        parts += [friction.normal, friction.area, friction.law, friction.tangential, friction.owner, friction.tangents]
-        parts += [friction.fixed, friction.twice]
+    parts += problem.law.parts()
     parts += stored_laws(full).fingerprint()
     add_to(digest, parts)
     return digest.digest()

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 from typing import Any
 
-import numpy as np
 from mpi4py import MPI
 
 from hhr_dolfinx.certify.strains import look_at_corners
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.models.condensed import CondensedModel
-from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.reduction.exact import exact_condensation
-from hhr_dolfinx.sampling import Sobol
+from hhr_dolfinx.reduction.reductor import Task, made
+from hhr_dolfinx.reduction.reductors import condensing
 from hhr_dolfinx.scene import Scene
-
-STARTS = 64
-"""Points whose statuses are solved in advance on S, if only loads vary."""
 
 
 def condense(scene: Scene | FullOrderModel, settings: Any = None, *, fields: bool | None = None) -> CondensedModel:
@@ -45,7 +40,7 @@ def condense(scene: Scene | FullOrderModel, settings: Any = None, *, fields: boo
     """
     full = scene if isinstance(scene, FullOrderModel) else FullOrderModel(scene, MPI.COMM_SELF)
     model = condensed(full, settings, fields=fields)
-    if full.friction is None:  # with friction a point takes dozens of increments, and the full model warns
+    if not full.law.remembers:  # with memory a point takes dozens of increments, and the full model warns
         look_at_corners(full, model)
     return model
 
@@ -62,21 +57,4 @@ def condensed(full: FullOrderModel, settings: Any = None, *, fields: bool | None
         fields = full.functionals is not None and any(item.count for item in full.functionals.items)
     if not isinstance(fields, bool):
         raise ReductionError(f"fields = {fields!r} of a condensation must be True, False, or None")
-    if not full.problem.varies:
-        return exact_condensation(full, _known_statuses(full), field=fields)
-    from hhr_dolfinx.reduction.condense import condense as interpolated
-
-    return interpolated(full, None, settings, bound=fields, fields=fields)
-
-
-def _known_statuses(full: FullOrderModel) -> KnownStatuses:
-    """Statuses at some points of the box, solved on S."""
-    problem = full.problem
-    nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
-    if problem.friction is not None:  # an increment starts from the one before
-        return nothing
-    model = exact_condensation(full, nothing, field=False)
-    points = Sobol(STARTS).points(problem.parameters)
-    return (
-        KnownStatuses.of_answers(model.solve(point, start=None, raise_on_failure=False) for point in points) or nothing
-    )
+    return made(condensing(full).usual(settings, fields=fields), Task(full))

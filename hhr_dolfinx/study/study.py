@@ -261,10 +261,10 @@ def _measured(
 def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray | dict[Any, HistoryPath]:
     """Test points, (n, P), or checked paths by label for bodies with laws; StudyError for the wrong kind."""
     tests = settings.tests
-    if any(law is not None for law in scene.friction):
+    if scene.remembers:
         raise NotOfferedError(
-            f"a study of scene '{scene.name}' is not built in, as its contacts have friction: train or condense it, "
-            "and march along paths of your own"
+            f"a study of scene '{scene.name}' is not built in, as its contacts remember their path: train or condense "
+            "it, and march along paths of your own"
         )
     if (laws := study_of(scene)) is not None:
         laws.check(settings)

@@ -14,7 +14,7 @@ from scenes import pressed_block, whole_domain
 import hhr_dolfinx as hhr
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
-from hhr_dolfinx.contact.problem import joined
+from hhr_dolfinx.contact.rows import joined
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, SingularError
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.linear.dense import LapackLU, PetscLU
@@ -279,7 +279,7 @@ def test_every_model_keeps_its_pairs_apart(kind, unlike, request):
         if kind == "reduced flow":
             from hhr_dolfinx.plugins.inelastic.project import project_flow
 
-            fields = SimpleNamespace(amplitudes=problem.amplitudes, frictional=None)
+            fields = SimpleNamespace(amplitudes=problem.amplitudes, interface=None)
             projected, points = project(flow.problem, basis, sets), project_flow(model, basis, sets)
             model, loads = ReducedModel(projected, problem.parameters, fields, flow=points).equilibrium, loads[free]
         forces = model.elastic.correct(loads, np.zeros(model.size), theta, everything).found.forces
@@ -387,7 +387,7 @@ def test_each_model_adds_its_own_advice():
     with pytest.raises(NotSolvableError, match=r"1\.67.*: add modes"):
         model.solve(0.5)
     zero = ReducedProblem(np.zeros((1, 1)), *[np.ones((2, 1))] * 2, np.ones((1, 1)), np.ones((2, 1)), np.zeros(2, int))
-    fields = SimpleNamespace(amplitudes=model.eliminated.amplitudes, frictional=None)
+    fields = SimpleNamespace(amplitudes=model.eliminated.amplitudes, interface=None)
     with pytest.raises(SingularError, match=r"K~ cannot be eliminated.*singular: add RID layers"):
         ReducedModel(zero, model.parameters, fields, known=model.known)
 

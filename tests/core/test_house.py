@@ -176,6 +176,17 @@ def test_public_functions_say_their_types():
     assert not found
 
 
+def test_one_class_of_record():
+    """What a kind of model knows of its construction are facts of one record."""
+    found = [
+        (path.name, node.name)
+        for path in MODULES.values()
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.ClassDef) and node.name.endswith("Record")
+    ]
+    assert found == [("reductor.py", "Record")]
+
+
 def test_one_clock():
     clocks = re.compile(r"^\s*(?:import time|from time|import timeit)\b", re.MULTILINE)
     holders = [path.name for path in (*MODULES.values(), *SCRIPTS) if clocks.search(path.read_text())]

@@ -149,7 +149,7 @@ def test_a_press_fit_slips_as_a_whole_at_the_torque_of_its_pressures():
     np.testing.assert_allclose(press_fit_torque_study.torques(found), wanted, rtol=1e-5, atol=1e-3)  # 1e-7 was measured
     last = exact.answers[-1]
     assert set(last.slip.statuses.tolist()) == {2}
-    pressed = last.multipliers[full.problem.friction.normal].sum()
+    pressed = last.multipliers[full.problem.law.normal].sum()
     # torque already turns the slip along the axis, which the shrinking left, by some tenths of a percent
     assert wanted[-1] == pytest.approx(design[1] * pressed * press_fit_torque.RADIUS, rel=1e-2)
     assert wanted[0] == pytest.approx(0.0, abs=1e-6 * wanted[-1]) and (np.diff(wanted[:4]) > 0).all()

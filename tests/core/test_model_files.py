@@ -84,9 +84,9 @@ class Made(dict):
 
 def corrected(full, known):
     """Condensed flow of some histories."""
-    from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings, condense_flow
+    from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
-    return condense_flow(full, known, CorrectionSettings(attempts=1, trust=None))
+    return hhr.build(full, known, CorrectionSettings(attempts=1, trust=None))
 
 
 @pytest.fixture(scope="module")

@@ -194,7 +194,7 @@ def test_friction_slips_with_its_coefficient():
         full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
         low = np.array(full.parameters.lower)
         answer = full.march([(0.0, low), (1.0, [0.05, 0.0]), (2.0, [0.05, 0.1])]).answers[-1]
-        forces, friction = answer.forces(), full.friction
+        forces, friction = answer.forces(), full.law
         tangential = np.abs(forces[friction.tangential])
         assert (tangential <= 0.2 * forces[friction.normal][friction.owner] * (1 + 1e-9)).all()
         slips = answer.slip.statuses[friction.owner] == 2
@@ -232,11 +232,11 @@ def test_what_slides_far_is_known_by_nodes_of_the_other_body(pairing, simplices)
     faces = side(FIRST, last, True), side(SECOND, last, False)
     contact = pairing(*faces, (0.0, 1.0), friction=0.2)
     full = hhr.FullOrderModel(pressed(2, simplices, "node to node", contacts=(contact,)), MPI.COMM_SELF)
-    np.testing.assert_allclose(full.friction.spacing, 1 / 6, rtol=1e-6)
+    np.testing.assert_allclose(full.law.spacing, 1 / 6, rtol=1e-6)
     resting = pressed(2, simplices, "obstacle")
     rough = dataclasses.replace(resting.contacts[0], friction=0.2), *resting.contacts[1:]
     full = hhr.FullOrderModel(dataclasses.replace(resting, contacts=rough), MPI.COMM_SELF)
-    assert not full.friction.spacing.any()
+    assert not full.law.spacing.any()
 
 
 def warned_of_sag(scene):

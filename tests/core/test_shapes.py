@@ -127,12 +127,12 @@ def test_interpolated_condensation_answers_at_shapes_that_were_not_trained(train
 
 
 def test_condensation_converges_with_its_tolerance(training):
-    from hhr_dolfinx.reduction.condense import condense
+    from hhr_dolfinx.reduction.condense import Condensation
     from hhr_dolfinx.reduction.interpolate import GridSettings
 
     full, errors = training.full_order, []
     for tolerance in (1e-1, 1e-3, 1e-5):
-        model = condense(full, training.snapshots, GridSettings(tolerance, 200))
+        model = hhr.build(full, training.snapshots, Condensation(GridSettings(tolerance, 200)))
         errors.append(max(largest_difference(model.solve(point).forces(), full.solve(point).forces())
                           for point in full.parameters.random(3, seed=6)))  # fmt: skip
     assert errors[0] > errors[1] > errors[2] and errors[2] < 1e-4

@@ -10,7 +10,7 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cached_property
 from itertools import pairwise
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, Protocol
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 from scipy.sparse import csr_matrix, vstack
@@ -18,10 +18,8 @@ from scipy.sparse import csr_matrix, vstack
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.errors import HHRError, NotOfferedError, ParameterError, SceneError
+from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.parameters import ParameterSpace
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import SlipState
 
 DIFFERENCE = 1e-4
 """Step of the central differences over shapes, as a part of the box: their error is its square."""
@@ -135,7 +133,7 @@ class State(NamedTuple):
         point: the parameter, (P,).
         theta: amplitudes of all terms, (1 + T,).
         stress: computes the stress where laws of bodies are evaluated.
-        slip: slip and work of friction; None without friction.
+        memory: of the answer.
     """
 
     forces: np.ndarray
@@ -143,7 +141,7 @@ class State(NamedTuple):
     point: np.ndarray
     theta: np.ndarray
     stress: Callable[[], np.ndarray]
-    slip: SlipState | None = None
+    memory: Memory = NO_MEMORY
 
 
 class Slopes(NamedTuple):
@@ -295,7 +293,7 @@ def outputs_of(answer: Any) -> Outputs:
     if functionals.places and functionals.places[-1].stop:  # outputs of forces alone need no displacement
         coordinates = fields.coordinates(answer, theta) if whole.axes.size else _NOTHING
         measured = functionals.measured(coordinates) if whole.axes.size else fields.measured(answer, theta)
-    rest = answer.stress, answer.memory.get("slip")
+    rest = answer.stress, answer.memory
     states = [State(forces, measured[place], point, theta, *rest) for place in functionals.places]
     values = {item.name: item.value(state) for item, state in zip(functionals.items, states, strict=True)}
     if answer.gradient is None:

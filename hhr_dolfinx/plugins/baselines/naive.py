@@ -40,7 +40,7 @@ class NaiveFullOrder(AnsweringModel):
                 f"bodies of scene '{full_order.scene.name}' flow, and the naive baseline solves elastic ones only: ask "
                 "the full model"
             )
-        full_order.problem.require_no_friction("the naive baseline")
+        full_order.problem.require_no_memory("the naive baseline")
         self._full = full_order
         self.parameters = full_order.parameters
         self.fields = full_order

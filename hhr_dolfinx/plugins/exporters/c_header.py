@@ -15,7 +15,7 @@ import numpy as np
 
 from hhr_dolfinx.errors import ModelFileWarning, NotOfferedError
 from hhr_dolfinx.files import replacing
-from hhr_dolfinx.plugins.pages.arrays import check_model, contact_tree
+from hhr_dolfinx.plugins.pages.arrays import check_model, contact_tree, page_of
 from hhr_dolfinx.plugins.pages.packing import Packed
 from hhr_dolfinx.warn import warn
 
@@ -74,7 +74,7 @@ def c_header(model: Any, name: str) -> tuple[str, dict[str, Any]]:
     text = kernel_file("kernel.h").replace("MODEL_TITLE", name)
     needs = {name: tree[name] for name in ("friction", "floating", "flow")} | {"springs": tree["floating"]}
     for part, needed in needs.items():
-        text = text.replace(f"/*{part.upper()}*/", kernel_file(f"{part}.h") if needed else "")
+        text = text.replace(f"/*{part.upper()}*/", _part(model, part) if needed else "")
     text = text.replace("/*DATA*/", data.text())
     own = {"model_": f"{name}_", "MODEL_": f"{name.upper()}_"}
     # quoted texts are names of the scene
@@ -88,6 +88,13 @@ def box_of(tree: dict[str, Any]) -> tuple[np.ndarray, np.ndarray]:
     if tree["trained"] is None:
         return lower, upper
     return np.maximum(lower, tree["trained"][0]), np.minimum(upper, tree["trained"][1])
+
+
+def _part(model: Any, part: str) -> str:
+    """Text of an optional part of the kernel; the plug-in of a law of interfaces has that of the law."""
+    if model.law.plugin and (law := page_of(model.law, "a header")).key == part:
+        return law.header.read_text("utf-8")
+    return kernel_file(f"{part}.h")
 
 
 def kernel_file(name: str) -> str:

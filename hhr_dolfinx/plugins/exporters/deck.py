@@ -7,13 +7,15 @@ node to surface. The penalty stiffness can be changed in the deck.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.compat import topology
+from hhr_dolfinx.contact.law import PairLaw
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.files import replacing
@@ -25,8 +27,6 @@ if TYPE_CHECKING:
 
 PENALTY = 100.0
 """Normal penalty stiffness times the length of a facet, over the largest Young's modulus."""
-STICK = 0.1
-"""Tangential penalty stiffness over the normal one."""
 _ELEMENTS = {
     "plane_strain": {"triangle": "CPE3", "quadrilateral": "CPE4"},
     "plane_stress": {"triangle": "CPS3", "quadrilateral": "CPS4"},
@@ -71,12 +71,34 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
         "bodies are graded": any(body.grading is not None for body in scene.bodies),
         "bodies have a stress of their own": any(body.stress is not None for body in scene.bodies),
         "a surface meets a rigid obstacle": any(len(item.tags) == 1 for item in scene.contacts),
-        "a contact has a limit of friction": any(law is not None and law.limit is not None for law in scene.friction),
+        "a contact has a law with a limit": any(_in_deck(law).limited(law) for law in scene.laws if law is not None),
         "gaps are added": any(scene.opened(k, point) for k in range(len(scene.contacts))),
     }
     for fault, there in faults.items():
         if there:
             raise SceneError(f"{fault} in scene '{scene.name}', which a deck cannot say: export it without")
+
+
+class LawInDeck(Protocol):
+    """Facet ``deck`` of a law of interfaces."""
+
+    def limited(self, law: Any) -> bool:
+        """True if a deck cannot say all of a pair's law."""
+
+    def lines(self, law: Any, number: Callable[[float | str], float], penalty: float) -> Iterator[str]:
+        """Lines in the interaction of a pair.
+
+        Args:
+            law: of the pair.
+            number: value of a formula at the point of the deck.
+            penalty: stiffness of its pressure.
+        """
+
+
+def _in_deck(law: PairLaw) -> LawInDeck:
+    """The facet ``deck`` of a law; refused if its plug-in has none."""
+    found: LawInDeck = registry.facet(law.plugin, "deck", f"a deck of contacts with {law.words}")
+    return found
 
 
 def _mesh(discretisation: Discretisation) -> Iterator[str]:
@@ -194,14 +216,11 @@ def _contacts(discretisation: Discretisation, point: np.ndarray) -> Iterator[str
             yield f"{number}, S{face}"
     stiffest = max(_number(body.young, discretisation, point) for body in scene.bodies)
     penalty = PENALTY * stiffest / min(sizes)
-    for place, (item, law) in enumerate(zip(scene.contacts, scene.friction, strict=True)):
+    for place, (item, law) in enumerate(zip(scene.contacts, scene.laws, strict=True)):
         yield from (f"*SURFACE INTERACTION, NAME=CONTACT{place}", "*SURFACE BEHAVIOR, PRESSURE-OVERCLOSURE=LINEAR")
         yield f"{penalty:.6e}, {1e-6 * stiffest:.6e}"
-        coefficient = 0.0
-        if law is not None and law.coefficient is not None:
-            coefficient = _number(law.coefficient, discretisation, point)
-        if coefficient > 0.0:  # CalculiX refuses zero
-            yield from ("*FRICTION", f"{coefficient:.6g}, {STICK * penalty:.6e}")
+        if law is not None:
+            yield from _in_deck(law).lines(law, lambda value: _number(value, discretisation, point), penalty)
         yield f"*CONTACT PAIR, INTERACTION=CONTACT{place}, TYPE=SURFACE TO SURFACE"
         yield f"{_word(item.tags[0])}, {_word(item.tags[1])}"
 

@@ -94,7 +94,7 @@ class FallbackModel(AnsweringModel):
         check_asked(reduced.fields, of)
         self.of = of
         self.advice = full.advice
-        self.friction = full.friction
+        self.law = full.law
         self.reduced = reduced
         self.full = full
         self.tolerance = float(tolerance)
@@ -156,14 +156,14 @@ class FallbackModel(AnsweringModel):
         self.fallen += 1
         return self.full._answered(point, None, outside, gradient)
 
-    def slide(self, path: Path, settings: MarchSettings, **how: Any) -> History:
+    def follow(self, path: Path, settings: MarchSettings, **how: Any) -> History:
         """See :class:`AnsweringModel`; one model answers the whole history."""
         check_settings(settings)
         self.asked += 1
         history = self._reduced_history(path, settings, how)
         if history is None:
             self.fallen += 1
-            history = self.full.slide(path, settings, **how)
+            history = self.full.follow(path, settings, **how)
         return history
 
     def _reduced_history(self, path: Path, settings: MarchSettings, how: dict[str, Any]) -> History | None:
@@ -173,7 +173,7 @@ class FallbackModel(AnsweringModel):
         """
         try:
             with collected() as caught:
-                history = self.reduced.slide(path, settings, **how, watch=self._require_good)
+                history = self.reduced.follow(path, settings, **how, watch=self._require_good)
         except ParameterError:
             raise
         except (HHRError, _NotGoodEnough) as error:
@@ -212,7 +212,7 @@ class FallbackModel(AnsweringModel):
         """Answer many parameters, (n, P), at once by the reduced model, those with a large error by the full one."""
         from hhr_dolfinx.models.many import PartedAnswers
 
-        if self.friction is not None:
+        if self.law.remembers:
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
         outside = self._checked_outside(outside)
         checked = self.parameters.points(points)
@@ -298,29 +298,19 @@ def _check_alike(reduced: Any, full: FullOrderModel) -> None:
     if [*one.names, *one.lower, *one.upper] != [*other.names, *other.lower, *other.upper]:
         raise ReductionError(f"the reduced model has the parameters {one}, and the full one {other}")
     if bound is None:
-        _check_same_friction(reduced, full)
+        _check_same_law(reduced, full)
     else:
         _check_same_scene(reduced, bound, full)
 
 
-def _check_same_friction(reduced: Any, full: FullOrderModel) -> None:
-    """Raise ReductionError unless a reduced model with friction was built from this full model."""
-    from hhr_dolfinx.models.frictional_fields import mark_of
-
-    if full.friction is None or full.equilibrium is not None:
-        what = "no friction" if full.friction is None else "bodies that flow"
+def _check_same_law(reduced: Any, full: FullOrderModel) -> None:
+    """Raise ReductionError unless a reduced model with a law of interfaces was built from this full model."""
+    own = reduced.fields.interface
+    if full.law.plugin != own.whole.plugin or full.equilibrium is not None:
+        what = "bodies that flow" if full.equilibrium is not None else full.law.name
         raise ReductionError(f"the full model has {what}, unlike the reduced one{_remedy(full)}")
-    own = reduced.fields.frictional
-    point = reduced.parameters.random(1, seed=1)[0]
-    bounds = zip(own.friction.bounds(point), full.friction.bounds(point), strict=True)
-    mark = mark_of(full.problem)
-    sizes = np.maximum(np.abs(mark), np.abs(own.mark))
-    alike = all(one.shape == other.shape and np.allclose(one, other, rtol=ALIKE) for one, other in bounds)
-    if not alike or (np.abs(mark - own.mark) > ALIKE * sizes).any():
-        raise ReductionError(
-            "the full model is that of another scene or mesh: its stiffness, its loads, its gaps or its friction "
-            f"differ{_remedy(full)}"
-        )
+    if differences := own.differences(full, reduced.parameters.random(1, seed=1)[0]):
+        raise ReductionError(f"the full model is that of another scene or mesh: {differences} differ{_remedy(full)}")
 
 
 def _check_same_scene(reduced: Any, bound: Any, full: FullOrderModel) -> None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from hhr_dolfinx.models.estimates import check_of_friction, check_word
+from hhr_dolfinx.models.estimates import check_of_forces, check_word
 from hhr_dolfinx.plugins.fallback.model import FallbackModel, check_allowance
 
 if TYPE_CHECKING:
@@ -43,8 +43,8 @@ def safe_model(
     # before a model is built, which takes long
     check_allowance(tolerance)
     check_word([] if full.functionals is None else [item.name for item in full.functionals.items], of)
-    if full.friction is not None:
-        check_of_friction(of)
+    if full.law.remembers:
+        check_of_forces(of)
     elif full.equilibrium is None and not full.problem.varies:
         # an estimate solves the exact problem on S: the condensed model answers with it, and is faster
         return training.condense()

@@ -1,5 +1,47 @@
 """Friction of contacts: Coulomb's and Tresca's laws, for elastic and for inelastic bodies."""
 
-from hhr_dolfinx.registry import Plugin
+from typing import Any
 
-PLUGIN = Plugin(name="friction", memory=("slip",))
+from hhr_dolfinx.registry import Plugin, Stage
+
+_HERE = "hhr_dolfinx.plugins.friction"
+_OUTPUTS = "DissipatedWork FrictionForce LargestSlip LargestWear SlipArea StickArea Torque"
+
+_BUILD = "hhr_dolfinx.reduction.build"
+_OURS = "friction"
+
+
+def _wanted(full: Any, recipe: Any) -> bool:
+    return full.law.plugin == _OURS
+
+
+def _calibrated(full: Any, recipe: Any) -> bool:
+    return _wanted(full, recipe) and full.equilibrium is None and recipe.trust is not None
+
+
+PLUGIN = Plugin(
+    name=_OURS,
+    public={f"{_HERE}.pair_laws": "Coulomb Tresca", f"{_HERE}.outputs": _OUTPUTS},
+    parts={"outputs": {name: f"{_HERE}.outputs:{name}" for name in _OUTPUTS.split()}},
+    classes={
+        f"{_HERE}.laws": "Friction FrictionLaw",
+        f"{_HERE}.pair_laws": "Coulomb Tresca",
+        f"{_HERE}.fields": "FrictionalFields",
+        f"{_HERE}.functionals": "Remembered StatusArea",
+    },
+    pair_laws={"friction": f"{_HERE}.pair_laws:law_of"},
+    memory=("slip",),
+    recipes={"with_friction": f"{_HERE}.reduction:with_friction"},
+    stages=(
+        Stage(f"{_HERE}.reduction:check_forces", f"{_BUILD}:assess_projection", _wanted),
+        Stage(f"{_HERE}.reduction:complete_forces", f"{_BUILD}:reconstruct", _wanted),
+        Stage(f"{_HERE}.reduction:calibrate", f"{_BUILD}:assemble", _calibrated),
+    ),
+    facets={
+        "steps": f"{_HERE}.steps:STEPS",
+        "reduction": f"{_HERE}.reduction:REDUCTION",
+        "report": f"{_HERE}.report:REPORT",
+        "page": f"{_HERE}.page:PAGE",
+        "deck": f"{_HERE}.deck:DECK",
+    },
+)

@@ -17,12 +17,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.errors import ConvergenceError, SingularError
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.models.histories.surfaces import WholeSurface
+from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
+from hhr_dolfinx.plugins.friction.surfaces import WholeSurface
 from hhr_dolfinx.plugins.inelastic.condensed_step import DECREASE, LEAST_SHARE
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, extrapolated
 from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
@@ -77,9 +77,9 @@ class RubbingFlowStepper:
     def __init__(self, model: Any, settings: MarchSettings):
         self._model = model
         self._settings = settings
-        self._friction = model.friction
-        self._surface = WholeSurface(model.friction)
-        self._contact = SlidingContact(model.schur, model.friction)
+        self._friction = model.law
+        self._surface = WholeSurface(model.law)
+        self._contact = SlidingContact(model.schur, model.law)
         self._size = 0.0
         self._strains = SmallStrains()
 

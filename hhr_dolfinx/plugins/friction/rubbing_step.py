@@ -10,10 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.contact.active_set import SchurEqualities, Statuses
-from hhr_dolfinx.contact.friction import SlipState
-from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
-from hhr_dolfinx.models.histories.surfaces import surface_of
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Statuses
+from hhr_dolfinx.memory import Memory
+from hhr_dolfinx.plugins.friction.laws import SlipState
+from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
+from hhr_dolfinx.plugins.friction.surfaces import surface_of
 
 NOTHING = np.zeros(0)
 
@@ -22,14 +23,14 @@ class RubbingStep:
     """Solves the contact problems of one step with friction.
 
     Args:
-        model: equilibrium, with its ``friction`` and ``fields``.
+        model: equilibrium, with a :class:`Friction` as its law, and ``fields``.
         point: parameter at the end of the step, (P,).
         before: slip state before it.
         forces: contact forces then, (m,).
     """
 
     def __init__(self, model: Any, point: np.ndarray, before: SlipState, forces: np.ndarray):
-        self._friction = model.friction
+        self._friction = model.law
         self._surface = surface_of(model)
         self._point = point
         self._coefficient, self._limit = self._friction.bounds(point)
@@ -40,7 +41,9 @@ class RubbingStep:
         self._contact: SlidingContact | None = None
         self._last: tuple[Increment, Sliding] | None = None
 
-    def solved(self, equalities: SchurEqualities, free_slack: np.ndarray, active: np.ndarray) -> Statuses:
+    def solved(
+        self, equalities: SchurEqualities, free_slack: np.ndarray, active: np.ndarray, pairs: Pairs | None
+    ) -> Statuses:
         """Forces under a free slack, (m,), for the S of the given equality problems."""
         if self._contact is None or equalities is not self._on:
             self._contact = SlidingContact(equalities.whole(), self._friction)
@@ -53,7 +56,7 @@ class RubbingStep:
         self._last = given, found
         return Statuses(found.forces, found.active, found.iterations, found.status, found.sweeps > 0)
 
-    def slip(self, unknown: np.ndarray) -> SlipState:
+    def memory(self, unknown: np.ndarray) -> Memory:
         """Slip state after the step, by the last linearisation, at whose unknown it ends, (n,)."""
         assert self._last is not None
-        return self._surface.after(self._before, *self._last, lambda: unknown, self._point)
+        return Memory(slip=self._surface.after(self._before, *self._last, lambda: unknown, self._point))

@@ -24,6 +24,7 @@ from hhr_dolfinx.errors import ReductionError, StudyError
 from hhr_dolfinx.full_order.cell_stiffness import CellStiffness
 from hhr_dolfinx.linear.sparse import FreeCholesky
 from hhr_dolfinx.models.answer import Answer, History
+from hhr_dolfinx.reduction.reductor import Task, made
 from hhr_dolfinx.snapshots.records import SnapshotSet
 
 if TYPE_CHECKING:
@@ -137,10 +138,10 @@ class ForceError:
             from hhr_dolfinx.reduction.exact import exact_condensation
 
             return exact_condensation(full, known.known_statuses(), field=False)
-        from hhr_dolfinx.reduction.condense import condense
+        from hhr_dolfinx.reduction.condense import Condensation
 
         try:
-            return condense(full, known, self.settings)
+            return made(Condensation(self.settings), Task(full, known))
         except ReductionError as error:
             raise StudyError(
                 f"scene '{full.scene.name}' cannot be condensed, {error}: choose by another indicator, such as Eta2()"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -38,14 +39,15 @@ class _Comparison:
         equilibrium = equilibrium_of(full)
         theta = problem.amplitudes(answer.parameter)
         forces = answer.forces()
+        opened = problem.law.opened(answer.memory)
         if "gauss" not in answer.memory:
-            return contact_residuals(problem.at(answer.parameter), answer.displacement(), forces, theta)
+            return contact_residuals(problem.at(answer.parameter), answer.displacement(), forces, theta, opened)
         given = GaussState(answer.stress(), state(answer).state)
         left, sizes = equilibrium.residual(answer.unknown, given, theta)
         residual = (left - equilibrium.contact_load(forces)) * problem.free
         imbalance = float(np.linalg.norm(residual) / (np.linalg.norm(sizes) or 1.0))
         homogeneous = answer.displacement() - problem.lifts @ theta
-        return Residuals(imbalance, *slack_residuals(problem, homogeneous, forces, theta))
+        return Residuals(imbalance, *slack_residuals(problem, homogeneous, forces, theta, opened))
 
     def warn_of_training(self, full: FullModel, snapshots: Solutions) -> None:
         """Warn of histories without plastic strain."""
@@ -81,7 +83,7 @@ def checked_histories(
     snapshots: Solutions,
     held_out: Solutions | None,
     limits: TrustLimits | None,
-    remedy: str = OF_A_RID,
+    remedy: str | Mapping[str, str] = OF_A_RID,
 ) -> tuple[Comparison | None, TrainedPaths | None]:
     """Errors against known load paths, and the training range; None without limits, or without any path.
 

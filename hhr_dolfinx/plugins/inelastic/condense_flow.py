@@ -9,9 +9,9 @@ changed: steps stalled, or jumped. With both, none did.
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 from scipy import linalg
@@ -20,13 +20,11 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import TrustLimits, warn_of_training
 from hhr_dolfinx.contact.active_set import active_set
-from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError, ReductionError, UnstableModelError
 from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.parameters import is_number, is_whole
-from hhr_dolfinx.plugins.inelastic.comparison import checked_histories
 from hhr_dolfinx.plugins.inelastic.completion import GappyField
 from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, PlasticFields
 from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlow, CondensedFlowModel
@@ -39,9 +37,9 @@ from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.state import states_of
 from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.reduction.modes import state_modes
+from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
-from hhr_dolfinx.timing import Announce, StageLog, unannounced
-from hhr_dolfinx.warn import collected, repeat
+from hhr_dolfinx.timing import Announce, StageLog
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
@@ -62,10 +60,10 @@ def correction_strain(
 ) -> np.ndarray:
     """Strain ε_c of the correction of a full answer, (p, c), with that of the change of contact forces.
 
-    With friction it has no such part, see :mod:`plugins.friction.rubbing_flow`.
+    With a law of interfaces it has no such part: forces depend on the path.
     """
     problem = full.problem
-    if problem.friction is not None:
+    if problem.law.remembers:
         return strain.of(correction)
     equilibrium = equilibrium_of(full).at(answer.parameter)
     theta = problem.amplitudes(answer.parameter)
@@ -221,8 +219,12 @@ def _limits() -> TrustLimits:
 
 
 @dataclass(frozen=True)
-class CorrectionSettings:
-    """Targets of a reduced plastic correction.
+class CorrectionSettings(Reductor["_Shared"]):
+    """Targets of a reduced plastic correction: a model of inelastic bodies that keeps all contact conditions.
+
+    It is a reductor, ``build(full, snapshots, CorrectionSettings())``, of a full model on one rank and training
+    histories. It refuses scenes whose moduli are no factors of connected components, and gives the warnings of
+    :func:`hhr_dolfinx.reduction.build.build`.
 
     Attributes:
         modes: energy norm that the modes leave out of training corrections, each over the root of its norm, relative.
@@ -246,6 +248,10 @@ class CorrectionSettings:
     stress: float = 0.02
     plastic: float = 0.05
     trust: TrustLimits | None = field(default_factory=_limits)
+    method: ClassVar[str] = "condensed"
+    level: ClassVar[str] = "attempt"
+    remedy: ClassVar[str] = "allow more modes and points, or train on more histories"
+    refusals: ClassVar[tuple[type[HHRError], ...]] = (UnstableModelError, ConvergenceError, NotSolvableError)
 
     def __post_init__(self) -> None:
         """Refuse invalid values with ReductionError."""
@@ -265,16 +271,64 @@ class CorrectionSettings:
             if not (is_whole(value, 1) or (value is None and unbounded)):
                 raise ReductionError(f"{name} = {value!r} must be a whole number from 1" + ", or None" * unbounded)
 
-    def reduced(
-        self, full: FullModel, snapshots: SnapshotSet, held_out: SnapshotSet | None = None
-    ) -> CondensedFlowModel:
-        """See :func:`condense_flow`."""
-        return condense_flow(full, snapshots, self, held_out)
+    @classmethod
+    def usual(cls, settings: Any, *, fields: bool | None) -> Reductor:
+        """See :meth:`~hhr_dolfinx.reduction.reductor.Reductor.usual`; fields are always there."""
+        return cls() if settings is None else settings
+
+    @property
+    def limits(self) -> TrustLimits | None:
+        """Limits of ``trust``."""
+        return self.trust
+
+    def check(self, task: Task) -> None:
+        """Refuse other trainings than of histories with plastic strain."""
+        _check_given(task)
+
+    def prepare(self, task: Task, before: _Shared | None = None) -> _Shared:
+        """Elastic response, corrections of training states, and modes of fields."""
+        full = task.full
+        snapshots = task.snapshots
+        assert snapshots is not None  # checked
+        if self.trust is not None:
+            warn_of_training(full, snapshots, task.held_out)
+        with task.log.stage("elastic", task.announce):
+            elastic = elastic_response(full) if before is None else before.elastic
+        with task.log.stage("corrections", task.announce):
+            answers = [answer for history in snapshots.histories for answer in history.answers]
+            corrections = np.stack([elastic.correction(full.problem, answer) for answer in answers], axis=1)
+        with task.log.stage("reconstruction", task.announce):
+            fields = _FieldModes.of(full, snapshots)
+        return _Shared(full, snapshots, elastic, answers, corrections, fields, task.log, task.announce)
+
+    def levels(self, task: Task) -> Iterable[int]:
+        """Powers of three by which the tolerances of modes and cubature are divided."""
+        return range(self.attempts)
+
+    def attempt(self, prepared: _Shared, level: int) -> tuple[CondensedFlowModel, CorrectionFacts]:
+        """One model."""
+        finer = replace(self, modes=self.modes / 3**level, cubature=self.cubature / 3**level)
+        return _attempt(prepared, finer)
+
+    def off(self, comparison: Comparison | None) -> float:
+        """Largest error over its target."""
+        if comparison is None:
+            return 0.0
+        wanted = {name: getattr(self, name) for name in ("primal", "dual", "stress", "plastic")}
+        return float(max(getattr(comparison, name).max() / wish for name, wish in wanted.items()))
+
+    def proposals(self, search: Search) -> Iterator[Proposal]:
+        """Of more and more histories, with targets of the search."""
+        tolerance = search.target.error / 2  # a margin for errors that the check does not see
+        own = replace(self, primal=min(self.primal, tolerance), dual=min(self.dual, tolerance), attempts=6)
+        if search.target.elastic:  # else an output may need the stress, which must be refined further
+            own = replace(own, stress=math.inf, plastic=math.inf)
+        return super(CorrectionSettings, own).proposals(search)
 
 
-@dataclass(frozen=True)
-class CorrectionRecord:
-    """Record of a condensed inelastic model.
+@dataclass(frozen=True, eq=False)
+class CorrectionFacts:
+    """Facts of a condensed inelastic model, in its :class:`~hhr_dolfinx.reduction.reductor.Record`.
 
     Attributes:
         settings: of the chosen attempt.
@@ -282,8 +336,6 @@ class CorrectionRecord:
         candidates: Gauss points with plastic strain in training.
         misfit: of the cubature.
         energy: largest energy of a mode by the cubature; the exact one is at most 1.
-        comparison: errors against full-order histories; None without the check.
-        log: seconds of the stages, attempts that were refused.
     """
 
     settings: CorrectionSettings
@@ -292,58 +344,23 @@ class CorrectionRecord:
     candidates: int
     misfit: float
     energy: float
-    comparison: Comparison | None
-    log: StageLog
 
 
-def condense_flow(
-    full: FullModel,
-    snapshots: SnapshotSet,
-    settings: CorrectionSettings | None = None,
-    held_out: SnapshotSet | None = None,
-    announce: Announce = unannounced,
-) -> CondensedFlowModel:
-    """Build a model of inelastic bodies that keeps all contact conditions and reduces the plastic correction alone.
-
-    Args:
-        full: the full model, on one rank.
-        snapshots: training histories.
-        settings: targets.
-        held_out: histories kept out of training, for the check.
-        announce: called at the start of each stage; an exception from it stops the build.
-
-    Raises:
-        ReductionError: for a scene without inelastic bodies, or whose moduli are no factors of connected components.
-        UnstableModelError: if a model with the most modes and points allowed is still inaccurate.
-
-    Warns:
-        StabilityWarning, UncheckedWarning: as :func:`hhr_dolfinx.reduction.build.build`.
-    """
-    settings = settings or CorrectionSettings()
-    problem: ContactProblem = full.problem
+def _check_given(task: Task) -> None:
+    """Raise ReductionError for elastic scenes, and for other trainings than of histories with plastic strain."""
+    full = task.full
+    snapshots = task.snapshots
     if full.equilibrium is None:
         raise ReductionError(f"nothing flows in scene '{full.scene.name}': take exact or interpolated condensation")
-    problem.require_whole()
-    check_of_problem("snapshots", snapshots, problem)
-    if not snapshots.histories or snapshots.columns is not None:
+    full.problem.require_whole()
+    check_of_problem("snapshots", snapshots, full.problem)
+    if snapshots is None or not snapshots.histories or snapshots.columns is not None:
         raise ReductionError(
             "a reduced plastic correction is trained on histories, all steps: SnapshotSet.of_histories"
         )
     if not any_flowed(snapshots):
         # corrections are then round-off, not zero
         raise ReductionError("no body flows in any training history: train at higher loads, or leave the laws out")
-    if settings.trust is not None:
-        warn_of_training(full, snapshots, held_out)
-    log = StageLog()
-    with log.stage("elastic", announce):
-        elastic = elastic_response(full)
-    with log.stage("corrections", announce):
-        answers = [answer for history in snapshots.histories for answer in history.answers]
-        corrections = np.stack([elastic.correction(problem, answer) for answer in answers], axis=1)
-    with log.stage("reconstruction", announce):
-        fields = _FieldModes.of(full, snapshots)
-    shared = _Shared(full, snapshots, held_out, elastic, answers, corrections, fields, log, announce)
-    return _grown(shared, settings)
 
 
 @dataclass(frozen=True)
@@ -352,7 +369,6 @@ class _Shared:
 
     full: FullModel
     snapshots: SnapshotSet
-    held_out: SnapshotSet | None
     elastic: ElasticResponse
     answers: list[Answer]
     corrections: np.ndarray
@@ -363,38 +379,7 @@ class _Shared:
     """Cubature of the last attempt, if there was one: the next one starts from its points."""
 
 
-def _grown(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowModel:
-    """The first attempt whose errors are small, or the best one that is not refused."""
-    best: tuple[float, CondensedFlowModel, list[Any]] | None = None
-    refused: HHRError | None = None
-    for attempt in range(settings.attempts):
-        finer = replace(settings, modes=settings.modes / 3**attempt, cubature=settings.cubature / 3**attempt)
-        try:
-            with collected() as caught:
-                model = _attempt(shared, finer)
-        except (UnstableModelError, ConvergenceError, NotSolvableError) as error:
-            shared.log.refuse(str(error), attempt=attempt)
-            refused = error
-            continue
-        comparison = model.offline.comparison
-        if comparison is None:
-            repeat(caught)
-            return model
-        wanted = {name: getattr(settings, name) for name in ("primal", "dual", "stress", "plastic")}
-        off = max(getattr(comparison, name).max() / wish for name, wish in wanted.items())
-        if best is None or off < best[0]:
-            best = off, model, caught
-        if off <= 1:
-            break
-        shared.log.refuse(f"errors are {off:.2g} times what is small enough", attempt=attempt)
-    if best is None:
-        assert refused is not None
-        raise refused
-    repeat(best[2])
-    return best[1]
-
-
-def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowModel:
+def _attempt(shared: _Shared, settings: CorrectionSettings) -> tuple[CondensedFlowModel, CorrectionFacts]:
     """Build one model."""
     full = shared.full
     log = shared.log
@@ -421,19 +406,13 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> CondensedFlowMode
         fields = CondensedFlowFields(
             problem.amplitudes, elastic.factors, elastic.parts, basis, elastic.per_force, elastic.forced,
             elastic.given, problem.block_size, shared.fields.on(flow.points, equilibrium_of(full)), plain_outputs(full),
-            problem.friction, full,
+            problem.law, full,
         )  # fmt: skip
         model = CondensedFlowModel(flow, full.parameters, fields)
     with log.stage("compilation", shared.announce):  # once for an installation, not for each model
         model.march(shared.snapshots.histories[0].path[:2], MarchSettings(outside="ignore"))
-    with log.stage("validation", shared.announce):
-        remedy = "allow more modes and points, or train on more histories"
-        checked = full, model, shared.snapshots, shared.held_out, settings.trust
-        comparison, trained = checked_histories(*checked, remedy)
-    log.say(model.known_error)
     sizes_ = basis.shape[1], flow.points.size, domain.points.size
-    record = CorrectionRecord(settings, *sizes_, cubature.misfit, energy, comparison, log)
-    return model.changed(trained=trained, offline=record)
+    return model, CorrectionFacts(settings, *sizes_, cubature.misfit, energy)
 
 
 def _online(
@@ -462,7 +441,7 @@ def _online(
     tested = _deviators(per_mode, components) * np.tile(weights, components)
     work = domain.work(everywhere)
     coupled = np.zeros((len(per_mode), len(problem.gaps)))
-    if problem.friction is None:
+    if not problem.law.remembers:
         coupled = work(elastic.per_force) - tested @ per_force.T
     return CondensedFlow(
         points=points,

@@ -16,6 +16,7 @@ import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags
 
 from hhr_dolfinx.amplitudes import Amplitudes
+from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.formulas import Modulus, check_over_box
 from hhr_dolfinx.linear.layout import lay_out
@@ -28,9 +29,6 @@ from hhr_dolfinx.plugins.inelastic.completion import KNOWN_ERROR, GappyField
 from hhr_dolfinx.plugins.inelastic.state import state
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.trained import share_of_stress
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Friction
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals.functional import Functionals
@@ -182,7 +180,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
         dimension: components of the displacement at a node.
         flow: completes stress and plastic strain.
         functionals: outputs of the scene; None if it has none.
-        friction: tangential conditions and their laws; None without friction.
+        law: law of the contact conditions.
         full: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
     """
 
@@ -196,7 +194,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
     dimension: int
     flow: PlasticFields
     functionals: Functionals | None = None
-    friction: Friction | None = None
+    law: ContactLaw = UNILATERAL
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
     @property

@@ -32,6 +32,7 @@ from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plugins.inelastic import condensed_step as compiled_step
@@ -154,7 +155,7 @@ class CondensedEquilibrium(Histories):
         self.per_cell = flow.per_cell
         self.modes = len(flow.per_mode)
         self.conditions = len(flow.gaps)
-        self.friction = fields.friction
+        self.law = fields.law
         self.size = self.modes + self.conditions
         self._middle = self
         self._last: tuple[np.ndarray, CondensedEquilibrium] | None = None
@@ -265,12 +266,9 @@ class CondensedEquilibrium(Histories):
         return _CondensedLinearisation(self, tangents)
 
     def stepper(self, settings: MarchSettings) -> Stepper:
-        """Solver of the steps of one history: a compiled loop, except with friction."""
-        if self.friction is None:
-            return CondensedStepper(self, settings)
-        from hhr_dolfinx.plugins.friction.rubbing_flow import RubbingFlowStepper
-
-        return RubbingFlowStepper(self, settings)
+        """Solver of the steps of one history: a compiled loop, or that of the law of its contacts."""
+        own: Stepper | None = steps_of(self.law).condensed_stepper(self, settings)
+        return CondensedStepper(self, settings) if own is None else own
 
     @cached_property
     def step_model(self) -> StepModel:
@@ -475,7 +473,7 @@ class CondensedFlowModel(KeptModel):
         parameters: the box of the parameters.
         fields: completes the answers.
         trained: training range.
-        offline: record of its construction, a ``CorrectionRecord``; None for a model from a file.
+        offline: record of its construction, a ``Record``; None for a model from a file.
     """
 
     kept = ("flow", "parameters", "fields", "trained")
@@ -494,7 +492,7 @@ class CondensedFlowModel(KeptModel):
         self.fields = fields
         self.trained = trained
         self.offline = offline
-        self.friction = fields.friction
+        self.law = fields.law
         equilibrium = CondensedEquilibrium(flow, fields.amplitudes, parameters, fields)
         equilibrium.trained = trained
         self.equilibrium = equilibrium

@@ -15,6 +15,7 @@ import numpy as np
 
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Statuses
+from hhr_dolfinx.contact.law import UNILATERAL_STEP, ContactLaw, StepContact
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer, Fields
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
@@ -26,11 +27,9 @@ if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
     from hhr_dolfinx.contact.active_set import SchurEqualities
-    from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.materials.strain import StrainOperator
     from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.plugins.friction.rubbing_step import RubbingStep
     from hhr_dolfinx.plugins.inelastic.points import Points
     from hhr_dolfinx.plugins.inelastic.update import Material, Update
 
@@ -62,9 +61,14 @@ class Linearisation(Changing, Protocol):
         """Tangents H at its Gauss points, (points, components, components)."""
 
     def correct(
-        self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray, rubbing: RubbingStep | None = None
+        self,
+        residual: np.ndarray,
+        x: np.ndarray,
+        theta: Theta,
+        active: np.ndarray,
+        contact: StepContact = UNILATERAL_STEP,
     ) -> Correction:
-        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps from some statuses, with friction if there is any."""
+        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps from some statuses, by the law of the contacts."""
 
 
 class Diverged(Exception):
@@ -109,7 +113,7 @@ class Marching(Protocol):
         together: reductions over the Gauss points of all ranks.
         per_cell: Gauss points of a cell of the full model.
         size, conditions: number of unknowns and of contact conditions.
-        friction: tangential conditions and their laws; None without friction.
+        law: law of its contact conditions.
         young: formulas of Young's moduli of all bodies, also of those without Gauss points in the model.
     """
 
@@ -121,7 +125,7 @@ class Marching(Protocol):
     per_cell: int
     size: int
     conditions: int
-    friction: Friction | None
+    law: ContactLaw
 
     @property
     def fields(self) -> Fields:

@@ -15,7 +15,8 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.amplitudes import Theta
-from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
+from hhr_dolfinx.contact.law import UNILATERAL_STEP, StepContact
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.stiffness import FactorStore, LazyStiffness, ScaledStiffness, Stiffness
 from hhr_dolfinx.errors import SceneError
@@ -40,7 +41,6 @@ from hhr_dolfinx.scene import Scene
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.plugins.friction.rubbing_step import RubbingStep
     from hhr_dolfinx.plugins.inelastic.outputs import FlowMises
 
 
@@ -126,7 +126,7 @@ class FullEquilibrium(Histories):
         self.parameters = problem.parameters
         self.size = problem.free.size
         self.conditions = problem.contact.shape[0]
-        self.friction = problem.friction
+        self.law = problem.law
         self.points = np.arange(self.operator.gauss_points)
         self.per_cell = self.operator.per_cell
         self._pattern = gauss.pattern
@@ -367,17 +367,19 @@ class _SparseLinearisation:
     moduli: np.ndarray
 
     def correct(
-        self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray, rubbing: RubbingStep | None = None
+        self,
+        residual: np.ndarray,
+        x: np.ndarray,
+        theta: Theta,
+        active: np.ndarray,
+        contact: StepContact = UNILATERAL_STEP,
     ) -> Correction:
         """Solve K δ + B^T λ = residual, B (x + δ) <= gaps."""
         problem = self.problem
         with self.stiffness.held():  # columns of S are solved for within the active set
             free = self.stiffness.solve(residual)
             slack = problem.gaps @ theta - problem.contact @ (x + free)
-            if rubbing is None:
-                found = active_set(self.equalities, slack, active, pairs=self.pairs)
-            else:
-                found = rubbing.solved(self.equalities, slack, active)
+            found = contact.solved(self.equalities, slack, active, self.pairs)
         return Correction(free - self.push(found.forces), found)
 
     def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,15 +19,13 @@ from hhr_dolfinx.linear.anderson import Anderson
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer, found_as
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal, Linearisation, extrapolated
 from hhr_dolfinx.plugins.inelastic.points import Points
 from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.trained import Signs
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.plugins.friction.rubbing_step import RubbingStep
 
 ROUND_OFF_STRAIN = 1e-13
 """Strain that counts as round-off of displacements without strain, as when a gap closes without stress."""
@@ -157,7 +155,7 @@ def _step(
     flows = material.flows and settings.search != "elastic"
     mixing = Anderson() if material.flows and settings.search != "tangent" else None
     active = (here if start is None else start).active
-    friction_step = _friction_step(model, here, goal.parameter)
+    contact = steps_of(model.law).step_contact(model, here, goal.parameter)
     noise = model.round_off(x, theta)
     together = model.together
     linear: Any = memory.linearisation if flows else model.elastic
@@ -171,7 +169,7 @@ def _step(
         flowed = update.state.cumulated - gauss_of(here).state.cumulated
         try:
             linear = model.linearised(update.tangents) if renew else linear
-            change, found = linear.correct(residual, x, theta, active, friction_step)
+            change, found = linear.correct(residual, x, theta, active, contact)
         except (NotSolvableError, np.linalg.LinAlgError) as error:
             raise Diverged(f"{error}, a singular tangent", together.place(flowed)) from None
         if found.status is not Status.CONVERGED:
@@ -189,23 +187,13 @@ def _step(
                 memory.linearisation = None if settings.search == "tangent" or iteration > memory.patience else linear
                 memory.grow(scale, largest)
                 answer = found_as(found._replace(iterations=iteration), goal.parameter, x, model.fields)
-                slip = {} if friction_step is None else {"slip": friction_step.slip(x)}
-                kept = Memory(gauss=GaussState(update.stress, update.state), **slip)
+                kept = Memory(gauss=GaussState(update.stress, update.state)) | contact.memory(x)
                 return answer._replace(time=goal.time, memory=kept)
         active = found.active
         x = x + change if mixing is None else mixing(x, change)
     remaining = _stress_change(linear, model.strain_of(change)).max(axis=1)
     why = f"after {settings.iterations} iterations the stress still moves by {together.largest(remaining.max()):.3g}"
     raise Diverged(why, together.place(remaining))
-
-
-def _friction_step(model: Equilibrium, here: Answer, point: np.ndarray) -> RubbingStep | None:
-    """Solver of the contact problems of a step with friction; None without friction."""
-    if model.friction is None:
-        return None
-    from hhr_dolfinx.plugins.friction.rubbing_step import RubbingStep
-
-    return RubbingStep(model, point, here.slip, here.multipliers)
 
 
 def _elastic_start(model, here, theta, point):
@@ -222,7 +210,8 @@ def _elastic_start(model, here, theta, point):
     stress = gauss_of(here).stress + np.einsum("nij,nj->ni", model.material.elastic, change)
     residual, _ = model.residual(x, GaussState(stress, gauss_of(here).state), theta)
     try:
-        change, found = model.elastic.correct(residual, x, theta, here.active, _friction_step(model, here, point))
+        contact = steps_of(model.law).step_contact(model, here, point)
+        change, found = model.elastic.correct(residual, x, theta, here.active, contact)
     except NotSolvableError:
         return x
     return x + change if found.status is Status.CONVERGED else x

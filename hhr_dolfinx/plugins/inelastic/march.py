@@ -22,6 +22,7 @@ from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, warn_of_time_error
 from hhr_dolfinx.models.histories.path import check_settings
+from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.one_thread import one_thread
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Marching, Stepper
 from hhr_dolfinx.plugins.inelastic.one_step import check_elasticity, one_step, refuse_gradient
@@ -97,10 +98,10 @@ def march(
     """
     check_settings(settings)
     check_elasticity(model.young, model.parameters.names, path)
-    if settings.gradient and model.friction is not None:
+    if settings.gradient and model.law.remembers:
         raise NotOfferedError(
-            "derivatives of histories in which bodies flow and contacts rub are not built in: take differences of "
-            "answers"
+            f"derivatives of histories in which bodies flow and contacts have {model.law.name} are not built in: take "
+            "differences of answers"
         )
     history = History(*path[0], time_tolerance=settings.time_tolerance)
     try:
@@ -138,7 +139,7 @@ def _march(
     trail: tuple[Answer, ...] = (_at_rest(model, *path[0]),)
     slopes_seen = False
     stepper = model.stepper(settings)
-    check_sliding = _check_of_sliding(model)
+    check = steps_of(model.law).watch(model)
     watch = Watch(model.trained, settings.outside)
     error = TimeError.at_rest(model, trail[0])
     for number, (time, target) in enumerate(path[1:], start=1):
@@ -155,7 +156,7 @@ def _march(
             after = step.answer
             error = step.error
             slopes_seen = slopes_seen or _check_slopes(model, trail[-1], after)
-        check_sliding(after)
+        check(after)
         signs = stepper.signs(after)
         # a refused step is not kept
         watch.after(number, time, signs)
@@ -228,34 +229,13 @@ def _check_slopes(model: Marching, before: Answer, after: Answer) -> bool:
     return complaints is not None
 
 
-def _check_of_sliding(model: Marching) -> Callable[[Answer], None]:
-    """Check of the sliding distance at the end of a step; does nothing without friction."""
-    if model.friction is None:
-        return lambda answer: None
-    from hhr_dolfinx.models.histories.far_sliding import FarSliding
-    from hhr_dolfinx.models.histories.surfaces import surface_of
-
-    far = FarSliding()
-    friction = surface_of(model).whole
-
-    def check(answer: Answer) -> None:
-        far.check(friction, answer.slip, model.parameters.described(answer.parameter))
-
-    return check
-
-
 def _at_rest(model: Marching, time: float, parameter: np.ndarray) -> Answer:
     active = np.zeros(model.conditions, dtype=bool)
     material = model.material
     gauss = GaussState(np.zeros((material.gauss_points, material.components)), material.at_rest())
     nothing = np.zeros(model.size), np.zeros(active.size), active
-    answer = Answer(parameter, *nothing, 0, Status.CONVERGED, False, model.fields, time, memory=Memory(gauss=gauss))
-    if model.friction is None:
-        return answer
-    from hhr_dolfinx.contact.friction import SlipState
-    from hhr_dolfinx.models.histories.surfaces import surface_of
-
-    return answer.remembering(slip=SlipState.at_rest(surface_of(model).whole))
+    memory = Memory(gauss=gauss) | steps_of(model.law).at_rest(model)
+    return Answer(parameter, *nothing, 0, Status.CONVERGED, False, model.fields, time, memory=memory)
 
 
 def _place(model, worst):

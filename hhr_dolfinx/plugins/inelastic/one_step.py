@@ -69,8 +69,7 @@ def one_step(
     start = np.clip(0.0, space.lower, space.upper)
     axes = list(elastic_axes(model.equilibrium.young, space.names))
     start[axes] = target[axes]  # elasticity is constant along a history
-    if model.friction is not None:  # friction too: in parts of a step that is cut it would be too small
-        start[model.friction.fixed] = target[model.friction.fixed]
+    start[model.law.fixed] = target[model.law.fixed]  # in parts of a step that is cut they would be too small
     try:
         return model.march([(0.0, start), (duration, target)], MarchSettings(outside=outside)).answers[-1]
     except (ConvergenceError, NotSolvableError, SceneError):  # of a modulus or a constant that is impossible there

@@ -135,7 +135,7 @@ def force_correction(full: FullModel) -> ForceCorrection:
     problem = full.problem
     equilibrium = equilibrium_of(full)
     problem.require_whole()
-    problem.require_no_friction("a correction of forces")
+    problem.require_no_memory("a correction of forces")
     elastic = elastic_response(full)
     masks = [(elastic.parts == part)[:, None] for part in range(max(len(elastic.factors.moduli), 1))]
     schur = np.array([problem.contact @ np.where(mask, elastic.per_force, 0.0) for mask in masks])

@@ -13,7 +13,8 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.compat import compiled
-from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
+from hhr_dolfinx.contact.law import UNILATERAL, UNILATERAL_STEP, ContactLaw, StepContact
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.materials.strain import ElasticPart, StrainOperator
@@ -33,9 +34,7 @@ from hhr_dolfinx.plugins.inelastic.update import Material, Update
 from hhr_dolfinx.trained import Trained
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Friction
     from hhr_dolfinx.models.reduced import ReducedModel
-    from hhr_dolfinx.plugins.friction.rubbing_step import RubbingStep
     from hhr_dolfinx.plugins.inelastic.completion import FlowFields
 
 SAME = 1e-9
@@ -136,7 +135,7 @@ class ReducedEquilibrium(Histories):
         self.fields = fields
         self.lock = nullcontext()  # histories share no factors here
         self.conditions, self.size = problem.contact_test.shape
-        self.friction: Friction | None = None if fields.frictional is None else fields.frictional.inside
+        self.law: ContactLaw = UNILATERAL if fields.interface is None else fields.interface.inside
         self.amplitudes = fields.amplitudes
         self._middle: Any = self
         self._last: tuple[np.ndarray, Any] | None = None
@@ -207,9 +206,8 @@ class ReducedEquilibrium(Histories):
     def depth(self, answer: Answer, theta: Theta) -> float:
         """Deepest violation of a gap anywhere on the contact surface, 0 if none."""
         over = self.fields.contact_basis @ answer.unknown - self.fields.gaps @ theta
-        frictional = self.fields.frictional
-        if frictional is not None:  # tangential rows have no gap
-            over = np.delete(over, frictional.friction.tangential)
+        if self.fields.interface is not None:  # other rows have no gap
+            over = over[self.fields.interface.whole.pressing(len(over))]
         return max(float(over.max()), 0.0)
 
     def contact_load(self, forces: np.ndarray) -> np.ndarray:
@@ -282,16 +280,18 @@ class DenseLinearisation:
         self._equalities = SchurEqualities.of(problem.contact_trial @ self._per_force, LapackLU)
 
     def correct(
-        self, residual: np.ndarray, x: np.ndarray, theta: Theta, active: np.ndarray, rubbing: RubbingStep | None = None
+        self,
+        residual: np.ndarray,
+        x: np.ndarray,
+        theta: Theta,
+        active: np.ndarray,
+        contact: StepContact = UNILATERAL_STEP,
     ) -> Correction:
         """Solve K~ δ + B~1^T λ = residual, B~2 (x + δ) <= gaps."""
         free = self._factor.solve(residual)
         problem = self._problem
         slack = problem.gaps @ theta - problem.contact_trial @ (x + free)
-        if rubbing is None:
-            found = active_set(self._equalities, slack, active, pairs=self._pairs)
-        else:
-            found = rubbing.solved(self._equalities, slack, active)
+        found = contact.solved(self._equalities, slack, active, self._pairs)
         return Correction(free - self._per_force @ found.forces, found)
 
     def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:

@@ -1,114 +1,26 @@
-"""Stages of the hyper-reduction of inelastic bodies: the facet ``stages``, see :mod:`hhr_dolfinx.reduction.stages`."""
+"""Stages of the hyper-reduction that inelastic bodies add."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
-
-import numpy as np
-
-from hhr_dolfinx.certify.compare import Comparison
-from hhr_dolfinx.certify.trust import TrustLimits
-from hhr_dolfinx.contact.problem import IndexSets
-from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.plugins.inelastic.comparison import checked_histories
-from hhr_dolfinx.plugins.inelastic.completion import FlowFields, GappyField
 from hhr_dolfinx.plugins.inelastic.equilibrium import equilibrium_of
 from hhr_dolfinx.plugins.inelastic.project import check_margin, project_flow, training_tangents
-from hhr_dolfinx.plugins.inelastic.recipe import flowing
-from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
-from hhr_dolfinx.plugins.inelastic.state import flowed, states_of
-from hhr_dolfinx.reduction.modes import state_modes
-from hhr_dolfinx.reduction.recipe import Recipe, Tangents
-from hhr_dolfinx.snapshots.records import SnapshotSet
-from hhr_dolfinx.trained import Trained
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.models.reduced import ReducedModel
-
-STRESS = 1e-9
-PLASTIC_STRAIN = 1e-6
-"""Part of the squared training fields that the modes for stress and for cumulated plastic strain leave out."""
+from hhr_dolfinx.reduction.build import Draft
 
 
-@dataclass(frozen=True)
-class FittedFlow:
-    """POD modes of the fields of Gauss points in training; None if they are zero.
-
-    Attributes:
-        stress: of the stress, (Gauss points * components, modes).
-        plastic_strain: of the cumulated plastic strain, (Gauss points, modes).
-    """
-
-    stress: np.ndarray | None = None
-    plastic_strain: np.ndarray | None = None
-
-    @classmethod
-    def of(cls, snapshots: SnapshotSet) -> FittedFlow:
-        """Modes of training answers."""
-        known = states_of(snapshots)
-        if not known:
-            return cls()
-        stress = state_modes([item.stress.ravel() for item in known], STRESS)
-        if not flowed(snapshots):
-            return cls(stress)
-        return cls(stress, state_modes([item.state.cumulated for item in known], PLASTIC_STRAIN))
-
-    def completion(self, flow: Any) -> FlowFields:
-        """Reconstruction of stress and cumulated plastic strain from the Gauss points of the RID (section 6.2.3)."""
-        if self.stress is None:
-            raise ReductionError("these snapshots hold no stress: give histories of a scene whose bodies flow")
-        components = flow.material.components
-        points = flow.points
-        values = (points[:, None] * components + np.arange(components)).ravel()
-        flowed = None if self.plastic_strain is None else GappyField.fitted(self.plastic_strain, points)
-        return FlowFields(points, GappyField.fitted(self.stress, values), flowed, len(self.stress) // components)
+def project_points(draft: Draft) -> None:
+    """Gauss points of the RID."""
+    shared = draft.shared
+    with shared.log.stage("projection", shared.task.announce):
+        draft.flow = project_flow(equilibrium_of(shared.full), draft.basis, draft.sets)
 
 
-class _Stages:
-    """See :class:`hhr_dolfinx.reduction.stages.Stages`."""
-
-    def recipe(self) -> Recipe:
-        """The usual recipe."""
-        return flowing()
-
-    def check_given(self, full: FullModel, name: str, solutions: SnapshotSet) -> None:
-        """Raise ReductionError for solutions that are no histories, or those of elastic bodies or another mesh."""
-        if not solutions.histories:
-            raise ReductionError(f"{name} of a scene whose bodies flow must be histories: SnapshotSet.of_histories")
-        if not solutions.states:
-            raise ReductionError(f"bodies of the model flow, and none of {name} do: they belong to another scene")
-        size = equilibrium_of(full).material.gauss_points
-        if (given := len(states_of(solutions)[0].state.cumulated)) != size:
-            raise ReductionError(f"{name} have {given} Gauss points, the model {size}: they belong to another mesh")
-
-    def tangents(self, full: FullModel, snapshots: SnapshotSet, step: Tangents) -> list[Any]:
-        """Tangents at training states and their stiffness."""
-        return training_tangents(equilibrium_of(full), snapshots, step.states)
-
-    def fitted(self, snapshots: SnapshotSet) -> FittedFlow:
-        """Modes of stress and plastic strain."""
-        return FittedFlow.of(snapshots)
-
-    def projected(self, full: FullModel, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
-        """Gauss points of the RID."""
-        return project_flow(equilibrium_of(full), basis, sets)
-
-    def margin(self, model: ReducedModel, tangents: list[Any], least: float, layers: int) -> float:
-        """Smallest tangent margin."""
-        return check_margin(model, tangents, least, layers)
-
-    def checked(
-        self,
-        full: FullModel,
-        model: ReducedModel,
-        snapshots: SnapshotSet,
-        held_out: SnapshotSet | None,
-        limits: TrustLimits | None,
-    ) -> tuple[Comparison | None, Trained | None]:
-        """Errors against known histories, and the training range."""
-        return checked_histories(full, model, snapshots, held_out, limits)
-
-
-STAGES = _Stages()
+def check_tangents(draft: Draft) -> None:
+    """Smallest tangent margin at training states; 1, that of the elastic operator, if all states are elastic."""
+    shared = draft.shared
+    full = equilibrium_of(shared.full)
+    step = shared.recipe.tangents
+    assert step is not None
+    with shared.log.stage("training_tangents", shared.task.announce):
+        states = shared.once("tangents", lambda: training_tangents(full, shared.snapshots, step.states))
+    with shared.log.stage("stability", shared.task.announce):
+        draft.tangent_margin = check_margin(draft.model, states, step.least, draft.layers)

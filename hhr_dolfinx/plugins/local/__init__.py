@@ -1,6 +1,6 @@
 """Local models, thesis chapter 4: several small models, each for a part of the box, used like one."""
 
-from hhr_dolfinx.registry import Plugin
+from hhr_dolfinx.registry import Plugin, Way
 
 PLUGIN = Plugin(
     name="local",
@@ -11,4 +11,10 @@ PLUGIN = Plugin(
     },
     classes={"hhr_dolfinx.plugins.local.models": "Choice LocalModels"},
     kinds={"local": "hhr_dolfinx.plugins.local.training:local"},
+    reductors={
+        "local": Way(
+            "hhr_dolfinx.plugins.local.reductor:Local",
+            lambda full: full.equilibrium is None and not full.law.remembers and full.problem.reshaped is None,
+        )
+    },
 )

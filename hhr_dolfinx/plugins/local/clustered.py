@@ -27,6 +27,7 @@ from hhr_dolfinx.parameters import ParameterSpace, is_number
 from hhr_dolfinx.plugins.local.models import Choice, LocalModels
 from hhr_dolfinx.reduction.build import build, sizes
 from hhr_dolfinx.reduction.recipe import Recipe
+from hhr_dolfinx.reduction.reductor import Record
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.timing import StageLog
@@ -65,23 +66,21 @@ class Member(NamedTuple):
     added: int
 
 
-@dataclass(frozen=True)
-class LocalRecord:
-    """Record of the construction of local models.
+@dataclass(frozen=True, eq=False)
+class LocalFacts:
+    """Facts of local models, in their :class:`~hhr_dolfinx.reduction.reductor.Record`.
 
     Attributes:
         points: all training points, (S, P), including those added later; empty during the construction.
         members: the models.
         splits: splits with their reasons, in words.
         missed: models that miss their targets, with the reasons, in words.
-        log: times of the stages.
     """
 
     points: np.ndarray = field(default_factory=lambda: np.empty((0, 0)))
     members: list[Member] = field(default_factory=list)
     splits: list[str] = field(default_factory=list)
     missed: list[str] = field(default_factory=list)
-    log: StageLog = field(default_factory=StageLog)
 
 
 @dataclass(frozen=True)
@@ -126,7 +125,7 @@ class Clusters:
         """Local models of a training; see the class."""
         full = training.full_order
         snapshots = training.snapshots
-        record = LocalRecord()
+        record = Record(self, 0, LocalFacts(), None, StageLog())
         space = full.parameters
         points = training.snapshots.points
         width = np.array(space.upper) - space.lower
@@ -264,14 +263,16 @@ def _held_out_of(training: TrainingAnswers, choice: Choice, number: int) -> Snap
     return training.held_out.take(inside) if inside.size else None
 
 
-def together(models: list[ReducedModel], choice: Choice, snapshots: SnapshotSet, record: LocalRecord) -> LocalModels:
+def together(
+    models: list[ReducedModel], choice: Choice, snapshots: SnapshotSet, record: Record[LocalFacts]
+) -> LocalModels:
     """Set of some models. Its training range is that of all snapshots: neighbours cover each other's edges."""
     trained = TrainedRange.of(snapshots.points, models[0].parameters)
     own = [model.changed(trained=trained, fields=fields) for model, fields in zip(models, _alike(models), strict=True)]
     if record.missed:
         more = "" if len(record.missed) == 1 else f", and {len(record.missed) - 1} more in offline.missed"
         warn(f"{record.missed[0]}{more}", LocalModelWarning, stacklevel=4)
-    return LocalModels(own, choice, replace(record, points=snapshots.points))
+    return LocalModels(own, choice, replace(record, facts=replace(record.facts, points=snapshots.points)))
 
 
 def _alike(models: list[ReducedModel]) -> list[Any]:

@@ -11,7 +11,7 @@ from hhr_dolfinx.errors import StudyError, UnstableModelError
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.parameters import is_number
 from hhr_dolfinx.plugins.local.clustered import (
-    LocalRecord,
+    LocalFacts,
     Member,
     Progress,
     built,
@@ -25,8 +25,10 @@ from hhr_dolfinx.plugins.local.clustered import (
 from hhr_dolfinx.plugins.local.models import LEAF, Choice, LocalModels
 from hhr_dolfinx.reduction.build import sizes
 from hhr_dolfinx.reduction.recipe import Recipe
+from hhr_dolfinx.reduction.reductor import Record
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
 from hhr_dolfinx.study.training.counts import check_counts
+from hhr_dolfinx.timing import StageLog
 
 if TYPE_CHECKING:
     from hhr_dolfinx.study.training.answers import TrainingAnswers
@@ -124,7 +126,7 @@ class _Run:
         self.lower = np.array(self.space.lower)
         self.upper = np.array(self.space.upper)
         self.rng = np.random.default_rng(settings.seed)
-        self.record = LocalRecord()
+        self.record = Record(settings, 0, LocalFacts(), None, StageLog())
         self.models: list[ReducedModel] = []
         self.kept: tuple[int, SnapshotSet] | None = None
         # axis, cut, low, high and label of each node, see Choice

@@ -7,9 +7,11 @@ from typing import Any
 
 from hhr_dolfinx.errors import NotOfferedError, StudyError
 from hhr_dolfinx.plugins.local.models import LocalModels
+from hhr_dolfinx.plugins.local.reductor import Local
 from hhr_dolfinx.plugins.local.splitting import Splitting
 from hhr_dolfinx.reduction.build import usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
+from hhr_dolfinx.reduction.reductor import Task, made
 
 
 def _silent(label: str) -> Callable[[Iterable], Iterable]:
@@ -37,7 +39,7 @@ def local(
         StudyError: for an invalid ``how``.
         NotOfferedError: with friction, and for inelastic bodies.
     """
-    if training.full_order.friction is not None or training.full_order.equilibrium is not None:
+    if training.full_order.law.remembers or training.full_order.equilibrium is not None:
         raise NotOfferedError(
             "local models are of elastic bodies without friction: take one model of these histories, build() or "
             "condense(), which were found as exact and quicker"
@@ -50,4 +52,6 @@ def local(
     given = usual_recipe(training.full_order) if recipe is None else recipe
     if not isinstance(given, Recipe):
         raise StudyError(f"{given!r} is no recipe: give a Recipe")
-    return how.models(training.everywhere, given if checked else given.as_it_is(), progress("local models"))
+    task = Task(training.full_order, training.snapshots, training.held_out)
+    found: LocalModels = made(Local(how, given if checked else given.as_it_is(), progress("local models")), task)
+    return found

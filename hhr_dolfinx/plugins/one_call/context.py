@@ -23,6 +23,8 @@ from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.answer import Path as AnswerPath
 from hhr_dolfinx.plugins.one_call.target import Budget, Errors, Exact, Target
 from hhr_dolfinx.plugins.one_call.workers import Workers
+from hhr_dolfinx.reduction.build import build
+from hhr_dolfinx.reduction.reductor import Reductor, check_claim
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet
 from hhr_dolfinx.study.training.train import Training
@@ -201,6 +203,25 @@ class SearchContext:
         snapshots = _set_of(answers)
         lost.warn(len(questions), (len(questions) + 1) // 2, "training queries")
         return Training(self.full, snapshots, self.checked, StageLog())
+
+    def reduced(self, reductor: Reductor, count: int) -> Any:
+        """The model that a reductor makes of about so many training answers."""
+        training = self.training(count)
+        return build(self.full, training.snapshots, reductor, training.held_out, self.announce)
+
+    @property
+    def reads_displacements(self) -> bool:
+        """True if the target, or an output of the scene, needs displacements."""
+        functionals = self.full.functionals
+        outputs = functionals is not None and any(item.count for item in functionals.items)
+        return self.target.needs_fields or outputs
+
+    def check_claim(self, method: str, model: AnsweringModel, exact: Iterable[Exact]) -> None:
+        """Raise ClaimError if a model that calls itself exact is off at exact answers, whatever the target is."""
+        known = list(exact)
+        histories = self.family is not None
+        for some in ([item] for item in known) if histories else (known,):
+            check_claim(method, self.full, model, _set_of(item.full for item in some))
 
     @property
     def checked(self) -> SnapshotSet | None:

@@ -14,7 +14,7 @@ import logging
 import math
 import sys
 import tempfile
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import asdict, dataclass, field, replace
 from functools import partial
@@ -47,11 +47,11 @@ from hhr_dolfinx.models.estimates import check_asked, relative_errors
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.online.model_file import save_model
 from hhr_dolfinx.path_families import PathFamily
-from hhr_dolfinx.plugins.one_call.attempts import MANY, Attempt, attempts
+from hhr_dolfinx.plugins.one_call.attempts import MANY, attempts
 from hhr_dolfinx.plugins.one_call.context import FRESH, SURE, BudgetSpentError, SearchContext
 from hhr_dolfinx.plugins.one_call.target import DISPLACEMENT, Budget, Exact, Target
 from hhr_dolfinx.plugins.one_call.workers import Workers
-from hhr_dolfinx.reduction.condense import CondensedRecord
+from hhr_dolfinx.reduction.reductor import Outcome, Proposal, outcomes
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.arrays import ArrayStore
 from hhr_dolfinx.snapshots.store import SnapshotStore
@@ -59,7 +59,7 @@ from hhr_dolfinx.study.report.report import finite
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.study.training.train import checked_folder
 from hhr_dolfinx.timing import WARM_UP, Announce, ShareLines, Stopwatch, median_time, timed
-from hhr_dolfinx.warn import ignored, warn
+from hhr_dolfinx.warn import ignored, repeat, warn
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.model import KeptModel
@@ -86,6 +86,8 @@ TIMING = 0.02
 compared."""
 NO_BUDGET = Budget()
 TINY = 1e-300
+OF_FIELDS = ("fields", "bound")
+"""Stages that a model can skip if the target includes no displacements; it is compared with more full answers then."""
 KEPT = "reduction.json"
 MET = "met"
 LONG = 40
@@ -371,7 +373,7 @@ def _check_paths(full: FullOrderModel, paths: Any) -> None:
             f"bodies of scene '{name}' flow, so that answers depend on the path that leads to them: give "
             "paths=hhr.PathFamily(...), of those that are to be answered; on the command line as PATHS beside the scene"
         )
-    if paths is not None and full.equilibrium is None and full.friction is None:
+    if paths is not None and full.equilibrium is None and not full.law.remembers:
         raise StudyError(f"answers of scene '{name}' do not depend on paths: leave them out")
 
 
@@ -406,6 +408,8 @@ class _Found:
         self._reason = "nothing more is known to be tried"
         self._ended: set[str] = set()
         self._over = False
+        self._trying: Proposal | None = None
+        self._clock = Stopwatch()
         self.tried: list[Tried] = []
         self.models: list[Any] = []
         self.failure: HHRError | None = None
@@ -422,13 +426,27 @@ class _Found:
         )
 
     def search(self) -> None:
-        """Try one way after another, until the target is met or no way is left that may help."""
+        """Try one model after another, until the target is met or no model is left that may help."""
+        try:
+            for outcome in outcomes(self._wanted(), partial(_try, self._context), (HHRError,)):
+                # those of a refused model too: reductors and the check give warnings of the scene only
+                repeat(outcome.warnings)
+                self._judge(outcome)
+                row = self.tried[-1]
+                _log.info("%s, %s: %s %s (%s)", row.method, row.setting, row.outcome, dict(row.errors), row.known)
+        except BaseException:
+            if self._trying is not None:
+                self._keep(self._row("interrupted"), None)
+            raise
+
+    def _wanted(self) -> Iterator[Proposal]:
+        """Models that are worth trying, as long as the budget allows one."""
         context = self._context
         for number, attempt in enumerate(attempts(context)):
             if any(item.met for item in self.tried) and not _worth_trying(context, attempt, self.tried):
-                break
+                return
             if self._over:
-                break
+                return
             if attempt.method in self._ended:
                 continue
             try:
@@ -437,61 +455,61 @@ class _Found:
                     context.measure()
             except BudgetSpentError as error:
                 self._reason = str(error)
-                break
-            self._try(attempt)
-            row = self.tried[-1]
-            _log.info("%s, %s: %s %s (%s)", row.method, row.setting, row.outcome, dict(row.errors), row.known)
+                return
+            self._trying = attempt
+            self._clock = Stopwatch()
+            yield attempt
 
-    def _try(self, attempt: Attempt) -> None:
-        """Try one way, and decide whether similar ones are worth trying."""
-        context = self._context
-        clock = Stopwatch()
-        model = None
-        try:
-            model, row = _try(context, attempt)
-        except BudgetSpentError as error:
+    def _judge(self, outcome: Outcome) -> None:
+        """Keep a model or the reason of its refusal, and decide whether similar ones are worth trying."""
+        method = outcome.candidate.method
+        error = outcome.error
+        if error is None:
+            model, row = outcome.made
+            self._keep(row, model)
+            return
+        if isinstance(error, BudgetSpentError):
             self._reason = "what is left to be tried is not affordable"
-            self._ended.add(attempt.method)  # later attempts of this method take longer
-            row = Tried(
-                attempt.method, attempt.setting, context.solved, clock.seconds, outcome=f"not affordable: {error}"
-            )
-        except ShapeError as error:
-            self.failure = error
+            self._ended.add(method)  # later attempts of this method take longer
+            self._keep(self._row(f"not affordable: {error}"), None)
+            return
+        self.failure = error
+        row = self._row(f"refused: {error}")
+        if isinstance(error, ShapeError):
             self._reason = "the scene itself allows no model of all of its box"
             self._over = True
-            row = Tried(attempt.method, attempt.setting, context.solved, clock.seconds, outcome=f"refused: {error}")
-        except HHRError as error:
-            self.failure = error
-            row = Tried(attempt.method, attempt.setting, context.solved, clock.seconds, outcome=f"refused: {error}")
-            before = {item.outcome for item in self.tried if item.method == attempt.method}
-            if isinstance(error, NotOfferedError | ParameterError | SceneError) or row.outcome in before:
-                self._ended.add(attempt.method)  # later attempts would fail for the same reason
-        except BaseException:
-            self._keep(
-                Tried(attempt.method, attempt.setting, context.solved, clock.seconds, outcome="interrupted"), None
-            )
-            raise
-        self._keep(row, model)
+        elif isinstance(error, NotOfferedError | ParameterError | SceneError) or row.outcome in {
+            item.outcome for item in self.tried if item.method == method
+        }:
+            self._ended.add(method)  # later attempts would fail for the same reason
+        self._keep(row, None)
+
+    def _row(self, outcome: str) -> Tried:
+        """Row of a model that was not built."""
+        attempt = self._trying
+        assert attempt is not None
+        return Tried(attempt.method, attempt.setting, self._context.solved, self._clock.seconds, outcome=outcome)
 
     def _keep(self, row: Tried, model: KeptModel | None) -> None:
         """Add a row, with its model if there is one."""
+        self._trying = None
         self.tried.append(row)
         self.models.append(model)
 
 
-def _worth_trying(context: SearchContext, attempt: Attempt, tried: Sequence[Tried]) -> bool:
+def _worth_trying(context: SearchContext, attempt: Proposal, tried: Sequence[Tried]) -> bool:
     """True if another model may be faster than one that meets the target: once, with many contact conditions."""
     large = context.full.conditions >= MANY
     return large and not any(item.method == attempt.method for item in tried)
 
 
-def _try(context: SearchContext, attempt: Attempt) -> tuple[Any, Tried]:
+def _try(context: SearchContext, attempt: Proposal) -> tuple[Any, Tried]:
     """Build and check a model."""
     clock = Stopwatch()
     # the search checks errors in its norms
     with ignored(StabilityWarning, UncheckedWarning, NoBoundWarning):
         context.checking = False
-        model = attempt.make()
+        model = _made(attempt)
     context.checking = True
     seconds = clock.seconds
     limit = context.budget.bytes
@@ -501,7 +519,7 @@ def _try(context: SearchContext, attempt: Attempt) -> tuple[Any, Tried]:
         return None, replace(made, outcome=f"refused: {size / 1e6:.3g} MB in a file, and {limit / 1e6:.3g} are allowed")
     context.short = ""
     try:
-        errors, known, beyond = _judged(context, model)
+        errors, known, beyond = _judged(context, model, attempt.method)
     except BudgetSpentError as error:
         return model, replace(made, outcome=f"not checked: {error}", known="nothing", full_answers=context.solved)
     context.forces_off = context.errors.forces_off(errors)
@@ -513,6 +531,16 @@ def _try(context: SearchContext, attempt: Attempt) -> tuple[Any, Tried]:
     return model, replace(made, beyond=beyond) if made.met else made
 
 
+def _made(attempt: Proposal) -> Any:
+    """The model of a proposal; without fields if these are not affordable and the target does without."""
+    try:
+        return attempt.make()
+    except BudgetSpentError as error:
+        if attempt.spared is None or error.stage not in OF_FIELDS:
+            raise
+    return attempt.spared()
+
+
 def share_beyond(count: int) -> float:
     """Largest share of the box that may exceed a limit, if none of so many random points does, with confidence.
 
@@ -521,7 +549,7 @@ def share_beyond(count: int) -> float:
     return 1.0 - (1.0 - CONFIDENCE) ** (1.0 / count)
 
 
-def _judged(context: SearchContext, model: KeptModel) -> tuple[np.ndarray, str, float]:
+def _judged(context: SearchContext, model: KeptModel, method: str = "") -> tuple[np.ndarray, str, float]:
     """Largest known errors of a model, by the norms of the target, their source, and the share that may exceed it."""
     if context.family is not None:
         exact = context.fresh(FRESH_PATHS)
@@ -530,6 +558,7 @@ def _judged(context: SearchContext, model: KeptModel) -> tuple[np.ndarray, str, 
     points = context.full.parameters.random(LOOKED_AT, context.seed + context.checks)
     if model.fields.exact:
         exact = context.fresh(SURE, _silent(context, model, points))
+        context.check_claim(method, model, exact)
         errors = _compared(context, model, exact)
         return errors, f"{len(exact)} fresh answers; nothing but contact is left, exactly", math.nan
     said = _said(model, points, context.target)
@@ -582,11 +611,8 @@ def _silent(context: SearchContext, model: KeptModel, points: np.ndarray) -> np.
 def _unresolved(model: KeptModel) -> float:
     """Expected error of an interpolation that spent its budget before it converged; zero for any other model,
     and for one that answers by the interpolation of its bound."""
-    record = model.offline
-    if not isinstance(record, CondensedRecord) or record.finer:
-        return 0.0
-    worst = max([record.unresolved, *record.surpluses])
-    return UNRESOLVED * worst if worst > record.settings.tolerance else 0.0
+    facts = None if model.offline is None else model.offline.facts
+    return UNRESOLVED * float(getattr(facts, "doubt", 0.0))
 
 
 def _said(model: KeptModel, points: np.ndarray, target: Target) -> dict[str, np.ndarray]:

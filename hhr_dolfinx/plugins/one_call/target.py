@@ -116,6 +116,11 @@ class Target:
         return DISPLACEMENT in self.of
 
     @property
+    def elastic(self) -> bool:
+        """True if it includes no output, which might need the stress."""
+        return set(self.of) <= set(ASKED)
+
+    @property
     def outputs(self) -> tuple[str, ...]:
         """Outputs that it includes."""
         return tuple(word for word in self.of if word not in ASKED)

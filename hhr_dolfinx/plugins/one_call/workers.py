@@ -92,8 +92,8 @@ class Workers:
         full = self.full
         if not isinstance(question, np.ndarray):
             return compute_snapshots(full, [question], store=self.store).histories[0]
-        # slip states are stored of histories alone
-        store = self.store if full.friction is None else None
+        # memories of laws are stored of histories alone
+        store = None if full.law.remembers else self.store
         kept = None if store is None else store.load(question)
         if kept is not None:
             return kept._replace(fields=full)

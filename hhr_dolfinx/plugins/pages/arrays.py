@@ -11,12 +11,14 @@ has the arrays of an increment instead, see :mod:`hhr_dolfinx.plugins.pages.flow
 from __future__ import annotations
 
 import math
-from typing import Any
+from pathlib import Path
+from typing import Any, Protocol
 
 import numpy as np
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitudes, Coverage, Limits
-from hhr_dolfinx.contact.friction import Friction
+from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.models.condensed import CondensedModel
@@ -50,13 +52,41 @@ def check_model(model: Any, what: str = "a page") -> None:
             f"{what} answers by all contact conditions, and {_kind(model)} does not: condense the scene, "
             "hhr.condense(scene) or hhr train SCENE --model condensed"
         )
-    if isinstance(model.eliminated, FloatingElimination) and model.friction is not None:
+    if isinstance(model.eliminated, FloatingElimination) and model.law.plugin:
         raise NotOfferedError(
-            f"{what} knows bodies that contact alone holds without friction: ask in Python, or hold them by a "
+            f"{what} knows bodies that contact alone holds without {model.law.name}: ask in Python, or hold them by a "
             "displacement"
         )
+    if model.law.plugin:
+        page_of(model.law, what)
     if isinstance(model.eliminated, Compliances) and not model.eliminated.symmetric:
         raise NotOfferedError(f"{what} solves with a symmetric S, and that of this model is not")
+
+
+class LawOnPage(Protocol):
+    """Facet ``page`` of a law of interfaces.
+
+    Attributes:
+        key: name of its data in the tree of a page.
+        script, header: files in JavaScript and C that solve by the law.
+    """
+
+    key: str
+    script: Path
+    header: Path
+
+    def tree(self, law: Any, arrays: Packed) -> dict[str, Any]:
+        """Rows and constants of the law."""
+
+
+def page_of(law: ContactLaw, what: str) -> LawOnPage:
+    """The facet ``page`` of a law.
+
+    Raises:
+        NotOfferedError: if its plug-in has none.
+    """
+    found: LawOnPage = registry.facet(law.plugin, "page", f"{what} of contacts with {law.name}")
+    return found
 
 
 def flows(model: Any) -> bool:
@@ -100,10 +130,13 @@ def contact_tree(model: Any, arrays: Packed) -> dict[str, Any]:
         "limits": [_limit(limit) for limit in amplitudes.limits],
         "m": model.conditions,
         "groups": None if inelastic else _groups(model, arrays),
-        "friction": None if model.friction is None else _friction(model.friction, arrays),
+        "friction": None,
         "flow": None,
         "floating": None,
     }
+    if model.law.plugin:
+        law = page_of(model.law, "a page")
+        tree[law.key] = law.tree(model.law, arrays)
     tree |= _inelastic(model, arrays) if inelastic else _eliminated(model.eliminated, arrays)
     tree["outputs"], tree["missing"] = _outputs(model, arrays)
     trained = model.trained.parameters if inelastic and model.trained is not None else model.trained
@@ -127,19 +160,6 @@ def _inelastic(model: Any, arrays: Packed) -> dict[str, Any]:
 def _groups(model: Any, arrays: Packed) -> str | None:
     """Contact of each condition; round-off of forces is relative to the forces of the same contact."""
     return None if model.pairs is None else arrays.put("groups", model.pairs, "<i4")
-
-
-def _friction(friction: Friction, arrays: Packed) -> dict[str, Any]:
-    """Tangential rows and friction laws."""
-    tree: dict[str, Any] = {
-        name: arrays.put(f"friction_{name}", getattr(friction, name), "<i4")
-        for name in ("normal", "tangential", "owner", "law", "twice")
-    }
-    tree["area"] = arrays.put("friction_area", friction.area)
-    tree["tangents"] = arrays.put("friction_tangents", friction.tangents)
-    tree["fixed"] = friction.fixed.tolist()
-    tree["laws"] = [[steps_of(law.coefficient), steps_of(law.limit)] for law in friction.laws]
-    return tree
 
 
 def _amplitudes(amplitudes: Amplitudes, arrays: Packed) -> dict[str, Any]:

@@ -45,7 +45,7 @@ def check_flow(model: Any, what: str = "a page") -> None:
             f"{what} marches with condensed flow, and a {type(model).__name__} is not of that kind: "
             "hhr.train(scene, paths).condense(), or hhr reduce SCENE with PATHS beside the scene"
         )
-    if model.friction is not None:
+    if model.law.plugin:
         raise NotOfferedError(
             f"{what} knows friction of elastic bodies alone: histories that flow and rub run in Python"
         )

@@ -150,7 +150,7 @@ def pictures_of(model: Any, scenery: Scenery, arrays: Packed, room: int) -> dict
 def _answers(model: Any) -> tuple[Split, Callable[[Drawn, Split, np.ndarray, Packed], Picture | None]]:
     """Answers for pictures, and the function that computes a picture; no answers for a model without maps of forces."""
     fields = model.fields
-    if isinstance(fields, ExactFields) and model.friction is not None:
+    if isinstance(fields, ExactFields) and model.law.remembers:
         return Split(_walked(model), 0), partial(_exact, model)
     corners = _corners(model)
     if isinstance(fields, ExactFields):
@@ -158,8 +158,8 @@ def _answers(model: Any) -> tuple[Split, Callable[[Drawn, Split, np.ndarray, Pac
         return Split(model.solve_many(points, raise_on_failure=False), len(corners)), partial(_exact, model)
     if isinstance(fields, InterpolatedFields) and fields.galerkin is not None:
         # with friction each point is the end of a path, and maps are fitted elsewhere
-        points = Sobol(FITTED if model.friction is None else FEW).points(model.parameters)
-        corners = corners if model.friction is None else corners[:0]
+        points = Sobol(FEW if model.law.remembers else FITTED).points(model.parameters)
+        corners = corners[:0] if model.law.remembers else corners
         return Split(_reached(model, np.vstack([points, corners])), len(corners)), partial(_fitted, model)
     return Split([], 0), partial(_exact, model)
 
@@ -216,7 +216,7 @@ def _corners(model: Any) -> np.ndarray:
 def _walked(model: Any) -> Iterable[Answer]:
     """Answers with friction along a path through the box, with the laws at its middle."""
     points = model.parameters.random(SEEN, 0)
-    points[:, model.friction.fixed] = model.parameters.middle[model.friction.fixed]
+    points[:, model.law.fixed] = model.parameters.middle[model.law.fixed]
     # a warning of this path does not concern the user
     with ignored(FarSlidingWarning), suppress(ConvergenceError):
         return model.march(list(enumerate(points))).answers
@@ -235,7 +235,7 @@ def _fitted(model: Any, drawn: Drawn, known: Split, seen: np.ndarray, arrays: Pa
     None if the error of the fit at held-out points is too large, as for a load that ends within the box.
     """
     answers = known.answers
-    alone = model.friction is None
+    alone = not model.law.remembers
     ways = drawn.modes(seen) if len(answers) >= (FITTED if alone else FEW) // 2 else None
     if ways is None:
         return None

@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.friction import Friction
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.model import KeptModel
+from hhr_dolfinx.plugins.friction.laws import Friction
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
@@ -35,17 +35,17 @@ class SlidingModel(KeptModel):
     Args:
         base: full or condensed, with a row for each dof of the surfaces.
         pairs: the surfaces.
-        friction: its contacts are the slave nodes, pair by pair.
+        law: friction, whose contacts are the slave nodes, pair by pair.
     """
 
-    kept = ("base", "pairs", "friction")
+    kept = ("base", "pairs", "law")
 
-    def __init__(self, base: CondensedModel, pairs: tuple[SlidingPair, ...], friction: Friction):
+    def __init__(self, base: CondensedModel, pairs: tuple[SlidingPair, ...], law: Friction):
         self.base = base
         self.parameters = base.parameters
         self.fields = base.fields
         self.pairs = tuple(pairs)
-        self.friction: Friction = friction
+        self.law: Friction = law
         self.advice: Mapping[Status, str] = ADVICE
 
     def for_file(self) -> SlidingModel:
@@ -63,8 +63,8 @@ class SlidingModel(KeptModel):
         """Faults: contacts that are no slave nodes, and pairs that do not fit the base; the base reports its faults."""
         contacts = np.arange(sum(pair.slave.nodes.size for pair in self.pairs))
         along = self.dimension - 1
-        if not np.array_equal(self.friction.normal, contacts) or not np.array_equal(
-            self.friction.tangential, contacts.size + np.arange(along * contacts.size)
+        if not np.array_equal(self.law.normal, contacts) or not np.array_equal(
+            self.law.tangential, contacts.size + np.arange(along * contacts.size)
         ):
             yield "its contacts are not the slave nodes of its pairs"
         first = 0
@@ -90,9 +90,9 @@ class SlidingModel(KeptModel):
 
     def pressures(self, answer: Answer) -> np.ndarray:
         """Pressure forces of the slave nodes, (C,): forces of an answer have all directions, on both surfaces."""
-        return np.full(self.friction.normal.size, np.nan) if "slip" not in answer.memory else answer.slip.pressure
+        return np.full(self.law.normal.size, np.nan) if "slip" not in answer.memory else answer.slip.pressure
 
-    def slider(self, settings: MarchSettings) -> RepairingSlider:
+    def increments(self, settings: MarchSettings) -> RepairingSlider:
         """See :class:`AnsweringModel`; without derivatives."""
         if settings.gradient:
             raise NotOfferedError(

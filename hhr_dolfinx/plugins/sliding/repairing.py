@@ -20,18 +20,18 @@ import numpy as np
 from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.friction import Friction, SlipState
-from hhr_dolfinx.contact.problem import ContactRows
-from hhr_dolfinx.contact.sliding_set import Increment, Sliding, SlidingContact
-from hhr_dolfinx.contact.tangents import normals_of, tangents_of
+from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NeverFacingError, PairingWarning
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.models.histories.sliding import Reached, Slider, Solved, Target
 from hhr_dolfinx.pairings.mortar import Mortar
 from hhr_dolfinx.pairings.node_to_surface import NodeToSurface
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.pairings.surface_dofs import deformed
+from hhr_dolfinx.plugins.friction.laws import Friction, SlipState
+from hhr_dolfinx.plugins.friction.slider import Reached, Slider, Solved, Target
+from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
+from hhr_dolfinx.plugins.friction.tangents import normals_of, tangents_of
 from hhr_dolfinx.warn import ignored
 
 PAIRINGS = 8

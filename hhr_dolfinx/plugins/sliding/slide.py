@@ -9,7 +9,6 @@ from typing import Any
 import numpy as np
 from mpi4py import MPI
 
-from hhr_dolfinx.contact.friction import Coulomb, FrictionLaw
 from hhr_dolfinx.errors import SceneError, SceneWarning
 from hhr_dolfinx.full_order.checks import warn_of_idle_parameters
 from hhr_dolfinx.full_order.full import FullOrderModel
@@ -18,6 +17,8 @@ from hhr_dolfinx.outputs import ContactForce, DisplacementAt, LinearForm, VonMis
 from hhr_dolfinx.pairings.mortar import Mortar
 from hhr_dolfinx.pairings.node_to_surface import NodeToSurface
 from hhr_dolfinx.pairings.surface_dofs import SurfaceDofs, nodes_of, renumbered
+from hhr_dolfinx.plugins.friction.laws import FrictionLaw
+from hhr_dolfinx.plugins.friction.pair_laws import Coulomb, Tresca
 from hhr_dolfinx.plugins.sliding.model import SlidingModel
 from hhr_dolfinx.plugins.sliding.repairing import SlidingPair, layout
 from hhr_dolfinx.reduction.exact import exact_condensation
@@ -67,8 +68,8 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
             "the other"
         )
     laws = [
-        FrictionLaw.of(Coulomb(0.0) if law is None else law, scene.parameters, f"contact {place}")
-        for place, law in enumerate(scene.friction)
+        FrictionLaw.of(law if isinstance(law, Coulomb | Tresca) else Coulomb(0.0), scene.parameters, f"contact {place}")
+        for place, law in enumerate(scene.laws)
     ]
     base: Any = full
     if condensed:
@@ -116,7 +117,7 @@ def _pairs(full: FullOrderModel, scene: Scene) -> Iterator[SlidingPair]:
     first = 0
     for item in scene.contacts:
         assert isinstance(item, REPEATED)
-        pairing = dataclasses.replace(item, friction=None)  # the model has the law, not the rows
+        pairing = dataclasses.replace(item, friction=None, law=None)  # the model has the law, not the rows
         surfaces = [full.discretisation.surface(tag) for tag in item.tags]
         nodes, points = nodes_of(surfaces)
         slave, master = (renumbered(surface, nodes) for surface in surfaces)

@@ -11,6 +11,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 from dolfinx.plot import vtk_mesh
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.errors import FileError, SceneError
 from hhr_dolfinx.files import make_folder, replacing
@@ -21,14 +22,13 @@ with extra("pictures", "fields for ParaView"):
     import pyvista
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.full_order.full import FullOrderModel
 
 ENDINGS = (".vtkhdf", ".vtu")
 
 
 def write_fields(path: str | Path, full: FullOrderModel, answer: Answer | History) -> list[Path]:
-    """Write displacement, contact pressure and gap at nodes, stress and body of cells, and friction where there is any.
+    """Write displacement, contact pressure and gap at nodes, stress and body of cells, and what laws of contacts add.
 
     Args:
         path: with the ending ``.vtkhdf`` (VTK >= 9.3) or ``.vtu``. Steps of a history have numbers in their names, and
@@ -82,27 +82,6 @@ def _written(path: Path, grid: pyvista.UnstructuredGrid) -> Path:
     return path
 
 
-def friction_fields(problem: ContactProblem, answer: Answer, forces: np.ndarray) -> dict[str, np.ndarray]:
-    """Friction at the nodes of the mesh: traction on slaves (nodes, 3), length slipped, and status.
-
-    The status is 0 if contact is open or without friction, 1 if it sticks, 2 if it slips.
-    """
-    friction = problem.friction
-    assert friction is not None
-    count = len(problem.points)
-    slaves = problem.contact_slaves[friction.normal]
-    traction = np.zeros((count, 3))
-    areas = problem.contact_areas[friction.tangential]
-    # the multiplier is minus the force on the slave, see contact.friction
-    along = -friction.tangents * (forces[friction.tangential] / areas)[:, None]
-    np.add.at(traction[:, : along.shape[1]], slaves[friction.owner], along)
-    slip = np.zeros(count)
-    slip[slaves] = answer.slip.path
-    status = np.zeros(count)
-    status[slaves] = answer.slip.statuses
-    return {"friction_traction": traction, "slip": slip, "stick_slip": status}
-
-
 def grid_of(full: FullOrderModel, answer: Answer) -> pyvista.UnstructuredGrid:
     """The mesh with all fields of an answer."""
     problem = full.problem.at(answer.parameter)
@@ -124,8 +103,9 @@ def grid_of(full: FullOrderModel, answer: Answer) -> pyvista.UnstructuredGrid:
     slack = problem.gaps @ theta - problem.contact @ (displacement - problem.lifts @ theta)
     np.add.at(pressure, slaves, (forces / problem.contact_areas)[pressing])
     gap[slaves] = slack[pressing]
-    if problem.friction is not None and "slip" in answer.memory:
-        for name, values in friction_fields(problem, answer, forces).items():
+    if problem.law.plugin:
+        report = registry.facet(problem.law.plugin, "report", f"a file of fields with {problem.law.name}")
+        for name, values in report.point_fields(problem, answer, forces).items():
             grid.point_data[name] = values
     grid.point_data["displacement"] = np.pad(vectors, ((0, 0), (0, 3 - vectors.shape[1])))
     grid.point_data["contact_pressure"] = pressure

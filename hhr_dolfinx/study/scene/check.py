@@ -9,7 +9,8 @@ from mpi4py import MPI
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
-from hhr_dolfinx.contact.problem import ContactProblem, ContactRows
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.expected import expected_in_space
 from hhr_dolfinx.full_order.motions import described, free_bodies
@@ -21,7 +22,7 @@ from hhr_dolfinx.study.scene.findings import MISTAKE, NOTE, OK, SceneCheck
 from hhr_dolfinx.study.scene.mesh import depth_inside, look_at_common_nodes, look_at_joints, look_at_mesh
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Law
+    from hhr_dolfinx.contact.law import PairLaw
     from hhr_dolfinx.full_order.with_laws import BodiesWithLaws
     from hhr_dolfinx.parameters import PointLike
 
@@ -127,13 +128,9 @@ def _pairs(found: SceneCheck) -> None:
         found.pairs.append((surfaces, rows))
 
 
-def _rubs(law: Law | None) -> str:
-    """Text on a law of friction, after that on its contact."""
-    if law is None:
-        return ""
-    parts = [] if law.coefficient is None else [f"friction {law.coefficient}"]
-    parts += [] if law.limit is None else [f"shear stress up to {law.limit}"]
-    return ", " + ", ".join(parts)
+def _law_of(law: PairLaw | None) -> str:
+    """Text on a law of a contact, after that on the contact."""
+    return "" if law is None else f", {law.words}"
 
 
 def _left_out(surface: Surface, rows: ContactRows | None) -> str:
@@ -172,7 +169,7 @@ def _gaps(found: SceneCheck, problem: ContactProblem, point: np.ndarray) -> None
         found.say(
             OK,
             f"contact {place} of {names}: {own.size} conditions, gaps from {own.min():.3g} to {own.max():.3g}{unit}"
-            f"{closed}, facets sag by {sag:.2g}{unit}{_rubs(found.scene.friction[place])}"
+            f"{closed}, facets sag by {sag:.2g}{unit}{_law_of(found.scene.laws[place])}"
             f"{_left_out(surfaces[0], made)}",
         )
         _overlap(found, place, -float(still[rows].min()), sag, point)

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from hhr_dolfinx.contact.problem import ContactRows
+from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import HHRError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.pairings.surface import Surface

@@ -16,10 +16,12 @@ from hhr_dolfinx import ranks, registry
 from hhr_dolfinx.certify.strains import check_small_strains
 from hhr_dolfinx.errors import NotOfferedError, ParameterError, StudyError
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, facet_of
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.models.histories.path import checked_path
-from hhr_dolfinx.reduction.build import build, everywhere, not_by_rows, usual_recipe
+from hhr_dolfinx.reduction.build import build, not_by_rows, usual_recipe
 from hhr_dolfinx.reduction.recipe import Recipe
+from hhr_dolfinx.reduction.reductor import Task, everywhere, made
+from hhr_dolfinx.reduction.reductors import condensing
 from hhr_dolfinx.scene import Scene
 from hhr_dolfinx.snapshots.records import Lost, SnapshotSet, held_out_points, spread_snapshots
 from hhr_dolfinx.snapshots.store import SnapshotStore
@@ -57,7 +59,7 @@ class Training(TrainingAnswers):
 
         Only unsolvable models are refused even then: dependent contact rows, a singular K~. None takes the default
         recipe of the scene, or the one for which a greedy training chose. Other objects are user-defined reductions,
-        see :class:`~hhr_dolfinx.reduction.build.Reductor`. Each stage is announced as it begins.
+        see :class:`~hhr_dolfinx.reduction.reductor.Reductor`. Each stage is announced as it begins.
         """
         if recipe is None and self.choice is not None:
             recipe = self.choice.recipe
@@ -86,22 +88,13 @@ class Training(TrainingAnswers):
         Raises:
             NotOfferedError: for bodies with rigid motions whose moduli or shapes are parameters.
         """
-        if self.full_order.equilibrium is not None:
-            condense_laws = facet_of(self.full_order.equilibrium, "condense", "condensation")
-            return condense_laws(self.full_order, self.snapshots, settings, self.held_out, announce)
-        if self.full_order.friction is not None:
-            from hhr_dolfinx.study import condensing
+        full = self.full_order
+        if full.law.remembers and full.equilibrium is None:
+            from hhr_dolfinx.study.condensing import condensed
 
-            return condensing.condensed(self.full_order, settings)
-        if not self.full_order.problem.varies:
-            from hhr_dolfinx.reduction.exact import exact_condensation
-
-            full = self.full_order if self.full_order.problem.rigid is None else self.everywhere.full_order
-            return exact_condensation(full, self.snapshots.known_statuses(), field=False)
-        from hhr_dolfinx.reduction.condense import condense
-
-        there = self.everywhere
-        return condense(there.full_order, there.snapshots, settings, there.held_out, announce=announce)
+            return condensed(full, settings)
+        task = Task(full, self.snapshots, self.held_out, announce=announce)
+        return made(condensing(full).usual(settings, fields=None), task)
 
 
 def train(
@@ -124,7 +117,7 @@ def train(
         scene: the scene.
         training: the number of points along each parameter, on a regular grid; a sampling, ``Sobol(512)`` or
             ``LatinHypercube(100)``; ``Greedy(budget=100)``, which chooses points where present models are worst; or
-            an array of points, (S, P). For laws that remember a list of paths, each of times in seconds and
+            an array of points, (S, P). If answers depend on their path, a list of paths, each of times in seconds and
             parameters, or drawn from a family, ``family.paths(Sobol(12))``, ``Greedy(family=family)``.
         held_out: for the trust check: a number of random parameters (100, a fifth of them with grazing contact; 0 for
             none), or paths.
@@ -247,15 +240,14 @@ def checked_training(scene: Scene, training: Any, held_out: Any, seed: Any) -> t
         raise StudyError(f"{scene!r} is no scene: give a Scene")
     check_counts(seed=(seed, 0))
     chooses = chooses_itself(training)
-    frictional = any(law is not None for law in scene.friction)
-    if chooses and frictional:
+    if chooses and scene.remembers:
         raise NotOfferedError(
-            f"scene '{scene.name}' has friction, and a greedy training of such histories is not built in: train on a "
-            "list of paths, or condense it without a training, hhr.condense(scene)"
+            f"contacts of scene '{scene.name}' remember their path, and a training that chooses such histories itself "
+            "is not built in: train on a list of paths, or condense it without a training, hhr.condense(scene)"
         )
     if chooses:
         training.space(scene)
-    if frictional or scene.reader:
+    if scene.remembers or scene.reader:
         apart = held_out.tolist() if isinstance(held_out, np.ndarray) else held_out
         given = training if chooses else training_paths(scene, training)
         return given, training_paths(scene, apart) if apart else []
@@ -285,7 +277,7 @@ def training_points(scene: Scene, training: Any) -> np.ndarray:
 
 
 def training_paths(scene: Scene, paths: Any) -> list:
-    """Checked paths of a scene with laws that remember; StudyError for an invalid list of paths."""
+    """Checked paths of a scene whose answers depend on their path; StudyError for an invalid list of paths."""
     advice = (
         f"answers of scene '{scene.name}' depend on the path that leads to them: train on a list of paths, such as "
         "family.paths(Sobol(12)), or by hhr reduce with PATHS, a hhr.PathFamily, beside the scene"

@@ -10,7 +10,7 @@ from scenes import largest_difference, pressed_block, pressed_pair
 from threads import at_once
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.contact.problem import joined
+from hhr_dolfinx.contact.rows import joined
 from hhr_dolfinx.errors import NotSolvableError, SceneError
 from hhr_dolfinx.plugins.baselines.naive import NaiveFullOrder
 

@@ -387,7 +387,7 @@ def at(*arrays):
 def test_increments_in_c_are_those_of_python(name, tmp_path):
     model, tour = rubbing_model(name)
     made = rubbing_library(tmp_path, model)
-    steps, contacts = len(tour) - 1, model.friction.normal.size
+    steps, contacts = len(tour) - 1, model.law.normal.size
     points = np.array(tour)
     forces, outputs = np.zeros((steps, model.conditions)), np.zeros((steps, 2))
     slips, statuses = np.zeros((steps, contacts, 3)), np.zeros((steps, contacts), dtype=np.int32)
@@ -420,8 +420,8 @@ def test_paths_in_c_end_where_those_of_python_do(tmp_path):
     model, tour = rubbing_model("formula and limit")
     made = rubbing_library(tmp_path, model)
     forces, outputs = np.zeros((9, model.conditions)), np.zeros((9, 2))
-    slips, statuses = np.zeros((9, model.friction.normal.size, 3)), np.zeros((9, model.friction.normal.size), np.int32)
-    place = model.friction.fixed[0]
+    slips, statuses = np.zeros((9, model.law.normal.size, 3)), np.zeros((9, model.law.normal.size), np.int32)
+    place = model.law.fixed[0]
     for change, status in ((0.1, CHANGED), (5.0, OUTSIDE), (np.nan, OUTSIDE)):
         points = np.array(tour[:3])
         points[2, place] += change
@@ -446,7 +446,7 @@ def test_a_unit_with_friction_steps_as_python_does(rubbing_unit, tmp_path):
         archive.extractall(tmp_path)
     described = ElementTree.parse(tmp_path / "modelDescription.xml").getroot()
     kinds = {item.get("name"): item.get("causality") for item in described.find("ModelVariables")}
-    fixed = model.friction.fixed.size > 0
+    fixed = model.law.fixed.size > 0
     words = ("independent", "input", "input", "parameter" if fixed else "input", "output", "output")
     assert kinds == dict(zip(("time", *model.parameters.names, "peak", "pull"), words, strict=True))
     (binary,) = (tmp_path / "binaries").glob("*/model.*")
@@ -499,7 +499,7 @@ def test_a_unit_with_friction_runs_in_fmpy(rubbing_unit):
     model, tour, path = rubbing_unit
     assert validation.validate_fmu(str(path)) == []
     names = model.parameters.names
-    moving = [place for place in range(3) if place not in model.friction.fixed]
+    moving = [place for place in range(3) if place not in model.law.fixed]
     kinds = [("time", float), *((names[place], float) for place in moving)]
     signals = np.array([(float(time), *point[moving]) for time, point in enumerate(tour)], dtype=kinds)
     start = dict(zip(names, tour[0], strict=True))
@@ -715,8 +715,8 @@ def test_a_path_in_c_does_not_begin_at_laws_outside_of_the_box(name, tmp_path):
         made, room, place = flowing_library(tmp_path, model), room_for(model, 9), 1
     else:
         model, path = rubbing_model("formula and limit")
-        made, place = rubbing_library(tmp_path, model), model.friction.fixed[0]
-        contacts = model.friction.normal.size
+        made, place = rubbing_library(tmp_path, model), model.law.fixed[0]
+        contacts = model.law.normal.size
         room = [np.zeros((9, model.conditions)), np.zeros((9, 2)), np.zeros((9, contacts, 3))]
         room.append(np.zeros((9, contacts), dtype=np.int32))
     points = np.array(path[:3])

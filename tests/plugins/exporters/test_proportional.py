@@ -18,9 +18,8 @@ from test_embedded import CC, DONE, rubbing_library
 from test_pages import ALONG, FRICTION, MODEL
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.models.histories import sliding
+from hhr_dolfinx.models.histories import increments
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.plugins.exporters import c_header
 from hhr_dolfinx.plugins.pages import page
 
 NODE = shutil.which("node")
@@ -48,7 +47,7 @@ def random_blocks(seed):
     """The same with a random compliance and random gaps, which each push and shear in a way of its own."""
     model, scenery = blocks()
     rng = np.random.default_rng(seed)
-    given, friction, m = model.eliminated.responses, model.friction, model.conditions
+    given, friction, m = model.eliminated.responses, model.law, model.conditions
     root = rng.normal(size=(m, m))
     schur = root @ root.T / m + 0.3 * np.eye(m)
     slack = np.zeros((m, 3))
@@ -77,9 +76,9 @@ def test_a_page_cuts_increments_where_python_does(seed):
     words = [NODE, "-e", ALONG.replace("[...model.displacement(state)]", "[]"), str(MODEL), str(FRICTION)]
     done = subprocess.run(words, input=asked, capture_output=True, text=True, timeout=WAIT, check=True)
     (found,) = json.loads(done.stdout)["loaded"]
-    shares = np.linspace(0.0, 1.0, sliding.PROPORTIONAL + 1)
-    settings = MarchSettings(time_tolerance=sliding.TOLERANCE, outside="ignore")
-    history = model.slide([(float(share), share * point) for share in shares], settings)
+    shares = np.linspace(0.0, 1.0, increments.PROPORTIONAL + 1)
+    settings = MarchSettings(time_tolerance=increments.TOLERANCE, outside="ignore")
+    history = model.follow([(float(share), share * point) for share in shares], settings)
     np.testing.assert_allclose(found["path"], [place for _, place in history.solved_path], rtol=0, atol=1e-15)
     close(found["forces"], model, point)
 
@@ -99,15 +98,17 @@ def test_c_cuts_increments_where_python_does(seed, tmp_path):
 @needs("friction")
 def test_limits_of_cuts_are_those_of_python():
     """Each program has its own copy of them."""
+    from hhr_dolfinx.plugins.friction import slider
+
     script = FRICTION.read_text(encoding="utf-8")
-    header = c_header.kernel_file("friction.h")
+    header = FRICTION.with_suffix(".h").read_text(encoding="utf-8")
     expected = {
-        ("FEWEST", "FEWEST"): sliding.PROPORTIONAL,
-        ("CUTS", "CUTS"): sliding.CUTS,
+        ("FEWEST", "FEWEST"): increments.PROPORTIONAL,
+        ("CUTS", "CUTS"): increments.CUTS,
         ("HALVED", "HALVED"): MarchSettings().cuts,
-        ("SETTLED", "SETTLED"): sliding.TOLERANCE,
-        ("WORK", "WORK_LEAST"): sliding.WORK,
-        ("APART", "APART"): sliding.APART,
+        ("SETTLED", "SETTLED"): increments.TOLERANCE,
+        ("WORK", "WORK_LEAST"): slider.WORK,
+        ("APART", "APART"): slider.APART,
     }
     for (of_page, of_header), value in expected.items():
         assert float(re.search(rf"\b{of_page} = ([\d.e-]+)", script)[1]) == value

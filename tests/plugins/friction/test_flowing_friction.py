@@ -13,10 +13,10 @@ from test_friction import resultants
 from test_reduced_friction import OUTPUTS, paths
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.contact.friction import SlipState
-from hhr_dolfinx.contact.sliding_set import Increment, SlidingContact
 from hhr_dolfinx.errors import FarSlidingWarning, NotOfferedError
 from hhr_dolfinx.plugins.friction import rubbing_flow
+from hhr_dolfinx.plugins.friction.laws import SlipState
+from hhr_dolfinx.plugins.friction.sliding_set import Increment, SlidingContact
 from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 from hhr_dolfinx.plugins.inelastic.state import flowed
 
@@ -39,7 +39,7 @@ def bodies(yield_stress: float) -> tuple[hhr.Body, ...]:
 def test_where_nothing_yields_it_is_friction_of_elastic_bodies():
     """On the same S, which that of a scene without laws is not: bodies that flow have cells of their own."""
     full = hhr.FullOrderModel(rubbing(0.3, bodies=bodies(1e6)), MPI.COMM_SELF)
-    problem, friction = full.problem, full.friction
+    problem, friction = full.problem, full.law
     contact = SlidingContact(full.schur, friction)
     slip, forces = SlipState.at_rest(friction), np.zeros(full.conditions)
     for answer, (_, point) in zip(full.march(PATH).answers, PATH[1:], strict=True):
@@ -184,8 +184,8 @@ def test_newtons_slope_is_that_of_the_residual(condensed):
     material = equilibrium.material.at(here.parameter)
     theta = equilibrium.amplitudes(here.parameter)
     slack = equilibrium.gaps(theta).copy()
-    slack[condensed.friction.tangential] -= before.slip.position
-    bounds = condensed.friction.bounds(here.parameter)
+    slack[condensed.law.tangential] -= before.slip.position
+    bounds = condensed.law.bounds(here.parameter)
     load = rubbing_flow._Load(slack, equilibrium.free_strain @ theta, *bounds, before.state().state, 1.0)
     correction = here.unknown[: equilibrium.modes]
     at = stepper._tried(load, material, correction, here.multipliers, here.active)

@@ -21,8 +21,6 @@ from sheared import PATH, driven, round_block, rubbing
 import hhr_dolfinx as hhr
 from hhr_dolfinx.command.main import hhr as hhr_command
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.sliding_set import Increment, SlidingContact
-from hhr_dolfinx.contact.uniqueness import coupling, error_bound
 from hhr_dolfinx.errors import (
     ConvergenceError,
     FarSlidingWarning,
@@ -33,6 +31,8 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries.two_blocks import FIRST, SECOND, side, two_blocks
+from hhr_dolfinx.plugins.friction.sliding_set import Increment, SlidingContact
+from hhr_dolfinx.plugins.friction.uniqueness import coupling, error_bound
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -112,7 +112,7 @@ def test_friction_in_space_knows_no_directions():
 
 def resultants(full, answer):
     """Sum of pressures, and of tangential forces on the slave along x."""
-    friction = full.problem.friction
+    friction = full.problem.law
     tangential = -answer.multipliers[friction.tangential] @ friction.tangents[:, 0]
     return answer.multipliers[friction.normal].sum(), tangential
 
@@ -135,7 +135,7 @@ def test_all_that_slips_bears_coulomb_whatever_the_pairing(name):
         assert set(answer.slip.statuses.tolist()) <= {0, 2}
         # the upper body drags the lower one, the slave, along
         assert shear == pytest.approx(sign * 0.3 * pressure, rel=1e-10)
-        np.testing.assert_allclose(answer.slip.work, 0.3 * answer.slip.wear * full.problem.friction.area, rtol=1e-9)
+        np.testing.assert_allclose(answer.slip.work, 0.3 * answer.slip.wear * full.problem.law.area, rtol=1e-9)
 
 
 def test_a_plate_on_a_plane():
@@ -367,7 +367,7 @@ def test_no_friction_is_contact_without_it():
     full = hhr.FullOrderModel(rubbing(0.0), MPI.COMM_SELF)
     expected, found = smooth.solve((0.03, 0.05)), full.solve((0.03, 0.05))
     np.testing.assert_allclose(found.displacement(), expected.displacement(), atol=1e-12)
-    assert smooth.friction is None and not found.multipliers[full.problem.friction.tangential].any()
+    assert not smooth.law.plugin and not found.multipliers[full.problem.law.tangential].any()
 
 
 def test_a_contact_that_closes_on_the_way_sticks_where_it_closes():
@@ -378,8 +378,8 @@ def test_a_contact_that_closes_on_the_way_sticks_where_it_closes():
         path = [(0.0, (0.0,)), (1.0, (depth,))]
         history = model.march(path, hhr.MarchSettings(time_tolerance=1e-3))
         fine = model.march([(float(t), (t * depth,)) for t in np.linspace(0, 1, 2001)]).answers[-1]
-        found = history.answers[-1].multipliers[model.friction.tangential].sum()
-        exact = fine.multipliers[model.friction.tangential].sum()
+        found = history.answers[-1].multipliers[model.law.tangential].sum()
+        exact = fine.multipliers[model.law.tangential].sum()
         size = np.linalg.norm(fine.multipliers)
         # without a look at what closes both a step and its halves stick it to the start: off by .78 of the shear
         assert abs(found - exact) / size < history.time_error[-1] < 2e-2
@@ -425,7 +425,7 @@ def test_a_pair_that_never_touches_takes_no_friction(last):
         ),
     )
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
-    assert full.friction.twice.size == 18
+    assert full.law.twice.size == 18
     outputs = full.march([(0.0, (0.0, 0.0)), (1.0, (1.0, 0.0)), (2.0, (1.0, 0.1))]).answers[-1].outputs()
     assert -outputs["along"] / outputs["up"] == pytest.approx(0.3, rel=1e-9) and outputs["sticks"] == 0.0
 
@@ -509,7 +509,7 @@ def test_the_command_knows_friction(tmp_path):
     found = dict(zip(head, row, strict=True))
     model = hhr.load_model(tmp_path / "out/condensed.npz")
     answer = model.solve((0.004, 0.002, 0.1))
-    assert float(found["total_force"]) == pytest.approx(answer.forces()[model.friction.normal].sum(), rel=1e-9)
+    assert float(found["total_force"]) == pytest.approx(answer.forces()[model.law.normal].sum(), rel=1e-9)
     words = said("solve", scene, "--at", "push=0.004,shear=0.002,friction=0.1", "--out", tmp_path / "fields.vtu")
     assert "contacts that slip" in words
     grid = pyvista.read(tmp_path / "fields.vtu")
@@ -551,8 +551,8 @@ def test_what_is_not_built_in_says_so():
 
 def test_what_does_not_settle_is_named_with_its_contacts(monkeypatch):
     model = hhr.condense(rubbing())
-    monkeypatch.setattr("hhr_dolfinx.contact.sliding_set.NEWTON", 0)
-    monkeypatch.setattr("hhr_dolfinx.contact.sliding_set.SWEEPS", (1,))
+    monkeypatch.setattr("hhr_dolfinx.plugins.friction.sliding_set.NEWTON", 0)
+    monkeypatch.setattr("hhr_dolfinx.plugins.friction.sliding_set.SWEEPS", (1,))
     with pytest.raises(ConvergenceError, match=r"stick and slip.*keep changing") as caught:
         model.march(PATH, hhr.MarchSettings(cuts=1))
     assert caught.value.history.answers == []
@@ -565,7 +565,7 @@ def test_along_what_is_held_nothing_slips():
     scene = rubbing(dimension=3, cells=3)
     held = tuple(hhr.Displacement(side(body, 1, False), 1) for body in (FIRST, SECOND))
     full = hhr.FullOrderModel(dataclasses.replace(scene, displacements=(*scene.displacements, *held)), MPI.COMM_SELF)
-    friction = full.problem.friction
+    friction = full.problem.law
     rows = np.bincount(friction.owner, minlength=friction.normal.size)
     on_plane = full.problem.contact_points[friction.normal, 1] < 1e-9
     assert (rows[on_plane] == 1).all() and (rows[~on_plane] == 2).all()
@@ -586,7 +586,7 @@ def test_friction_counts_where_both_sides_are_imposed(dimension, tmp_path):
     outputs = hhr.ContactForce("pull", 0, tuple(first)), hhr.ContactForce("press", 0, tuple(last))
     scene = driven(dimension, outputs=outputs)
     full = hhr.FullOrderModel(scene, MPI.COMM_SELF)
-    friction = full.problem.friction
+    friction = full.problem.law
     on_side = full.problem.contact_points[friction.normal, 0] < 1e-9
     assert (np.bincount(friction.owner, minlength=on_side.size) == dimension - 1).all()
     path = [(0.0, (0.0, 0.0)), (1.0, (0.03, 0.0)), (2.0, (0.03, 0.1)), (3.0, (0.03, -0.1))]

@@ -118,7 +118,7 @@ def test_with_all_modes_on_the_whole_mesh_it_is_the_full_order():
 
 def test_laws_hold_outside_the_domain_too(training, model):
     full = training.full_order
-    friction = full.friction
+    friction = full.law
     inside = np.isin(friction.normal, model.fields.A_lambda)
     assert not inside.all()
     for path in paths(3, 9, full.parameters):
@@ -216,7 +216,7 @@ def test_the_usual_recipe_takes_the_enrichment_that_it_advises(monkeypatch):
     path = [(0.0, [0.01]), (1.0, [0.05])]
     histories = hhr.SnapshotSet.of_histories([full.march(path)] * 2)
     small = hhr.Recipe.with_friction(domain=hhr.Rid(1, 1), enrichment=hhr.Enrich(10.0))
-    monkeypatch.setattr("hhr_dolfinx.reduction.build.usual_recipe", lambda full: small)
+    monkeypatch.setattr("hhr_dolfinx.plugins.friction.reduction.with_friction", lambda: small)
     model = Training(full, histories, None, StageLog()).build()
     assert model.offline.recipe.enrichment == hhr.Enrich(2.0) and len(model.offline.log.refused) == 1
     exact, found = (item.march(path).answers[-1].forces() for item in (full, model))
@@ -228,7 +228,7 @@ def test_the_usual_recipe_takes_the_enrichment_that_it_advises(monkeypatch):
 def test_what_is_not_built_in_is_refused_by_name(scene, training):
     with pytest.raises(StudyError, match="depend on the path that leads to them: train on a list of paths"):
         hhr.train(scene, hhr.Sobol(8))
-    with pytest.raises(NotOfferedError, match="a greedy training of such histories is not built in"):
+    with pytest.raises(NotOfferedError, match="a training that chooses such histories itself is not built in"):
         hhr.train(scene, hhr.Greedy(budget=3))
     points = training.snapshots.take(np.arange(4))
     with pytest.raises(ReductionError, match="with friction must be histories"):
@@ -236,13 +236,13 @@ def test_what_is_not_built_in_is_refused_by_name(scene, training):
     with pytest.raises(NotOfferedError, match="a study of scene 'rubbing' is not built in"):
         hhr.study_scene(scene, hhr.StudySettings(paths(2, 1, scene.parameters)), "nowhere")
     with pytest.raises(ValueError, match="go together"):
-        training.full_order.friction.within(training.full_order.friction.normal[:2])
+        training.full_order.law.within(training.full_order.law.normal[:2])
 
 
 def test_nothing_is_known_of_forces_where_bodies_overlap_outside_the_domain(training, model):
     """No force in the RID would be explained by any modes; contact that has left it shows in the displacement."""
     fields = model.fields
-    frictional, scale = fields.frictional, fields.gap_scale
+    frictional, scale = fields.interface, fields.gap_scale
     row = frictional.friction.normal[frictional.outside[0]]
     apart, deep = np.ones(len(scale)) * scale, np.ones(len(scale)) * scale
     deep[row] = -1e-4 * scale[row]
@@ -267,7 +267,7 @@ def test_what_grazes_when_held_out_does_not_spoil_the_indicator(training):
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")
             model = hhr.build(full, training.snapshots, None, apart)
-        shares.append(model.fields.frictional.share)
+        shares.append(model.fields.interface.share)
         assert 1.0 <= shares[-1] < 100.0
     assert shares[0] == pytest.approx(shares[1], rel=1e-9)
 
@@ -379,7 +379,7 @@ def test_what_a_safe_model_cannot_answer_is_of_the_full_one(training, model, mon
     def refused(*args, **how):
         raise NotSolvableError("a body is pulled off")
 
-    monkeypatch.setattr(AnsweringModel, "slide", refused)
+    monkeypatch.setattr(AnsweringModel, "follow", refused)
     answer = safe.solve(full.parameters.middle, raise_on_failure=False)
     assert safe.fell_back(answer) and not answer.converged
     assert answer.displacement().shape == (len(full.problem.free),) and np.isnan(answer.forces()).all()

@@ -24,7 +24,7 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings, condense_flow
+from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.UncheckedWarning"),
@@ -298,7 +298,7 @@ def test_what_is_no_training_is_refused(tubes, pellet):
         condensed(elastic, histories)
     answers = hhr.SnapshotSet.of_answers(histories[0].answers)
     with pytest.raises(ReductionError, match="trained on histories"):
-        condense_flow(full, answers)
+        hhr.build(full, answers, CorrectionSettings())
 
 
 def test_one_history_is_enough_for_itself(tubes):

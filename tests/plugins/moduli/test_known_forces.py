@@ -8,7 +8,7 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.eliminations.block import BlockElimination, DiagonalBlock
 from hhr_dolfinx.models.eliminations.shaped import ReshapedElimination
-from hhr_dolfinx.reduction.condense import condense
+from hhr_dolfinx.reduction.condense import Condensation
 from hhr_dolfinx.reduction.interpolate import GridSettings
 from hhr_dolfinx.shapes import coordinate_names
 
@@ -19,7 +19,7 @@ OUTPUTS = hhr.LargestPressure("peak", 0), hhr.ContactForce("force", 0, (0.0, 1.0
 def condensed(bodies, box, **changes):
     scene = pressed_pair("plane_strain", bodies, box, cells=2, outputs=OUTPUTS, **changes)
     training = hhr.train(scene, hhr.Sobol(16), held_out=0)
-    return condense(training.full_order, training.snapshots, GridSettings(1e-3, 30), bound=False)
+    return training.build(Condensation(GridSettings(1e-3, 30), bound=False))
 
 
 @pytest.fixture(scope="module")

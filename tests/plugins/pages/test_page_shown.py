@@ -186,7 +186,7 @@ def test_a_surface_is_drawn_from_above():
     acts = (("drag", "field", (100, 100), (140, 90)), ("key", "field", "ArrowLeft"), ("wheel", "field", -250))
     first, turned, keyed, zoomed = shown(page.page_text(model, scenery), "", *acts)
     answer = model.solve(model.parameters.middle)
-    forces, own = (values[model.friction.normal] for values in (answer.multipliers, scenery.areas))
+    forces, own = (values[model.law.normal] for values in (answer.multipliers, scenery.areas))
     discs = drawn(first, "pressures on the surface", "arc")
     # and a dot on each that is closed, by which it sticks or slips
     assert len(discs) == len(forces) + (forces > 0).sum()
@@ -211,8 +211,8 @@ def test_a_path_with_friction_is_kept_drawn_and_begun_anew():
     path = [(float(time), np.array([float(item) for item in point])) for time, *point in lines[1:]]
     np.testing.assert_allclose([path[0][1], path[-1][1]], [[0.0, 0.0], [0.03, -0.05]])
     answer = model.march(path).answers[-1]
-    normal = model.friction.normal
-    dragged = -(answer.multipliers[model.friction.tangential] @ model.friction.tangents[:, 0])
+    normal = model.law.normal
+    dragged = -(answer.multipliers[model.law.tangential] @ model.law.tangents[:, 0])
     for view, exact in ((sheared, answer), (anew, model.solve({"push": 0.03, "shear": -0.05}))):
         rows, statuses = rows_of(view), exact.slip.statuses
         assert float(rows["sum of forces"]) == pytest.approx(exact.multipliers[normal].sum(), rel=1e-5)

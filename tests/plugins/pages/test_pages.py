@@ -37,7 +37,7 @@ from hhr_dolfinx.plugins.pages.scenery import thinned
 MODEL = Path(page.__file__).with_name("model.js")
 NODE = shutil.which("node")
 CHROMIUM = shutil.which("chromium") or shutil.which("google-chrome")
-FRICTION = MODEL.with_name("friction.js")
+FRICTION = MODEL.parents[1] / "friction" / "friction.js"
 in_node = pytest.mark.skipif(NODE is None, reason="node is not there")
 PROGRAM = """
 const fs = require("fs"), hhr = require(process.argv[1]);

@@ -52,7 +52,7 @@ def test_rows_where_nothing_has_moved_are_those_of_the_pairing():
     nothing = np.zeros(len(model.base.problem.gaps))
     paired = RepairingSlider(model).paired(nothing, nothing)
     rows = (paired.matrix @ model.base.problem.contact).toarray()
-    x = [model.slave_points()[:, 0], fixed.contact_points[fixed.friction.normal, 0]]
+    x = [model.slave_points()[:, 0], fixed.contact_points[fixed.law.normal, 0]]
     order, other = (np.argsort(values) for values in x)
     count = order.size
     np.testing.assert_allclose(paired.gap[order], fixed.gaps[:count, 0][other], atol=1e-12)
@@ -125,7 +125,7 @@ def test_what_is_drawn_bears_coulomb_and_forgets_where_it_was(rough):
                for answer in history.answers]  # fmt: skip
     np.testing.assert_allclose(np.diff(middles[5:]), 0.1, atol=0.03)
     # Archard: pressure times the way along which it slid
-    worn = float(history.answers[-1].slip.wear @ rough.friction.area)
+    worn = float(history.answers[-1].slip.wear @ rough.law.area)
     assert worn == pytest.approx(values[5:, 0].mean() * 3.9, rel=0.1)
 
 

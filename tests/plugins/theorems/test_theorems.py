@@ -294,7 +294,10 @@ def test_inf_sup_constants_that_are_zero(hertz, hertz_reduction):
     record = hertz_reduction.offline
     worse = dataclasses.replace(record.stability.energy, beta_HR=np.nan, alpha_prime=None)
     model = hertz_reduction.changed(
-        offline=dataclasses.replace(record, stability=dataclasses.replace(record.stability, energy=worse))
+        offline=dataclasses.replace(
+            record,
+            facts=dataclasses.replace(record.facts, stability=dataclasses.replace(record.stability, energy=worse)),
+        )
     )
     bounds = ThesisBounds.of(hertz, model)
     assert bounds.refused.keys() == {"3", "6"}

@@ -1,8 +1,8 @@
 """Active set of contact with friction: open, stick or slip at each contact, one function for full and reduced models.
 
 The rows of B are those of pressures, and for each contact with friction one or two tangential ones, so that forces
-x = (λ, τ) give slack = free_slack + S x, see :mod:`hhr_dolfinx.contact.friction`. The slack of a tangential row is the
-slip of an increment, with the sign by which τ opposes it. With c = 1 / S_ii, which turns slacks into forces, and
+x = (λ, τ) give slack = free_slack + S x, see :mod:`hhr_dolfinx.plugins.friction.laws`. The slack of a tangential row
+is the slip of an increment, with the sign by which τ opposes it. With c = 1 / S_ii, which turns slacks into forces, and
 y = x - c slack the conditions of one increment are projections,
 
     λ = max(0, y_n),      τ = y_t min(1, b / |y_t|),      b = min(coefficient max(0, y_n), limit),
@@ -27,10 +27,10 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.floating import BALANCED, MOST_STEPS, NOTHING, WEAKNESS
-from hhr_dolfinx.contact.friction import Friction
-from hhr_dolfinx.contact.sliding_system import Rows, SlidingSystem, SlidingSystems, Statuses
-from hhr_dolfinx.contact.sweeps import swept
 from hhr_dolfinx.errors import SingularError
+from hhr_dolfinx.plugins.friction.laws import Friction
+from hhr_dolfinx.plugins.friction.sliding_system import Rows, SlidingSystem, SlidingSystems, Statuses
+from hhr_dolfinx.plugins.friction.sweeps import swept
 
 TOLERANCE = 1e-11
 """Relative deviation of forces from their projection up to which they have converged (measured round-off: 1e-14)."""

@@ -7,16 +7,16 @@ contact sticks or slips, and the displacement is available everywhere.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from hhr_dolfinx.contact.friction import Friction
-from hhr_dolfinx.contact.sliding_set import bounds
 from hhr_dolfinx.declared import Floats, Integers
+from hhr_dolfinx.plugins.friction.laws import Friction
+from hhr_dolfinx.plugins.friction.sliding_set import bounds
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
@@ -33,6 +33,8 @@ DEEP = 3.0
 """Overlap outside the RID, as a multiple of that in training, beyond which the error is unknown."""
 SHALLOW = 1e-2
 """Part of the gap scale that overlap may reach in any case."""
+ALIKE = 1e-5
+"""Relative difference of numbers of one scene."""
 PRESSED = 1e-3
 """Part of the largest force of an answer below which a contact outside the RID counts as open: it is fitted."""
 
@@ -90,10 +92,30 @@ class FrictionalFields:
     @classmethod
     def fitted(cls, problem: ContactProblem, within: np.ndarray, modes: np.ndarray) -> FrictionalFields:
         """Least-squares fit on the RID (gappy POD) by the first of the modes of forces, (N_lambda, k)."""
-        assert problem.friction is not None
+        friction: Any = problem.law
         loaded = np.abs(modes[within]).max(axis=1, initial=0.0) > ROUND_OFF * np.abs(modes).max()
         modes = np.ascontiguousarray(modes[:, : max(int(MOST * loaded.sum()), 1)])
-        return cls(problem.friction, within, modes, np.linalg.pinv(modes[within]), mark_of(problem))
+        return cls(friction, within, modes, np.linalg.pinv(modes[within]), mark_of(problem))
+
+    @property
+    def whole(self) -> Friction:
+        """See :class:`~hhr_dolfinx.models.completion.InterfaceCompletion`."""
+        return self.friction
+
+    def calibrated(self, model: Any, known: Sequence[Any], log: Any) -> tuple[Any, ...]:
+        """See :func:`hhr_dolfinx.plugins.friction.calibration.calibrated`."""
+        from hhr_dolfinx.plugins.friction.calibration import calibrated
+
+        return calibrated(model, known, log)
+
+    def differences(self, full: Any, point: np.ndarray) -> str:
+        """See :class:`~hhr_dolfinx.models.completion.InterfaceCompletion`."""
+        bounds_ = zip(self.friction.bounds(point), full.law.bounds(point), strict=True)
+        mark = mark_of(full.problem)
+        sizes = np.maximum(np.abs(mark), np.abs(self.mark))
+        alike = all(one.shape == other.shape and np.allclose(one, other, rtol=ALIKE) for one, other in bounds_)
+        same = alike and not (np.abs(mark - self.mark) > ALIKE * sizes).any()
+        return "" if same else "its stiffness, its loads, its gaps or its friction"
 
     @cached_property
     def inside(self) -> Friction:

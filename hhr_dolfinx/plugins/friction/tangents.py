@@ -17,9 +17,9 @@ from scipy.sparse.csgraph import connected_components
 from scipy.spatial import cKDTree
 from scipy.spatial.distance import pdist
 
-from hhr_dolfinx.contact.friction import Friction, FrictionLaw
-from hhr_dolfinx.contact.problem import ContactRows, joined
+from hhr_dolfinx.contact.rows import ContactRows, joined
 from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
 
 PARALLEL = 1e-9
 """Part of a row that may deviate from its normal; with more, the row has no tangents."""

@@ -18,8 +18,8 @@ import math
 import numpy as np
 from scipy import linalg
 
-from hhr_dolfinx.contact.friction import Friction
-from hhr_dolfinx.contact.sliding_set import Increment
+from hhr_dolfinx.plugins.friction.laws import Friction
+from hhr_dolfinx.plugins.friction.sliding_set import Increment
 
 SYMMETRIC = 1e-8
 """Relative difference between S and its transpose up to which S counts as symmetric."""

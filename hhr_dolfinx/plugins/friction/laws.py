@@ -1,8 +1,8 @@
-"""Friction of contact pairs: laws that users define, and the tangential rows of B.
+"""Friction of contact pairs: laws over the parameter range, and the tangential rows of B.
 
-A contact with friction has one tangential row in the plane and two in space, see :mod:`hhr_dolfinx.contact.tangents`.
-The slack of such a row decreases by the relative displacement along a tangent. Its multiplier τ is the tangential force
-on the slave with the opposite sign. Coulomb's law is
+A contact with friction has one tangential row in the plane and two in space, see
+:mod:`hhr_dolfinx.plugins.friction.tangents`. The slack of such a row decreases by the relative displacement along a
+tangent. Its multiplier τ is the tangential force on the slave with the opposite sign. Coulomb's law is
 
     |τ| <= min(coefficient λ, limit area),     and τ is opposed to the slack of an increment unless that is zero.
 """
@@ -11,75 +11,32 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, NamedTuple
+from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
 
 import numpy as np
 
+from hhr_dolfinx.contact.law import ContactLaw
 from hhr_dolfinx.declared import Floats, Integers
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import ParameterError, SceneError
 from hhr_dolfinx.formulas import Scalar, check_over_box, formula_of
+from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import Rebuilt
 
 OPEN, STICKS, SLIPS = 0, 1, 2
 """Statuses of a contact with friction."""
+SLIP = "slip"
+"""Name of the :class:`SlipState` in the memory of an answer."""
 
 
-@dataclass(frozen=True)
-class Coulomb:
-    """Coulomb's law: the tangential force of a contact is at most its pressure times a coefficient.
+class PairConstants(Protocol):
+    """A user's law of a pair: numbers or formulas; None for one that the law does not have."""
 
-    Attributes:
-        coefficient: not negative; a number, or an expression of the parameters.
-        limit: largest shear stress at any pressure, in the unit of stress; a number or an expression; None for no
-            limit.
-    """
+    @property
+    def coefficient(self) -> float | str | None: ...  # noqa: D102
 
-    coefficient: float | str
-    limit: float | str | None = None
-
-    def __post_init__(self) -> None:
-        formula_of(self.coefficient, "the coefficient of friction")
-        if self.limit is not None:
-            formula_of(self.limit, "the limit of friction")
-
-
-@dataclass(frozen=True)
-class Tresca:
-    """Tresca's law: the tangential stress is at most a given one at any pressure, also on open contacts.
-
-    This is the classical problem, which has one solution. For a stress that vanishes on open contacts use a limit of
-    Coulomb's law, ``Coulomb(coefficient, limit)``.
-
-    Attributes:
-        limit: shear stress, not negative, in the unit of stress; a number, or an expression of the parameters.
-    """
-
-    limit: float | str
-    coefficient: ClassVar[None] = None
-
-    def __post_init__(self) -> None:
-        formula_of(self.limit, "the limit of friction")
-
-
-Law = Coulomb | Tresca
-
-
-def law_of(friction: Any, what: str) -> Law | None:
-    """Law for the friction that a user gave for a pair: None, a law, or the coefficient of Coulomb's law.
-
-    Raises:
-        SceneError: for anything else.
-    """
-    if friction is None or isinstance(friction, Coulomb | Tresca):
-        return friction
-    try:
-        return Coulomb(friction)
-    except SceneError:
-        raise SceneError(
-            f"friction = {friction!r} of {what} is unknown: give the coefficient as a number or a formula, "
-            "friction=0.3, or a law, Coulomb(0.3, limit) or Tresca(limit)"
-        ) from None
+    @property
+    def limit(self) -> float | str | None: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -95,7 +52,7 @@ class FrictionLaw(Rebuilt):
     limit: Scalar | None
 
     @classmethod
-    def of(cls, law: Law, space: ParameterSpace, what: str) -> FrictionLaw:
+    def of(cls, law: PairConstants, space: ParameterSpace, what: str) -> FrictionLaw:
         """Law over the parameter range of a scene.
 
         Raises:
@@ -125,7 +82,7 @@ def _scalar(value: float | str, space: ParameterSpace, called: str) -> Scalar:
 
 
 @dataclass(frozen=True)
-class Friction(Rebuilt):
+class Friction(ContactLaw, Rebuilt):
     """Tangential rows of B, and the bounds of their forces (C contacts with friction, T tangential rows).
 
     Attributes:
@@ -144,6 +101,10 @@ class Friction(Rebuilt):
         twice: tangential rows with undetermined forces, numbers of rows, (k,): rows that other conditions on the same
             nodes repeat, as in corners, and rows along which all nodes are imposed, whose slip is given.
     """
+
+    plugin: ClassVar[str] = "friction"
+    name: ClassVar[str] = "friction"
+    remembers: ClassVar[bool] = True
 
     normal: Annotated[Integers, "frictional"]
     area: Annotated[Floats, "frictional"]
@@ -184,6 +145,71 @@ class Friction(Rebuilt):
     def pressures(self, rows: int) -> np.ndarray:
         """Rows of pressures among so many rows."""
         return np.setdiff1d(np.arange(rows), self.tangential, assume_unique=True)
+
+    def pressing(self, count: int) -> np.ndarray:
+        """See :class:`ContactLaw`: all except tangential ones."""
+        found = np.ones(count, dtype=bool)
+        found[self.tangential] = False
+        return found
+
+    def distinct(self, count: int) -> np.ndarray:
+        """See :class:`ContactLaw`: all except tangential ones of corners."""
+        found = np.ones(count, dtype=bool)
+        found[self.twice] = False
+        return found
+
+    def kept_with(self, inside: np.ndarray, contact: Any) -> np.ndarray:
+        """See :class:`ContactLaw`: tangential forces that act on no unknown are kept with their pressures."""
+        found = inside.copy()
+        idle = np.diff(contact.indptr)[self.tangential] == 0
+        found[self.tangential[idle]] = inside[self.normal[self.owner[idle]]]
+        return found
+
+    def parts(self) -> list[Any]:
+        """See :class:`ContactLaw`."""
+        scalars = [scalar for law in self.laws for scalar in (law.coefficient, law.limit)]
+        texts = ["" if scalar is None else scalar.text for scalar in scalars]
+        rows = [self.normal, self.area, self.law, self.tangential, self.owner, self.tangents, self.fixed, self.twice]
+        return [*texts, *rows]
+
+    def faults_for(self, dimension: int) -> Iterator[str]:
+        """See :class:`ContactLaw`."""
+        if self.tangents.shape[1] != dimension:
+            yield f"tangents of friction have {self.tangents.shape[1]} components, not {dimension}"
+
+    def check_path(self, space: ParameterSpace, points: np.ndarray) -> None:
+        """Refuse a path along which bodies change their shape: slip is measured on one.
+
+        Raises:
+            ParameterError: with the parameter that changes.
+        """
+        for place in self.shaped.tolist():
+            if np.ptp(points[:, place]) > 0:
+                raise ParameterError(
+                    f"{space.names[place]} changes along the path, and the shape of bodies depends on it: what slips "
+                    "is measured on one shape. Keep it as it is along the path"
+                )
+
+    @property
+    def layout(self) -> dict[str, tuple[str, ...]]:
+        """See :class:`ContactLaw`."""
+        values = ("path", "work", "wear", "pressure", "bound")
+        of_contacts: dict[str, tuple[str, ...]] = {name: ("float", "frictional") for name in values}
+        return {"position": ("float", "tangential"), **of_contacts, "statuses": ("int", "frictional")}
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """See :class:`ContactLaw`."""
+        return {"tangential": self.tangential.size, "frictional": self.normal.size}
+
+    def stored(self, memory: Mapping[str, Any]) -> dict[str, Any]:
+        """See :class:`ContactLaw`."""
+        found: dict[str, Any] = memory[SLIP]._asdict()
+        return found
+
+    def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
+        """See :class:`ContactLaw`."""
+        return Memory(slip=SlipState(**{name: arrays[name] for name in self.layout}))
 
     def bounds(self, point: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Coefficient and largest tangential force of each contact at a point, (C,) each."""
@@ -252,6 +278,11 @@ class SlipState(NamedTuple):
     pressure: np.ndarray
     bound: np.ndarray
     statuses: np.ndarray
+
+    def counted(self) -> dict[str, int]:
+        """See :meth:`Memory.counted`."""
+        sticks, slips = (int((self.statuses == status).sum()) for status in (STICKS, SLIPS))
+        return {"contacts that stick": sticks, "contacts that slip": slips}
 
     @classmethod
     def at_rest(cls, friction: Friction) -> SlipState:

@@ -2,37 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
-from contextvars import ContextVar
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from hhr_dolfinx.errors import FarSlidingWarning
-from hhr_dolfinx.warn import warn
+from hhr_dolfinx.warn import is_first, warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Friction, SlipState
+    from hhr_dolfinx.plugins.friction.laws import Friction, SlipState
 
 PRESSED = 1e-9
 """Part of the largest pressure of a history below which a contact is not under load."""
-
-
-_WARNED: ContextVar[list[str] | None] = ContextVar("places of histories that slid far", default=None)
-
-
-@contextmanager
-def first_alone() -> Iterator[None]:
-    """Warn of the first of the histories in a block that slides far, not of the others."""
-    if _WARNED.get() is not None:  # the outermost block counts
-        yield
-        return
-    token = _WARNED.set([])
-    try:
-        yield
-    finally:
-        _WARNED.reset(token)
 
 
 class FarSliding:
@@ -60,11 +41,8 @@ class FarSliding:
         if self._said or not share.max(initial=0.0) > 1.0:
             return
         self._said = True
-        warned = _WARNED.get()
-        if warned:
+        if not is_first("far sliding"):
             return
-        if warned is not None:
-            warned.append(place)
         at = int(share.argmax())
         warn(
             f"at {place}: contact {at} has slid by {slid[at]:.3g}, {share[at]:.2g} times the distance between the "

@@ -8,9 +8,9 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from hhr_dolfinx.contact.friction import Friction, SlipState
-from hhr_dolfinx.contact.sliding_set import Increment, Sliding, bounds
-from hhr_dolfinx.models.frictional_fields import FrictionalFields
+from hhr_dolfinx.plugins.friction.fields import FrictionalFields
+from hhr_dolfinx.plugins.friction.laws import Friction, SlipState
+from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, bounds
 
 
 class Surface(Protocol):
@@ -39,8 +39,8 @@ class Surface(Protocol):
 
 
 def surface_of(model: Any) -> Surface:
-    """Surface of a model or an equilibrium, by its ``friction`` and its fields."""
-    return WholeSurface(model.friction) if model.fields.frictional is None else PartSurface(model.fields)
+    """Surface of a model or an equilibrium, by its law and its fields."""
+    return WholeSurface(model.law) if model.fields.interface is None else PartSurface(model.fields)
 
 
 class WholeSurface:
@@ -70,7 +70,7 @@ class PartSurface:
 
     def __init__(self, fields: Any):
         self._fields = fields
-        self._frictional: FrictionalFields = fields.frictional
+        self._frictional: FrictionalFields = fields.interface
         self.whole = self._frictional.friction
 
     def position(self, slip: SlipState) -> np.ndarray:

@@ -46,9 +46,9 @@ def calibrated(model: Any, known: Sequence[Sequence[History]], log: StageLog) ->
                 continue
             for here, there in zip(found.answers, history.answers, strict=True):
                 fields: Any = here.fields
-                inside, slack, scale = fields.rubbed(here)
-                depth = max(depth, fields.frictional.overlap(slack, scale))
-                said = fields.frictional.misfit(inside)
+                inside, slack, scale = fields.indicating(here)
+                depth = max(depth, fields.interface.overlap(slack, scale))
+                said = fields.interface.misfit(inside)
                 size = float(np.linalg.norm(there.multipliers))
                 if size > SMALL_FORCE * largest and said > EXPLAINED:
                     shares.append(float(np.linalg.norm(here.forces() - there.multipliers)) / size / said)
@@ -62,6 +62,5 @@ def calibrated(model: Any, known: Sequence[Sequence[History]], log: StageLog) ->
 
 def _calibrated(model: ReducedModel, share: float, depth: float) -> ReducedModel:
     """The model with calibrated constants in its indicator."""
-    frictional = model.fields.frictional
-    assert frictional is not None
-    return model.changed(fields=replace(model.fields, frictional=replace(frictional, share=share, depth=depth)))
+    own: Any = model.fields.interface
+    return model.changed(fields=replace(model.fields, interface=replace(own, share=share, depth=depth)))

@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from hhr_dolfinx.contact.friction import SLIPS, STICKS
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.models.functionals.functional import Functional, State
+from hhr_dolfinx.plugins.friction.laws import SLIP, SLIPS, STICKS
 
 
 @dataclass(frozen=True, eq=False)
@@ -16,7 +16,7 @@ class Remembered(Functional):
 
     Attributes:
         contacts: numbers of contacts with friction, (c,).
-        quantity: ``path``, ``work`` or ``wear``, see :class:`~hhr_dolfinx.contact.friction.SlipState`.
+        quantity: ``path``, ``work`` or ``wear``, see :class:`~hhr_dolfinx.plugins.friction.laws.SlipState`.
         factor: of the values.
         largest: whether the largest is meant, else the sum.
     """
@@ -30,9 +30,10 @@ class Remembered(Functional):
 
     def value(self, state: State) -> float:
         """Value up to the time of the answer."""
-        if state.slip is None:
+        if SLIP not in state.memory:
             return 0.0
-        values = {"path": state.slip.path, "work": state.slip.work, "wear": state.slip.wear}[self.quantity]
+        slip = state.memory[SLIP]
+        values = {"path": slip.path, "work": slip.work, "wear": slip.wear}[self.quantity]
         own = self.factor * values[self.contacts]
         return float(own.max() if self.largest else own.sum())
 
@@ -55,7 +56,7 @@ class StatusArea(Functional):
 
     def value(self, state: State) -> float:
         """Area at the time of the answer."""
-        if state.slip is None:
+        if SLIP not in state.memory:
             return 0.0
         meant = STICKS if self.sticks else SLIPS
-        return float(self.areas[state.slip.statuses[self.contacts] == meant].sum())
+        return float(self.areas[state.memory[SLIP].statuses[self.contacts] == meant].sum())

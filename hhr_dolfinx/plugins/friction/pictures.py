@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from hhr_dolfinx.compat import extra
-from hhr_dolfinx.contact.friction import Friction
 from hhr_dolfinx.models.answer import History
+from hhr_dolfinx.plugins.friction.laws import Friction
 
 with extra("pictures", "pictures of friction"):
     from matplotlib.colors import ListedColormap

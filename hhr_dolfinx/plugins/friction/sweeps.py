@@ -15,7 +15,7 @@ from hhr_dolfinx import compat
 from hhr_dolfinx.errors import MissingPackageError
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.friction import Friction
+    from hhr_dolfinx.plugins.friction.laws import Friction
 
 
 def swept(
@@ -34,7 +34,7 @@ def swept(
         friction: which of the rows are tangential.
         pressures: rows of pressures, (n,).
         stiffness: force that changes the slack of a row by one, (M,).
-        given: the :class:`~hhr_dolfinx.contact.sliding_set.Increment`.
+        given: the :class:`~hhr_dolfinx.plugins.friction.sliding_set.Increment`.
         forces: to start from, (M,).
         count: number of sweeps.
     """

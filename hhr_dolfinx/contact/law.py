@@ -1,0 +1,244 @@
+"""Laws of interfaces: which forces contact conditions may have, and what they remember.
+
+The core has one law, :class:`Unilateral`: forces push, surfaces do not overlap. A plug-in derives its own law from
+:class:`ContactLaw`. A law that remembers is answered along paths, by increments; its internal variables are parts of
+the :class:`~hhr_dolfinx.memory.Memory` of an answer. The core reads the attributes of a law and never asks which law it
+is. What a law needs of histories, reductors and reports are facets of its plug-in, see
+:func:`hhr_dolfinx.registry.facet`; a facet that is missing refuses.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, fields, is_dataclass
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
+
+import numpy as np
+
+from hhr_dolfinx import registry
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Statuses, active_set
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.memory import NO_MEMORY, Memory
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
+
+    from hhr_dolfinx.contact.rows import ContactRows
+    from hhr_dolfinx.parameters import ParameterSpace
+
+_NO_PLACE = np.zeros(0, dtype=np.int64)
+LAW = MappingProxyType({"law": True})
+"""Metadata of a field of a pairing that a plug-in reads as a law; a scene is refused if no plug-in reads it."""
+
+
+class MeshArrays(NamedTuple):
+    """Coordinates of nodes, (nodes, dim), nodes of each cell, (cells, k), and degree of the displacement."""
+
+    points: np.ndarray
+    cells: np.ndarray
+    order: int
+
+
+class LawfulScene(Protocol):
+    """The scene, as laws read it."""
+
+    @property
+    def name(self) -> str: ...  # noqa: D102
+
+    @property
+    def parameters(self) -> ParameterSpace: ...  # noqa: D102
+
+    @property
+    def shapes(self) -> tuple[Any, ...]: ...  # noqa: D102
+
+    @property
+    def named(self) -> set[str]: ...  # noqa: D102
+
+
+class PairLaw(ABC):
+    """A law as a user gives it to a contact pair.
+
+    Attributes:
+        plugin: name of its plug-in.
+        remembers: see :class:`ContactLaw`.
+    """
+
+    plugin: ClassVar[str]
+    remembers: ClassVar[bool] = False
+
+    @property
+    @abstractmethod
+    def texts(self) -> tuple[str, ...]:
+        """Formulas of the parameters on which it depends."""
+
+    @property
+    @abstractmethod
+    def words(self) -> str:
+        """Short description for the check of a scene."""
+
+    @abstractmethod
+    def check(self, scene: LawfulScene, what: str) -> None:
+        """Raise SceneError if the scene, or its box, does not admit the law of ``what``, a contact."""
+
+    @classmethod
+    @abstractmethod
+    def attached(
+        cls,
+        laws: Mapping[int, Any],
+        scene: LawfulScene,
+        rows: ContactRows,
+        pairs: np.ndarray,
+        free: np.ndarray,
+        lifts: csc_matrix,
+        mesh: MeshArrays,
+    ) -> tuple[ContactRows, np.ndarray, ContactLaw]:
+        """Append the rows of the laws of some pairs to the conditions.
+
+        Args:
+            laws: of the pairs that have one, by their index in the scene.
+            scene: the scene.
+            rows: conditions of pressures.
+            pairs: contact pair of each, (n,).
+            free: dofs that are not imposed, (N,) bool.
+            lifts: imposed displacements, (N, 1 + T).
+            mesh: nodes and cells.
+
+        Returns:
+            All rows, the given ones first, the pair of each, and the law on them.
+        """
+
+
+class StepContact(Protocol):
+    """Solves the contact problems of the linearisations of one step, from its beginning."""
+
+    def solved(
+        self, equalities: SchurEqualities, free_slack: np.ndarray, active: np.ndarray, pairs: Pairs | None
+    ) -> Statuses:
+        """Forces under a free slack, (m,), for the S of the given equality problems, from some statuses."""
+
+    def memory(self, unknown: np.ndarray) -> Memory:
+        """Memory of the law after the step, by the last linearisation, at whose unknown it ends, (n,)."""
+
+
+class ContactLaw:
+    """A law on the contact conditions of a problem, or on those that a model solves for.
+
+    The methods here are those of unilateral contact.
+
+    Attributes:
+        plugin: name of its plug-in, whose facets complete it; empty for unilateral contact.
+        name: description in messages.
+        remembers: whether answers depend on the path that leads to them.
+        fixed: indices of the parameters that are constant while loads grow in proportion.
+    """
+
+    plugin: ClassVar[str] = ""
+    name: ClassVar[str] = "unilateral contact"
+    remembers: ClassVar[bool] = False
+
+    fixed: np.ndarray
+
+    def pressing(self, count: int) -> np.ndarray:
+        """Conditions with the force of a pressure among so many, (count,) bool."""
+        return np.ones(count, dtype=bool)
+
+    def distinct(self, count: int) -> np.ndarray:
+        """Conditions that no other one repeats among so many, (count,) bool."""
+        return np.ones(count, dtype=bool)
+
+    def kept_with(self, inside: np.ndarray, contact: Any) -> np.ndarray:
+        """Conditions of a reduced domain, (N_lambda,) bool, with all rows that belong to them; ``contact`` is B."""
+        return inside
+
+    def within(self, conditions: np.ndarray) -> ContactLaw:
+        """The law on some conditions, (m,), in their order there."""
+        return self
+
+    def parts(self) -> list[Any]:
+        """Texts and arrays on which answers depend in addition to the rows, for a fingerprint."""
+        return []
+
+    def faults_for(self, dimension: int) -> Iterator[str]:
+        """Faults of the law in a model with so many components of the displacement."""
+        yield from ()
+
+    def check_path(self, space: ParameterSpace, points: np.ndarray) -> None:
+        """Raise ParameterError for the points of a path, (n, P), along which the law has no meaning."""
+
+    def opened(self, memory: Mapping[str, Any]) -> float | np.ndarray:
+        """Part of the gaps that a memory adds, (m,), as a worn depth does; 0 if it adds none."""
+        return 0.0
+
+    @property
+    def layout(self) -> dict[str, tuple[str, ...]]:
+        """Kind and sizes of each array of its memory in files, by name."""
+        return {}
+
+    @property
+    def sizes(self) -> dict[str, int]:
+        """Sizes that the layout names."""
+        return {}
+
+    def stored(self, memory: Mapping[str, Any]) -> dict[str, Any]:
+        """Arrays of a memory, by the names of the layout."""
+        return {}
+
+    def restored(self, arrays: Mapping[str, np.ndarray]) -> Memory:
+        """Memory from the arrays of the layout."""
+        return NO_MEMORY
+
+
+@dataclass(frozen=True)
+class Unilateral(ContactLaw):
+    """Forces push, surfaces do not overlap, and at each condition the force or the slack is zero: thesis (1.21)."""
+
+    fixed: ClassVar[np.ndarray] = _NO_PLACE  # type: ignore[misc]
+
+
+UNILATERAL = Unilateral()
+
+
+class UnilateralStep:
+    """Contact problems of a step by the active set; see :class:`StepContact`."""
+
+    @staticmethod
+    def solved(
+        equalities: SchurEqualities, free_slack: np.ndarray, active: np.ndarray, pairs: Pairs | None
+    ) -> Statuses:
+        """See :class:`StepContact`."""
+        return active_set(equalities, free_slack, active, pairs=pairs)
+
+    @staticmethod
+    def memory(unknown: np.ndarray) -> Memory:
+        """Nothing."""
+        return NO_MEMORY
+
+
+UNILATERAL_STEP = UnilateralStep()
+
+
+def pair_law(pair: Any, what: str) -> PairLaw | None:
+    """Law of a contact pair in addition to unilateral contact; None without one.
+
+    Args:
+        pair: a pairing; fields of laws have the metadata :data:`LAW`.
+        what: the contact, for messages.
+
+    Raises:
+        SceneError: for an invalid law, two laws, or a law that no installed plug-in reads.
+    """
+    readers = registry.named("pair_laws")
+    own = {item.name for item in fields(pair) if item.metadata.get("law")} if is_dataclass(pair) else set()
+    given = {name: value for name in sorted(own | readers.keys()) if (value := getattr(pair, name, None)) is not None}
+    if not given:
+        return None
+    if len(given) > 1:
+        raise SceneError(f"{what} has several laws, {', '.join(given)}: that is not built in, give it one")
+    ((name, value),) = given.items()
+    if not isinstance(value, PairLaw) and name in readers:
+        value = registry.load(readers[name])(value, what)
+    if not isinstance(value, PairLaw) or value.plugin not in registry.installed():
+        raise SceneError(f"{what} has {name} = {value!r}, and no plug-in reads it: install the one that does")
+    return value

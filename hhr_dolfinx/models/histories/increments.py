@@ -1,0 +1,279 @@
+"""Histories of elastic bodies with a law of interfaces that remembers: increments, which are cut until they are small.
+
+A step that does not converge is halved. With a tolerance each step is solved as a whole and in two halves, and is cut
+until their difference, which the law measures, is small; the difference is about the error of the halves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
+from hhr_dolfinx.models.answer import Answer, History, Path, outcome
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.models.histories.path import check_settings
+from hhr_dolfinx.one_thread import one_thread
+
+PROPORTIONAL = 4
+"""Increments from rest to a single parameter before any is cut: one and two may agree by chance."""
+TOLERANCE = 1e-3
+"""Error of forces allowed in increments to a single parameter, relative to the largest force."""
+CUTS = 12
+"""Largest number of times that a step is halved to meet a tolerance."""
+
+
+class Place(Protocol):
+    """State of a history at the end of an increment; a law adds what it remembers."""
+
+    @property
+    def time(self) -> float:
+        """In seconds."""
+
+    @property
+    def point(self) -> np.ndarray:
+        """Parameter, (P,)."""
+
+    @property
+    def weights(self) -> np.ndarray:
+        """Derivative of each parameter here along that of the whole history, (P,)."""
+
+
+class Target(NamedTuple):
+    """End of an increment: time, point and weights as of :class:`Place`."""
+
+    time: float
+    point: np.ndarray
+    weights: np.ndarray
+
+    def halfway(self, before: Place) -> Target:
+        """Midpoint between the present state of a history and this end."""
+        return Target(
+            0.5 * (before.time + self.time), 0.5 * (before.point + self.point), 0.5 * (before.weights + self.weights)
+        )
+
+
+class Increment(Protocol):
+    """A solved increment."""
+
+    @property
+    def status(self) -> Status:
+        """Why its search stopped."""
+
+    @property
+    def iterations(self) -> int:
+        """Equality problems solved."""
+
+    @property
+    def cycled(self) -> bool:
+        """See :class:`Answer`."""
+
+    @property
+    def reached(self) -> Any:
+        """The :class:`Place` at its end."""
+
+
+class Increments(Protocol):
+    """Solves the increments of one history of a model by its law; a facet of the law's plug-in makes it."""
+
+    def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Any:
+        """Place of undeformed bodies."""
+
+    def going_on(self, answer: Answer, weights: np.ndarray) -> Any:
+        """Place after a step that the full model solved before."""
+
+    def increment(self, before: Any, target: Target) -> Any:
+        """Solve one increment, an :class:`Increment`; it may not converge."""
+
+    def compare(self, solved: Any) -> None:
+        """Take in the size of an increment, by which differences are measured."""
+
+    def difference(self, before: Any, half: Any, second: Any, whole: Any) -> float:
+        """Relative difference of a step in two halves to the whole one."""
+
+    def check(self, place: Any) -> None:
+        """Check the place at the end of a step, and warn."""
+
+    def answer(self, solved: Any) -> Answer:
+        """Answer of an increment."""
+
+    def advice(self, solved: Any) -> Mapping[Status, str]:
+        """Remedy for its status, for messages."""
+
+
+class _Step:
+    """One step of a path, cut as often as necessary."""
+
+    def __init__(
+        self,
+        increments: Increments,
+        cuts: int,
+        tolerance: float | None,
+        watch: Callable[[Answer], None] | None = None,
+    ):
+        self.increments = increments
+        self.cuts = cuts
+        self.tolerance = tolerance
+        self.iterations = 0
+        self.error = 0.0
+        self.cycled = False
+        self.ends: list[float] = []
+        self._watch = watch
+
+    def advance(self, before: Any, target: Target, depth: int = 0, whole: Any = None) -> Any:
+        """Solve the step and return its last increment; ``whole`` is the step as one increment if it is known."""
+        if whole is None:
+            whole = self._solved(before, target)
+        settled = whole.status is Status.CONVERGED
+        if whole.status is Status.NOT_FINITE or (settled and self.tolerance is None):
+            return whole
+        if depth >= (CUTS if settled else self.cuts):
+            return whole
+        middle = target.halfway(before)
+        half = self._solved(before, middle)
+        if settled and half.status is Status.CONVERGED:
+            second = self._solved(half.reached, target)
+            error = self.increments.difference(before, half, second, whole)
+            if second.status is Status.CONVERGED and (error <= (self.tolerance or 0.0) or depth + 1 >= CUTS):
+                self.error += error
+                self._ended(middle.time, half)
+                return second
+        first = self.advance(before, middle, depth + 1, half)
+        if first.status is not Status.CONVERGED:
+            return first
+        self._ended(middle.time, first)
+        return self.advance(first.reached, target, depth + 1)
+
+    def _ended(self, time: float, part: Any) -> None:
+        """Report an increment within the step, at a time."""
+        self.ends.append(time)
+        if self._watch is not None:
+            self._watch(self.increments.answer(part))
+
+    def _solved(self, before: Any, target: Target) -> Any:
+        solved = self.increments.increment(before, target)
+        if self.tolerance is not None and solved.status is Status.CONVERGED:
+            self.increments.compare(solved)
+        self.iterations += solved.iterations
+        self.cycled |= solved.cycled
+        return solved
+
+
+@one_thread
+def follow(
+    model: Any,
+    path: Path,
+    settings: MarchSettings,
+    *,
+    weights: np.ndarray | None = None,
+    known: Sequence[Answer] = (),
+    keep: Callable[[Answer], None] = lambda answer: None,
+    watch: Callable[[Answer], None] | None = None,
+) -> History:
+    """History of elastic bodies whose law remembers, from rest, undeformed, at the first time of the path.
+
+    Args:
+        model: with a ``law``, and ``increments`` that solve by it.
+        path: as :func:`~hhr_dolfinx.models.histories.path.checked_path` returns it.
+        settings: ``cuts``, ``time_tolerance``, ``outside`` and ``gradient`` count.
+        weights: derivatives of the parameters at each time of the path along those of the whole history, (times, P). 1
+            by default: each parameter is shifted by the same at all times.
+        known, keep: see :meth:`FullOrderModel.march`; known steps have no derivatives.
+        watch: called with the answer of each increment, also of the parts of a step.
+    """
+    check_settings(settings)
+    model.law.check_path(model.parameters, np.array([point for _, point in path]))
+    history = History(*path[0], time_tolerance=settings.time_tolerance)
+    increments: Increments = model.increments(settings)
+    weights = np.ones((len(path), path[0][1].size)) if weights is None else weights
+    reached = increments.at_rest(*path[0], weights[0])
+    error = 0.0
+    warned = False
+    try:
+        for number, ((time, point), weight) in enumerate(zip(path[1:], weights[1:], strict=True)):
+            if number < len(known) and not settings.gradient:
+                answer = known[number]
+                reached = increments.going_on(answer, weight)
+                increments.check(reached)
+                error = answer.time_error
+                history.cuts += answer.parts > 1
+                history.answers.append(answer)
+                continue
+            model.check_range(point, settings.outside)
+            step = _Step(increments, settings.cuts, settings.time_tolerance, watch)
+            solved = step.advance(reached, Target(time, point, weight))
+            reached = solved.reached
+            increments.check(reached)
+            error += np.nan if settings.time_tolerance is None else step.error
+            answer = _checked_answer(model, step, solved)._replace(time_error=error)
+            if answer.undetermined is not None and not warned:  # once for a path
+                warned = True
+                model.warn_undetermined(answer)
+            if watch is not None:
+                watch(answer)
+            history.cuts += answer.parts > 1
+            history.answers.append(answer)
+            keep(answer)
+    except BaseException as stop:
+        with suppress(AttributeError):
+            stop.history = history  # type: ignore[attr-defined]
+        raise
+    return history
+
+
+def _checked_answer(model: Any, step: _Step, solved: Any) -> Answer:
+    """Answer at the end of a step; raises an error without one."""
+    answer = step.increments.answer(solved)
+    answer = answer._replace(iterations=step.iterations, cycled=step.cycled, ends=tuple(step.ends))
+    try:
+        return outcome(answer, True, {**model.advice, **step.increments.advice(solved)})
+    except (ConvergenceError, NotSolvableError) as error:
+        vars(error)["status"] = answer.status
+        raise
+
+
+def proportional(model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool) -> Answer:
+    """Answer to a checked point, (P,), loaded in proportion from rest, where the box is nearest to zero.
+
+    What the law fixes is that of the point throughout. Increments are cut until forces have converged to
+    :data:`TOLERANCE`; ``time_error`` has the remaining error.
+    """
+    space = model.parameters
+    start = np.clip(0.0, space.lower, space.upper)
+    fixed = model.law.fixed
+    start[fixed] = point[fixed]
+    shares = np.linspace(0.0, 1.0, PROPORTIONAL + 1)
+    path = [(float(share), start + share * (point - start)) for share in shares]
+    path[-1] = (1.0, point)
+    weights = np.tile(shares[:, None], point.size)
+    weights[:, fixed] = 1.0
+    settings = MarchSettings(time_tolerance=TOLERANCE, outside="ignore")
+    model.check_range(point, outside)
+    try:
+        history = model.follow(path, settings)
+        error = history.answers[-1].time_error
+        if gradient:  # on the parts that the tolerance required
+            path, weights = _parted(history, path, weights)
+            settings = MarchSettings(outside="ignore", gradient=True)
+            history = model.answering(history).follow(path, settings, weights=weights)
+    except (ConvergenceError, NotSolvableError) as error:
+        if raise_on_failure:
+            raise
+        return model.unanswered(point, vars(error).get("status", Status.UNSETTLED))
+    answer = history.answers[-1]
+    return answer._replace(
+        iterations=sum(history.iterations), cycled=any(one.cycled for one in history.answers), time=np.nan, ends=(),
+        time_error=error,
+    )  # fmt: skip
+
+
+def _parted(history: History, path: Path, weights: np.ndarray) -> tuple[Path, np.ndarray]:
+    """A path of load shares with all parts of its steps, and the weights there."""
+    parts = history.solved_path
+    shares = np.array([time for time, _ in parts])
+    known = np.array([time for time, _ in path])
+    return parts, np.column_stack([np.interp(shares, known, column) for column in weights.T])

@@ -1,0 +1,77 @@
+"""Facet ``steps`` of a law of interfaces: what it does in the histories of models."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx import registry
+from hhr_dolfinx.contact.law import UNILATERAL_STEP, ContactLaw, StepContact
+from hhr_dolfinx.errors import NotOfferedError
+from hhr_dolfinx.memory import NO_MEMORY, Memory
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+    from hhr_dolfinx.models.histories.increments import Increments
+
+
+class Steps:
+    """Base of the facet: what a law does not override is refused, never answered as if the law were not there."""
+
+    def increments(self, model: Any, settings: MarchSettings) -> Increments:
+        """Solver of the increments of a history of elastic bodies, for a model whose law remembers."""
+        raise NotOfferedError(f"increments of elastic bodies are not built in with {model.law.name}")
+
+    def step_contact(self, model: Any, before: Answer, point: np.ndarray) -> StepContact:
+        """Solver of the contact problems of a step by linearisation, from an answer to a point, (P,)."""
+        raise NotOfferedError(f"steps by linearisation are not built in with {model.law.name}")
+
+    def condensed_stepper(self, model: Any, settings: MarchSettings) -> Any:
+        """Solver of the steps of a condensed model of bodies with laws; None for the usual one."""
+        raise NotOfferedError(f"condensed bodies with laws are not built in with {model.law.name}")
+
+    def at_rest(self, model: Any) -> Memory:
+        """Memory of undeformed bodies."""
+        return NO_MEMORY
+
+    def watch(self, model: Any) -> Callable[[Answer], None]:
+        """Check of the ends of the steps of one history."""
+        return lambda answer: None
+
+    def coupling(self, model: Any, point: np.ndarray) -> float:
+        """Strength of the coupling of the rows at a point, (P,), see :meth:`AnsweringModel.coupling`."""
+        return 0.0
+
+    def known_error(self, known: str) -> str:
+        """Line on the errors of answers of elastic bodies, from that of unilateral contact."""
+        return known
+
+
+class UnilateralSteps(Steps):
+    """Unilateral contact remembers nothing."""
+
+    def step_contact(self, model: Any, before: Answer, point: np.ndarray) -> StepContact:
+        """By the active set."""
+        return UNILATERAL_STEP
+
+    def condensed_stepper(self, model: Any, settings: MarchSettings) -> Any:
+        """The usual one."""
+        return None
+
+
+_UNILATERAL = UnilateralSteps()
+
+
+def steps_of(law: ContactLaw) -> Steps:
+    """The facet of a law.
+
+    Raises:
+        NotOfferedError: if its plug-in does not have it.
+    """
+    if not law.plugin:
+        return _UNILATERAL
+    found: Steps = registry.facet(law.plugin, "steps", f"what contacts with {law.name} do along a path")
+    return found

@@ -1,0 +1,161 @@
+"""Outputs of contacts with friction, and the torque that friction can bear; see :mod:`hhr_dolfinx.outputs`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import ClassVar
+
+import numpy as np
+
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.models.functionals.functional import Functional
+from hhr_dolfinx.models.functionals.kinds import Linear
+from hhr_dolfinx.outputs import ModelProbe, OfContact, no_axis, no_rows, place_of, unit_vector
+from hhr_dolfinx.parameters import is_number
+from hhr_dolfinx.plugins.friction.functionals import Remembered, StatusArea
+from hhr_dolfinx.plugins.friction.laws import Friction
+
+
+@dataclass(frozen=True)
+class Torque(OfContact):
+    """Torque about an axis that friction can bear: its coefficient times the sum of force times distance to the axis.
+
+    Attributes:
+        friction: coefficient of friction.
+        origin: a point of the axis; None in axisymmetry, for the axis of the scene.
+        axis: direction of the axis in space; None in the plane, for the normal of the plane.
+    """
+
+    vectors: ClassVar[tuple[str, ...]] = ("origin", "axis")
+
+    friction: float
+    origin: tuple[float, ...] | None = None
+    axis: tuple[float, ...] | None = None
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not is_number(self.friction) or self.friction < 0:
+            raise SceneError(f"output '{self.name}': the friction {self.friction!r} must be a number, not negative")
+
+    def prepared(self, probe: ModelProbe) -> Functional:
+        """Functional of this output, see :class:`Output`."""
+        conditions = probe.conditions(self)
+        dim = probe.dimension
+        points = probe.problem.contact_points[conditions]
+        if probe.scene.hypothesis == "axisymmetric":
+            no_axis(self)
+            if self.origin is not None:
+                raise SceneError(f"output '{self.name}': the axis of an axisymmetric scene is given, leave out origin")
+            distances = np.abs(points[:, 0])
+        else:
+            arms = points - place_of(self, "origin", dim)
+            if dim == 2:
+                no_axis(self)
+                distances = np.linalg.norm(arms, axis=1)
+            else:
+                distances = np.linalg.norm(np.cross(unit_vector(self, "axis", 3), arms), axis=1)
+        return Linear.of(self.name, self.unit, conditions, float(self.friction) * distances)
+
+
+@dataclass(frozen=True)
+class FrictionForce(OfContact):
+    """Component of the resultant of the tangential forces of a contact on the body of its first surface, the slave.
+
+    Attributes:
+        direction: direction of the component, see :class:`ContactForce`, which is the sum of pressures and friction.
+    """
+
+    vectors: ClassVar[tuple[str, ...]] = ("direction",)
+
+    direction: tuple[float, ...]
+
+    def prepared(self, probe: ModelProbe) -> Functional:
+        """Functional of this output, see :class:`Output`."""
+        _, friction = _sliding(self, probe)
+        conditions, points, forces = probe.nodal_forces(self)
+        own = np.isin(conditions, friction.tangential)
+        along = np.tile(unit_vector(self, "direction", probe.dimension), len(points))
+        return Linear.of(self.name, self.unit, conditions[own], (forces @ along)[own])
+
+
+@dataclass(frozen=True)
+class LargestSlip(OfContact):
+    """Largest accumulated slip of a node of a contact."""
+
+    def prepared(self, probe: ModelProbe) -> Functional:
+        """Functional of this output, see :class:`Output`."""
+        return _remembered(self, probe, "path", largest=True)
+
+
+@dataclass(frozen=True)
+class DissipatedWork(OfContact):
+    """Accumulated energy dissipated by friction of a contact."""
+
+    def prepared(self, probe: ModelProbe) -> Functional:
+        """Functional of this output, see :class:`Output`."""
+        return _remembered(self, probe, "work", largest=False)
+
+
+@dataclass(frozen=True)
+class LargestWear(OfContact):
+    """Largest accumulated wear depth by Archard's law: a constant times the integral of the pressure over the slip.
+
+    It is an output only: gaps do not change with it.
+
+    Attributes:
+        constant: wear depth per pressure and length.
+    """
+
+    constant: float
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not is_number(self.constant) or self.constant < 0:
+            raise SceneError(f"output '{self.name}': the constant {self.constant!r} must be a number, not negative")
+
+    def prepared(self, probe: ModelProbe) -> Functional:
+        """Functional of this output, see :class:`Output`."""
+        return _remembered(self, probe, "wear", largest=True, factor=float(self.constant))
+
+
+@dataclass(frozen=True)
+class StickArea(OfContact):
+    """Area of a contact that touches and sticks, see :class:`ContactWidth`."""
+
+    sticks: ClassVar[bool] = True
+
+    def prepared(self, probe: ModelProbe) -> Functional:
+        """Functional of this output, see :class:`Output`."""
+        own, friction = _sliding(self, probe)
+        return StatusArea(self.name, self.unit, *no_rows(), own, friction.area[own], self.sticks)
+
+
+@dataclass(frozen=True)
+class SlipArea(StickArea):
+    """Area of a contact that touches and slips."""
+
+    sticks: ClassVar[bool] = False
+
+
+def _remembered(
+    output: OfContact, probe: ModelProbe, quantity: str, *, largest: bool, factor: float = 1.0
+) -> Functional:
+    """Functional of an accumulated quantity of friction in the contact of an output."""
+    own, _ = _sliding(output, probe)
+    return Remembered(output.name, output.unit, *no_rows(), own, quantity, factor, largest)
+
+
+def _sliding(output: OfContact, probe: ModelProbe) -> tuple[np.ndarray, Friction]:
+    """Contacts with friction, by their number there, of the pair of an output, and the friction.
+
+    Raises:
+        SceneError: for a pair without friction.
+    """
+    pressing = probe.conditions(output)
+    friction = probe.problem.law
+    own = np.flatnonzero(np.isin(friction.normal, pressing)) if isinstance(friction, Friction) else pressing[:0]
+    if not (isinstance(friction, Friction) and own.size):
+        raise SceneError(
+            f"output '{output.name}': contact {output.contact} has no friction: give its pair one, friction=0.3"
+        )
+    return own, friction

@@ -1,0 +1,34 @@
+"""Facet ``page`` of friction: its rows and laws for pages and C headers, and the files that solve by them."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+from hhr_dolfinx.plugins.friction.laws import Friction
+from hhr_dolfinx.plugins.pages.packing import Packed, steps_of
+
+_FOLDER = Path(__file__).parent
+
+
+class FrictionPage:
+    """See :class:`hhr_dolfinx.plugins.pages.arrays.LawOnPage`."""
+
+    key = "friction"
+    script = _FOLDER / "friction.js"
+    header = _FOLDER / "friction.h"
+
+    def tree(self, law: Friction, arrays: Packed) -> dict[str, Any]:
+        """Tangential rows and friction laws."""
+        tree: dict[str, Any] = {
+            name: arrays.put(f"friction_{name}", getattr(law, name), "<i4")
+            for name in ("normal", "tangential", "owner", "law", "twice")
+        }
+        tree["area"] = arrays.put("friction_area", law.area)
+        tree["tangents"] = arrays.put("friction_tangents", law.tangents)
+        tree["fixed"] = law.fixed.tolist()
+        tree["laws"] = [[steps_of(item.coefficient), steps_of(item.limit)] for item in law.laws]
+        return tree
+
+
+PAGE = FrictionPage()

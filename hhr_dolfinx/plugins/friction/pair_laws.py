@@ -1,0 +1,128 @@
+"""Laws of friction as a user gives them to a contact pair."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+import numpy as np
+
+from hhr_dolfinx.contact.law import LawfulScene, MeshArrays, PairLaw
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.formulas import formula_of
+from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
+
+if TYPE_CHECKING:
+    from scipy.sparse import csc_matrix
+
+    from hhr_dolfinx.contact.rows import ContactRows
+
+
+class _Tangential(PairLaw):
+    """A law of the tangential forces of a contact pair, by two constants."""
+
+    plugin: ClassVar[str] = "friction"
+    remembers: ClassVar[bool] = True
+    coefficient: Any
+    limit: Any
+
+    @property
+    def texts(self) -> tuple[str, ...]:
+        """See :class:`PairLaw`."""
+        return tuple(text for text in (self.coefficient, self.limit) if isinstance(text, str))
+
+    @property
+    def words(self) -> str:
+        """See :class:`PairLaw`."""
+        parts = [] if self.coefficient is None else [f"friction {self.coefficient}"]
+        parts += [] if self.limit is None else [f"shear stress up to {self.limit}"]
+        return ", ".join(parts)
+
+    def check(self, scene: LawfulScene, what: str) -> None:
+        """See :class:`PairLaw`."""
+        FrictionLaw.of(self, scene.parameters, what)
+        if scene.shapes and self.limit is not None:
+            raise SceneError(
+                f"scene '{scene.name}' has friction with a limit of its stress, and bodies that change their shape, "
+                "and with it their areas: that is not built in. Give Coulomb's coefficient alone"
+            )
+
+    @classmethod
+    def attached(
+        cls,
+        laws: Mapping[int, Law],
+        scene: LawfulScene,
+        rows: ContactRows,
+        pairs: np.ndarray,
+        free: np.ndarray,
+        lifts: csc_matrix,
+        mesh: MeshArrays,
+    ) -> tuple[ContactRows, np.ndarray, Friction]:
+        """See :class:`PairLaw`: tangential rows."""
+        from hhr_dolfinx.plugins.friction.tangents import Mesh, with_tangents
+
+        own = {place: FrictionLaw.of(law, scene.parameters, f"contact {place}") for place, law in laws.items()}
+        shaped: set[str] = set().union(*(shape.variables for shape in scene.shapes))
+
+        def places(some: set[str]) -> np.ndarray:
+            return np.array([k for k, name in enumerate(scene.parameters.names) if name in some], dtype=np.int64)
+
+        return with_tangents(rows, pairs, own, free, lifts, places(scene.named), places(shaped), Mesh(*mesh))
+
+
+@dataclass(frozen=True)
+class Coulomb(_Tangential):
+    """Coulomb's law: the tangential force of a contact is at most its pressure times a coefficient.
+
+    Attributes:
+        coefficient: not negative; a number, or an expression of the parameters.
+        limit: largest shear stress at any pressure, in the unit of stress; a number or an expression; None for no
+            limit.
+    """
+
+    coefficient: float | str
+    limit: float | str | None = None
+
+    def __post_init__(self) -> None:
+        formula_of(self.coefficient, "the coefficient of friction")
+        if self.limit is not None:
+            formula_of(self.limit, "the limit of friction")
+
+
+@dataclass(frozen=True)
+class Tresca(_Tangential):
+    """Tresca's law: the tangential stress is at most a given one at any pressure, also on open contacts.
+
+    This is the classical problem, which has one solution. For a stress that vanishes on open contacts use a limit of
+    Coulomb's law, ``Coulomb(coefficient, limit)``.
+
+    Attributes:
+        limit: shear stress, not negative, in the unit of stress; a number, or an expression of the parameters.
+    """
+
+    limit: float | str
+    coefficient: ClassVar[None] = None  # type: ignore[misc]
+
+    def __post_init__(self) -> None:
+        formula_of(self.limit, "the limit of friction")
+
+
+Law = Coulomb | Tresca
+
+
+def law_of(friction: Any, what: str) -> Law | None:
+    """Law for the friction that a user gave for a pair: None, a law, or the coefficient of Coulomb's law.
+
+    Raises:
+        SceneError: for anything else.
+    """
+    if friction is None or isinstance(friction, Coulomb | Tresca):
+        return friction
+    try:
+        return Coulomb(friction)
+    except SceneError:
+        raise SceneError(
+            f"friction = {friction!r} of {what} is unknown: give the coefficient as a number or a formula, "
+            "friction=0.3, or a law, Coulomb(0.3, limit) or Tresca(limit)"
+        ) from None

@@ -1,0 +1,238 @@
+"""Increments of elastic bodies with friction, whose memory is their slip.
+
+An increment goes from one point of a path to the next and slips in a straight line, backward Euler for the rate of
+slip. A step in two halves differs from the whole one by its forces and its dissipated work. A contact that closes
+within an increment sticks relative to the start of the increment, as a whole and in halves alike: its sticking force
+counts as an error too.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.memory import Memory
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.eliminations.elimination import CondensedContact
+from hhr_dolfinx.models.gradient import Gradient
+from hhr_dolfinx.models.histories.increments import Target
+from hhr_dolfinx.plugins.friction.far_sliding import FarSliding
+from hhr_dolfinx.plugins.friction.laws import SLIP, Friction, SlipState
+from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
+from hhr_dolfinx.plugins.friction.surfaces import surface_of
+
+WORK = 1e-3
+"""Part of the elastic energy of contact below which dissipated work counts as zero."""
+APART = 1e-9
+"""Part of the largest gap above which a contact is open."""
+
+
+class Reached(NamedTuple):
+    """State of a history at the end of an increment."""
+
+    point: np.ndarray
+    time: float
+    forces: np.ndarray
+    active: np.ndarray | None
+    gap: np.ndarray
+    """Gaps of contacts with friction, (C,)."""
+    slip: SlipState
+    weights: np.ndarray
+    """Derivative of each parameter here along that of the whole history, (P,)."""
+    changes: np.ndarray
+    """Derivatives of the position of tangential rows, (T, P)."""
+    displacement: np.ndarray | None = None
+    surface_forces: np.ndarray | None = None
+    """Displacement of, and forces on, all dofs of surfaces, (n,), for surfaces that are paired again."""
+
+
+class Solved(NamedTuple):
+    """An increment: its solution, the state at its end, the contact problem there, and derivatives if requested."""
+
+    found: Sliding
+    reached: Reached
+    contact: CondensedContact
+    gradient: Gradient | None
+
+    @property
+    def status(self) -> Status:
+        """See :class:`~hhr_dolfinx.models.histories.increments.Increment`."""
+        return self.found.status
+
+    @property
+    def iterations(self) -> int:
+        """See :class:`~hhr_dolfinx.models.histories.increments.Increment`."""
+        return self.found.iterations
+
+    @property
+    def cycled(self) -> bool:
+        """See :class:`~hhr_dolfinx.models.histories.increments.Increment`."""
+        return self.found.sweeps > 0
+
+
+class Slider:
+    """Solves increments of one model; see :class:`~hhr_dolfinx.models.histories.increments.Increments`.
+
+    Args:
+        model: full or condensed, with a :class:`Friction` as its law, and ``contacts``, which makes the contact problem
+            of each point.
+        gradient: compute derivatives too.
+
+    Attributes:
+        friction: on the conditions of the model.
+        surface: the whole contact surface, whose slip is stored.
+        largest, energy: largest norm of forces, and elastic energy of contact, so far: the units of errors.
+    """
+
+    def __init__(self, model: Any, gradient: bool = False):
+        self.model = model
+        self.gradient = gradient
+        self.friction: Friction = model.law
+        self._far = FarSliding()
+        self.surface = surface_of(model)
+        self._contact_at: Callable[[np.ndarray], CondensedContact] = model.contacts()
+        self._sliding: SlidingContact | None = None
+        self.largest = 0.0
+        self.energy = 0.0
+
+    def at_rest(self, time: float, point: np.ndarray, weights: np.ndarray) -> Reached:
+        """Undeformed bodies without slip."""
+        forces = np.zeros(self.model.own_conditions)
+        changes = np.zeros((self.friction.tangential.size, point.size))
+        gap = self._contact_at(point).free_slack[self.friction.normal]
+        return Reached(point, time, forces, None, gap, SlipState.at_rest(self.surface.whole), weights, changes)
+
+    def going_on(self, answer: Answer, weights: np.ndarray) -> Reached:
+        """State after a step that the full model solved before."""
+        schur = self._contact_at(answer.parameter).schur
+        forces = answer.multipliers
+        self.largest = max(self.largest, float(np.linalg.norm(forces)))
+        self.energy = max(self.energy, 0.5 * float(forces @ (schur @ forces)))
+        problem = self.model.problem.at(answer.parameter)
+        slack = problem.gaps @ problem.amplitudes(answer.parameter) - problem.contact @ answer.unknown
+        gap = slack[self.friction.normal]
+        changes = np.zeros((self.friction.tangential.size, answer.parameter.size))
+        return Reached(answer.parameter, answer.time, forces, answer.active, gap, answer.memory[SLIP], weights, changes)
+
+    def increment(self, before: Reached, target: Target) -> Solved:
+        """Solve one increment; it may not converge."""
+        time, point, weights = target
+        contact = self._contact_at(point)
+        of_motions = None if contact.floating is None else contact.floating.equalities.contact_of_motions
+        if self._sliding is None or self._sliding.given is not contact.schur:
+            self._sliding = SlidingContact(contact.schur, self.friction, of_motions)
+        slack = contact.free_slack.copy()
+        slack[self.friction.tangential] -= self.surface.position(before.slip)
+        driving = np.zeros(0) if contact.floating is None else contact.floating.driving
+        given = Increment(slack, *self.friction.bounds(point), driving)
+        found = self._sliding.increment(given, before.forces, before.active)
+        slip = self.surface.after(before.slip, given, found, partial(unknown_of, contact, found), point)
+        gradient = None
+        changes = before.changes
+        if self.gradient and found.status is Status.CONVERGED:
+            gradient = self._gradient(before, target, given, found, contact)
+            changes = changes + np.where(
+                found.active[self.friction.tangential, None], 0.0, gradient.slack[self.friction.tangential]
+            )
+        gap = found.slack[self.friction.normal]
+        if found.status is Status.CONVERGED:
+            self.largest = max(self.largest, float(np.linalg.norm(found.forces)))
+        return Solved(
+            found, Reached(point, time, found.forces, found.active, gap, slip, weights, changes), contact, gradient
+        )
+
+    def _gradient(
+        self, before: Reached, target: Target, given: Increment, found: Sliding, contact: CondensedContact
+    ) -> Gradient:
+        """Derivatives of an increment at fixed statuses, also of the increments before."""
+        assert self._sliding is not None
+        floating = contact.floating
+        unknown = unknown_of(contact, found)
+        slack, of_unknown = (part * target.weights for part in contact.at_fixed_forces(found.forces, unknown))
+        slack = slack.copy()
+        slack[self.friction.tangential] -= before.changes
+        bounds = [part * target.weights for part in self.friction.bound_slopes(target.point)]
+        driving = np.zeros((0, slack.shape[1]))
+        if floating is not None:
+            driving = floating.drift(found.forces, unknown) * target.weights
+        forces, motions = self._sliding.changes(given, found, slack, (bounds[0], bounds[1]), driving)
+        slack = slack + self._sliding.schur @ forces - self._sliding.contact_of_motions @ motions
+        slack[found.active] = 0.0
+        of_unknown = of_unknown - contact.pushed(forces)
+        if floating is not None:
+            of_unknown = of_unknown + floating.modes @ motions
+        return Gradient(of_unknown, forces, self._sliding.grazing(given, found), slack)
+
+    def held(self, before: Reached, after: Reached) -> float:
+        """Sticking force of contacts that closed in this increment; its reference is the start of the increment."""
+        assert after.active is not None
+        friction = self.friction
+        # a contact that was closed at the start has no motion before its closing
+        closed = after.active[friction.normal] & (before.gap > APART * np.abs(before.gap).max(initial=0.0))
+        return float(np.linalg.norm(after.forces[friction.tangential][closed[friction.owner]]))
+
+    def difference(self, before: Reached, half: Solved, second: Solved, whole: Solved) -> float:
+        """Error of a step in two halves: of forces over the largest so far, of work over the dissipated work."""
+        closing = np.linalg.norm([self.held(before, half.reached), self.held(half.reached, second.reached)])
+        off = np.linalg.norm(self.forces(second) - self.forces(whole)) + closing
+        work = float(second.reached.slip.work.sum())
+        change = abs(work - float(whole.reached.slip.work.sum()))
+        return max(float(off) / (self.largest or 1.0), change / (work + WORK * self.energy or 1.0))
+
+    def compare(self, solved: Solved) -> None:
+        """Take in the elastic energy of an increment."""
+        self.energy = max(self.energy, self.elastic_energy(solved))
+
+    def check(self, place: Reached) -> None:
+        """Check the sliding distance."""
+        self._far.check(self.surface.whole, place.slip, self.model.parameters.described(place.point))
+
+    def advice(self, solved: Solved) -> Mapping[Status, str]:
+        """See :class:`~hhr_dolfinx.models.histories.increments.Increments`."""
+        found = solved.found
+        if found.status is Status.ADRIFT:
+            return {found.status: "friction does not bear its loads, or nothing presses on it"}
+        if not found.unsettled.size:
+            return {}
+        return {found.status: f"between stick and slip, conditions {found.unsettled[:8].tolist()} keep changing"}
+
+    def forces(self, solved: Solved) -> np.ndarray:
+        """Forces by which two increments are compared, (M,)."""
+        return solved.found.forces
+
+    def elastic_energy(self, solved: Solved) -> float:
+        """Elastic energy of contact forces."""
+        forces = solved.found.forces
+        return 0.5 * float(forces @ (solved.contact.schur @ forces))
+
+    def answer(self, solved: Solved) -> Answer:
+        """Answer of an increment."""
+        found, reached, contact, gradient = solved
+        return Answer(
+            reached.point, unknown_of(contact, found), found.forces, found.active, found.iterations, found.status,
+            found.sweeps > 0, self.model.fields, time=reached.time, gradient=gradient, memory=Memory(slip=reached.slip),
+            undetermined=self._undetermined(contact, found),
+        )  # fmt: skip
+
+    def _undetermined(self, contact: CondensedContact, found: Sliding) -> np.ndarray | None:
+        """Motions that neither closed nor sticking contacts hold, see :class:`Answer`; None if there are none."""
+        floating = contact.floating
+        if floating is None or found.status is not Status.CONVERGED:
+            return None
+        rows = self.friction.tangential
+        pressures = found.forces.copy()
+        pressures[rows] = 0.0
+        holding = floating.equalities.bearing(pressures, contact.free_slack)
+        holding[rows] = holding[self.friction.normal[self.friction.owner]] & found.active[rows]
+        ways = floating.equalities.left_open(holding)
+        return floating.modes @ ways if ways.shape[1] else None
+
+
+def unknown_of(contact: CondensedContact, found: Sliding) -> np.ndarray:
+    """The primal unknown under the forces of an increment, (n,)."""
+    unknown = contact.unknown(found.forces)
+    return unknown if contact.floating is None else unknown + contact.floating.modes @ found.motions

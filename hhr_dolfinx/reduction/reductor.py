@@ -1,0 +1,456 @@
+"""Driver of all reductions: attempt, compare, trust, refine, record.
+
+A reductor prepares the data that its attempts share, and makes one model for each level, coarse levels first. The
+driver compares each model with answers of the full one. It goes on while a check refuses the model or its errors exceed
+the target, and returns the best one.
+"""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import nullcontext, suppress
+from dataclasses import dataclass, field, replace
+from functools import partial
+from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, TypeVar
+
+import numpy as np
+
+from hhr_dolfinx.certify.accuracy import force_floor, mass_norm
+from hhr_dolfinx.certify.compare import Comparison, compare_points, retraced
+from hhr_dolfinx.certify.trust import OF_A_RID, TrustLimits, check_comparison, compared_histories
+from hhr_dolfinx.errors import (
+    ClaimError,
+    HHRError,
+    NotOfferedError,
+    NotSolvableError,
+    ReductionError,
+    SceneWarning,
+    SmallStrainWarning,
+    UnseenLoadError,
+    UnstableModelError,
+)
+from hhr_dolfinx.models.model import AnsweringModel, KeptModel
+from hhr_dolfinx.ranks import together
+from hhr_dolfinx.reduction.laws import bodies_of
+from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
+from hhr_dolfinx.timing import Announce, StageLog, unannounced
+from hhr_dolfinx.warn import Warned, collected, repeat
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.snapshots.arrays import ArrayStore
+    from hhr_dolfinx.trained import Trained
+
+
+MOST_TRAINING_COMPARED = 50
+"""Approximate number of training solutions that are compared if none were held out."""
+SURE = 2
+"""Full answers that are solved for to compare a model that calls itself exact, if none were held out."""
+MOST_SURE = 4
+"""Held-out answers with which such a model is compared at most: one that is not exact is off nearly everywhere."""
+ROUND_OFF = 1e-6
+"""Relative error up to which a model may call itself exact; those of the package are off by 1e-12."""
+OF_STEPS = 1e-3
+"""The same for single answers of laws that remember: round-off may change the increments that lead to them."""
+POINTS = (32, 64, 128, 256, 512)
+PATHS = (8, 16, 32)
+"""Training points and paths of the models that a search tries; each training has twice as many as the one before."""
+OF_SCENE = SceneWarning, SmallStrainWarning
+"""Warnings of the scene, which survive an attempt that is refused: the returned model belongs to the same scene."""
+
+Prepared = TypeVar("Prepared")
+Facts = TypeVar("Facts")
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """Input of a reduction.
+
+    Attributes:
+        full: the full model.
+        snapshots, held_out: its answers, for training and for validation; None without any.
+        log: records every stage.
+        announce: called with each stage and the share of it that is done; an exception from it stops the build.
+        sure: full answers that are solved for to compare a model that calls itself exact; 0 if the caller compares it.
+    """
+
+    full: FullModel
+    snapshots: SnapshotSet | None = None
+    held_out: SnapshotSet | None = None
+    log: StageLog = field(default_factory=StageLog)
+    announce: Announce = unannounced
+    sure: int = SURE
+
+
+@dataclass(frozen=True, eq=False)
+class Record(Generic[Facts]):
+    """Record of the construction of a model. The facts of its kind are attributes too: ``record.basis``.
+
+    Attributes:
+        reductor: what made the model.
+        level: of the attempt that was chosen.
+        facts: results of the reductor, such as :class:`~hhr_dolfinx.reduction.build.HyperFacts`.
+        comparison: errors against known answers; None if nothing was compared.
+        log: seconds of the stages, skipped stages, refused attempts.
+    """
+
+    reductor: Any
+    level: Any
+    facts: Facts
+    comparison: Comparison | None
+    log: StageLog
+
+    def __getattr__(self, name: str) -> Any:
+        """A fact, by its name."""
+        if name.startswith("_") or name == "facts":
+            raise AttributeError(name)
+        return getattr(self.facts, name)
+
+
+class Search(Protocol):
+    """A search for a model, as reductors see it.
+
+    Attributes:
+        full: the full model.
+        target: target accuracy: its ``error``; ``needs_fields``, if it includes displacements; ``elastic``, if no
+            quantity of it can need the stress.
+        family: paths, if answers depend on them; None if queries are points.
+        held_out: answers of checks so far.
+        checked: the same as a set; None before the first check.
+        forces_off: whether contact forces of the last model were less accurate than the target.
+        reads_displacements: whether the target, or an output of the scene, needs displacements.
+        store: keeps solutions of connected components.
+        announce: reports a stage, and raises if the rest of it exceeds the budget.
+        progress: reports a stage.
+        reduced: function of a reductor and a number of training answers that makes its model of about so many.
+    """
+
+    full: FullModel
+    target: Any
+    family: object
+    held_out: Sequence[object]
+    checked: SnapshotSet | None
+    forces_off: bool
+    reads_displacements: bool
+    store: ArrayStore | None
+    announce: Announce
+    progress: Announce
+    reduced: Callable[[Reductor, int], Any]
+
+
+@dataclass(frozen=True)
+class Proposal:
+    """A model that a search may try.
+
+    Attributes:
+        method, setting: of its row in the table.
+        make: builds the model.
+        spared: builds a model without bound, if the budget ends while fields or bound are built; None if there is none.
+    """
+
+    method: str
+    setting: str
+    make: Callable[[], Any]
+    spared: Callable[[], Any] | None = None
+
+
+class Reductor(ABC, Generic[Prepared]):
+    """A way to make a model from the full one and its answers; only :meth:`attempt` is required.
+
+    Attributes:
+        method: its name in tables.
+        level: name of what levels count, for the log.
+        limits: limits of the comparison, above which a model is refused or a warning is given; None skips it.
+        remedy: advice for a model that is refused.
+        refusals: errors of an attempt after which the next level is tried.
+    """
+
+    method: ClassVar[str]
+    level: ClassVar[str] = "level"
+    remedy: ClassVar[str | Mapping[str, str]] = OF_A_RID
+    refusals: ClassVar[tuple[type[HHRError], ...]] = (NotSolvableError, UnstableModelError, UnseenLoadError)
+
+    @classmethod
+    def usual(cls, settings: Any, *, fields: bool | None) -> Reductor:
+        """The reductor of ``condense(settings)``; ``fields`` are displacements, None if it may choose.
+
+        Raises:
+            NotOfferedError: if its models do not keep all contact conditions.
+        """
+        raise NotOfferedError(f"{cls.__name__} does not condense")
+
+    @property
+    def limits(self) -> TrustLimits | None:
+        """See the class."""
+        return TrustLimits()
+
+    def check(self, task: Task) -> None:
+        """Refuse what it is not for, before anything is computed."""
+
+    def not_by_rows(self, task: Task) -> str:
+        """Reason why it needs all rows of a distributed problem on each rank; empty if it does not."""
+        return "its reductor does not say that it reduces by rows"
+
+    def prepare(self, task: Task, before: Prepared | None = None) -> Prepared:
+        """Data that all attempts share; ``before`` was prepared for another task of the same full model."""
+        return task  # type: ignore[return-value]
+
+    def levels(self, task: Task) -> Iterable[Any]:
+        """Levels of the attempts, coarse ones first."""
+        return (0,)
+
+    @abstractmethod
+    def attempt(self, prepared: Prepared, level: Any) -> tuple[AnsweringModel, Any]:
+        """A model, and the facts of its record."""
+
+    def compare(self, task: Task, model: Any) -> tuple[Comparison | None, Trained | None]:
+        """Errors against known answers, checked, and the training range."""
+        return compared(task, model, self.limits, self.remedy)
+
+    def off(self, comparison: Comparison | None) -> float:
+        """Largest error over its target; above 1 the next level is tried, and the best model is returned."""
+        return 0.0
+
+    def proposals(self, search: Search) -> Iterator[Proposal]:
+        """Models that a search may try: by default of more and more answers."""
+        kind, counts = ("points", POINTS) if search.family is None else ("paths", PATHS)
+        for count in counts:
+            yield Proposal(self.method, f"{count} training {kind}", partial(search.reduced, self, count))
+
+
+@dataclass(eq=False)
+class Outcome:
+    """Result of one candidate: a model or an error, and its warnings."""
+
+    candidate: Any
+    made: Any = None
+    error: HHRError | None = None
+    warnings: Sequence[Warned] = ()
+
+
+def outcomes(
+    candidates: Iterable[Any], make: Callable[[Any], Any], refusals: tuple[type[HHRError], ...]
+) -> Iterator[Outcome]:
+    """The loop over attempts: the result of each, or the error that refused it. The caller stops or takes the next."""
+    for candidate in candidates:
+        outcome = Outcome(candidate)
+        try:
+            with collected() as outcome.warnings:
+                outcome.made = make(candidate)
+        except refusals as error:
+            outcome.error = error
+        except BaseException:
+            repeat(_of_scene(outcome))
+            raise
+        yield outcome
+
+
+def _of_scene(outcome: Outcome) -> list[Warned]:
+    """Warnings of the scene."""
+    return [said for said in outcome.warnings if issubclass(said.category, OF_SCENE)]
+
+
+def made(reductor: Reductor[Prepared], task: Task, before: Prepared | None = None) -> Any:
+    """The model of a reductor.
+
+    Raises:
+        ReductionError: for a task from which it can build no model.
+        ClaimError: for a model that calls itself exact and is not.
+        NotSolvableError, UnstableModelError: if all attempts are refused; the error of the last one.
+
+    Warns:
+        StabilityWarning, UncheckedWarning: of the returned model.
+    """
+    reductor.check(task)
+    comm = task.full.problem.comm
+    if comm is not None and (why := reductor.not_by_rows(task)):
+        task.log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
+        full, snapshots, held_out = everywhere(task.full, task.snapshots, task.held_out)
+        task = replace(task, full=full, snapshots=snapshots, held_out=held_out)
+        comm = None
+    with nullcontext() if comm is None else together(comm, f"reducing scene '{task.full.scene.name}'"):
+        return _driven(reductor, task, reductor.prepare(task, before))
+
+
+def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any:
+    """The best of the attempts."""
+    log = task.log
+    before = len(log.skipped)
+    best: tuple[float, Outcome, list[dict[str, str]]] | None = None
+    refused: list[Outcome] = []
+
+    def make(level: Any) -> tuple[Any, Any, Comparison | None]:
+        del log.skipped[before:]
+        model, facts = reductor.attempt(prepared, level)
+        _check_scene(task.full, reductor, model)
+        _check_claim(reductor, task, model)
+        comparison, trained = reductor.compare(task, model)
+        if isinstance(model, KeptModel) and trained is not model.trained:
+            model = model.changed(trained=trained)
+        return model, facts, comparison
+
+    for outcome in outcomes(reductor.levels(task), make, reductor.refusals):
+        if outcome.error is not None:
+            log.refuse(str(outcome.error), **{reductor.level: outcome.candidate})
+            refused.append(outcome)
+            continue
+        off = reductor.off(outcome.made[2])
+        if best is None or off < best[0]:
+            best = off, outcome, log.skipped[before:]
+        if off <= 1:
+            break
+        log.refuse(f"errors are {off:.2g} times what is small enough", **{reductor.level: outcome.candidate})
+    repeat(said for outcome in refused for said in _of_scene(outcome))
+    if best is None:
+        error = refused[-1].error if refused else None
+        raise error or ReductionError(f"{type(reductor).__name__} has no levels")
+    repeat(best[1].warnings)
+    log.skipped[before:] = best[2]
+    model, facts, comparison = best[1].made
+    log.say(model.known_error)
+    if isinstance(model, KeptModel) and model.offline is None:
+        model.offline = Record(reductor, best[1].candidate, facts, comparison, log)
+    return model
+
+
+def everywhere(full: FullModel, *sets: SnapshotSet | None) -> tuple[Any, ...]:
+    """Gather a distributed full model and its answers, so that each rank has all rows. Collective."""
+    problem = full.problem
+    if problem.comm is None:
+        return full, *sets
+    return full.gathered(), *(None if item is None else item.gathered(problem) for item in sets)
+
+
+def compared(
+    task: Task, model: Any, limits: TrustLimits | None, remedy: str | Mapping[str, str] = OF_A_RID
+) -> tuple[Comparison | None, Trained | None]:
+    """Errors against validation answers, or else against training, checked, and the training range.
+
+    The training range of a model of load paths is known only after it has solved the known paths.
+    """
+    full = task.full
+    snapshots = task.snapshots
+    held_out = task.held_out
+    if snapshots is None:
+        return None, model.trained
+    with task.log.stage("validation", task.announce):
+        if model.equilibrium is not None:
+            return bodies_of(full).checked(full, model, snapshots, held_out, limits, remedy)
+        if model.law.remembers:
+            return compared_histories(full, model, snapshots, held_out, limits, remedy)[0], model.trained
+        if limits is None:
+            return None, model.trained
+        if held_out is None:
+            every = max(1, len(snapshots.points) // MOST_TRAINING_COMPARED)
+            held_out = snapshots.take(np.arange(0, len(snapshots.points), every))
+        comparison = compare_points(full, model, held_out, force_floor(full.problem, snapshots))
+        check_comparison(comparison, limits, remedy)
+        return comparison, model.trained
+
+
+def _check_scene(full: FullModel, reductor: Any, found: Any) -> None:
+    """Raise ReductionError for a result that is no model of the scene of the full one."""
+    name = f"{type(getattr(reductor, 'given', reductor)).__name__} made"
+    if not isinstance(found, AnsweringModel):
+        raise ReductionError(f"{name} {found!r}: it must return a model")
+    own = found.parameters.names, found.conditions
+    conditions = len(full.problem.gaps)
+    if own != (full.parameters.names, conditions):
+        raise ReductionError(
+            f"{name} a model of the parameters {own[0]} and {own[1]} contact conditions, and the full model has "
+            f"{full.parameters.names} and {conditions}: it must return one of the same scene"
+        )
+
+
+def _check_claim(reductor: Any, task: Task, model: Any) -> None:
+    """Compare a model that calls itself exact with validation answers, or with fresh ones; see :func:`check_claim`.
+
+    Without validation, a model of load paths is compared with training, if there is any.
+    """
+    if not model.fields.exact or model.of_full_order:
+        return
+    full = task.full
+    known = task.held_out
+    if known is None and (full.law.remembers or full.equilibrium is not None):
+        known = task.snapshots
+    elif known is None and task.sure:
+        known = compute_snapshots(full, full.parameters.random(task.sure, seed=task.sure))
+    if known is not None:
+        check_claim(type(getattr(reductor, "given", reductor)).__name__, full, model, known)
+
+
+def check_claim(name: str, full: FullModel, model: Any, known: SnapshotSet) -> None:
+    """Compare a model that calls itself exact with some answers of the full one: exactness is no property of a class.
+
+    Displacements and loads of the contact forces, B^T λ, are compared: forces of equivalent conditions, and
+    displacements of bodies with rigid motions, may have several values.
+
+    Raises:
+        ClaimError: if they differ by more than round-off.
+    """
+    problem = full.problem
+    pairs = list(_pairs_of(full, model, known))
+    loads = [problem.contact.T @ forces for _, forces, _, _ in pairs]
+    sizes = [mass_norm(problem, displacement) for displacement, *_ in pairs]
+    limit = ROUND_OFF if not full.law.remembers or known.histories else OF_STEPS
+    for number, (displacement, _, answer, label) in enumerate(pairs):
+        off = np.inf
+        if answer is not None:
+            off = _part(np.linalg.norm(problem.contact.T @ answer.forces() - loads[number]), loads)
+            if problem.rigid is None:
+                off = max(off, _part(mass_norm(problem, answer.displacement() - displacement), sizes))
+        if not off <= limit:
+            raise ClaimError(
+                f"{name}: its model calls itself exact and is off by {off:.3g} at {label}: claim less, or refuse "
+                "the scene"
+            )
+
+
+def _part(off: float, sizes: Sequence[Any]) -> float:
+    """Error over the largest of some vectors or norms."""
+    largest = max(float(np.linalg.norm(size)) for size in sizes)
+    return off / largest if largest > 0 else (0.0 if off == 0 else np.inf)
+
+
+def _pairs_of(full: FullModel, model: Any, known: SnapshotSet) -> Iterator[tuple[np.ndarray, np.ndarray, Any, str]]:
+    """Displacement and forces of known answers, the answer of the model, None if it has none, and where."""
+    problem = full.problem
+    for number, history in enumerate(known.histories[:1]):
+        found: list[Any] = [None] * len(history.answers)
+        with suppress(HHRError):
+            found = retraced(model, history).answers
+        for here, there in zip(found, history.answers, strict=True):
+            yield there.displacement(), there.forces(), here, f"t = {there.time:g} s of history {number}"
+    count = 0 if known.histories else len(known.points)
+    for place in np.unique(np.linspace(0, count - 1, min(count, MOST_SURE)).astype(int)):
+        point = known.points[place]
+        own = problem.spread.whole(known.displacements[:, place]) + problem.lifts @ problem.amplitudes(point)
+        answer = None
+        with suppress(HHRError):
+            answer = model.solve(point, outside="ignore")
+        yield own, known.forces[:, place], answer, problem.parameters.described(point)
+
+
+@dataclass(frozen=True)
+class Given(Reductor[Task]):
+    """An object with ``reduced(full, snapshots, held_out)`` alone: one attempt, which checks its model by itself."""
+
+    given: Any
+    method: ClassVar[str] = "own"
+    refusals: ClassVar[tuple[type[HHRError], ...]] = ()
+
+    def attempt(self, prepared: Task, level: int) -> tuple[AnsweringModel, Any]:
+        """What it returns."""
+        return self.given.reduced(prepared.full, prepared.snapshots, prepared.held_out), None
+
+    def compare(self, task: Task, model: Any) -> tuple[None, Any]:
+        """Nothing is compared."""
+        return None, getattr(model, "trained", None)
+
+
+def as_reductor(given: Any) -> Reductor | None:
+    """A reductor, or an object with ``reduced``; None for anything else."""
+    if isinstance(given, Reductor):
+        return given
+    return Given(given) if callable(getattr(given, "reduced", None)) and not isinstance(given, type) else None

@@ -1,0 +1,173 @@
+"""A law of interfaces of a user's own: right where its facet is, refused by name everywhere else."""
+
+import dataclasses
+from itertools import pairwise
+
+import numpy as np
+import pytest
+from mpi4py import MPI
+from my_contact_law import PLUGIN, Wear
+from needs import needs
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx import registry
+from hhr_dolfinx.errors import NotOfferedError, SceneError
+from hhr_dolfinx.full_order.discretisation import Discretisation
+from hhr_dolfinx.geometries import block
+from hhr_dolfinx.models.histories.steps import Steps
+
+YOUNG, POISSON, HEIGHT, WIDTH = 7.0, 0.3, 1.0, 2.0
+CONSTANT = 0.05
+COMPLIANCE = HEIGHT * (1 - POISSON**2) / YOUNG
+"""Depth per pressure of a block that may spread, in plane strain."""
+PATH = [(0.0, 0.0), (1.0, 0.01), (1.5, 0.02), (3.0, 0.02), (6.0, 0.015)]
+
+
+def scene(**law):
+    """A block pressed on an obstacle, whose pressure is the same everywhere."""
+    left, top, bottom = block.side(0, upper=False), block.side(1, upper=True), block.side(1, upper=False)
+    return hhr.Scene(
+        name="wearing",
+        geometry=lambda comm: block.block(comm, lower=(0.0, 0.0), upper=(WIDTH, HEIGHT), cells=(4, 2)),
+        hypothesis="plane_strain",
+        bodies=(hhr.Body(block.SOLID, YOUNG, POISSON),),
+        contacts=(hhr.Obstacle(bottom, (0.0, -1.0), 0.0, **law),),
+        displacements=(
+            hhr.Displacement(left, 0),
+            hhr.Displacement(top, 1, hhr.Amplitude(slopes={"push": -1.0})),
+        ),
+        outputs=(hhr.ContactForce("force", 0, direction=(0.0, 1.0)),),
+        parameters=hhr.ParameterSpace(("push",), (0.0,), (0.03,)),
+    )
+
+
+def pressures(path):
+    """Pressures and depths by hand: p (k + c dt) = u - w."""
+    worn, found = 0.0, []
+    for (before, _), (time, push) in pairwise(path):
+        dt = time - before
+        pressure = max(push - worn, 0.0) / (COMPLIANCE + CONSTANT * dt)
+        worn += CONSTANT * dt * pressure
+        found.append((pressure, worn))
+    return np.array(found).T
+
+
+@pytest.fixture
+def wear(monkeypatch):
+    """The law, whose plug-in is installed."""
+    every = {**registry.installed(), "my_contact_law": PLUGIN}
+    monkeypatch.setattr(registry, "installed", lambda: every)
+    kept = registry.facet, registry.memories
+    for cached in kept:
+        cached.cache_clear()
+    yield Wear(CONSTANT)
+    for cached in kept:
+        cached.cache_clear()
+
+
+@pytest.fixture
+def full(wear):
+    return hhr.FullOrderModel(scene(law=wear), MPI.COMM_SELF)
+
+
+def test_histories_are_those_by_hand(full):
+    expected, depths = pressures(PATH)
+    for model in (full, hhr.condense(full)):
+        history = model.march(PATH)
+        found = [answer.outputs()["force"] / WIDTH for answer in history.answers]
+        np.testing.assert_allclose(found, expected, rtol=1e-9)
+        for answer, depth in zip(history.answers, depths, strict=True):
+            np.testing.assert_allclose(answer.worn, depth, rtol=1e-9)
+        assert np.isnan(model.coupling(0.01)) and model.uniqueness(0.01) == "unknown"
+
+
+def test_steps_are_cut_until_forces_decay_as_they_should(full):
+    """Held where it is, p decays by exp(-c t / k)."""
+    held = [(0.0, 0.0), (1e-6, 0.02), (4.0, 0.02)]
+    history = hhr.condense(full).march(held, hhr.MarchSettings(time_tolerance=1e-3))
+    exact = 0.02 / COMPLIANCE * np.exp(-CONSTANT * 4.0 / COMPLIANCE)
+    answer = history.answers[-1]
+    assert answer.parts > 4
+    assert answer.outputs()["force"] / WIDTH == pytest.approx(exact, rel=20 * answer.time_error) != 0
+    assert answer.time_error < 0.05
+
+
+def test_histories_are_kept_and_go_on(full, tmp_path):
+    store = hhr.SnapshotStore(tmp_path, full)
+    known = hhr.compute_snapshots(full, [PATH], store=store).histories[0]
+    again = hhr.compute_snapshots(full, [PATH], store=hhr.SnapshotStore(tmp_path, full)).histories[0]
+    for one, other in zip(known.answers, again.answers, strict=True):
+        np.testing.assert_array_equal(one.worn, other.worn)
+    further = full.march(PATH, known=list(again.answers[:2]))
+    np.testing.assert_array_equal(further.answers[-1].multipliers, known.answers[-1].multipliers)
+
+
+def test_a_file_keeps_it(full, tmp_path):
+    from my_contact_law import Wearing
+
+    hhr.save_model(tmp_path / "model.npz", hhr.condense(full))
+    model = hhr.load_model(tmp_path / "model.npz", known=[Wearing])
+    expected, _ = pressures(PATH)
+    assert model.march(PATH).answers[-1].outputs()["force"] / WIDTH == pytest.approx(expected[-1], rel=1e-9)
+
+
+def _store(full):
+    return hhr.compute_snapshots(full, [PATH])
+
+
+REFUSING = {
+    "a gradient": lambda full, path: full.march(PATH, hhr.MarchSettings(gradient=True)),
+    "a projection": lambda full, path: hhr.build(full, _store(full)),
+    "a recipe": lambda full, path: hhr.build(full, _store(full), hhr.Recipe()),
+    "fields for viewers": lambda full, path: hhr.write_fields(path / "a.vtu", full, full.march(PATH).answers[-1]),
+}
+
+
+@pytest.mark.parametrize("reader", REFUSING)
+def test_what_does_not_know_it_refuses_it(reader, full, tmp_path):
+    with pytest.raises(NotOfferedError, match="not built in"):
+        REFUSING[reader](full, tmp_path)
+
+
+@needs("pages")
+def test_a_page_refuses_it(full, tmp_path):
+    from hhr_dolfinx.plugins.pages.arrays import check_model
+
+    with pytest.raises(NotOfferedError, match=r"a page of contacts with wear .* it has no facet 'page'"):
+        check_model(hhr.condense(full))
+
+
+@needs("exporters")
+def test_a_deck_refuses_it(wear, tmp_path):
+    from hhr_dolfinx.plugins.exporters.deck import write_deck
+
+    pair = dataclasses.replace(scene(law=wear).contacts[0])
+    with pytest.raises((NotOfferedError, SceneError)):
+        write_deck(tmp_path / "a.inp", Discretisation(dataclasses.replace(scene(), contacts=(pair,))), np.array([0.01]))
+
+
+@needs("sliding")
+def test_surfaces_that_slide_refuse_it(wear):
+    with pytest.raises(SceneError, match="wear"):
+        hhr.slide(scene(law=wear))
+
+
+def test_a_study_refuses_it(wear, tmp_path):
+    with pytest.raises(NotOfferedError, match="remember their path"):
+        hhr.study_scene(scene(law=wear), hhr.StudySettings(training=hhr.Sobol(8)), tmp_path)
+
+
+def test_without_its_plug_in_it_is_refused():
+    with pytest.raises(SceneError, match="no plug-in reads it"):
+        scene(law=Wear(CONSTANT))
+
+
+def test_two_laws_of_a_pair_are_refused(wear):
+    with pytest.raises(SceneError, match="several laws, friction, law"):
+        scene(law=wear, friction=0.3)
+
+
+def test_a_facet_without_increments_refuses(full, monkeypatch):
+    monkeypatch.setattr(registry, "facet", lambda *_: Steps())
+    with pytest.raises(NotOfferedError, match="increments of elastic bodies are not built in with wear"):
+        full.march(PATH)

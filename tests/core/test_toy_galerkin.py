@@ -1,0 +1,218 @@
+"""A user's own reductor gets comparison, refinement, record and file from the driver, which believes no claim."""
+
+import warnings
+from dataclasses import dataclass, field, replace
+from typing import ClassVar
+
+import numpy as np
+import pytest
+from needs import needs
+from scenes import pressed_pair
+from toy_galerkin import Galerkin, GalerkinFields
+
+import hhr_dolfinx as hhr
+from hhr_dolfinx import registry
+from hhr_dolfinx.errors import (
+    ClaimError,
+    NotOfferedError,
+    ReductionError,
+    SceneWarning,
+    StabilityWarning,
+    StudyError,
+    UnstableModelError,
+)
+from hhr_dolfinx.models.exact import ExactFields
+from hhr_dolfinx.reduction import build as building
+from hhr_dolfinx.reduction.exact import ExactCondensation
+from hhr_dolfinx.reduction.reductor import Record, Reductor, Task, made, outcomes
+from hhr_dolfinx.registry import Plugin, Stage, Way
+from hhr_dolfinx.testing import check_reductor
+from hhr_dolfinx.warn import warn
+
+BODIES = (2.0, 0.3), (5.0, 0.3)
+
+
+def pair(bodies=BODIES, box=None, **changes):
+    return pressed_pair("plane_strain", bodies, {} if box is None else box, cells=3, **changes)
+
+
+@pytest.fixture(scope="module")
+def training():
+    return hhr.train(pair(), hhr.Sobol(16), held_out=20)
+
+
+class Liar(GalerkinFields):
+    """Fields that call themselves exact."""
+
+    exact = True
+
+
+WAY = Way("toy_galerkin:Galerkin", lambda full: True)
+
+
+class Lying(Galerkin):
+    """Few modes, and no finer ones."""
+
+    def levels(self, task):
+        return (1e-4,)
+
+
+LIES = Lying(fields=Liar), Lying(fields=ExactFields)
+
+
+def test_it_is_compared_and_refined(training, tmp_path):
+    model = training.build(Galerkin())
+    record = model.offline
+    assert isinstance(record, Record) and record.level in (1e-8, 1e-12)
+    assert record.comparison.dual.max() <= 1e-3 and record.facts["modes"] > 4
+    assert record.log.refused[0]["level"] == 1e-4 and "times what is small enough" in record.log.refused[0]["why"]
+    hhr.save_model(tmp_path / "toy.npz", model)
+    again = hhr.load_model(tmp_path / "toy.npz", [GalerkinFields])
+    point = training.full_order.problem.middle
+    np.testing.assert_array_equal(again.solve(point).forces(), model.solve(point).forces())
+
+
+def test_it_keeps_the_contract():
+    check_reductor(Galerkin(), [GalerkinFields])
+
+
+@pytest.mark.parametrize("liar", LIES)
+@pytest.mark.parametrize("held_out", [True, False])
+def test_a_claim_that_the_comparison_denies_is_refused_by_name(training, liar, held_out):
+    """Without validation two fresh answers of the full model deny it: its own training, of all modes, would not."""
+    apart = training if held_out else replace(training, held_out=None)
+    with pytest.raises(ClaimError, match="Lying: its model calls itself exact and is off by"):
+        apart.build(liar)
+    with pytest.raises(AssertionError, match="calls itself exact and is off by"):
+        check_reductor(liar, [Liar])
+
+
+def test_a_claim_that_is_true_is_granted(training):
+    """By validation, by fresh answers, and without any training."""
+    for apart in (training, replace(training, held_out=None)):
+        assert apart.condense().fields.exact
+    model = made(ExactCondensation(), Task(training.full_order))
+    assert model.fields.exact and model.offline.facts is None
+
+
+@needs("one_call")
+@pytest.mark.parametrize("liar", LIES)
+def test_a_search_does_not_believe_a_claim(monkeypatch, liar):
+    """Four answers within the target would do for an exact model; with a target of 90 % all models are within."""
+    monkeypatch.setattr("hhr_dolfinx.plugins.one_call.attempts.ways", lambda full: [WAY])
+    monkeypatch.setattr(Galerkin, "proposals", lambda self, search: Reductor.proposals(liar, search))
+    # as if its own comparison had met none of its errors
+    monkeypatch.setattr("hhr_dolfinx.reduction.reductor._check_claim", lambda *_: None)
+    with pytest.raises(StudyError, match="calls itself exact") as caught:
+        hhr.reduce(pair(), 0.9, of="forces")
+    assert all(row.outcome.startswith("refused: galerkin") for row in vars(caught.value)["reduction"].tried)
+
+
+@needs("one_call")
+def test_it_has_rows_of_a_search(monkeypatch):
+    monkeypatch.setattr("hhr_dolfinx.plugins.one_call.attempts.ways", lambda full: [WAY])
+    rows = hhr.reduce(pair(), 0.01, of="forces").reduction.tried
+    assert {row.method for row in rows} == {"galerkin"} and rows[-1].met and "40 fresh answers" in rows[-1].known
+
+
+# ---------------------------------------------------------------- the loop
+
+
+@dataclass(frozen=True)
+class Scripted(Galerkin):
+    """Warns and is refused as a script of its levels says."""
+
+    script: dict = field(default_factory=dict)
+    level: ClassVar[str] = "step"
+
+    def levels(self, task):
+        return self.script
+
+    def attempt(self, prepared, level):
+        warn(f"the scene, seen by {level}", SceneWarning)
+        warn(f"the model of {level}", StabilityWarning)
+        if self.script[level] is None:
+            raise UnstableModelError(f"{level} is refused")
+        return super().attempt(prepared, 1e-8)
+
+    def off(self, comparison):
+        return 0.0
+
+
+def said(training, script):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        model = training.build(Scripted(script=script))
+    return model, [
+        str(item.message) for item in caught if "seen by" in str(item.message) or "model of" in str(item.message)
+    ]
+
+
+def test_warnings_of_the_scene_survive_refused_attempts(training):
+    """Those of a refused model do not."""
+    model, texts = said(training, {"one": None, "two": 1.0})
+    assert texts == ["the scene, seen by one", "the scene, seen by two", "the model of two"]
+    assert model.offline.level == "two" and [item["step"] for item in model.offline.log.refused] == ["one"]
+
+
+def test_warnings_of_the_scene_survive_if_all_is_refused(training):
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        with pytest.raises(UnstableModelError, match="two is refused"):
+            training.build(Scripted(script={"one": None, "two": None}))
+    assert {"the scene, seen by one", "the scene, seen by two"} <= {str(item.message) for item in caught}
+
+
+def test_the_best_attempt_is_returned_if_none_is_good_enough(training, monkeypatch):
+    errors = iter([3.0, 2.0, 5.0])
+    monkeypatch.setattr(Scripted, "off", lambda self, comparison: next(errors))
+    model, texts = said(training, dict.fromkeys("abc", 1.0))
+    assert model.offline.level == "b" and "the model of b" in texts and "the model of a" not in texts
+    assert len(model.offline.log.refused) == 3
+
+
+def test_an_error_that_is_no_refusal_ends_the_loop_with_its_warnings():
+    def make(candidate):
+        warn("of the scene", SceneWarning)
+        raise ValueError(candidate)
+
+    with pytest.warns(SceneWarning, match="of the scene"), pytest.raises(ValueError, match="one"):
+        list(outcomes(["one", "two"], make, (UnstableModelError,)))
+
+
+def test_a_reductor_that_does_not_condense_is_no_condensation(training):
+    with pytest.raises(NotOfferedError, match="Galerkin does not condense"):
+        Galerkin.usual(None, fields=None)
+
+
+# ---------------------------------------------------------------- stages
+
+
+def counted(draft):
+    """A stage of a plug-in, after the model was assembled."""
+    draft.shared.once("counted", lambda: COUNTED.append(draft.model))
+
+
+COUNTED = []
+
+
+def test_a_plug_in_adds_a_stage(training, monkeypatch):
+    last = "hhr_dolfinx.reduction.build:assemble"
+    stages = (Stage("test_toy_galerkin:counted", last), Stage("missing:never", last, lambda full, recipe: False))
+    monkeypatch.setattr(registry, "installed", lambda: {"own": Plugin("own", stages=stages)})
+    COUNTED.clear()
+    training.build()
+    assert len(COUNTED) == 1
+    lost = (Stage("test_toy_galerkin:counted", "missing:stage"),)
+    monkeypatch.setattr(registry, "installed", lambda: {"own": Plugin("own", stages=lost)})
+    with pytest.raises(ReductionError, match="comes after missing:stage"):
+        training.build()
+
+
+def test_a_scene_loads_the_stages_that_it_wants(training):
+    recipe = building.usual_recipe(training.full_order)
+    places = [place.partition(":")[2] for place in building.stages_of(training.full_order, recipe)]
+    assert places == [
+        "choose_domain", "enrich_basis", "project_problem", "assess_projection", "check_constants", "reconstruct",
+        "assemble", "start_along",
+    ]  # fmt: skip
