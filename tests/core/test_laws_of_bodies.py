@@ -163,14 +163,15 @@ def test_a_missing_facet_refuses_and_names_it(registered, tmp_path):
         answer.plastic_strain()
     asked = {
         "store": lambda: hhr.SnapshotStore(tmp_path, full),
-        "stages": lambda: usual_recipe(full),
-        "condense": lambda: Training(full, None, None, None).condense(),
+        "reduction": lambda: usual_recipe(full),
         "comparison": lambda: residuals_of(full, answer),
         "study": lambda: study_of(full.scene),
     }
     for word, ask in asked.items():
         with pytest.raises(NotOfferedError, match=f"what the plug-in 'ageing' adds: it has no facet '{word}'"):
             ask()
+    with pytest.raises(NotOfferedError, match="no installed reductor condenses scene"):
+        Training(full, None, None, None).condense()
     with pytest.raises(hhr.HHRError, match="have laws"):
         hhr.condense(full)
     snapshots = hhr.SnapshotSet.of_histories([history])
