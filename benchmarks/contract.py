@@ -135,7 +135,7 @@ def reduced_flow(item: hhr.Training) -> Any:
 
 def condensed_flow(item: hhr.Training) -> Any:
     """The condensed model of a training of histories."""
-    from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+    from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
     return item.condense(CorrectionSettings(primal=1.0, dual=1.0))
 
@@ -367,7 +367,7 @@ def _outputs(item: Context) -> None:
 
 
 def _gradient(item: Context) -> None:
-    if not item.model.flows:
+    if item.model.equilibrium is None:
         assert item.solved(gradient=True).gradient.multipliers.shape[1] == len(item.mu)
         return
     settings = hhr.MarchSettings(outside="ignore", gradient=True, relative_force=1e-8, relative_stress=1e-8)

@@ -10,8 +10,8 @@ from pellet_cladding import QUICK_MESH
 from verify import HistoryCase
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.materials.laws import Flow
 from hhr_dolfinx.models.answer import Path
+from hhr_dolfinx.plugins.inelastic.laws import Flow
 
 Family = Callable[[float], Path]
 """Times and parameters for a gap in um."""

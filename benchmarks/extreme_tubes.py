@@ -8,8 +8,8 @@ from verify import HistoryCase, Known
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
-from hhr_dolfinx.materials.laws import Flow
 from hhr_dolfinx.models.answer import History, Path
+from hhr_dolfinx.plugins.inelastic.laws import Flow
 
 LIMIT = 2 / np.sqrt(3) * np.log(2)
 """Limit load of a tube 1 <= r <= 2 that yields at 1 without hardening, in plane strain."""

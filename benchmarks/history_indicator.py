@@ -28,8 +28,8 @@ from hhr_dolfinx.certify.accuracy import force_floor, relative_error
 from hhr_dolfinx.certify.compare import largest_errors
 from hhr_dolfinx.errors import OutsideTrainingWarning, UnstableModelError
 from hhr_dolfinx.models.answer import Answer, History, Path
+from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 from hhr_dolfinx.plugins.studies import cli, report
-from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 from hhr_dolfinx.study.training.train import Training
 from hhr_dolfinx.timing import timed
 

@@ -23,7 +23,7 @@ import numpy as np
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import sphere_on_block as geometry
 from hhr_dolfinx.models.answer import Path
-from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
 RADIUS, WIDTH, SPHERE_E, BLOCK_E, POISSON = 10.0, 0.4, 210e3, 70e3, 0.3
 BOX = {"depth": (0.0, 0.03), "sy": (100.0, 300.0), "H": (0.0, 10e3), "E": (60e3, 80e3)}

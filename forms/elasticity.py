@@ -38,6 +38,17 @@ def strain(u: Expr, hypothesis: str, poisson: float | Expr = 0.0) -> Expr:
     return ufl.as_tensor([[e[0, 0], e[0, 1], 0], [e[1, 0], e[1, 1], 0], [0, 0, third]])
 
 
+def strain_vector(u: Expr, hypothesis: str) -> Expr:
+    """Strain in Kelvin's notation: 4 components, or 6 in space."""
+    return kelvin(strain(u, hypothesis), hypothesis)
+
+
+def kelvin(e: Expr, hypothesis: str) -> Expr:
+    """A symmetric 3x3 tensor in Kelvin's notation: 4 components, or 6 in space."""
+    plane = [e[0, 0], e[1, 1], e[2, 2], 2**0.5 * e[0, 1]]
+    return ufl.as_vector([*plane, 2**0.5 * e[0, 2], 2**0.5 * e[1, 2]] if hypothesis == "solid" else plane)
+
+
 def stress(
     u: Expr, young: float | Expr, poisson: float | Expr, hypothesis: str, dilatation: Expr | None = None
 ) -> Expr:

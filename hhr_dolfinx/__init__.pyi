@@ -12,8 +12,6 @@ from .loads import PartialPressure as PartialPressure
 from .loads import Pressure as Pressure
 from .loads import Term as Term
 from .loads import Traction as Traction
-from .materials.laws import Norton as Norton
-from .materials.laws import Plasticity as Plasticity
 from .models.answer import Answer as Answer
 from .models.answer import History as History
 from .models.histories.equilibrium import MarchSettings as MarchSettings
@@ -52,6 +50,10 @@ from .plugins.greedy.indicators import Eta as Eta
 from .plugins.greedy.indicators import Eta2 as Eta2
 from .plugins.greedy.indicators import ForceError as ForceError
 from .plugins.greedy.indicators import LargestEstimate as LargestEstimate
+from .plugins.inelastic.laws import Norton as Norton
+from .plugins.inelastic.laws import Plasticity as Plasticity
+from .plugins.inelastic.recipe import FlowDeim as FlowDeim
+from .plugins.inelastic.recipe import StressDeim as StressDeim
 from .plugins.local.clustered import Clusters as Clusters
 from .plugins.local.models import LocalModels as LocalModels
 from .plugins.local.splitting import Splitting as Splitting
@@ -79,13 +81,11 @@ from .reduction.build import build as build
 from .reduction.exact import exact_condensation as exact_condensation
 from .reduction.recipe import Deim as Deim
 from .reduction.recipe import Enrich as Enrich
-from .reduction.recipe import FlowDeim as FlowDeim
 from .reduction.recipe import ForceDeim as ForceDeim
 from .reduction.recipe import LoadNodes as LoadNodes
 from .reduction.recipe import Pod as Pod
 from .reduction.recipe import Recipe as Recipe
 from .reduction.recipe import Rid as Rid
-from .reduction.recipe import StressDeim as StressDeim
 from .reduction.recipe import Tangents as Tangents
 from .reduction.recipe import Zone as Zone
 from .sampling import LatinHypercube as LatinHypercube

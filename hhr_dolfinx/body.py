@@ -5,28 +5,56 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from numbers import Real
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import RANGES, Limits
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import ParameterSpace, Tag, check_tag, is_number
 from hhr_dolfinx.units import Units
 
-if TYPE_CHECKING:
-    from hhr_dolfinx.materials.laws import Flow
+
+class SceneOfBodies(Protocol):
+    """A scene, as far as laws of bodies look at it."""
+
+    @property
+    def name(self) -> str:
+        """Its name."""
+
+    @property
+    def bodies(self) -> tuple[Body, ...]:
+        """Its bodies."""
+
+    @property
+    def shapes(self) -> tuple[Any, ...]:
+        """Shapes of bodies that depend on parameters."""
+
+
+class LawsOfScenes(Protocol):
+    """Checks of scenes by a plug-in that reads laws of bodies: its facet ``scene``."""
+
+    def check_body(self, body: Body) -> None:
+        """Raise SceneError for a body whose law, elasticity or grading is not built in."""
+
+    def check_scene(self, scene: SceneOfBodies) -> None:
+        """Raise SceneError for a scene with such bodies that has other parts which are not built in."""
+
+    def parameters_of(self, law: Any) -> set[str]:
+        """Names of the parameters on which a law depends."""
 
 
 @dataclass(frozen=True)
 class Body:
-    """A body, elastic or inelastic.
+    """A body, elastic or of a law that a plug-in reads.
 
     Attributes:
         tag: cell tag.
         young: Young's modulus E, in the unit of stress of the scene: a number, or a formula of the parameters as text,
-            ``"E1"`` or ``"200e3 * (1 - 2e-4 * T)"``, see :mod:`hhr_dolfinx.formulas`. In scenes with inelastic bodies
+            ``"E1"`` or ``"200e3 * (1 - 2e-4 * T)"``, see :mod:`hhr_dolfinx.formulas`. In scenes with laws of bodies
             it may differ between histories, but not along one.
-        poisson: Poisson's ratio, a number or a formula; a number in scenes with inelastic bodies.
-        law: law of plasticity or creep, a :class:`~hhr_dolfinx.materials.laws.Flow`; None for an elastic body.
+        poisson: Poisson's ratio, a number or a formula; a number in scenes with laws of bodies.
+        law: law in addition to elasticity, such as that of plasticity or creep, see :attr:`reader`; None for an elastic
+            body.
         grading: factor of the modulus of a graded or layered body, as a function of the coordinates, UFL to UFL; None
             for 1.
         stress: user-defined linear elasticity in UFL, such as that of wood: a function of the strain, 3x3, that returns
@@ -37,7 +65,7 @@ class Body:
     tag: Tag
     young: float | str
     poisson: float | str
-    law: Flow | None = None
+    law: Any = None
     grading: Callable[[Any], Any] | None = None
     stress: Callable[[Any], Any] | None = None
 
@@ -59,16 +87,10 @@ class Body:
                 raise SceneError(
                     f"body {self.tag}: {name} = {value!r} must be a number, or a formula of the parameters as text"
                 )
-        if self.law is not None and self.uneven:
-            raise SceneError(
-                f"body {self.tag} flows, and its Poisson's ratio depends on parameters, or its elasticity on the "
-                "place: that is not built in, only young may be a formula. Give it a constant poisson, or a scene for "
-                "each of its values, and no grading"
-            )
         if self.grading is not None and not callable(self.grading):
             raise SceneError(f"body {self.tag}: the grading {self.grading!r} must be a function of the coordinates")
-        if self.law is not None and (isinstance(self.law, type) or not callable(getattr(self.law, "flow", None))):
-            raise SceneError(f"body {self.tag}: the law {self.law!r} must be an object with a method flow")
+        if self.reader:
+            laws_of_scenes(self.reader).check_body(self)
         young = self.young
         poisson = self.poisson
         fits = isinstance(young, str) or (is_number(young) and young > 0)
@@ -95,6 +117,15 @@ class Body:
         except SceneError as error:
             raise SceneError(f"body {tag}: {error}") from None
         return cls(tag, young=units.stress_of(found.young), poisson=found.poisson, **more)
+
+    @property
+    def reader(self) -> str:
+        """Name of the plug-in that reads the law; empty for an elastic body.
+
+        Raises:
+            SceneError: if none does.
+        """
+        return "" if self.law is None else registry.reader_of(self.law, f"body {self.tag}")
 
     @property
     def varies(self) -> bool:
@@ -127,6 +158,12 @@ class Body:
                 except SceneError as error:
                     raise SceneError(f"{what}: {error}") from None
                 check_over_box(scalar, parameters, what, low, high, remedy)
+
+
+def laws_of_scenes(reader: str) -> LawsOfScenes:
+    """Checks of scenes by the plug-in that reads their laws."""
+    found: LawsOfScenes = registry.facet(reader, "scene", "a scene whose bodies have laws")
+    return found
 
 
 def _remedy_of_constants(young: float | str, poisson: float | str) -> str:

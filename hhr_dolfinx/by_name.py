@@ -40,9 +40,7 @@ _MODULES: Mapping[str, Mapping[str, str]] = {
         "pairings.node_to_surface": "NodeToSurface DoublePass",
         "pairings.mortar": "Mortar",
     },
-    "laws": {
-        "materials.laws": "Plasticity Norton",
-    },
+    "laws": {},
     "forms": {
         "forms.elasticity": "stiffness mass traction pressure",
         "forms.volume": "body_force centrifugal eigenstrain",

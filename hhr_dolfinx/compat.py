@@ -310,7 +310,7 @@ def compiled(*, inner: bool = False, dear: str | None = None, **options: Any) ->
         dear: description of a function that takes long to compile, which the log reports.
         options: options of numba.
     """
-    with extra("flow", "a scene with bodies that flow or are nearly incompressible"):
+    with extra("flow", "a scene whose bodies have laws or are nearly incompressible"):
         from numba import njit
     if inner:
         options |= {"no_cpython_wrapper": True, "no_cfunc_wrapper": True}

@@ -338,7 +338,7 @@ class DisplacementAt(_Output):
 
 @dataclass(frozen=True)
 class VonMises(_Output):
-    """Von Mises equivalent stress of a body: in the middles of its cells, or at Gauss points with inelastic bodies.
+    """Von Mises equivalent stress of a body: in the middles of its cells, or where laws of bodies are evaluated.
 
     Attributes:
         tag: cell tag of the body.

@@ -85,6 +85,7 @@ class Plugin:
         methods: further methods of a training, which build no model that a file can keep.
         trainings: ways to choose training points of ``hhr train`` and ``hhr study``: places of objects with
             ``options``, decorators of click, and ``training(given)``, by the option that selects them.
+        materials: methods by which a law of a body is one of this plug-in, see :func:`reader_of`.
         pair_laws: places of functions ``(value, what) -> PairLaw`` by the field of a pairing whose value they read, see
             :mod:`hhr_dolfinx.contact.law`.
         recipes: places of functions ``(**changes) -> Recipe`` by their names as attributes of ``Recipe``.
@@ -92,6 +93,7 @@ class Plugin:
         stages: further stages of the hyper-reduction.
         bounds: bounds of the errors of its models, which replace those of the core.
         memory: names of the parts of :class:`~hhr_dolfinx.memory.Memory` that its laws keep in answers.
+        answers: what it adds to answers: places of functions of an answer, by the names of methods.
         facets: places of objects that do for its laws what the core leaves to them, by words: each part of the core
             that needs one documents its word and protocol, and refuses a law without it, see :func:`facet`.
         tools: places of functions that the core calls by a word, of all plug-ins one for each word, see :func:`tool`.
@@ -108,12 +110,14 @@ class Plugin:
     kinds: Mapping[str, str] = field(default=NOTHING)
     methods: Mapping[str, str] = field(default=NOTHING)
     trainings: Mapping[str, str] = field(default=NOTHING)
+    materials: tuple[str, ...] = ()
     pair_laws: Mapping[str, str] = field(default=NOTHING)
     recipes: Mapping[str, str] = field(default=NOTHING)
     reductors: Mapping[str, Way] = field(default=NOTHING)
     stages: tuple[Stage, ...] = ()
     bounds: tuple[Bounds, ...] = ()
     memory: tuple[str, ...] = ()
+    answers: Mapping[str, str] = field(default=NOTHING)
     facets: Mapping[str, str] = field(default=NOTHING)
     tools: Mapping[str, str] = field(default=NOTHING)
     companions: tuple[str, ...] = ()
@@ -190,9 +194,43 @@ def parts(kind: str) -> dict[str, tuple[str, str]]:
 
 
 @functools.cache
-def memories() -> frozenset[str]:
-    """Names of the parts of memories that laws of plug-ins keep in answers."""
-    return frozenset(name for plugin in installed().values() for name in plugin.memory)
+def memories(*, of_bodies: bool = False) -> frozenset[str]:
+    """Names of the parts of memories that laws of plug-ins keep in answers: of all laws, or of those of bodies."""
+    plugins = [plugin for plugin in installed().values() if plugin.materials or not of_bodies]
+    return frozenset(name for plugin in plugins for name in plugin.memory)
+
+
+@functools.cache
+def asked_of_answers() -> Mapping[str, Any]:
+    """Functions of an answer by the names of the methods that plug-ins add to it; modules are imported at first use."""
+    return {name: functools.partial(_called, place) for name, place in named("answers").items()}
+
+
+def _called(place: str, answer: Any) -> Any:
+    return _loaded(place)(answer)
+
+
+_loaded = functools.cache(load)
+"""Objects at places, quicker: a history asks each of its answers."""
+
+
+def reader_of(law: Any, what: str) -> str:
+    """Name of the plug-in that reads a law of a body, by a method of the law.
+
+    Args:
+        law: the law.
+        what: what has it, for the message.
+
+    Raises:
+        SceneError: if no installed plug-in reads it: it would be ignored.
+    """
+    methods = {method: plugin.name for plugin in installed().values() for method in plugin.materials}
+    for method, name in methods.items():
+        if not isinstance(law, type) and callable(getattr(law, method, None)):
+            return name
+    if not methods:
+        raise SceneError(f"{what}: no installed plug-in reads the law {law!r}")
+    raise SceneError(f"{what}: the law {law!r} must be an object with a method {' or '.join(methods)}")
 
 
 @functools.cache

@@ -15,7 +15,7 @@ import numpy as np
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude, check_amplitude, check_formula
-from hhr_dolfinx.body import Body
+from hhr_dolfinx.body import Body, laws_of_scenes
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.loads import Load
@@ -184,11 +184,11 @@ class Scene:
         for body in self.bodies:
             if body.varies:
                 body.check(self.parameters)
-        others = self.shapes or any(body.law is not None for body in self.bodies)
-        if self.system is not None and (not callable(self.system) or others):
+        if self.system is not None and (not callable(self.system) or self.shapes or self.reader):
             raise SceneError(f"system = {self.system!r} must make a System, of bodies without laws and shapes")
-        self._check_flow()
         self._check_shapes()
+        if self.reader:
+            laws_of_scenes(self.reader).check_scene(self)
         if not self.contacts:
             raise SceneError(
                 f"scene '{self.name}': a scene without contact pairs is a linear problem: nothing to hyper-reduce. "
@@ -263,18 +263,20 @@ class Scene:
         """True if answers depend on the path that leads to them, by the law of a contact."""
         return any(law is not None and law.remembers for law in self.laws)
 
-    def _check_flow(self) -> None:
-        """Raise SceneError for inelastic bodies with elasticity that varies in space or a ratio that is a formula."""
-        others = [body.tag for body in self.bodies if body.uneven]
-        if others and any(body.law is not None for body in self.bodies):
-            raise SceneError(
-                f"bodies of scene '{self.name}' flow, and Poisson's ratio of bodies {others} depends on parameters, or "
-                "their elasticity on the place: that is not built in, only young may be a formula. Give these a "
-                "constant poisson and no grading"
-            )
+    @cached_property
+    def reader(self) -> str:
+        """Name of the plug-in that reads the laws of bodies; empty if all bodies are elastic.
+
+        Raises:
+            SceneError: for laws of several plug-ins, which no solver knows together.
+        """
+        readers = sorted({body.reader for body in self.bodies} - {""})
+        if len(readers) > 1:
+            raise SceneError(f"scene '{self.name}' has laws of bodies of several plug-ins, {readers}: not built in")
+        return readers[0] if readers else ""
 
     def _check_shapes(self) -> None:
-        """Raise SceneError for shapes without a body, two shapes of one body, and shapes with inelastic bodies."""
+        """Raise SceneError for shapes without a body, two shapes of one body, and shapes with a user-defined stress."""
         tags = {body.tag: body for body in self.bodies}
         for place, shape in enumerate(self.shapes):
             shape.check(self.parameters, self.hypothesis)
@@ -284,14 +286,12 @@ class Scene:
                     f"bodies {sorted(tags)} that changes"
                 )
         own = [body.tag for body in self.bodies if body.stress is not None]
-        others = any(body.law is not None or body.grading is not None or body.varies for body in self.bodies)
+        others = self.reader or any(body.grading is not None or body.varies for body in self.bodies)
         if own and (others or self.shapes or self.hypothesis == "plane_stress"):
             raise SceneError(
-                f"bodies {own} of scene '{self.name}' have a stress of their own: that is built in where nothing "
-                "flows, no elasticity or shape depends on parameters or on the place, and not in plane stress"
+                f"bodies {own} of scene '{self.name}' have a stress of their own: that is built in where no body "
+                "has a law, no elasticity or shape depends on parameters or on the place, and not in plane stress"
             )
-        if self.shapes and any(body.law is not None for body in self.bodies):
-            raise SceneError(f"bodies of scene '{self.name}' flow, and their shape depends on parameters: not built in")
 
     @property
     def named(self) -> set[str]:

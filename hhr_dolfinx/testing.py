@@ -28,7 +28,6 @@ from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.loads import Pressure
-from hhr_dolfinx.materials.update import Group, Material, flow_of
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.online.model_file import load_model, save_model
 from hhr_dolfinx.pairings.node_to_node import NodeToNode
@@ -71,13 +70,6 @@ WRONG = {
     "gap": "gap {} grows by {:.6g} per unit that surface {} moves outward, and its row says {:.6g}: correct one",
     "patch": "forces of the size of `areas` are off a uniform pressure by {:.3g}: correct areas or rows (patch test)",
     "partner": "rows see displacements that touching bodies share: pair each slave with the place where it lies",
-    "idle": "nothing flows under strains of {:g} with young = {:g}: give check_law both in its units",
-    "alone": "flow at one point depends on other points: compute each entry of the arrays by itself",
-    "zero": "it flows without stress: return 0 where the trial stress is 0",
-    "slope": "its slope is {:.6g} at the trial stress {:.6g}, and differences give {:.6g}: return the derivative",
-    "softens": "its slope is outside 0 to 1 / (3 mu), so that stress falls as strain grows: leave softening out",
-    "rated": "it declares rated = False and depends on dt: leave that declaration out",
-    "surface": "stress ends above its surface, since a second return flows on: solve for the surface at the step's end",
     "force": "it has no force anywhere in the box: check tag, direction and amplitude",
     "sum": "its forces sum up to {} on one mesh and to {} on a finer one: integrate a density, do not load each node",
     "derivative": "`derivative` of its amplitude is not what differences give: correct it, or leave it out",
@@ -106,7 +98,7 @@ WRONG = {
 Check = TypeVar("Check", bound=Callable[..., None])
 
 
-def _blaming(check: Check) -> Check:
+def blaming(check: Check) -> Check:
     """Make the part, and name it if its code, or a check of the package on it, raises anything."""
 
     @wraps(check)
@@ -124,8 +116,21 @@ def _blaming(check: Check) -> Check:
 
 
 def _require(fits: bool | np.bool_, wrong: str, *given: Any) -> None:
+    require(fits, WRONG[wrong], *given)
+
+
+def require(fits: bool | np.bool_, message: str, *given: Any) -> None:
+    """Raise ConformanceError with a message, filled in, unless something fits."""
     if not fits:
-        raise ConformanceError(WRONG[wrong].format(*given))
+        raise ConformanceError(message.format(*given))
+
+
+def __getattr__(name: str) -> Any:
+    """Check that a plug-in adds, one of its ``checks``."""
+    places = registry.parts("checks")
+    if name not in places:
+        raise AttributeError(f"module '{__name__}' has no attribute {name!r}, and no installed plug-in adds it")
+    return registry.load(places[name][0])
 
 
 def pressed_blocks(parameters: Bounds | None = None, *, cells: int = 4, **changes: Any) -> Scene:
@@ -154,7 +159,7 @@ def pressed_blocks(parameters: Bounds | None = None, *, cells: int = 4, **change
     return Scene(**given | changes)
 
 
-@_blaming
+@blaming
 def check_pairing(pairing: Any) -> None:
     """Check a pairing of :data:`LOWER_SURFACE`, :data:`UPPER_SURFACE` or both: rows, gaps, and the patch test.
 
@@ -200,42 +205,7 @@ def check_pairing(pairing: Any) -> None:
         _require(np.abs(seen).max() <= ROUND_OFF, "partner")
 
 
-@_blaming
-def check_law(law: Any, *, young: float = 200.0, poisson: float = 0.3, strain: float = 0.02, dt: float = 0.1) -> None:
-    """Check a law of an inelastic body, for moduli, strains and a time step at which it flows.
-
-    One that declares ``rated = False`` does not depend on dt, and returns to its surface or below.
-    """
-    random = np.random.default_rng(0)
-    mu = young / (2 + 2 * poisson)
-    material = Material([Group(np.arange(60), young, poisson, law)], 4)
-    state = material.at_rest()
-    path = np.zeros((60, 4))
-    for _ in range(8):
-        path = path + strain / 4 * random.standard_normal(path.shape)
-        state = material.update(path, state, dt, tangent=False).state  # refuses flow that does not dissipate
-    _require(state.cumulated.any(), "idle", strain, young)
-    trial = 2 * mu * strain * 10 ** random.uniform(-1, 0.5, 60)
-    old = state.cumulated
-    flow = amount, slope = flow_of(law, trial, old, mu, dt)
-    alone = np.hstack([flow_of(law, trial[k : k + 1], old[k : k + 1], mu, dt) for k in range(60)])
-    _require(np.allclose(alone, flow, rtol=1e-12, atol=0), "alone")
-    _require(not flow_of(law, np.zeros(60), old, mu, dt)[0].any(), "zero")
-    low, high = (flow_of(law, trial * (1 + step), old, mu, dt)[0] for step in (-STEP, STEP))
-    found = (high - low) / (2 * STEP * trial)
-    wrong = np.where((low > 0) == (high > 0), np.abs(slope - found), 0.0)  # not where flow begins
-    worst = int(wrong.argmax())
-    right = wrong[worst] <= OF_FUNCTIONS * np.abs(found).max()
-    _require(right, "slope", slope[worst], trial[worst], found[worst])
-    _require(slope.min() >= 0 and 3 * mu * slope.max() <= 1 + ROUND_OFF, "softens")
-    if not getattr(law, "rated", True):
-        _require(np.array_equal(amount, flow_of(law, trial, old, mu, 7 * dt)[0]), "rated")
-        further = flow_of(law, trial - 3 * mu * amount, old + amount, mu, dt)[0]
-        _require((3 * mu * further <= ROUND_OFF * trial).all(), "surface")
-    _require(np.array_equal(flow_of(_from_file(law), trial, old, mu, dt), flow), "file")
-
-
-@_blaming
+@blaming
 def check_load(load: Any, parameters: Bounds | None = None) -> None:
     """Check a load on tags of the blocks: its forces on two meshes, its amplitudes, their derivatives and files."""
     sums = []
@@ -259,11 +229,11 @@ def check_load(load: Any, parameters: Bounds | None = None) -> None:
         expected = scene.parameters.differences(force, point, STEP)
         _require(_near(columns[:, acting] @ slopes, expected, OF_FUNCTIONS), "derivative")
     for amplitude in amplitudes.nonaffine:
-        kept = _from_file(amplitude)
+        kept = from_file(amplitude)
         _require(all(np.array_equal(kept(point), amplitude(point)) for point in points), "file")
 
 
-@_blaming
+@blaming
 def check_output(output: Any, parameters: Bounds | None = None) -> None:
     """Check an output of contact 0 or of the blocks: value, slopes and unit, in a condensed model and a file too."""
 
@@ -294,7 +264,7 @@ def check_output(output: Any, parameters: Bounds | None = None) -> None:
     _require([value(kept, point) for point in points] == found, "file")
 
 
-@_blaming
+@blaming
 def check_system(system: Callable[..., Any], parameters: Bounds | None = None) -> None:
     """Check what makes a System of the blocks, ``Scene(system=...)``; without parts, reductions refuse it by name."""
 
@@ -341,7 +311,7 @@ def check_system(system: Callable[..., Any], parameters: Bounds | None = None) -
         _require(False, "reduced")
 
 
-@_blaming
+@blaming
 def check_contact_law(law: Any) -> None:
     """Check a law of interfaces, a :class:`~hhr_dolfinx.contact.law.PairLaw` whose plug-in is installed.
 
@@ -396,7 +366,7 @@ def _alike(law: ContactLaw, one: Sequence[Answer], other: Sequence[Answer], tole
     return True
 
 
-@_blaming
+@blaming
 def check_reductor(reductor: Any, known: Iterable[type] = (), *, tolerance: float = 0.05) -> None:
     """Check a way to reduce, on blocks of constant stiffness and on blocks whose modulus is a parameter.
 
@@ -465,7 +435,7 @@ def _classes(value: Any) -> set[type]:
     return set().union(*map(_classes, value)) if isinstance(value, tuple) else set()
 
 
-def _from_file(value: Any) -> Any:
+def from_file(value: Any) -> Any:
     """The value as a file would restore it."""
     return restored(*as_plain(value), by_name(_classes(value)))
 

@@ -1,16 +1,10 @@
-"""Training range of a reduced model, stored with it as numbers, and the check of queries against it.
-
-Even inside the box of a scene a parameter, a rate or a direction of loading may be outside the training. On such paths
-reduced histories had errors of up to 200 %, which convergence does not show; their imbalance does.
-"""
+"""Training range of a reduced model, stored with it as numbers, and the check of queries against it."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from functools import cached_property
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any, Protocol
 
 import numpy as np
 
@@ -26,27 +20,6 @@ OUTSIDE = ("warn", "refuse", "ignore")
 
 MARGIN = 0.05
 """Fraction of the range of a parameter by which a query may lie outside it: slight extrapolation was found harmless."""
-PACE = 1.5
-"""Factor by which a rate may lie outside the trained ones."""
-FACTOR = 3.0
-"""Factor over the largest imbalance or depth of the training histories. On the inelastic pellet 20 paths inside the
-training stayed below 1.2 times its imbalance, and 40 outside, with errors of displacements from 2 %, were above 3."""
-SMALL = 1e-3
-"""Fraction of the forces, or of the gaps and motions, that counts as small for any training: if a model reproduces its
-training to round-off, any other answer would exceed the factor."""
-EXPLAINED = 0.01
-"""Fraction of the stress of a step that counts as explained by modes for any training, for the same reason."""
-UNACCEPTABLE = 0.05
-"""Estimate from which on a step is reported, unless the training had nearly as much: an unacceptable error."""
-POOR = 1.2
-"""Factor over the estimates of the training that is always allowed, even above UNACCEPTABLE: such a model is poor,
-and the build warns of it."""
-NOTHING = 1e-4
-"""Fraction of the largest training stress below which the stress of a step counts as zero: steps are solved to 1e-5 of
-forces, and a body that moves freely before it touches has a stress of 3e-5 by the round-off of its modes."""
-SMALL_STEP = 1e-2
-"""Fraction of the largest training stress below which a training step sets no limit: its relative error is large, and
-as a limit it would accept all errors at full loads."""
 
 
 def check_outside(outside: Any) -> None:
@@ -66,6 +39,14 @@ def announce(message: str, outside: str) -> None:
         raise OutsideTrainingError(message)
     if outside == "warn":
         warn(message, OutsideTrainingWarning, stacklevel=3)
+
+
+class Trained(Protocol):
+    """Training range of a reduced model: of points, or of paths, which a plug-in checks."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
 
 
 @dataclass(frozen=True)
@@ -114,239 +95,3 @@ class TrainedRange:
         complaint = self.complaint(point)
         if complaint:
             announce(f"outside what was trained: {complaint}. Train there, or take the full model", outside)
-
-
-def share_of_stress(misfit: float, stress: float) -> float:
-    """Misfit over stress: 0 for zero stress, infinite for non-finite stress."""
-    if not math.isfinite(stress):
-        return math.inf
-    return misfit / stress if stress > 0 else 0.0
-
-
-class Signs(NamedTuple):
-    """Error indicators of a reduced model at a solved step.
-
-    Attributes:
-        imbalance: norm of the residual forces on the reduced domain before projection, in the unit of force.
-        size: norm of the contributions to these forces.
-        depth: largest violation of a gap on the whole contact surface, in the unit of length, 0 if none.
-        what: description of the imbalance, for messages.
-        misfit: norm of the part of the stress that no mode of the training explains, where laws are evaluated, in the
-            unit of stress.
-        stress: norm of this stress.
-    """
-
-    imbalance: float
-    size: float
-    depth: float
-    what: str = "the forces on the reduced domain are out of balance"
-    misfit: float = 0.0
-    stress: float = 0.0
-
-    @property
-    def estimate(self) -> float:
-        """Misfit over stress, the estimate of :meth:`Answer.estimate` for inelastic bodies; 0 without stress."""
-        return share_of_stress(self.misfit, self.stress)
-
-
-class Known(NamedTuple):
-    """Error indicators of a reduced model on its training histories, each a list with one entry for each step.
-
-    Attributes:
-        signs: indicators along training histories.
-        onsets: indicators along small parts of their first steps, which every path with finer steps passes.
-        length: largest gap or relative motion of contact surfaces in training.
-    """
-
-    signs: Sequence[Sequence[Signs]]
-    onsets: Sequence[Sequence[Signs]]
-    length: float
-
-
-@dataclass(frozen=True)
-class TrainedPaths:
-    """Training range of a reduced model of histories.
-
-    Attributes:
-        parameters: range of values along all training paths.
-        slowest, fastest: smallest and largest rate of each parameter in any step, per second, (P,). For
-            rate-independent laws only directions matter: the change of the parameter while the one that changes most,
-            relative to its trained range, goes through its whole range.
-        steps: shortest and longest training step, in seconds, for information: only rates are checked.
-        rated: True if any law depends on rates.
-        imbalance: largest imbalance of the training histories, solved by the reduced model, in the unit of force.
-        depth: largest depth of the training histories, or the value that counts as zero.
-        stress: largest norm of the stress in the training histories.
-        estimate: largest estimate at any of their steps, or the value that counts as zero.
-        begun: smallest norm of the stress after the first step of any of them; below it a history is in its first step.
-        onset: largest estimate of small parts of these first steps, at least ``estimate``.
-    """
-
-    parameters: TrainedRange
-    slowest: Annotated[Floats, "P"]
-    fastest: Annotated[Floats, "P"]
-    steps: tuple[float, float]
-    rated: bool
-    imbalance: float
-    depth: float
-    stress: float
-    estimate: float
-    begun: float
-    onset: float
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the parameters."""
-        return self.parameters.names
-
-    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Faults of rates, steps and indicators."""
-        if not (self.slowest <= self.fastest).all() or not 0 < self.steps[0] <= self.steps[1]:
-            yield f"trained steps take {self.steps} s, or rates end below their start, which is no range"
-        signs = self.imbalance, self.depth, self.stress, self.estimate, self.begun, self.onset
-        if min(signs) < 0:
-            yield f"the imbalance, the depth, the stress and the estimates of the training are {signs}"
-
-    @classmethod
-    def of(
-        cls,
-        paths: Sequence[Sequence[tuple[float, np.ndarray]]],
-        space: ParameterSpace,
-        known: Known,
-        rated: bool = True,
-    ) -> TrainedPaths:
-        """Training range from training paths and indicators of the reduced model on the training histories.
-
-        Args:
-            paths: training paths, each a list of times and parameters with the start first.
-            space: box of the parameters.
-            known: indicators of the training histories.
-            rated: True if any law depends on rates.
-        """
-        times = [np.array([time for time, _ in path]) for path in paths]
-        points = [np.array([point for _, point in path]) for path in paths]
-        steps = np.concatenate([np.diff(item) for item in times])
-        changes = np.concatenate([np.diff(item, axis=0) for item in points])
-        range_ = TrainedRange.of(np.concatenate(points), space)
-        rates = changes / steps[:, None] if rated else np.array([_direction(item, range_) for item in changes])
-        every = [sign for signs in known.signs for sign in signs]
-        largest = max(sign.stress for sign in every)
-        # steps of little stress are left out, as in the check: their relative misfit has no meaning
-        estimate = max([EXPLAINED, *(sign.estimate for sign in every if sign.stress > SMALL_STEP * largest)])
-        begun = [next((sign.stress for sign in signs if sign.stress > NOTHING * largest), 0.0) for signs in known.signs]
-        return cls(
-            range_,
-            rates.min(axis=0),
-            rates.max(axis=0),
-            (float(steps.min()), float(steps.max())),
-            rated,
-            max(SMALL * max(sign.size for sign in every), max(sign.imbalance for sign in every)),
-            max(SMALL * known.length, max(sign.depth for sign in every)),
-            largest,
-            estimate,
-            min(begun),
-            max([estimate, *(s.estimate for signs in known.onsets for s in signs if s.stress > NOTHING * largest)]),
-        )
-
-    @cached_property
-    def _paces(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Smallest and largest rates allowed, and changes of the size of round-off, (P,) each."""
-        low = np.where(self.slowest > 0, self.slowest / PACE, self.slowest * PACE)
-        high = np.where(self.fastest > 0, self.fastest * PACE, self.fastest / PACE)
-        return low, high, 1e-9 * (self.parameters.upper - self.parameters.lower)
-
-    def complaint(self, step: float, before: np.ndarray, after: np.ndarray) -> str:
-        """Report of a step, in seconds, between two parameters, (P,), outside the training; empty if it is inside."""
-        place = self.parameters.complaint(before) or self.parameters.complaint(after)
-        if place:
-            return place
-        change = after - before
-        low, high, noise = self._paces
-        if self.rated:
-            rate = change / step
-            noise = noise / step
-            per = "second"
-        else:
-            rate = _direction(change, self.parameters)
-            per = "whole range of what changes most"
-            if not rate.any():  # no change of the load, and no plastic strain
-                return ""
-        wrong = (rate < low - noise) | (rate > high + noise)
-        if not wrong.any():
-            return ""
-        return ", ".join(
-            f"{name} changes by {value:g} per {per} (trained {slow:g} to {fast:g})"
-            for name, value, slow, fast, bad in zip(
-                self.parameters.names, rate, self.slowest, self.fastest, wrong, strict=True
-            )
-            if bad
-        )
-
-    def shown(self, largest: float) -> float:
-        """Largest estimate in training, for a history with a given largest norm of the stress so far."""
-        return self.estimate if largest >= self.begun else self.onset
-
-    def allowed(self, largest: float) -> float:
-        """Largest estimate allowed for a step of such a history."""
-        shown = self.shown(largest)
-        return max(min(FACTOR * shown, UNACCEPTABLE), POOR * shown)
-
-
-def _direction(change: np.ndarray, trained: TrainedRange) -> np.ndarray:
-    """A change over its largest fraction of a trained range, (P,); 0 for round-off."""
-    largest = float(np.abs(change / (trained.upper - trained.lower)).max())
-    return change / largest if largest > 1e-9 else np.zeros_like(change)
-
-
-class Watch:
-    """Check of the steps of one history against the training range; each kind of report is given once.
-
-    Args:
-        trained: training range; None disables the check, as for a full model.
-        outside: see :func:`announce`.
-    """
-
-    def __init__(self, trained: TrainedPaths | None, outside: str):
-        check_outside(outside)
-        self._trained = trained
-        self._outside = outside
-        self._said: set[str] = set()
-        self._largest = 0.0
-
-    def before(self, number: int, start: float, end: float, here: np.ndarray, there: np.ndarray) -> None:
-        """Check a step before its solution, from one time and parameter to another."""
-        if self._trained is not None:
-            complaint = self._trained.complaint(end - start, here, there)
-            if complaint:
-                self._say("path", f"step {number}, to t = {end:g} s, is outside what was trained: {complaint}")
-
-    def after(self, number: int, time: float, signs: Signs) -> None:
-        """Check a solved step by its indicators."""
-        trained = self._trained
-        if trained is None:
-            return
-        place = f"step {number}, to t = {time:g} s: "
-        if not signs.imbalance <= FACTOR * trained.imbalance:
-            self._say(
-                "imbalance",
-                f"{place}{signs.what} by {signs.imbalance:.2g}, in training by {trained.imbalance:.2g} at most",
-            )
-        if not signs.depth <= FACTOR * trained.depth:
-            self._say(
-                "depth",
-                f"{place}the bodies overlap by {signs.depth:.2g} where the reduced domain does not look, "
-                f"in training by {trained.depth:.2g} at most",
-            )
-        self._largest = max(self._largest, signs.stress)
-        # relative to the stress of this step: residual stress after a small load is small, and may be totally wrong
-        if not signs.stress <= NOTHING * trained.stress and not signs.estimate <= trained.allowed(self._largest):
-            self._say(
-                "misfit",
-                f"{place}the stress differs from combinations of trained ones by {signs.estimate:.2g} of its size, "
-                f"in training by {trained.shown(self._largest):.2g} at most",
-            )
-
-    def _say(self, kind, message):
-        if kind not in self._said:
-            self._said.add(kind)
-            announce(f"{message}. Errors may be large: train on such a path, or take the full model", self._outside)

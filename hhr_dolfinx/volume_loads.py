@@ -105,7 +105,7 @@ class Centrifugal:
 class Eigenstrain:
     """A strain ``amplitude(mu) * field(x) * strain`` that causes no stress by itself, such as swelling.
 
-    The stress is σ = C (ε - ε0), and inelastic laws use ε - ε0. The nodal forces depend on parameters if moduli do.
+    The stress is σ = C (ε - ε0), and laws of bodies use ε - ε0. The nodal forces depend on parameters if moduli do.
 
     Attributes:
         tag: cell tag of the body.

@@ -10,7 +10,7 @@ from tubes import YOUNG, tube
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import block
-from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
 TIGHT = hhr.MarchSettings(
     relative_stress=1e-8, relative_force=1e-8, floor_stress=1e-6, iterations=300, outside="ignore"

@@ -23,8 +23,8 @@ def bits(history, outputs=()):
 
 def handed_out(answer):
     """What an answer hands out, as arrays."""
-    parts = answer.unknown, answer.multipliers, answer.displacement(), answer.forces(), answer.plastic_strain()
-    return *parts, *(() if answer.gauss is None else (answer.stress(),))
+    parts = answer.unknown, answer.multipliers, answer.displacement(), answer.forces()
+    return *parts, *((answer.plastic_strain(), answer.stress()) if "gauss" in answer.memory else ())
 
 
 def flat(history):
@@ -39,9 +39,9 @@ sys.modules.update(dict.fromkeys(missing))
 import numpy as np, hhr_dolfinx as hhr
 model, path = hhr.load_model(sys.argv[1]), np.load(sys.argv[2])
 answers = model.march(list(zip(path[:, 0], path[:, 1:]))).answers
-parts = [[a.unknown, a.multipliers, a.displacement(), a.forces(), a.plastic_strain()] for a in answers]
-if answers[0].gauss is not None:
-    parts = [[*part, a.stress().ravel()] for part, a in zip(parts, answers)]
+parts = [[a.unknown, a.multipliers, a.displacement(), a.forces()] for a in answers]
+if "gauss" in answers[0].memory:
+    parts = [[*part, a.plastic_strain(), a.stress().ravel()] for part, a in zip(parts, answers)]
 np.save(sys.argv[3], np.array([np.concatenate(part) for part in parts]))
 """
 

@@ -30,7 +30,7 @@ class Bingham:
     def flow(
         self, trial: np.ndarray, plastic_strain: np.ndarray, shear: float, dt: float
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Closed form of η Δp = dt (q_tr - 3 mu Δp - σ0); see :class:`hhr_dolfinx.materials.laws.Flow`."""
+        """Closed form of η Δp = dt (q_tr - 3 mu Δp - σ0); see :class:`hhr_dolfinx.plugins.inelastic.laws.Flow`."""
         slope = dt / (self.viscosity + 3 * shear * dt)
         over = trial - self.yield_stress
         return np.maximum(over, 0.0) * slope, np.where(over > 0, slope, 0.0)

@@ -22,7 +22,10 @@ def tube(law, pressure, cells=24, poisson=0.3):
 
 def in_time(scene):
     """A model in which nothing flows, solved through its Gauss points and in time steps all the same."""
+    from hhr_dolfinx.plugins.inelastic.full_order import GaussModel
+
     full = hhr.FullOrderModel(scene)
-    full._build_flowing()
-    assert full.equilibrium is not None
+    gauss = GaussModel.of(scene)
+    full._factor(gauss.discretisation, gauss.stiffness, gauss.moduli)
+    full.equilibrium = gauss.equilibrium(full)
     return full

@@ -18,7 +18,7 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.inelastic.study import history_errors
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
+    from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
 
     SmallModel = ReducedModel | CondensedFlowModel
 

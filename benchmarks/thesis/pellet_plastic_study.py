@@ -10,9 +10,9 @@ from pellet_families import families
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import force_floor
 from hhr_dolfinx.command.console import Table
+from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 from hhr_dolfinx.plugins.studies import report
 from hhr_dolfinx.plugins.studies.study import Study
-from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
 OF_FAMILIES = ("largest_displacement", "primal_l2", "resultant", "dual_full_floored", "largest_forces")
 """Errors that a study of a family of paths is summed up by."""

@@ -15,6 +15,7 @@ from hhr_dolfinx.errors import SceneError
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
+    from hhr_dolfinx.memory import Memory
     from hhr_dolfinx.models.answer import History
 
 FORCE_FLOOR = 1e-3
@@ -34,8 +35,8 @@ class Solutions(Protocol):
         displacements: U0, (N, S), local rows of it if the full model is distributed.
         forces: Λ, (N_lambda, S).
         active: statuses, (N_lambda, S) bool.
-        histories: for inelastic bodies, the load paths whose steps these answers are.
-        flowed: True if there was plasticity or creep in any of them.
+        histories: for laws that remember, the load paths whose steps these answers are.
+        states: memory of laws of bodies; empty for elastic bodies.
     """
 
     @property
@@ -54,7 +55,7 @@ class Solutions(Protocol):
     def histories(self) -> Sequence[History]: ...  # noqa: D102
 
     @property
-    def flowed(self) -> bool: ...  # noqa: D102
+    def states(self) -> Sequence[Memory]: ...  # noqa: D102
 
     def take(self, rows: np.ndarray) -> Solutions:
         """Select some of them, by number."""

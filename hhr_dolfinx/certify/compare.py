@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -16,12 +16,10 @@ from hhr_dolfinx.certify.accuracy import (
     mass_norm,
     norm,
     relative_error,
-    slack_residuals,
 )
 from hhr_dolfinx.errors import FarSlidingWarning, HHRError, SmallStrainWarning
-from hhr_dolfinx.models.answer import Answer, GaussState, History, Model
-from hhr_dolfinx.models.histories.equilibrium import MarchSettings, told_once
-from hhr_dolfinx.trained import Signs
+from hhr_dolfinx.models.answer import Answer, History, Model
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings, facet_of, told_once
 from hhr_dolfinx.warn import ignored
 
 if TYPE_CHECKING:
@@ -38,6 +36,27 @@ Row = tuple[str | float, ...]
 """A label, and the errors of displacement and forces, for load paths also those of stress and plastic strain."""
 
 
+class ComparedLaws(Protocol):
+    """Comparison of answers of bodies with laws: the facet ``comparison`` of a plug-in."""
+
+    def errors(self, found: History, exact: History) -> tuple[float, ...]:
+        """Largest errors of stress and plastic strain of a history, further entries of its :class:`Comparison`."""
+
+    def residuals(self, full: FullModel, answer: Answer) -> Residuals:
+        """Residuals of an answer of any model."""
+
+    def warn_of_training(self, full: FullModel, snapshots: Solutions) -> None:
+        """Warn of deficits in training that no check of the model can find."""
+
+
+def compared_laws(full: FullModel) -> ComparedLaws | None:
+    """Comparison of answers of bodies with laws; None if all bodies are elastic."""
+    if full.equilibrium is None:
+        return None
+    found: ComparedLaws = facet_of(full.equilibrium, "comparison", "a comparison with the full model")
+    return found
+
+
 @dataclass(frozen=True)
 class Comparison:
     """Errors against the full order, one entry per point or load path.
@@ -46,8 +65,8 @@ class Comparison:
         labels: description of the point or path.
         primal: relative L2 errors of the displacement everywhere.
         dual: relative errors of the forces on the whole contact surface, with a floor.
-        stress: errors of the stress at all Gauss points over its largest norm in a path; None for points.
-        plastic: errors of the cumulated plastic strain.
+        stress: errors of the stress of bodies with laws over its largest norm in a path; None without.
+        plastic: errors of their plastic strain.
     """
 
     labels: list[str]
@@ -122,23 +141,23 @@ def retraced(model: Model, exact: History) -> History:
 
 def compare_histories(
     full: FullModel, model: Model, histories: dict[str, History], floor: float
-) -> tuple[Comparison, dict[str, list[Signs]]]:
+) -> tuple[Comparison, dict[str, list[Any]]]:
     """Errors of known load paths, by label, solved by a model, and the signs of its steps by the same labels.
 
     The error of a path is the largest of its steps over the largest displacement or force of the path: otherwise the
-    first contact, with forces of a twentieth of the last ones, would decide. The same holds for stress and plastic
-    strain of inelastic bodies.
+    first contact, with forces of a twentieth of the last ones, would decide. The same holds for errors of laws.
     A path that fails has infinite errors and no signs.
     """
+    laws = compared_laws(full)
     rows: list[Row] = []
     signs = {}
     for label, exact in histories.items():
         try:
             found = retraced(model, exact)
         except HHRError:
-            rows.append((label, *[math.inf] * (2 if full.equilibrium is None else 4)))
+            rows.append((label, *[math.inf] * (2 if laws is None else 4)))
             continue
-        states = () if full.equilibrium is None else _state_errors(found, exact)
+        states = () if laws is None else laws.errors(found, exact)
         rows.append((label, *largest_errors(full, found, exact, floor), *states))
         signs[label] = found.signs
     return Comparison.of(rows), signs
@@ -159,37 +178,15 @@ def largest_errors(full: FullModel, found: History, exact: History, floor: float
     )
 
 
-def _state_errors(found: History, exact: History) -> tuple[float, float]:
-    """Largest errors of stress and cumulated plastic strain everywhere over their largest norm in the load path."""
-    wrong = np.zeros((2, len(exact.answers)))
-    sizes = np.zeros((2, len(exact.answers)))
-    for k, (here, there) in enumerate(zip(found.answers, exact.answers, strict=True)):
-        stress = there.stress()
-        plastic = there.plastic_strain()
-        wrong[:, k] = np.linalg.norm(here.stress() - stress), np.linalg.norm(here.plastic_strain() - plastic)
-        sizes[:, k] = np.linalg.norm(stress), np.linalg.norm(plastic)
-    largest = sizes.max(axis=1)
-    stress, plastic = wrong.max(axis=1) / np.where(largest > 0, largest, 1.0)
-    return float(stress), float(plastic)
-
-
 def residuals_of(full: FullModel, answer: Answer) -> Residuals:
-    """Residuals of a returned answer: equilibrium, for inelastic bodies that of the whole stress, gaps, signs."""
+    """Residuals of a returned answer: equilibrium, gaps, signs."""
+    if (laws := compared_laws(full)) is not None:
+        return laws.residuals(full, answer)
     problem = full.problem
-    equilibrium = full.equilibrium
     theta = problem.amplitudes(answer.parameter)
     forces = answer.forces()
     opened = problem.law.opened(answer.memory)
-    if "gauss" not in answer.memory:
-        return contact_residuals(
-            problem.at(answer.parameter), answer.displacement(), forces, theta, problem.law.opened(answer.memory)
-        )
-    assert equilibrium is not None
-    left, sizes = equilibrium.residual(answer.unknown, GaussState(answer.stress(), answer.gauss.state), theta)
-    residual = (left - equilibrium.contact_load(forces)) * problem.free
-    imbalance = float(np.linalg.norm(residual) / (np.linalg.norm(sizes) or 1.0))
-    homogeneous = answer.displacement() - problem.lifts @ theta
-    return Residuals(imbalance, *slack_residuals(problem, homogeneous, forces, theta, opened))
+    return contact_residuals(problem.at(answer.parameter), answer.displacement(), forces, theta, opened)
 
 
 def largest_motion(full: FullModel, training: Solutions) -> float:

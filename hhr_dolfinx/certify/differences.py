@@ -110,7 +110,7 @@ def check_hypotheses(full: FullModel, *, floating: bool = False) -> None:
     """
     problem = full.problem
     if full.equilibrium is not None:
-        raise BoundError("bodies flow, and errors are those of elastic ones: histories have signs of error")
+        raise BoundError("bodies have laws, and errors are of elastic ones: histories have signs of error")
     if problem.pins is not None and not floating:
         raise BoundError(
             "contact alone holds bodies, and K, whose inverse is in all errors, is singular along their motions: "

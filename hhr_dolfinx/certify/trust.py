@@ -19,11 +19,10 @@ from hhr_dolfinx.certify.accuracy import (
     Solutions,
     force_floor,
 )
-from hhr_dolfinx.certify.compare import Comparison, compare_histories, largest_motion
+from hhr_dolfinx.certify.compare import Comparison, compare_histories, compared_laws
 from hhr_dolfinx.certify.constants import Stability
 from hhr_dolfinx.contact.problem import DEPENDENT, ContactProblem, IndexSets
 from hhr_dolfinx.errors import (
-    HHRError,
     NotSolvableError,
     ReductionError,
     StabilityWarning,
@@ -32,9 +31,7 @@ from hhr_dolfinx.errors import (
     UnseenLoadError,
     UnstableModelError,
 )
-from hhr_dolfinx.models.answer import Model, Path
-from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.trained import Known, Signs, TrainedPaths
+from hhr_dolfinx.models.answer import Model
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
@@ -261,20 +258,10 @@ def check_comparison(comparison: Comparison, limits: TrustLimits, remedy: str | 
             _warn(message)
 
 
-def check_door(trained: TrainedPaths, limits: TrustLimits) -> None:
-    """Warn of a model so inaccurate along known load paths that its steps hardly detect untrained states."""
-    if trained.estimate > limits.warn_estimate:
-        _warn(
-            f"the stress of known histories differs by up to {trained.estimate:.2g} of its size from combinations of "
-            f"trained ones: other histories are warned of from {trained.allowed(trained.begun):.2g} on only. Keep more "
-            "modes, allow more points, or train on more histories"
-        )
-
-
 def warn_of_training(full: FullModel, snapshots: Solutions, held_out: Solutions | None) -> None:
     """Warn in advance of deficits in training and validation that no check of the model can find."""
-    flows = full.equilibrium is not None
-    if not (flows or full.problem.law.remembers):  # each step of an elastic load path is a point like any other
+    laws = compared_laws(full)
+    if laws is None and not full.problem.law.remembers:  # each step of an elastic load path is a point like any other
         warn_of_gaps_in_training(snapshots.points)
         warn_of_moduli_unseen(full.problem, snapshots.points)
     if not snapshots.any_contact(full.problem):
@@ -283,18 +270,14 @@ def warn_of_training(full: FullModel, snapshots: Solutions, held_out: Solutions 
             "loads, or train where bodies touch",
             TrainingWarning,
         )
-    if full.equilibrium is not None and full.equilibrium.material.flows and not snapshots.flowed:
-        _warn(
-            "no body flows in any training history though some could: tangents under flow were not checked, and a "
-            "history that flows is outside what was trained. Train at higher loads, or leave the laws out",
-            TrainingWarning,
-        )
-    _warn_of_held_out(held_out, flows or full.problem.law.remembers)
+    if laws is not None:
+        laws.warn_of_training(full, snapshots)
+    _warn_of_held_out(held_out, laws is not None or full.problem.law.remembers)
 
 
-def _warn_of_held_out(held_out: Solutions | None, flows: bool) -> None:
-    """Warn of no or few validation solutions; one load path of inelastic bodies counts as many points."""
-    if held_out is not None and (flows or len(held_out.points) >= FEW):
+def _warn_of_held_out(held_out: Solutions | None, paths: bool) -> None:
+    """Warn of no or few validation solutions; one path of laws that remember counts as many points."""
+    if held_out is not None and (paths or len(held_out.points) >= FEW):
         return
     warning = (
         "no solutions were kept out of training: the model is compared with its own training only, and its error "
@@ -302,7 +285,7 @@ def _warn_of_held_out(held_out: Solutions | None, flows: bool) -> None:
         if held_out is None
         else f"only {len(held_out.points)} solutions were kept out of training: errors between them are hardly known"
     )
-    advice = f"Give {'a history' if flows else f'at least {FEW}'} as held_out, as train does"
+    advice = f"Give {'a history' if paths else f'at least {FEW}'} as held_out, as train does"
     warn(f"{warning}. {advice}", UncheckedWarning, stacklevel=4)
 
 
@@ -365,42 +348,7 @@ def _warn(message, category=StabilityWarning):
     warn(message, category, stacklevel=4)
 
 
-PARTS = 8
-"""Parts of first steps, in which bodies come into contact and yield: states on a finer path along a trained one have
-estimates up to nine times those of the training steps."""
-
-
 TRAINED = "trained history"
-
-
-def checked_histories(
-    full: FullModel,
-    model: Model,
-    snapshots: Solutions,
-    held_out: Solutions | None,
-    limits: TrustLimits | None,
-    remedy: str | Mapping[str, str] = OF_A_RID,
-) -> tuple[Comparison | None, TrainedPaths | None]:
-    """Errors against known load paths, and the training range; None without limits, or without any path.
-
-    Raises:
-        UnstableModelError: for errors beyond the limits.
-
-    Warns:
-        StabilityWarning: for errors or a training range close to a limit.
-    """
-    comparison, shown = compared_histories(full, model, snapshots, held_out, limits, remedy)
-    # validation paths are not training: their errors would widen the training range to similar ones
-    signs = [signs for label, signs in shown.items() if label.startswith(TRAINED)]
-    if not signs:  # without limits all paths may have failed
-        return None, None
-    paths = [history.path for history in snapshots.histories]
-    known = Known(signs, [_onset(model, path) for path in paths], largest_motion(full, snapshots))
-    assert full.equilibrium is not None
-    trained = TrainedPaths.of(paths, full.parameters, known, full.equilibrium.material.rated)
-    if limits is not None:
-        check_door(trained, limits)
-    return comparison, trained
 
 
 def compared_histories(
@@ -410,7 +358,7 @@ def compared_histories(
     held_out: Solutions | None,
     limits: TrustLimits | None,
     remedy: str | Mapping[str, str] = OF_A_RID,
-) -> tuple[Comparison | None, dict[str, list[Signs]]]:
+) -> tuple[Comparison | None, dict[str, list[Any]]]:
     """Errors against known load paths, None without limits, and the signs of their steps by label.
 
     Raises:
@@ -427,14 +375,3 @@ def compared_histories(
         return None, shown
     check_comparison(comparison, limits, remedy)
     return comparison, shown
-
-
-def _onset(model: Model, path: Path) -> list[Signs]:
-    """Signs along the first step of a path in small parts; empty if it does not converge."""
-    (start, here), (end, there) = path[:2]
-    shares = np.arange(PARTS + 1) / PARTS
-    parts = [(start + share * (end - start), here + share * (there - here)) for share in shares]
-    try:
-        return model.march(parts, MarchSettings(outside="ignore")).signs
-    except HHRError:
-        return []

@@ -59,14 +59,14 @@ def _with_unit(name: str, unit: str) -> str:
 @click.command(epilog=examples("hhr solve my_scene.py --at load=3", "hhr solve out/my_scene/model.npz --at load=3"))
 @click.argument("what")
 @AT
-@click.option("--duration", type=float, help="where bodies flow: seconds of the one step from rest [1]")
+@click.option("--duration", type=float, help="for laws of bodies with rates: seconds of the one step from rest [1]")
 @click.option("--out", type=click.Path(path_type=Path), help="write fields there, for ParaView (.vtkhdf or .vtu)")
 @KNOWN
 @guarded
 def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path | None, known: tuple[str, ...]) -> None:
     """Answer one parameter, by a SCENE in full or by a reduced model from a file (.npz).
 
-    Where bodies flow, which depends on the path, the answer is that of one step from rest.
+    Where bodies have laws, so that answers depend on the path, the answer is that of one step from rest.
     """
     from hhr_dolfinx.command.loading import checked_target, is_model, model_of, point_of, scene_of
 
@@ -84,10 +84,10 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
         model = FullOrderModel(scene_of(what))
     point = point_of(words, model.parameters)
     step = {}
-    if model.flows:
+    if model.equilibrium is not None:
         step = {"duration": 1.0 if duration is None else duration}
     elif duration is not None:
-        raise click.UsageError("nothing flows: leave out --duration")
+        raise click.UsageError("all bodies are elastic: leave out --duration")
     if is_model(what):
         answer = model.solve(point, **step)
     else:
@@ -108,7 +108,7 @@ def solve(what: str, words: tuple[str, ...], duration: float | None, out: Path |
     estimate = answer.estimate() if is_model(what) else None
     if estimate is not None:
         rows |= estimate.shown()
-    unique = model.uniqueness(point) if model.law.remembers and not model.flows else ""
+    unique = model.uniqueness(point) if model.law.remembers and not step else ""
     if first_rank():
         for name, value in rows.items():
             click.echo(f"{name}: {value:.6g}")

@@ -14,7 +14,7 @@ from mpi4py import MPI
 
 from hhr_dolfinx import compat
 from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.body import Body
+from hhr_dolfinx.body import laws_of_scenes
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.errors import NotSolvableError, SceneError, SceneWarning
@@ -62,7 +62,8 @@ def build_geometry(scene: Scene, comm: MPI.Comm) -> Any:
 
 def warn_of_idle_parameters(scene: Scene, amplitudes: Amplitudes) -> None:
     """Warn of parameters on which no amplitude, body or law of a scene depends."""
-    used = scene.named.union(*(_parameters_of_law(body) for body in scene.bodies))
+    laws = [laws_of_scenes(body.reader).parameters_of(body.law) for body in scene.bodies if body.reader]
+    used = scene.named.union(*laws)
     idle = tuple(name for name in amplitudes.idle(scene.parameters) if name not in used)
     if idle and scene.system is None:  # a user-defined system may use any
         warn(
@@ -71,15 +72,6 @@ def warn_of_idle_parameters(scene: Scene, amplitudes: Amplitudes) -> None:
             SceneWarning,
             stacklevel=2,
         )
-
-
-def _parameters_of_law(body: Body) -> set[str]:
-    """Names of the parameters on which a law depends; the module is loaded for inelastic bodies."""
-    if body.law is None:
-        return set()
-    from hhr_dolfinx.materials.constants import parameters_of
-
-    return parameters_of(body.law)
 
 
 def _check_mesh(scene, mesh, comm):

@@ -111,7 +111,7 @@ class DiscreteSpace(ABC):
 
     @property
     def gauss_degree(self) -> int:
-        """Degree of the rule for strains of bodies that are inelastic or use a mean dilatation."""
+        """Degree of the rule for strains of bodies that have laws or use a mean dilatation."""
         return gauss_degree(self.mesh.topology.cell_name(), self.order)
 
     def empty_matrix(self) -> PETSc.Mat:

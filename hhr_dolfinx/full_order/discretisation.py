@@ -1,7 +1,7 @@
 """From a scene to matrices: DOLFINx assembles, PETSc holds, thesis (1.21)-(1.22).
 
 It makes a :class:`ContactProblem` whose large matrices are distributed: each rank has the rows of its dofs. The Gauss
-points of inelastic or nearly incompressible bodies are in ``gauss_points``, which other scenes do not load.
+points of bodies with laws, or nearly incompressible ones, are in ``gauss_points``, which other scenes do not load.
 """
 
 from __future__ import annotations
@@ -87,7 +87,7 @@ class Discretisation(DiscreteSpace):
 
     @cached_property
     def _stiffness_form(self):
-        """Form of bodies with full integration; compiled only if used: inelastic bodies are assembled elsewhere."""
+        """Form of bodies with full integration; compiled only if used: bodies with laws are assembled elsewhere."""
         scene = self.scene
         functions = (self._trial, self._test)
         parts = []

@@ -1,4 +1,4 @@
-"""Full-order model: the finite element contact problem (1.21), of elastic and inelastic bodies."""
+"""Full-order model: the finite element contact problem (1.21)."""
 
 from __future__ import annotations
 
@@ -21,11 +21,12 @@ from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.checks import check_regular
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.system import system_of
+from hhr_dolfinx.full_order.with_laws import with_laws
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of, ordering_of
 from hhr_dolfinx.models.answer import Answer, History, ModelFields, Path
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, answer_of
 from hhr_dolfinx.models.estimates import Estimate
-from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, FullEquilibrium, MarchSettings
 from hhr_dolfinx.models.histories.path import check_settings, checked_path, solve_along
 from hhr_dolfinx.models.model import AnsweringModel
 from hhr_dolfinx.models.strains import StrainGuard
@@ -33,7 +34,6 @@ from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
-    from hhr_dolfinx.full_order.flow import FullEquilibrium
     from hhr_dolfinx.full_order.outputs import FullShapeFunctionals
     from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.linear.shared import SharedCholesky
@@ -53,10 +53,10 @@ class FullOrderModel(AnsweringModel, ModelFields):
     """The finite element model of a scene: K factored once, the contact on its Schur complement.
 
     For elastic bodies a query costs one solve with K, the statuses on S = B K^-1 B^T, and u = K^-1 F - K^-1 B^T
-    lambda, on any number of ranks; the answer is the same on each. For inelastic bodies load paths are solved by
-    :mod:`models.histories.march`; ranks, on similar machines, then share only the factors. PETSc
-    options take the prefix ``hhr_<scene>_``. On one rank several threads may call the model; on several ranks they must
-    not, since the order of collective calls would differ.
+    lambda, on any number of ranks; the answer is the same on each. Paths of bodies with laws are solved by the plug-in
+    that reads the laws; ranks, on similar machines, then share only the factors. PETSc options take the prefix
+    ``hhr_<scene>_``. On one rank several threads may call the model; on several ranks they must not, since the order of
+    collective calls would differ.
 
     Args:
         scene: the scene.
@@ -65,7 +65,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
     Attributes:
         scene: the scene.
         comm: MPI communicator; calls are collective.
-        spread: distribution of rows of vectors and tables of dofs, and sums over ranks. For inelastic bodies each rank
+        spread: distribution of rows of vectors and tables of dofs, and sums over ranks. For bodies with laws each rank
             has all rows, and only factors are shared.
         discretisation: mesh and forms.
         problem: the :class:`ContactProblem`; on several ranks each has the rows of its dofs.
@@ -76,7 +76,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
         per_force: K^-1 B^T on the dofs of this rank, (own dofs, N_lambda).
         keeps_columns: K^-1 B^T fits into memory; without it S is made at its first use, and a displacement takes one
             more solution.
-        equilibrium: additional data of inelastic bodies; None for elastic ones.
+        equilibrium: answers paths of bodies with laws; None for elastic ones.
         functionals: outputs of the scene; None without outputs.
         trained: None: a full model has no training range.
 
@@ -90,28 +90,23 @@ class FullOrderModel(AnsweringModel, ModelFields):
     unbounded = "the full model has no reduction error"
 
     trained = None
+    equilibrium: FullEquilibrium | None = None
 
     def __init__(self, scene: Scene, comm: MPI.Comm = MPI.COMM_WORLD):
         if not isinstance(scene, Scene):
             raise SceneError(f"{scene!r} is no scene: give a Scene")
         self.scene = scene
         self.comm = comm
-        self.equilibrium: FullEquilibrium | None = None
         with ranks.together(comm, f"building the full model of scene '{scene.name}'"):
-            if any(body.law is not None for body in scene.bodies):
-                self._build_flowing()
+            if scene.reader:
+                given = with_laws(scene)
+                self._factor(given.discretisation, given.stiffness, given.moduli)
+                self.equilibrium = given.equilibrium(self)
             else:
                 discretisation = Discretisation(scene, comm)
                 self._factor(discretisation, *discretisation.stiffness_terms())
             self.functionals = self._prepared_outputs()
         self.strains = StrainGuard(self.problem, axisymmetric=scene.hypothesis == "axisymmetric")
-
-    def _build_flowing(self) -> None:
-        from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel
-
-        gauss = GaussModel.of(self.scene, MPI.COMM_SELF)
-        self._factor(gauss.discretisation, gauss.stiffness, gauss.moduli)
-        self.equilibrium = FullEquilibrium(self, gauss)
 
     def _prepared_outputs(self) -> Functionals | FullShapeFunctionals | None:
         if not self.scene.outputs:
@@ -142,9 +137,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
         self.stiffness: SparseStiffness
         self.system = system_of(problem, self.scene.system, lambda: self.stiffness, self._stiffness_of)
         # a stiffness factored for each query: at 14,140 dofs and 162 conditions MUMPS takes 24 ms, nd 45, qmd 70, and a
-        # solution for each condition 138, 272, 308 ms, which Schur complements save; factors of inelastic bodies are
-        # used for whole load paths
-        anew = self.system.anew and all(body.law is None for body in self.scene.bodies)
+        # solution for each condition 138, 272, 308 ms, which Schur complements save; factors of bodies with laws
+        # are used for whole load paths
+        anew = self.system.anew and not self.scene.reader
         # only S is needed if it is used once for each query, or if columns are not kept
         last = np.unique(problem.contact.indices) if anew or not self.keeps_columns else None
         ordering = "mumps" if anew else "qmd"
@@ -208,10 +203,10 @@ class FullOrderModel(AnsweringModel, ModelFields):
         return 8 * rows * self.conditions <= KEPT_BYTES
 
     def _has_room(self) -> bool:
-        """True if K^-1 B^T is kept: if it is small, for inelastic bodies, and with undetermined rigid motions."""
+        """True if K^-1 B^T is kept: if it is small, for bodies with laws, and with undetermined rigid motions."""
         problem = self.problem
         few = self.has_room(problem.free.size)
-        return few or any(body.law is not None for body in self.scene.bodies) or problem.resting is not None
+        return few or bool(self.scene.reader) or problem.resting is not None
 
     @property
     def per_force(self) -> np.ndarray:
@@ -287,7 +282,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
     def gathered(self) -> FullOrderModel:
         """The same model with all rows: each rank has the whole problem, and they share the factors. Collective.
 
-        For reduction and checks that all ranks do in the same way, as for inelastic bodies.
+        For reduction and checks that all ranks do in the same way, as for bodies with laws.
         """
         if self.problem.comm is None:
             return self
@@ -378,10 +373,7 @@ class FullOrderModel(AnsweringModel, ModelFields):
             if self.law.remembers:
                 return self.follow(checked, settings, known=known, keep=keep_small)
             return solve_along(self, checked, settings, known=known, keep=keep_small)
-        from hhr_dolfinx.models.histories.march import march
-
-        equilibrium = self.equilibrium if settings.gradient else self.equilibrium.on_ranks(self.comm)
-        return march(equilibrium, checked, settings, known=known, keep=keep)
+        return self.equilibrium.march(checked, settings, known=known, keep=keep)
 
     # fields of an answer, see models.answer.Fields
 
@@ -394,9 +386,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
         return answer.multipliers.copy()
 
     def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in Kelvin's notation: at all Gauss points of inelastic bodies, else in the middle of each cell."""
-        if "gauss" in answer.memory:
-            return answer.state().stress.copy()
+        """Stress in Kelvin's notation: in the middle of each cell, or where laws of bodies are evaluated."""
+        if self.equilibrium is not None:
+            return self.equilibrium.stress(answer)
         return self.stress_of(self.displacement(answer), answer.parameter)
 
     @property
@@ -420,10 +412,6 @@ class FullOrderModel(AnsweringModel, ModelFields):
         """
         point = self.problem.middle if mu is None else self.parameters.point(mu)
         return self.discretisation.stress(displacement, point)
-
-    def plastic_strain(self, answer: Answer) -> np.ndarray:
-        """Cumulated plastic strain at all Gauss points; empty for elastic bodies."""
-        return answer.state().state.cumulated.copy() if "gauss" in answer.memory else np.zeros(0)
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """Zero error: that of the mesh is not estimated; None without an answer."""

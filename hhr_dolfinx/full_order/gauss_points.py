@@ -1,20 +1,19 @@
-"""From UFL to arrays at Gauss points: the strain of inelastic or nearly incompressible bodies, tabulated once.
+"""From UFL to arrays at Gauss points: the strain of bodies with a mean dilatation, or of bodies with laws.
 
 Eigenstrains ε0, such as thermal ones, are subtracted from the strain, σ = C (ε - ε0): F is ∫ C ε0 : ε(v), and
-stresses exclude ε0. For inelastic bodies, laws use ε - ε0 at Gauss points, so that internal forces contain a part that
-otherwise belongs to F.
+stresses exclude ε0. Laws of bodies use ε - ε0 at Gauss points, so that internal forces contain a part that otherwise
+belongs to F.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 import ufl
 from dolfinx import fem
 from petsc4py import PETSc
-from scipy.sparse import csc_matrix, csr_matrix, hstack
 from ufl.core.expr import Expr
 
 from hhr_dolfinx import compat
@@ -22,69 +21,15 @@ from hhr_dolfinx.amplitudes import Amplitude
 from hhr_dolfinx.body import Body
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity, volume
-from hhr_dolfinx.forms.elasticity import volume_weight
-from hhr_dolfinx.forms.return_mapping import kelvin, strain_vector
-from hhr_dolfinx.formulas import Formula, Modulus, Scalar
-from hhr_dolfinx.loads import checked_terms, first_load
-from hhr_dolfinx.materials.strain import SparsePattern, StrainOperator
-from hhr_dolfinx.materials.update import Group, Material
+from hhr_dolfinx.forms.elasticity import strain_vector, volume_weight
+from hhr_dolfinx.formulas import Formula, Scalar
+from hhr_dolfinx.materials.elasticity import lame_parameters
+from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.contact.problem import ContactProblem
-    from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-
-
-def strain_operator(discretisation: DiscreteSpace) -> StrainOperator:
-    """Strain at the Gauss points of all cells, for inelastic bodies, of which each rank has the whole mesh."""
-    return tabulated(discretisation, np.arange(discretisation.cell_bodies().size))
-
-
-def material_at(scene: Scene, bodies: np.ndarray, operator: StrainOperator) -> Material:
-    """Laws at the Gauss points of the cells of an operator, with bodies as indices in the scene, (cells,)."""
-    of_point = np.repeat(bodies, operator.per_cell)
-    groups = [
-        Group(np.flatnonzero(of_point == place), _plain(body.young), float(body.poisson), body.law)
-        for place, body in enumerate(scene.bodies)
-    ]
-    return Material(groups, operator.components, scene.parameters.names)
-
-
-def _plain(young: float | str) -> float | str:
-    return young if isinstance(young, str) else float(young)
-
-
-def stiffness_parts(
-    material: Material, operator: StrainOperator, pattern: SparsePattern
-) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
-    """Parts of the elastic stiffness, (N, N) each, and their moduli; one part and no modulus if it is constant.
-
-    Bodies with the same expression make one part, those with numbers another.
-    """
-    formulas = dict.fromkeys(group.young for group in material.groups if isinstance(group.young, str))
-    if not formulas:
-        return (operator.stiffness(material.elastic, pattern),), ()
-    from hhr_dolfinx.formulas import Modulus
-
-    parts = []
-    moduli = []
-    for text in (*formulas, None):
-        elastic = np.zeros((material.gauss_points, material.components, material.components))
-        acting = False
-        for group in material.groups:
-            if group.young == text or (text is None and not isinstance(group.young, str)):
-                young = 1.0 if text is not None else float(group.young)
-                alone = Group(np.arange(1), young, group.poisson, None)
-                elastic[group.indices] = Material([alone], material.components).elastic[0]
-                acting = True
-        if acting:
-            parts.append(operator.stiffness(elastic, pattern))
-            moduli.append(Modulus("1" if text is None else text, "1", material.names))
-    return tuple(parts), tuple(moduli)
 
 
 def add_stiffness(discretisation: DiscreteSpace, matrix: PETSc.Mat) -> None:
@@ -92,10 +37,22 @@ def add_stiffness(discretisation: DiscreteSpace, matrix: PETSc.Mat) -> None:
     bodies = discretisation.cell_bodies()
     cells = np.flatnonzero((bodies >= 0) & np.array(discretisation.mean_dilatation)[bodies])
     operator = tabulated(discretisation, cells)
-    elastic = material_at(discretisation.scene, bodies[cells], operator).elastic
+    elastic = _elastic(discretisation.scene, np.repeat(bodies[cells], operator.per_cell), operator.components)
     dofs = operator.dofs.astype(PETSc.IntType)
     elements = operator.element_stiffness(elastic).reshape(len(cells), dofs.shape[1] ** 2)
     matrix.setValuesLocalRCV(dofs, dofs, elements, addv=PETSc.InsertMode.ADD)
+
+
+def _elastic(scene: Scene, bodies: np.ndarray, components: int) -> np.ndarray:
+    """Elastic tangents of points by the indices of their bodies, (points, components, components)."""
+    unit = np.zeros(components)
+    unit[:3] = 1.0
+    elastic = np.empty((bodies.size, components, components))
+    for place in np.unique(bodies):
+        body = scene.bodies[place]
+        lam, mu = lame_parameters(float(body.young), float(body.poisson))
+        elastic[bodies == place] = lam * np.outer(unit, unit) + 2 * mu * np.eye(components)
+    return elastic
 
 
 def add_parts(discretisation: DiscreteSpace, matrix: PETSc.Mat, moduli: dict[int, tuple[float, float]]) -> None:
@@ -176,7 +133,7 @@ def eigenstress(
     """Nodal forces that produce an eigenstrain of a free body, 3x3.
 
     Each part of its stiffness gives its modulus, an expression of the parameters, and forces for the modulus 1, (N,).
-    For inelastic bodies these are zero: a single zero vector makes the amplitude of the strain a term of θ.
+    For bodies with laws these are zero: a single zero vector makes the amplitude of the strain a term of θ.
 
     Raises:
         SceneError: if no body has the tag.
@@ -190,7 +147,7 @@ def eigenstress(
         )
     if scene.bodies[places[0]].stress is not None:
         raise SceneError(f"body {tag!r} has a user-defined stress, and a load that is a strain of it is not built in")
-    if any(body.law is not None for body in scene.bodies):
+    if scene.reader:
         return [(Formula("1"), np.zeros(discretisation.size))]
     body = scene.bodies[places[0]]
     hypothesis = scene.hypothesis
@@ -200,7 +157,7 @@ def eigenstress(
     measured = elasticity.in_plane(elasticity.strain(discretisation.arguments[1], hypothesis), hypothesis)
     weight = elasticity.volume_weight(discretisation.mesh, hypothesis)
     # the product of two means is not the mean of the product, which the form needs
-    graded = _averaged(discretisation, places[0], _graded(discretisation, places[0], strain))
+    graded = averaged(discretisation, places[0], _graded(discretisation, places[0], strain))
     stresses = elasticity.isotropic_parts(graded, hypothesis)
     found = []
     for part in parts_of(body, places[0], hypothesis):
@@ -229,63 +186,12 @@ def eigenstrain_at(discretisation: DiscreteSpace, place: int, point: np.ndarray)
     return None if total is None else _graded(discretisation, place, total)
 
 
-def at_gauss_points(discretisation: DiscreteSpace, problem: ContactProblem, operator: StrainOperator) -> csc_matrix:
-    """Eigenstrains at the Gauss points of inelastic bodies, for each term of θ, (points * components, 1 + T).
-
-    Raises:
-        SceneError: for a user-defined load with an ``eigenstrain_of`` that does not have one term for it, as
-            ``eigenstress`` of the assembler makes it.
-    """
-    loads = discretisation.scene.loads
-    points = operator.gauss_points * operator.components
-    first = first_load(discretisation.scene)
-    terms = problem.amplitudes.firsts[-1]
-    pairs = [(load, term) for load in loads for term in checked_terms(load, discretisation.assembler(load))]
-    # in the order of Discretisation.load_terms
-    pairs.sort(key=lambda pair: not isinstance(pair[1].amplitude, Amplitude))
-    widths = [term.columns.shape[1] for _, term in pairs]
-    blocks = [csc_matrix((points, first))]
-    seen = []
-    for (load, term), width in zip(pairs, widths, strict=True):
-        if hasattr(load, "eigenstrain_of") and csc_matrix(term.columns).nnz == 0 and width == 1:
-            seen.append(load)
-            blocks.append(csc_matrix(_tabulated(discretisation, load, operator)[:, None]))
-        else:
-            blocks.append(csc_matrix((points, width)))
-    strained = [load for load in loads if hasattr(load, "eigenstrain_of")]
-    if sorted(map(id, seen)) != sorted(map(id, strained)):
-        raise SceneError(
-            f"of the loads {strained} each is a strain of one inelastic body or one beside it, and must have the "
-            "one term that its assembler's eigenstress gives"
-        )
-    blocks.append(csc_matrix((points, terms - sum(widths) - first)))
-    return csc_matrix(hstack(blocks))
-
-
-def _tabulated(discretisation: DiscreteSpace, load: Any, operator: StrainOperator) -> np.ndarray:
-    """A strain for the amplitude 1 at all Gauss points, Kelvin's notation, (points * components,)."""
-    mesh = discretisation.mesh
-    bodies = discretisation.cell_bodies()
-    points, _ = compat.quadrature(mesh.topology.cell_name(), discretisation.gauss_degree)
-    found = np.zeros((bodies.size, operator.per_cell, operator.components))
-    for place, body in enumerate(discretisation.scene.bodies):
-        given = load.eigenstrain_of(body.tag, mesh)
-        cells = np.flatnonzero(bodies == place)
-        if given is not None:
-            # a constant strain has no mesh
-            one = fem.Constant(mesh, 1.0)
-            vector = kelvin(_averaged(discretisation, place, given[1]), discretisation.scene.hypothesis)
-            values = fem.Expression(one * vector, points).eval(mesh, cells.astype(np.int32))
-            found[cells] = values.reshape(len(cells), operator.per_cell, operator.components)
-    return found.ravel()
-
-
 def _graded(discretisation: DiscreteSpace, place: int, strain: Expr) -> Expr:
     """A strain of a body times its grading."""
-    return grading_of(discretisation, discretisation.scene.bodies[place]) * _averaged(discretisation, place, strain)
+    return grading_of(discretisation, discretisation.scene.bodies[place]) * averaged(discretisation, place, strain)
 
 
-def _averaged(discretisation: DiscreteSpace, place: int, strain: Expr) -> Expr:
+def averaged(discretisation: DiscreteSpace, place: int, strain: Expr) -> Expr:
     """A strain with the mean change of volume of each cell, if the body uses the mean dilatation."""
     if not discretisation.mean_dilatation[place]:
         return strain

@@ -1,7 +1,7 @@
 """Volumetric locking: bodies that are integrated with a mean dilatation, and cells without such a remedy.
 
 Functions of degree 1 have few fields that keep the volume at every Gauss point. A body whose deformation keeps its
-volume, since it is inelastic or nearly incompressible, is then far too stiff: a perfectly plastic tube bears any
+volume, since it has a law or is nearly incompressible, is then far too stiff: a perfectly plastic tube bears any
 pressure. Quadrilaterals and hexahedra keep only the volume of each cell if all its points use the mean
 dilatation of the cell (B-bar; J. C. Nagtegaal, D. M. Parks and J. R. Rice, Comput. Methods Appl. Mech. Eng. 4, 1974;
 T. J. R. Hughes, Int. J. Numer. Methods Eng. 15, 1980). In triangles and tetrahedra the dilatation is constant already:
@@ -69,7 +69,7 @@ def mean_dilatation(scene: Scene, cell: str, order: int = 1) -> tuple[bool, ...]
 
 
 def _warn(scene: Scene, body: Body, cell: str) -> None:
-    why = "flows" if body.law is not None else f"is nearly incompressible, nu = {body.poisson}"
+    why = "has a law" if body.law is not None else f"is nearly incompressible, nu = {body.poisson}"
     warn(
         f"body {body.tag} of scene '{scene.name}' {why}, and its cells are of the kind {cell}, which lock: the body "
         "answers too stiffly, bears more than its limit load, and its pressures oscillate from cell to cell. "
@@ -90,7 +90,7 @@ def _warn_of_alternating(scene: Scene, body: Body) -> None:
 
 
 def gauss_degree(cell: str, order: int) -> int:
-    """Degree of the rule for the strain of bodies that are inelastic or use a mean dilatation.
+    """Degree of the rule for the strain of bodies that have laws or use a mean dilatation.
 
     Of first order quadrilaterals get 2 x 2 points and hexahedra 2 x 2 x 2; of second order 3 along each axis, and
     triangles 3 points and tetrahedra 4, which integrate the stiffness of straight cells exactly.

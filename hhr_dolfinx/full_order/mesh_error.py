@@ -58,7 +58,7 @@ def mesh_error(full: FullOrderModel, answer: Answer) -> MeshError:
 
     Raises:
         ParameterError: for an invalid answer, or one of another scene.
-        NotOfferedError: for inelastic bodies, bodies with a user-defined stress, or a model on several ranks.
+        NotOfferedError: for bodies with laws, bodies with a user-defined stress, or a model on several ranks.
     """
     if not hasattr(full, "discretisation") or not isinstance(answer, Answer):
         raise ParameterError(

@@ -119,7 +119,7 @@ def with_motions(scene: Scene, problem: ContactProblem, bodies: np.ndarray) -> C
 
     Raises:
         NotSolvableError: for bodies without contact, motions with loads and without resistance of contact, and bodies
-            that are inelastic or have a variable shape.
+            that have laws or a variable shape.
 
     Warns:
         SceneWarning: of motions without resistance and without loads.
@@ -130,8 +130,8 @@ def with_motions(scene: Scene, problem: ContactProblem, bodies: np.ndarray) -> C
     remedy = "Impose displacements that hold every body without its contacts"
     for body in found:
         touched = np.abs(problem.contact @ _all_dofs(body, problem.block_size, len(problem.free))).max(initial=0.0)
-        if touched == 0.0 or scene.shapes or any(one.law is not None for one in scene.bodies):
-            why = "" if touched == 0.0 else ". Contact alone may hold a body where nothing flows or changes its shape"
+        if touched == 0.0 or scene.shapes or scene.reader:
+            why = "" if touched == 0.0 else ". Contact alone may hold a body where none has a law or changes its shape"
             raise NotSolvableError(f"{body.name} can move freely: it {described(body, body.left)}{why}. {remedy}")
     columns = [body.columns(len(problem.points)) for body in found]
     # bodies have no common nodes
@@ -277,7 +277,7 @@ def rigid_lifts(
         points: coordinates of the nodes, (nodes, dim).
         cell_nodes: nodes of each cell, (cells, n).
     """
-    if scene.shapes or any(body.law is not None for body in scene.bodies):
+    if scene.shapes or scene.reader:
         return lifts
     part = components_of_nodes(len(points), cell_nodes)
     found = [lifts[:, [term]] for term in range(lifts.shape[1])]

@@ -16,10 +16,10 @@ from hhr_dolfinx import compat
 from hhr_dolfinx.contact.problem import ContactProblem, masked, strained
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
-from hhr_dolfinx.forms.return_mapping import strain_vector
+from hhr_dolfinx.forms.elasticity import strain_vector
 from hhr_dolfinx.models.functionals.cells import MovingCells
 from hhr_dolfinx.models.functionals.functional import Functional, Functionals
-from hhr_dolfinx.models.functionals.kinds import Energy, FlowMises, Mises, MovingMises
+from hhr_dolfinx.models.functionals.kinds import Energy, Mises, MovingMises
 from hhr_dolfinx.outputs import ContactOutput, ElasticEnergy, ModelProbe, Output, VonMises
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.shapes import coordinate_names
@@ -27,8 +27,9 @@ from hhr_dolfinx.shapes import coordinate_names
 if TYPE_CHECKING:
     from hhr_dolfinx.body import Body
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-    from hhr_dolfinx.full_order.flow import FullEquilibrium, GaussModel
+    from hhr_dolfinx.full_order.with_laws import BodiesWithLaws
     from hhr_dolfinx.loads import Assembler
+    from hhr_dolfinx.models.histories.equilibrium import FullEquilibrium
     from hhr_dolfinx.outputs import PlacedOutput
     from hhr_dolfinx.scene import Scene
 
@@ -195,14 +196,14 @@ def prepared_outputs(
     equilibrium: FullEquilibrium | None,
     base: ContactProblem,
 ) -> Functionals:
-    """Outputs on a mesh with its problem, its inelastic equilibrium, and the mesh in which places are found."""
+    """Outputs on a mesh with its problem, the equilibrium of laws, and the mesh in which places are found."""
     items = [
         output.prepared(probe_of(output, discretisation, problem, equilibrium, base))
         for output in discretisation.scene.outputs
     ]
     found = Functionals(tuple(items), problem.free.size, problem.amplitudes)
-    gauss_points = 0 if equilibrium is None else equilibrium.operator.gauss_points
-    found.check(problem.parameters, len(problem.gaps), gauss_points)
+    places = 0 if equilibrium is None else equilibrium.places
+    found.check(problem.parameters, len(problem.gaps), places)
     return found
 
 
@@ -210,10 +211,10 @@ def probe_of(
     output: Output,
     discretisation: DiscreteSpace,
     problem: ContactProblem,
-    gauss: FullEquilibrium | GaussModel | None,
+    laws: FullEquilibrium | BodiesWithLaws | None,
     base: ContactProblem,
 ) -> Probe:
-    """Interface for one output; arguments as in :func:`prepared_outputs`, or Gauss points without equilibrium."""
+    """Interface for one output; arguments as in :func:`prepared_outputs`, or bodies with laws without equilibrium."""
     return Probe(
         scene=discretisation.scene,
         problem=problem,
@@ -221,8 +222,8 @@ def probe_of(
         contact_rows=problem.whole_contact,
         assembler=discretisation.assembler(output),
         nodes=partial(_nodes, discretisation, problem),
-        mises=partial(_mises, discretisation, base, gauss),
-        energy=partial(_energy, discretisation, problem, gauss),
+        mises=partial(_mises, discretisation, base, laws),
+        energy=partial(_energy, discretisation, problem, laws),
     )
 
 
@@ -245,7 +246,7 @@ def _nodes(discretisation: DiscreteSpace, problem: ContactProblem, tag: Tag) -> 
 def _mises(
     discretisation: DiscreteSpace,
     problem: ContactProblem,
-    gauss: FullEquilibrium | GaussModel | None,
+    laws: FullEquilibrium | BodiesWithLaws | None,
     output: VonMises,
 ) -> Functional:
     """Von Mises' stress of the cells of an output."""
@@ -270,12 +271,8 @@ def _mises(
         inside &= within.all(axis=1)
     mean = output.kind == "mean"
     cells = np.flatnonzero(inside)
-    nothing = 0, np.zeros(0, dtype=np.int64), np.zeros(0, dtype=np.int64), np.zeros(0)
-    if gauss is not None:
-        points = gauss.operator.points_of(cells)
-        shares = gauss.operator.weights.ravel()[points]
-        of_points = points.astype(np.int64), shares / shares.sum() if mean else np.zeros(0)
-        return FlowMises(output.name, output.unit, *nothing, *of_points)
+    if laws is not None:
+        return laws.mises(output, cells)
     place = next(k for k, body in enumerate(discretisation.scene.bodies) if body.tag == output.tag)
     if discretisation.scene.bodies[place].stress is not None:
         raise SceneError(f"output '{output.name}': body {output.tag!r} has a stress of its own: ask answer.stress()")
@@ -408,14 +405,14 @@ def _gathered(discretisation: DiscreteSpace, parts: tuple[np.ndarray, ...]) -> l
 def _energy(
     discretisation: DiscreteSpace,
     problem: ContactProblem,
-    gauss: FullEquilibrium | GaussModel | None,
+    laws: FullEquilibrium | BodiesWithLaws | None,
     output: ElasticEnergy,
 ) -> Functional:
     """Elastic energy by the work of all forces."""
-    if gauss is not None:
+    if laws is not None:
         raise SceneError(
-            f"output '{output.name}': bodies of scene '{discretisation.scene.name}' flow, and the work of forces is "
-            "not their elastic energy: leave it out"
+            f"output '{output.name}': bodies of scene '{discretisation.scene.name}' have laws, and the work of forces "
+            "is not their elastic energy: leave it out"
         )
     if problem.law.remembers:
         raise SceneError(

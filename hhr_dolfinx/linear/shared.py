@@ -1,4 +1,4 @@
-"""Factors that several ranks share of a matrix of which each has all rows: for inelastic bodies, and for reduction."""
+"""Factors that several ranks share of a matrix of which each has all rows: for bodies with laws, and for reduction."""
 
 from __future__ import annotations
 

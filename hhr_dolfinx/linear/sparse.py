@@ -196,8 +196,8 @@ class FreeCholesky:
                 self.release()  # after a failure it may refuse regular matrices too
                 raise NotSolvableError(
                     f"the stiffness of the full model of scene '{self._scene}' is singular at this parameter or state: "
-                    "where it flows, freely beyond its limit load, or the slope of a law is wrong. Take smaller steps, "
-                    "or compare the slope with differences of the flow"
+                    "beyond its limit load, or the slope of a law is wrong. Take smaller steps, or compare the slope "
+                    "with differences"
                 )
             self._factored = stiffness
 

@@ -1,1 +1,1 @@
-"""Materials as numbers: elastic constants, laws of plasticity and creep, strain and update at Gauss points. No UFL."""
+"""Materials as numbers: elastic constants, and strain at Gauss points. No UFL."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from functools import partial
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, Protocol
 
@@ -12,13 +13,12 @@ import numpy as np
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.contact.active_set import Status, Statuses
-from hhr_dolfinx.errors import ConvergenceError, HHRError, NotOfferedError, NotSolvableError
+from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, NotSolvableError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.models.shown import Shown, counted, line, point_of, table
-from hhr_dolfinx.trained import USUAL, Signs
+from hhr_dolfinx.trained import USUAL
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.materials.update import State
     from hhr_dolfinx.models.completion import InterfaceCompletion
     from hhr_dolfinx.models.estimates import Estimate, Estimates
     from hhr_dolfinx.models.functionals.functional import Outputs
@@ -62,14 +62,33 @@ class Fields(Protocol):
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress in Kelvin's notation, (places, components)."""
 
-    def plastic_strain(self, answer: Answer) -> np.ndarray:
-        """Cumulated plastic strain, (Gauss points,)."""
-
     def estimate(self, answer: Answer) -> Estimate | None:
         """Error estimate of an answer; None if the model has none."""
 
     def estimates(self, many: Any) -> Estimates | None:
         """Error estimates of many answers; None if they are computed one by one."""
+
+
+class Completion(Protocol):
+    """Completes the fields of bodies with laws, from the places where a model evaluates the laws to the whole mesh.
+
+    Attributes:
+        kind: kind of its estimates, see :class:`~hhr_dolfinx.models.estimates.Estimate`.
+        known_error: the same in one line.
+    """
+
+    kind: ClassVar[str]
+    known_error: ClassVar[str]
+
+    @property
+    def places(self) -> int:
+        """Number of places of the full model."""
+
+    def stress_of(self, answer: Answer) -> np.ndarray:
+        """Stress at these places in Kelvin's notation, (places, components)."""
+
+    def estimate(self, answer: Answer) -> Estimate | None:
+        """Estimate of the error of an answer; None without one."""
 
 
 class ModelFields:
@@ -79,7 +98,7 @@ class ModelFields:
         bound: bounds the error of an answer.
         output_bound: estimates the errors of outputs.
         indicator: estimates the error of an answer; the recipe chooses it.
-        flow: completes stress and plastic strain of inelastic bodies.
+        flow: completes the fields of bodies with laws.
         interface: completes forces and memory of a law of interfaces in hyper-reduced models.
         functionals: outputs of the scene.
         unbounded: reason why errors are not estimated, for models without an estimate.
@@ -90,7 +109,7 @@ class ModelFields:
     bound: Any = None
     output_bound: Any = None
     indicator: Any = None
-    flow: Any = None
+    flow: Completion | None = None
     interface: InterfaceCompletion | None = None
     functionals: Any = None
     unbounded: str = ""
@@ -104,11 +123,12 @@ class ModelFields:
     @property
     def estimated(self) -> str:
         """Kind of the estimates, see :class:`~hhr_dolfinx.models.estimates.Estimate`; empty where there are none."""
-        from hhr_dolfinx.models.estimates import FORCES, STRESS
+        from hhr_dolfinx.models.estimates import FORCES
 
         if self.bound is not None:
             return self.bound.kind
-        known = {"indicator": self.indicator, STRESS: self.flow, FORCES: self.interface}
+        of_laws = "" if self.flow is None else self.flow.kind
+        known = {"indicator": self.indicator, of_laws: self.flow, FORCES: self.interface}
         return next((kind for kind, own in known.items() if own is not None), "")
 
     def estimates(self, many: Any) -> Estimates | None:
@@ -123,25 +143,9 @@ class ElasticFields(ModelFields):
         """The multipliers, (N_lambda,); a copy, which the caller may change."""
         return answer.multipliers.copy()
 
-    def plastic_strain(self, answer: Answer) -> np.ndarray:
-        """An empty array: elastic bodies have no plastic strain."""
-        return np.zeros(0)
-
     def estimate(self, answer: Answer) -> Estimate | None:
         """None: these fields have no error estimate."""
         return None
-
-
-class GaussState(NamedTuple):
-    """Stress and memory of the material at the Gauss points where a model evaluates its laws.
-
-    Attributes:
-        stress: Kelvin's notation, (Gauss points, components).
-        state: plastic strain and cumulated plastic strain.
-    """
-
-    stress: np.ndarray
-    state: State
 
 
 class Answer(NamedTuple):
@@ -158,8 +162,8 @@ class Answer(NamedTuple):
         fields: what completes the answer.
         time: in seconds; NaN of an answer that belongs to no history.
         gradient: derivatives of the unknown and the multipliers along the parameters, if they were requested.
-        time_error: estimated error of the time steps up to here, relative to the largest stress, see
-            :mod:`models.histories.time_error`; 0 where no law has rates, NaN of an answer that belongs to no history.
+        time_error: estimated error of the time steps up to here, relative to the largest stress, 0
+            where no law has rates, NaN of an answer that belongs to no history.
         ends: times between the parts in which the step was solved, if there were several.
         memory: what laws carry to the next step, by names that are attributes of the answer too: ``answer.slip``.
         undetermined: orthonormal rigid motions, as changes of the unknown, (n, d), that neither loads nor contact
@@ -182,9 +186,11 @@ class Answer(NamedTuple):
     undetermined: np.ndarray | None = None
 
     def __getattr__(self, name: str) -> Any:
-        """Part of the memory; None if another law has one of this name."""
+        """Part of the memory, None if another law has one of this name; or a method that a plug-in adds."""
         if name in self.memory:
             return self.memory[name]
+        if (function := registry.asked_of_answers().get(name)) is not None:
+            return partial(function, self)
         if name.startswith("_") or name not in registry.memories():
             raise AttributeError(f"an answer has no {name!r}; it remembers {', '.join(self.memory) or 'nothing'}")
         return None
@@ -265,23 +271,8 @@ class Answer(NamedTuple):
         return found
 
     def stress(self) -> np.ndarray:
-        """Stress on the whole mesh, Kelvin's notation: at Gauss points of inelastic bodies, else at cell midpoints."""
+        """Stress on the whole mesh, Kelvin's notation: at cell midpoints, or where laws of bodies are evaluated."""
         return self.fields.stress(self)
-
-    def plastic_strain(self) -> np.ndarray:
-        """Cumulated plastic strain at all Gauss points of the mesh; zero in elastic bodies."""
-        return self.fields.plastic_strain(self)
-
-    def state(self) -> GaussState:
-        """Stress and state where the model evaluates its laws.
-
-        Raises:
-            HHRError: by a model without inelastic bodies.
-        """
-        if "gauss" not in self.memory:
-            raise HHRError("nothing flows in this model, so that its answers have no state: give a body a law")
-        state: GaussState = self.memory["gauss"]
-        return state
 
     def estimate(self) -> Estimate | None:
         """Error estimate of this answer, by a bound or an indicator; None if the model has neither.
@@ -323,7 +314,7 @@ class History(Shown):
     start: float
     parameter: np.ndarray
     answers: list[Answer] = field(default_factory=list)
-    signs: list[Signs] = field(default_factory=list)
+    signs: list[Any] = field(default_factory=list)
     cuts: int = 0
     time_tolerance: float | None = None
 
@@ -440,7 +431,7 @@ class SeveralAnswers(Shown):
 
 @dataclass(frozen=True, repr=False)
 class ListedAnswers(SeveralAnswers):
-    """Answers found one by one, each with all its parts: state of inelastic bodies, fields of a local model.
+    """Answers found one by one, each with all its parts: memory of laws, fields of a local model.
 
     Attributes:
         answers: one or more.

@@ -42,7 +42,7 @@ SHOWN = {
 }
 """Relative errors by their names for users."""
 STRESS = "indicator of the stress"
-"""Kind of the estimates of inelastic bodies, which cover only the stress."""
+"""Kind of the estimates of laws of bodies, which cover only the stress."""
 FORCES = "indicator of the forces"
 """Kind of the estimates of hyper-reduced laws of interfaces, which cover only forces."""
 
@@ -241,7 +241,8 @@ def known_error(fields: Any) -> str:
     if fields.indicator is not None:
         return "indicator of the recipe: follows errors as far as it is made to, without a proof"
     if fields.flow is not None:
-        return "indicator of the stress: the part of it that no training explains; without a proof, silent on forces"
+        known_of_laws: str = fields.flow.known_error
+        return known_of_laws
     if fields.estimated == FORCES:
         return "indicator of the forces: the part of those on the RID that no training explains; without a proof"
     if fields.exact:

@@ -14,12 +14,12 @@ from typing import TYPE_CHECKING, Protocol, cast
 import numpy as np
 
 from hhr_dolfinx.models.answer import Answer, Fields, History, Model, Path, SeveralAnswers
-from hhr_dolfinx.models.histories.equilibrium import Equilibrium, Linearisation, MarchSettings
+from hhr_dolfinx.models.histories.equilibrium import FullEquilibrium, MarchSettings
 from hhr_dolfinx.trained import USUAL
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
-    from scipy.sparse import csc_matrix, csr_matrix
+    from scipy.sparse import csr_matrix
 
     from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status
     from hhr_dolfinx.contact.law import ContactLaw
@@ -28,44 +28,9 @@ if TYPE_CHECKING:
     from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.linear.shared import SharedCholesky
     from hhr_dolfinx.linear.sparse import FreeCholesky
-    from hhr_dolfinx.materials.strain import StrainOperator
     from hhr_dolfinx.models.functionals.functional import Functionals, ShapeFunctionals
     from hhr_dolfinx.models.strains import StrainGuard
     from hhr_dolfinx.parameters import ParameterSpace, PointLike, PointsLike
-
-
-class MeshLinearisation(Linearisation, Protocol):
-    """Linearisation on the whole mesh."""
-
-    @property
-    def equalities(self) -> SchurEqualities:
-        """Equality problems on S = B K^-1 B^T, with K of this linearisation."""
-
-
-class MeshEquilibrium(Equilibrium, Protocol):
-    """Equilibrium of the whole mesh, from which reductors take Gauss points and tangents."""
-
-    @property
-    def problem(self) -> ContactProblem:
-        """The contact problem."""
-
-    @property
-    def operator(self) -> StrainOperator:
-        """Strain at the Gauss points of a displacement."""
-
-    @property
-    def eigenstrains(self) -> csc_matrix:
-        """Strains without stress for each term of θ, (Gauss points * components, 1 + T)."""
-
-    @property
-    def elastic(self) -> MeshLinearisation:
-        """The elastic linearisation."""
-
-    def at(self, point: np.ndarray) -> MeshEquilibrium:
-        """The equilibrium with the elasticity of a point, (P,)."""
-
-    def stiffness(self, tangents: np.ndarray) -> csr_matrix:
-        """K_T of consistent tangents at all Gauss points, (N, N)."""
 
 
 class Kernel(Protocol):
@@ -163,8 +128,8 @@ class FullModel(Fields, Model, Protocol):
         """Outputs of the scene; None if it has none."""
 
     @property
-    def equilibrium(self) -> MeshEquilibrium | None:
-        """Equilibrium of inelastic bodies; None if all bodies are elastic."""
+    def equilibrium(self) -> FullEquilibrium | None:
+        """Equilibrium of bodies with laws; None if all bodies are elastic."""
 
     @property
     def law(self) -> ContactLaw:

@@ -1,7 +1,7 @@
 """Common base of all models: checks points, starts and training range, and raises or warns on failures.
 
-Each kind of model implements ``_answered`` for a checked point. Models of inelastic bodies have an ``equilibrium``, and
-answer paths.
+Each kind of model implements ``_answered`` for a checked point. Models of bodies with laws have an ``equilibrium``,
+which answers paths.
 """
 
 from __future__ import annotations
@@ -34,12 +34,12 @@ from hhr_dolfinx.models.answer import (
     outcome,
     unanswered,
 )
-from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
-from hhr_dolfinx.models.histories.path import checked_path, one_step, refuse_gradient, solve_along
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, Equilibrium, MarchSettings
+from hhr_dolfinx.models.histories.path import checked_path, solve_along
 from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.models.shown import MOST, Shown, counted
 from hhr_dolfinx.plain import rebuilt
-from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange, check_outside
+from hhr_dolfinx.trained import USUAL, Trained, TrainedRange, check_outside
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
@@ -81,7 +81,7 @@ class AnsweringModel(Shown):
     Attributes:
         parameters: the box of the parameters.
         fields: completes the answers.
-        equilibrium: interface for the loop over time steps; None in elastic models.
+        equilibrium: answers paths of bodies with laws; None in elastic models.
         law: law of its own contact conditions.
         advice: remedy for each status, for the messages.
         usual_outside: default policy outside the training range, ``warn`` or ``ignore``.
@@ -92,7 +92,7 @@ class AnsweringModel(Shown):
 
     parameters: ParameterSpace
     fields: Any  # ModelFields of the kind of model
-    equilibrium: Any = None
+    equilibrium: Equilibrium | None = None
     law: ContactLaw = UNILATERAL
     advice: Mapping[Status, str] = MappingProxyType({})
     reduction: Any = None
@@ -167,17 +167,12 @@ class AnsweringModel(Shown):
         return ROWS
 
     @property
-    def flows(self) -> bool:
-        """True if bodies are inelastic, so that answers depend on the path that leads to them."""
-        return self.equilibrium is not None
-
-    @property
     def known_error(self) -> str:
         """One line on the errors that the answers of this model have, or the reason why they have none."""
         from hhr_dolfinx.models.estimates import known_error
 
         known = known_error(self.fields)
-        return known if self.flows else steps_of(self.law).known_error(known)
+        return known if self.equilibrium is not None else steps_of(self.law).known_error(known)
 
     def solve(
         self,
@@ -191,17 +186,16 @@ class AnsweringModel(Shown):
     ) -> Answer:
         """Answer one parameter, see :meth:`~hhr_dolfinx.models.answer.Model.solve`.
 
-        Models of inelastic bodies make one step from rest; ``start`` is checked, but not used. ``step`` may hold its
-        ``duration``, see :func:`~hhr_dolfinx.models.histories.path.one_step`.
+        Models of bodies with laws make one step from rest; ``start`` is checked, but not used. ``step`` are further
+        arguments of this step, see :meth:`Equilibrium.one_step`.
         """
         point = self.parameters.point(mu)
         outside = self._checked_outside(outside)
         checked = NEAREST if start is NEAREST else self._checked_start(start)
-        if step and (self.equilibrium is None or step.keys() != {"duration"}):
-            raise NotOfferedError(f"solve knows no {', '.join(step)} here: only bodies that flow take a duration")
         if self.equilibrium is not None:
-            refuse_gradient(gradient)
-            return one_step(self, point, raise_on_failure, outside, **step)
+            return self.equilibrium.one_step(self, point, raise_on_failure, outside, gradient, **step)
+        if step:
+            raise NotOfferedError(f"solve knows no {', '.join(step)} here: all bodies are elastic")
         if self.law.remembers:
             from hhr_dolfinx.models.histories.increments import proportional
 
@@ -259,7 +253,7 @@ class AnsweringModel(Shown):
         """Strength of the coupling of contact conditions by their law: below one, each increment has one answer.
 
         From one on there may be several, and the search finds one of them. Zero for unilateral contact. NaN if
-        unknown, as for bodies with rigid motions, inelastic bodies, or an unsymmetric S.
+        unknown, as for bodies with rigid motions or laws, or an unsymmetric S.
         """
         return steps_of(self.law).coupling(self, self.parameters.point(mu))
 
@@ -303,19 +297,17 @@ class AnsweringModel(Shown):
         return checked_start(start, self.own_conditions)
 
     def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
-        """Answer many parameters, (n, P), one by one; models of inelastic bodies make one step from rest for each."""
+        """Answer many parameters, (n, P), one by one; models of bodies with laws make one step from rest for each."""
         outside = self._checked_outside(outside)
         return one_by_one(self, points, {"raise_on_failure": raise_on_failure, "outside": outside})
 
     def march(self, path: Path, settings: MarchSettings = DEFAULT_MARCH) -> History:
-        """Answer a path, from rest if bodies are inelastic; see :meth:`~hhr_dolfinx.models.answer.Model.march`."""
+        """Answer a path, from rest if bodies have laws; see :meth:`~hhr_dolfinx.models.answer.Model.march`."""
         if self.equilibrium is None:
             if self.law.remembers:
                 return self.follow(checked_path(self.parameters, path), settings)
             return solve_along(self, checked_path(self.parameters, path), settings)
-        from hhr_dolfinx.models.histories.march import march
-
-        return march(self.equilibrium, checked_path(self.parameters, path), settings)
+        return self.equilibrium.march(checked_path(self.parameters, path), settings)
 
     def outputs(self, mu: PointLike, *, gradient: bool = False, **how: Any) -> Outputs:
         """Outputs of the scene at one parameter; ``how`` are further arguments of :meth:`solve`.
@@ -337,7 +329,7 @@ class KeptModel(AnsweringModel):
     kept: ClassVar[tuple[str, ...]]
     has_own_sizes: ClassVar[bool] = True
     handed_on: ClassVar[tuple[str, ...]] = ()
-    trained: TrainedRange | TrainedPaths | None = None
+    trained: Trained | None = None
     """Training range; None if it is unknown."""
     offline: Any = None
     """Record of the construction; None of a copy or from a file, and for models without approximation."""
@@ -387,5 +379,5 @@ class KeptModel(AnsweringModel):
         if self.trained is not None and self.trained.names != tuple(self.parameters.names):
             yield f"it was trained on {self.trained.names}, and its parameters are {self.parameters.names}"
         if self.fields.functionals is not None:
-            points = 0 if self.fields.flow is None else self.fields.flow.gauss_points
-            self.fields.functionals.check(self.parameters, self.conditions, points)
+            places = 0 if self.fields.flow is None else self.fields.flow.places
+            self.fields.functionals.check(self.parameters, self.conditions, places)

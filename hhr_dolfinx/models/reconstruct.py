@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property, partial
@@ -13,15 +12,13 @@ from scipy.linalg import solve_triangular
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.declared import Floats, Integers, Size
+from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
-from hhr_dolfinx.linear.layout import lay_out
-from hhr_dolfinx.models.answer import Answer, Meshed, ModelFields
+from hhr_dolfinx.models.answer import Answer, Completion, Meshed, ModelFields
 from hhr_dolfinx.models.bounds.bound import Bound, BoundThere, Thetas, driven
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
-from hhr_dolfinx.models.estimates import FORCES, NO_OUTPUTS, STRESS, Estimate, Estimates
+from hhr_dolfinx.models.estimates import FORCES, NO_OUTPUTS, Estimate, Estimates
 from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
-from hhr_dolfinx.trained import share_of_stress
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.bounds.output_difference import OutputDifference
@@ -29,101 +26,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.field_response import FieldResponse
     from hhr_dolfinx.models.functionals.functional import Functionals
     from hhr_dolfinx.models.many import ManyAnswers
-
-
-@dataclass(frozen=True, eq=False)
-class GappyField:
-    """A field of the Gauss points from its values in the RID (gappy POD, section 6.2.3).
-
-    Attributes:
-        modes: POD modes of training states, (values everywhere, modes).
-        fit: amplitudes of the modes per value in the RID, (modes, values in the RID).
-    """
-
-    modes: Annotated[Floats, "values", "modes"]
-    fit: Annotated[Floats, "modes", "known values"]
-
-    def __post_init__(self) -> None:
-        """Copy arrays to the order of files."""
-        lay_out(self)
-
-    @classmethod
-    def fitted(cls, modes: np.ndarray, inside: np.ndarray) -> GappyField:
-        """Field from modes and the numbers of the values in the RID."""
-        return cls(modes, np.linalg.pinv(modes[inside]))
-
-    def everywhere(self, inside: np.ndarray) -> np.ndarray:
-        """The field everywhere, fitted to its values in the RID by least squares."""
-        return self.modes @ (self.fit @ inside)
-
-
-@dataclass(frozen=True, eq=False)
-class FlowFields:
-    """Reconstruction of stress and plastic strain of inelastic bodies.
-
-    Attributes:
-        points: numbers of the Gauss points of the RID in the full model.
-        stress: reconstruction of the stress, with adjacent components of each point.
-        cumulated: reconstruction of the cumulated plastic strain; None if it was zero in training.
-        gauss_points: number of Gauss points of the full model.
-    """
-
-    points: Annotated[Integers, "points", "< gauss points"]
-    stress: GappyField
-    cumulated: GappyField | None
-    gauss_points: Annotated[Size, "gauss points"]
-
-    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """Modes of other points."""
-        values = len(self.stress.modes)
-        known = self.stress.fit.shape[1]
-        components = values // max(self.gauss_points, 1)
-        if (values, known) != (components * self.gauss_points, components * self.points.size):
-            yield f"{values} values of the stress, {known} of them known, are not the same for each Gauss point"
-        if self.cumulated is not None:
-            found = len(self.cumulated.modes), self.cumulated.fit.shape[1]
-            if found != (self.gauss_points, self.points.size):
-                yield f"{found} plastic strains are not one for each Gauss point"
-
-    def stress_everywhere(self, inside: np.ndarray) -> np.ndarray:
-        """Stress at all Gauss points: that of the laws in the RID, gappy POD outside, (Gauss points, components)."""
-        field = self.stress.everywhere(inside.ravel()).reshape(self.gauss_points, inside.shape[1])
-        field[self.points] = inside
-        return field
-
-    def plastic_strain_everywhere(self, inside: np.ndarray) -> np.ndarray:
-        """Cumulated plastic strain at all Gauss points, never negative, (Gauss points,)."""
-        field = np.zeros(self.gauss_points)
-        if self.cumulated is not None:
-            field = np.maximum(self.cumulated.everywhere(inside), 0.0)
-        field[self.points] = inside
-        return field
-
-    @cached_property
-    def _products(self) -> np.ndarray:
-        """Gram matrix of the modes of the stress on the values at evaluated points, (modes, modes)."""
-        components = len(self.stress.modes) // self.gauss_points
-        shown = self.stress.modes.reshape(self.gauss_points, components, -1)[self.points]
-        shown = shown.reshape(self.points.size * components, -1)
-        return shown.T @ shown
-
-    def unexplained(self, inside: np.ndarray) -> tuple[float, float]:
-        """|σ - Φ fit σ| and |σ| of the stress at evaluated points, (points, components), in the unit of stress.
-
-        The difference loses half of the digits: values below 1e-8 of the stress are round-off.
-        """
-        stress = inside.ravel()
-        amplitudes = self.stress.fit @ stress
-        size = float(stress @ stress)
-        return math.sqrt(max(size - float(amplitudes @ (self._products @ amplitudes)), 0.0)), math.sqrt(size)
-
-    def misfit(self, inside: np.ndarray) -> float:
-        """Part of the stress at evaluated points that the training modes do not represent, from 0 to 1.
-
-        It follows the error of a step, see docs/bounds.md: the modes represent the training, the laws the present
-        load path. 0 for bodies without stress; infinite for a stress that is not finite.
-        """
-        return share_of_stress(*self.unexplained(inside))
 
 
 class _Fit(NamedTuple):
@@ -151,7 +53,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         gap_scale: length scale of the gap of each condition, so that (1.70) does not depend on units,
             (N_lambda,).
         dimension: components of the displacement at a node.
-        flow: reconstruction of stress and plastic strain of inelastic bodies.
+        flow: completes the fields of bodies with laws.
         stress_of: stress of a displacement of elastic bodies; None for a model from a file, which has no mesh.
         indicator: estimates the error of an answer; None without one.
         bound: bounds the error of an answer; None if its hypotheses are not satisfied.
@@ -173,7 +75,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     force_snapshots: Annotated[Floats, "N_lambda", "snapshots"] | None
     gap_scale: Annotated[Floats, "N_lambda"]
     dimension: int
-    flow: FlowFields | None = None
+    flow: Completion | None = None
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
     indicator: Callable[[Answer], float] | None = field(default=None, metadata=CODE)
     bound: Bound | None = None
@@ -357,13 +259,13 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         )
 
     def stress(self, answer: Answer) -> np.ndarray:
-        """Stress in Kelvin's notation, at Gauss points of inelastic bodies, else in cell middles.
+        """Stress in Kelvin's notation, in cell middles, or at all places where laws of bodies are evaluated.
 
         Raises:
             HHRError: for an elastic model from a file, whose stress needs the mesh.
         """
-        if "gauss" in answer.memory and self.flow is not None:
-            return self.flow.stress_everywhere(answer.gauss.stress)
+        if self.flow is not None:
+            return self.flow.stress_of(answer)
         if self.stress_of is None:
             raise NotOfferedError(
                 "a model file of elastic bodies keeps no mesh, and stress needs one: ask the full model of the scene, "
@@ -371,16 +273,10 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
             )
         return self.stress_of(self.displacement(answer), answer.parameter)
 
-    def plastic_strain(self, answer: Answer) -> np.ndarray:
-        """Cumulated plastic strain at all Gauss points; empty for elastic bodies."""
-        if "gauss" not in answer.memory or self.flow is None:
-            return np.zeros(0)
-        return self.flow.plastic_strain_everywhere(answer.gauss.state.cumulated)
-
     def estimate(self, answer: Answer) -> Estimate | None:
         """Difference from the exact answer if S is known, or the bound if it is interpolated.
 
-        Otherwise the estimate of an indicator: that of the recipe, or that of inelastic bodies; None without either.
+        Otherwise the estimate of an indicator: that of the recipe, or that of laws; None without either.
         """
         if not answer.converged:
             return None
@@ -431,11 +327,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return replace(found, outputs_of=outputs_of)
 
     def _indicated(self, answer: Answer) -> Estimate | None:
-        """Estimate of an indicator: a user-defined one, that of a law of interfaces, or of inelastic bodies."""
+        """Estimate of an indicator: a user-defined one, that of a law of interfaces, or of laws of bodies."""
         if self.indicator is not None:
             return Estimate.indicated(self.indicator(answer))
         if self.interface is not None and self.flow is None:
             return Estimate.indicated(self.interface.indicated(*self.indicating(answer)), FORCES)
-        if "gauss" not in answer.memory or self.flow is None:
-            return None
-        return Estimate.indicated(self.flow.misfit(answer.gauss.stress), STRESS)
+        return None if self.flow is None else self.flow.estimate(answer)

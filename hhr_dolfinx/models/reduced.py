@@ -1,14 +1,14 @@
-"""The hybrid hyper-reduced (HHR) model (1.61), (5.23), (6.17): small arrays, of elastic and inelastic bodies.
+"""The hybrid hyper-reduced (HHR) model (1.61), (5.23): small arrays, of elastic bodies and bodies with laws.
 
-It needs neither DOLFINx nor gmsh nor PETSc: a model read from a file runs on any machine with NumPy and SciPy (and
-numba, for inelastic bodies).
+It needs neither DOLFINx nor gmsh nor PETSc: a model read from a file runs on any machine with NumPy and SciPy, and
+what the plug-in of its laws needs.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, Self
+from typing import TYPE_CHECKING, Any, Protocol, Self
 
 import numpy as np
 
@@ -24,11 +24,11 @@ from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.models.starts import KnownStatuses
 from hhr_dolfinx.parameters import ParameterSpace, PointsLike
-from hhr_dolfinx.trained import USUAL, TrainedPaths, TrainedRange
+from hhr_dolfinx.trained import USUAL, Trained, TrainedRange
 
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
-    from hhr_dolfinx.models.histories.reduced_flow import ReducedEquilibrium, ReducedFlow
+    from hhr_dolfinx.models.histories.equilibrium import Equilibrium
 
 ADVICE: Mapping[Status, str] = MappingProxyType(
     {
@@ -38,29 +38,42 @@ ADVICE: Mapping[Status, str] = MappingProxyType(
     }
 )
 
-SAME = 1e-9
-"""Relative difference of a stiffness in the middle of the box that counts as round-off."""
+
+class ReducedLaws(Protocol):
+    """Arrays of bodies with laws on a RID, which a plug-in makes and a file keeps."""
+
+    @property
+    def cells(self) -> np.ndarray:
+        """Numbers of the cells where laws are evaluated."""
+
+    def equilibrium(
+        self, problem: ReducedProblem, parameters: ParameterSpace, fields: Reconstruction, trained: Trained | None
+    ) -> Equilibrium:
+        """Equilibrium of gamma: answers paths."""
+
+    def faults_of(self, model: ReducedModel) -> Iterator[str]:
+        """Faults of arrays that do not fit their model."""
 
 
 class ReducedModel(KeptModel):
     """HHR model: answers a parameter or a path by the projected equations on the RID.
 
-    In elastic models gamma is eliminated, (5.23), and an answer costs one small contact problem. Models of inelastic
-    bodies evaluate the laws on the Gauss points of the RID, (6.17) and Alg. 6.2.
+    In elastic models gamma is eliminated, (5.23), and an answer costs one small contact problem. Models of bodies with
+    laws evaluate these on the RID.
 
     Args:
         problem: the projected arrays.
         parameters: the box of the parameters.
         fields: completes the answers.
-        trained: training range: of points, or of paths for inelastic bodies.
-        known: statuses of the training points on A_lambda; None for inelastic bodies.
-        flow: Gauss points and laws of the RID; None in elastic models.
+        trained: training range: of points, or of paths for bodies with laws.
+        known: statuses of the training points on A_lambda; None for bodies with laws.
+        flow: laws of bodies on the RID; None in elastic models.
         offline: record of the construction, a ``Record``; None for a model from a file.
         factorise: factors K~ and the active blocks.
         compliances: elimination of gamma that is quicker than factors of K~ at each point; None factors K~.
 
     Attributes:
-        eliminated: the model without gamma, which solves elastic problems; None for inelastic bodies.
+        eliminated: the model without gamma, which solves elastic problems; None for bodies with laws.
 
     Raises:
         SingularError: if K~ is singular.
@@ -75,10 +88,10 @@ class ReducedModel(KeptModel):
         problem: ReducedProblem,
         parameters: ParameterSpace,
         fields: Reconstruction,
-        trained: TrainedRange | TrainedPaths | None = None,
+        trained: Trained | None = None,
         *,
         known: KnownStatuses | None = None,
-        flow: ReducedFlow | None = None,
+        flow: ReducedLaws | None = None,
         offline: Any = None,
         factorise: Factorise = dense_factors,
         compliances: Elimination | None = None,
@@ -94,15 +107,13 @@ class ReducedModel(KeptModel):
         self.factorise = factorise
         if fields.interface is not None:
             self.law = fields.interface.inside
-        self.equilibrium: ReducedEquilibrium | None = None
         self.eliminated: CondensedModel | None = None
         try:
             if flow is None:
                 self.eliminated = self._without_gamma(factorise)
                 self._range = self.eliminated._range
             else:
-                self.equilibrium = flow.equilibrium(problem, parameters, fields)
-                self.equilibrium.trained = trained if isinstance(trained, TrainedPaths) else None
+                self.equilibrium = flow.equilibrium(problem, parameters, fields, trained)
         except SingularError as error:
             raise SingularError(f"K~ cannot be eliminated, {error}: add RID layers or use fewer modes") from error
 
@@ -126,25 +137,7 @@ class ReducedModel(KeptModel):
         if conditions != self.fields.A_lambda.size or conditions > ell:
             yield f"{conditions} contact conditions on {ell} modes are dependent, or not those of the RID"
         if self.flow is not None:
-            yield from self.flow.material.faults_for(self.parameters, self.dimension)
-            yield from self._faults_of_parts()
-
-    def _faults_of_parts(self) -> Iterator[str]:
-        """Faults: parts of the stiffness that do not add up to that of the middle of the box or do not fit bodies."""
-        assert self.flow is not None
-        young = {group.young for group in self.flow.material.groups if isinstance(group.young, str)}
-        terms = self.problem.terms
-        names = self.parameters.names
-        moduli = () if terms is None else terms.moduli
-        if {item.factor for item in moduli} - {"1"} != young or any(
-            item.names != names or item.rest != "1" for item in moduli
-        ):
-            yield "the parts of the stiffness are not those of the moduli of its bodies"
-        elif terms is not None:
-            middle = self.parameters.middle
-            there = np.tensordot(terms.weights(middle), terms.stiffness, 1)
-            if not np.abs(there - self.problem.stiffness).max() <= SAME * np.abs(self.problem.stiffness).max():
-                yield "the parts of the stiffness do not make that of the middle of the box"
+            yield from self.flow.faults_of(self)
 
     @classmethod
     def from_file(cls, **parts: Any) -> Self:
@@ -157,7 +150,7 @@ class ReducedModel(KeptModel):
         return self.eliminated._answered(point, start, outside, gradient)
 
     def solve_many(self, points: PointsLike, *, raise_on_failure: bool = True, outside: str = USUAL) -> SeveralAnswers:
-        """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`; inelastic models one by one."""
+        """Answer many parameters, (n, P), see :meth:`CondensedModel.solve_many`; one by one with laws."""
         if self.eliminated is None or self.law.remembers:
             return super().solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
         return self.eliminated.solve_many(points, raise_on_failure=raise_on_failure, outside=outside)
@@ -169,7 +162,7 @@ class ReducedModel(KeptModel):
     def _without_gamma(self, factorise: Factorise) -> CondensedModel:
         """The model with gamma eliminated: once, or for each parameter if the stiffness depends on it."""
         if self.known is None:
-            raise ReductionError("a model in which nothing flows starts from known statuses: give them as known")
+            raise ReductionError("a model of elastic bodies starts from known statuses: give them as known")
         eliminated = self.compliances or _elimination(self.problem, self.fields.amplitudes, self.parameters, factorise)
         trained = self.trained if isinstance(self.trained, TrainedRange) else None
         return CondensedModel(

@@ -24,6 +24,7 @@ from hhr_dolfinx.errors import (
     SceneError,
 )
 from hhr_dolfinx.files import read_arrays, write_arrays
+from hhr_dolfinx.models.histories.equilibrium import facet_of
 from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.plain import add_kind, as_plain, by_name, restored
 from hhr_dolfinx.warn import ignored, warn
@@ -39,9 +40,7 @@ MODULES = {
     "amplitudes": "Amplitudes Coverage Limits",
     "contact.law": "Unilateral",
     "formulas": "Formula Modulus Scalar",
-    "materials.laws": "Norton Plasticity",
     "materials.strain": "StrainOperator",
-    "materials.update": "Group Material",
     "models.bounds.difference": "ExactDifference",
     "models.bounds.output_difference": "OutputDifference",
     "models.condensed": "CondensedModel",
@@ -54,11 +53,8 @@ MODULES = {
     "models.field_response": "FieldResponse",
     "models.functionals.cells": "CellRule Middles MovingCells",
     "models.functionals.functional": "Functionals",
-    "models.functionals.kinds": "Energy FlowMises Largest Linear Loaded Mises MovingMises",
-    "models.histories.condensed_fields": "CondensedFlowFields PartFactors PlasticFields",
-    "models.histories.condensed_flow": "CondensedFlow CondensedFlowModel",
-    "models.histories.reduced_flow": "ReducedFlow",
-    "models.reconstruct": "FlowFields GappyField Reconstruction",
+    "models.functionals.kinds": "Energy Largest Linear Loaded Mises MovingMises",
+    "models.reconstruct": "Reconstruction",
     "models.reduced": "ReducedModel",
     "models.starts": "KnownStatuses LinearStarts",
     "pairings.mortar": "Mortar",
@@ -69,7 +65,7 @@ MODULES = {
     "pairings.surface": "Surface",
     "parameters": "ParameterSpace",
     "shapes": "Shape",
-    "trained": "TrainedPaths TrainedRange",
+    "trained": "TrainedRange",
 }
 """Classes of the core that a file may contain, by their modules; a module is imported when a file needs it."""
 PLACES = {name: f"hhr_dolfinx.{module}:{name}" for module, names in MODULES.items() for name in names.split()}
@@ -152,7 +148,7 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
 
     Raises:
         ModelFileError: if the file is missing, no model, of another version, or damaged, or holds an unknown class.
-        MissingPackageError: for a model of inelastic bodies, if the compiler of their loops is missing.
+        MissingPackageError: if a package that its classes need is missing, such as the compiler of their loops.
     """
     if isinstance(known, type | str) or not isinstance(known, Iterable):
         raise ModelFileError(f"known = {known!r} must be a list of classes, load_model(path, known=[MyLaw])")
@@ -195,7 +191,7 @@ def _meant(folder: Path) -> str:
 
 
 def check_answers(model: KeptModel) -> None:
-    """Refuse a model that fails in the middle of its box. Models of inelastic bodies need not have an answer there.
+    """Refuse a model that fails in the middle of its box. Models of bodies with laws need not have one there.
 
     Raises:
         FileContentError: with the failure.
@@ -219,11 +215,11 @@ def _try(model: KeptModel, point: np.ndarray) -> None:
             raise FileContentError("its displacement in the middle of the box is not finite")
         answer.forces()
         answer.estimate()
-    if answer.converged and model.flows:
-        _ = answer.stress(), answer.plastic_strain()
+    if answer.converged and model.equilibrium is not None:
+        facet_of(model.equilibrium, "file", "a model file")(answer)
     if model.fields.functionals is not None:
         with suppress(NotOfferedError):  # outputs of displacements for a model of forces alone
             answer.outputs()
-    if not model.flows:
+    if model.equilibrium is None:
         with suppress(HHRError):  # the answer may have a kink there, and no gradient
             model.solve(point, gradient=True, outside="ignore", raise_on_failure=False)

@@ -34,17 +34,18 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.reduction.completion import Completion, bound_of
 from hhr_dolfinx.reduction.enrichment import Enrichment, enrich, record_enrichment
 from hhr_dolfinx.reduction.interface import reduction_of
+from hhr_dolfinx.reduction.laws import bodies_of
 from hhr_dolfinx.reduction.projection import project, reduced_domain
 from hhr_dolfinx.reduction.recipe import Recipe, basis_of, chosen_nodes
 from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, as_reductor, compared, made, outcomes
 from hhr_dolfinx.registry import Stage
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
-from hhr_dolfinx.trained import TrainedPaths, TrainedRange
+from hhr_dolfinx.trained import Trained, TrainedRange
 from hhr_dolfinx.warn import repeat
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.histories.reduced_flow import ReducedFlow
+    from hhr_dolfinx.models.reduced import ReducedLaws
     from hhr_dolfinx.models.starts import LinearStarts
 
 
@@ -122,7 +123,7 @@ class Draft:
         sets: index sets of the RID.
         enrichment: the enriched basis.
         reduced: the projected arrays.
-        flow: Gauss points and laws of the RID; None for elastic bodies.
+        flow: laws of bodies on the RID; None for elastic bodies.
         stability: constants of the projection.
         fields: reconstruction of answers.
         model: the model.
@@ -134,7 +135,7 @@ class Draft:
     sets: IndexSets = field(init=False)
     enrichment: Enrichment = field(init=False)
     reduced: ReducedProblem = field(init=False)
-    flow: ReducedFlow | None = None
+    flow: ReducedLaws | None = None
     stability: Stability = field(init=False)
     fields: Reconstruction = field(init=False)
     model: ReducedModel = field(init=False)
@@ -160,7 +161,7 @@ def usual_recipe(full: FullModel) -> Recipe:
 def usual_recipes(full: FullModel) -> tuple[Recipe, ...]:
     """Default recipes of a scene; each is tried if the one before leaves contact rows dependent."""
     if full.equilibrium is not None:
-        return (Recipe.flowing(),)
+        return bodies_of(full).recipes()
     return reduction_of(full.problem.law).recipes()
 
 
@@ -174,19 +175,17 @@ def build(
     """Build an HHR model that passes the trust check, thesis sections 1.4.2-1.4.6 and 6.2.3.
 
     A :class:`~hhr_dolfinx.reduction.reductor.Reductor` instead of a recipe makes a model of another kind, as
-    :class:`~hhr_dolfinx.reduction.exact.ExactCondensation` and
-    :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings` do.
+    :class:`~hhr_dolfinx.reduction.exact.ExactCondensation` does.
 
-    A model that fails is built again with one more layer of cells, up to ``recipe.domain.most_layers``. For inelastic
-    bodies a RID that is too small for its modes makes the projected consistent tangent indefinite: steps then fail, or
+    A model that fails is built again with one more layer of cells, up to ``recipe.domain.most_layers``. For bodies with
+    laws a RID that is too small for its modes makes the projected consistent tangent indefinite: steps then fail, or
     converge to a wrong path with very small residuals, and the elastic operator shows no sign of it.
 
     Args:
         full: the full model, of which only arrays are used. A distributed model is reduced on all ranks, each with its
             local rows; if that is not supported all ranks get all rows, which the log records.
         snapshots: training answers at single parameters, or load paths.
-        recipe: a recipe or a reductor; None means the default, :class:`Recipe` or, for inelastic bodies,
-            ``Recipe.flowing()``.
+        recipe: a recipe or a reductor; None means the default, :class:`Recipe` or that of the laws of bodies.
         held_out: validation answers for the trust check; without them training answers are compared, and a
             warning is given.
         announce: called with each stage that begins; an exception from it stops the build.
@@ -197,7 +196,7 @@ def build(
         UnstableModelError: if the trust check still refuses the model at ``most_layers``.
 
     Warns:
-        StabilityWarning: if a check is close to its limit, or no training answer has contact or inelastic strain.
+        StabilityWarning: if a check is close to its limit, or no training answer has contact or shows laws of bodies.
         UncheckedWarning: if the model was not compared with validation answers.
     """
     given: Any = full
@@ -267,23 +266,13 @@ def _check_given(full, snapshots, recipe, held_out) -> None:
             continue
         check_of_problem(name, solutions, problem)
         if full.equilibrium is not None:
-            _check_inelastic(name, solutions, full.equilibrium.material.gauss_points)
+            bodies_of(full).check_given(full, name, solutions)
         elif solutions.states:
-            raise ReductionError(f"bodies of {name} flow, and none of the model do: they belong to another scene")
+            raise ReductionError(f"bodies of {name} have laws, and none of the model do: they are of another scene")
         elif problem.law.remembers and not solutions.histories:
             raise ReductionError(
                 f"{name} of a scene with {problem.law.name} must be histories: SnapshotSet.of_histories"
             )
-
-
-def _check_inelastic(name: str, solutions: SnapshotSet, size: int) -> None:
-    """Raise ReductionError for solutions that are no histories of inelastic bodies with so many Gauss points."""
-    if not solutions.histories:
-        raise ReductionError(f"{name} of a scene whose bodies flow must be histories: SnapshotSet.of_histories")
-    if not solutions.states:
-        raise ReductionError(f"bodies of the model flow, and none of {name} do: they belong to another scene")
-    if (given := len(solutions.states[0].state.cumulated)) != size:
-        raise ReductionError(f"{name} have {given} Gauss points, the model {size}: they belong to another mesh")
 
 
 @dataclass(frozen=True)
@@ -337,7 +326,8 @@ class HyperReduction(Reductor[Offline]):
         with log.stage("full_constants", task.announce):
             constants = FullConstants.of(full)
         with log.stage("reconstruction", task.announce):
-            completion = Completion.of(problem, snapshots)
+            laws = None if full.equilibrium is None else bodies_of(full).fitted(snapshots)
+            completion = Completion.of(problem, snapshots, laws)
         if full.equilibrium is None or recipe.tangents is None:
             why = "elastic bodies: the elastic operator is the tangent" if full.equilibrium is None else "not requested"
             log.skip("tangents", why)
@@ -352,7 +342,7 @@ class HyperReduction(Reductor[Offline]):
             registry.load(place)(draft)
         return draft.model, draft.facts
 
-    def compare(self, task: Task, model: ReducedModel) -> tuple[Comparison | None, TrainedRange | TrainedPaths | None]:
+    def compare(self, task: Task, model: ReducedModel) -> tuple[Comparison | None, Trained | None]:
         """Errors against known answers, and on S for bodies with rigid motions."""
         assert task.snapshots is not None  # checked
         if task.snapshots.columns is not None:
@@ -373,22 +363,18 @@ class HyperReduction(Reductor[Offline]):
 
 
 _HERE = "hhr_dolfinx.reduction.build"
-_FLOW = "hhr_dolfinx.reduction.stages_of_flow"
 
 
 STAGES = (
     Stage(f"{_HERE}:choose_domain"),
     Stage(f"{_HERE}:enrich_basis", f"{_HERE}:choose_domain"),
     Stage(f"{_HERE}:project_problem", f"{_HERE}:enrich_basis"),
-    Stage(f"{_FLOW}:project_points", f"{_HERE}:project_problem", lambda full, recipe: full.equilibrium is not None),
     Stage(f"{_HERE}:assess_projection", f"{_HERE}:project_problem"),
     Stage(f"{_HERE}:check_constants", f"{_HERE}:assess_projection", lambda full, recipe: recipe.trust is not None),
     Stage(f"{_HERE}:reconstruct", f"{_HERE}:assess_projection"),
     Stage(f"{_HERE}:assemble", f"{_HERE}:reconstruct"),
     Stage(f"{_HERE}:start_along", f"{_HERE}:assemble",
           lambda full, recipe: not full.problem.varies and not full.law.remembers and full.equilibrium is None),
-    Stage(f"{_FLOW}:check_tangents", f"{_HERE}:assemble",
-          lambda full, recipe: full.equilibrium is not None and recipe.tangents is not None),
 )  # fmt: skip
 """Stages of an attempt; a plug-in adds its own in its manifest."""
 

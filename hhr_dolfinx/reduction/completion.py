@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from scipy import linalg
@@ -17,26 +17,31 @@ from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, ReductionError
 from hhr_dolfinx.models.bounds.bound import Bound
 from hhr_dolfinx.models.estimates import NOT_ASKED
-from hhr_dolfinx.models.reconstruct import FlowFields, GappyField, Reconstruction
-from hhr_dolfinx.reduction.modes import pod, state_modes
+from hhr_dolfinx.models.reconstruct import Reconstruction
+from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 
 if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Completion as CompletionOfLaws
     from hhr_dolfinx.models.field_response import FieldResponse
     from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.models.histories.reduced_flow import ReducedFlow
+    from hhr_dolfinx.models.reduced import ReducedLaws
 
 
-STRESS = 1e-9
-PLASTIC_STRAIN = 1e-6
-"""Part of the squared training fields that the modes for stress and for cumulated plastic strain leave out."""
 FORCES = 1e-6
 """Part of the squared training forces that modes of forces leave out, for laws that give them any sign."""
 IN_THE_CONE = 1e-3
 """Relative distance from the cone of the other snapshots below which a force snapshot is left out: the fraction of the
 largest force below which a relative force error is meaningless."""
+
+
+class FittedLaws(Protocol):
+    """Fields of bodies with laws in training, which a plug-in decomposed, see :mod:`hhr_dolfinx.reduction.stages`."""
+
+    def completion(self, laws: ReducedLaws) -> CompletionOfLaws:
+        """Completion of these fields from the places of the laws in one reduced model."""
 
 
 @dataclass(frozen=True)
@@ -46,25 +51,17 @@ class Completion:
     Attributes:
         forces: of training, (N_lambda, S).
         gap_scale: length scale of gaps, (N_lambda,).
-        stress, plastic_strain: POD modes of the fields of Gauss points; None if they are zero.
+        laws: fields of bodies with laws in training; None for elastic bodies.
     """
 
     forces: np.ndarray
     gap_scale: np.ndarray
-    stress: np.ndarray | None = None
-    plastic_strain: np.ndarray | None = None
+    laws: FittedLaws | None = None
 
     @classmethod
-    def of(cls, problem: ContactProblem, snapshots: SnapshotSet) -> Completion:
+    def of(cls, problem: ContactProblem, snapshots: SnapshotSet, laws: FittedLaws | None = None) -> Completion:
         """Data from training answers."""
-        scale = _gap_scale(problem, snapshots)
-        if not snapshots.states:
-            return cls(snapshots.forces, scale)
-        stress = state_modes([state.stress.ravel() for state in snapshots.states], STRESS)
-        if not snapshots.flowed:
-            return cls(snapshots.forces, scale, stress)
-        flowed = state_modes([state.state.cumulated for state in snapshots.states], PLASTIC_STRAIN)
-        return cls(snapshots.forces, scale, stress, flowed)
+        return cls(snapshots.forces, _gap_scale(problem, snapshots), laws)
 
     @cached_property
     def rays(self) -> np.ndarray:
@@ -81,7 +78,7 @@ class Completion:
         problem: ContactProblem,
         basis: np.ndarray,
         sets: IndexSets,
-        flow: ReducedFlow | None = None,
+        flow: ReducedLaws | None = None,
         *,
         cone: bool = True,
     ) -> Reconstruction:
@@ -99,18 +96,14 @@ class Completion:
             force_snapshots=self.rays if cone else None,
             gap_scale=self.gap_scale,
             dimension=problem.block_size,
-            flow=None if flow is None else self._flow_fields(flow),
+            flow=None if flow is None else self._of_laws(flow),
         )
 
-    def _flow_fields(self, flow: ReducedFlow) -> FlowFields:
-        """Reconstruction of stress and cumulated plastic strain from the Gauss points of the RID (section 6.2.3)."""
-        if self.stress is None:
-            raise ReductionError("these snapshots hold no stress: give histories of a scene whose bodies flow")
-        components = flow.material.components
-        points = flow.points
-        values = (points[:, None] * components + np.arange(components)).ravel()
-        flowed = None if self.plastic_strain is None else GappyField.fitted(self.plastic_strain, points)
-        return FlowFields(points, GappyField.fitted(self.stress, values), flowed, len(self.stress) // components)
+    def _of_laws(self, flow: ReducedLaws) -> CompletionOfLaws:
+        """Completion of the fields of laws."""
+        if self.laws is None:
+            raise ReductionError("the fields of laws of bodies in training are unknown: give them as laws")
+        return self.laws.completion(flow)
 
 
 def spanning_rays(columns: np.ndarray, tolerance: float) -> np.ndarray:

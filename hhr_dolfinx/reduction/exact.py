@@ -82,7 +82,7 @@ def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = T
         raise SceneError("contact alone holds bodies: give a full model on MPI.COMM_SELF, whose motions one rank knows")
     if full.equilibrium is not None:
         raise SceneError(
-            f"bodies of scene '{full.scene.name}' flow: their stiffness changes, and no condensation is exact"
+            f"bodies of scene '{full.scene.name}' have laws: their stiffness changes, and no condensation is exact"
         )
     if full.problem.varies:
         raise SceneError(

@@ -56,7 +56,7 @@ def _cut(columns: np.ndarray, rows: np.ndarray) -> np.ndarray:
     return found
 
 
-def _nodes_of_values(problem: ContactProblem, values: np.ndarray, tolerance: float) -> np.ndarray:
+def nodes_of_values(problem: ContactProblem, values: np.ndarray, tolerance: float) -> np.ndarray:
     """Nodes of the cells in which DEIM picks values of a field of Gauss points, as many in each cell."""
     picked = deim(pod(values, tolerance)[0])
     return problem.cell_nodes[picked // (len(values) // len(problem.cell_nodes))].ravel()
@@ -98,7 +98,7 @@ def _check_truths(step: Any) -> None:
 
 
 @dataclass(frozen=True)
-class _Truncated:
+class Truncated:
     """Base of steps with a POD: ``tolerance`` is epsilon of (1.53), in (0, 1)."""
 
     tolerance: float
@@ -113,7 +113,7 @@ class _Truncated:
 
 
 @dataclass(frozen=True)
-class Pod(_Truncated):
+class Pod(Truncated):
     """Proper orthogonal decomposition of the displacements, thesis (1.49)-(1.54).
 
     Attributes:
@@ -217,7 +217,7 @@ class Deim:
 
 
 @dataclass(frozen=True)
-class ForceDeim(_Truncated):
+class ForceDeim(Truncated):
     """Slave nodes of the contact conditions that DEIM picks on a POD of the contact forces, section 1.4.3.
 
     Attributes:
@@ -237,28 +237,6 @@ class ForceDeim(_Truncated):
     def by_rows(self) -> bool:
         """See :class:`Pod`."""
         return True
-
-
-@dataclass(frozen=True)
-class StressDeim(_Truncated):
-    """Nodes of the cells in which DEIM picks Gauss points on a POD of the stress, section 6.2.3."""
-
-    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
-        """See :class:`Nodes`; empty for elastic bodies."""
-        if snapshots.stress is None:
-            return np.zeros(0, dtype=np.int64)
-        return _nodes_of_values(problem, snapshots.stress, self.tolerance)
-
-
-@dataclass(frozen=True)
-class FlowDeim(_Truncated):
-    """Nodes of the cells in which DEIM picks Gauss points on a POD of the cumulated plastic strain, section 6.2.3."""
-
-    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
-        """See :class:`Nodes`; empty without plastic strain in training."""
-        if snapshots.cumulated is None or not snapshots.flowed:
-            return np.zeros(0, dtype=np.int64)
-        return _nodes_of_values(problem, snapshots.cumulated, self.tolerance)
 
 
 @dataclass(frozen=True)
@@ -330,7 +308,7 @@ class Enrich:
 
 @dataclass(frozen=True)
 class Tangents:
-    """Check of the projected tangents at training states of inelastic bodies.
+    """Check of the projected tangents at training states of bodies with laws.
 
     Attributes:
         least: smallest real part allowed for the eigenvalues of V[A]^T K_T V relative to V^T K_T V. Of twenty recipes
@@ -369,7 +347,7 @@ class Recipe(metaclass=_Named):
         domain: the RID around them.
         enrichment: enrichment of the basis; None for none.
         trust: limits of the trust check; None leaves it out, to measure a model without it.
-        tangents: check of the tangents of inelastic bodies; None for none.
+        tangents: check of the tangents of bodies with laws; None for none.
         indicator: estimates the error of each answer instead of a bound; None for none.
         bound: whether answers have a bound of their error, if its hypotheses hold.
         cone: whether forces outside the RID are combinations of training forces, (1.70), even if a bound has S. With S
@@ -418,18 +396,6 @@ class Recipe(metaclass=_Named):
             "cone": True,
         }
         return cls(Pod(tolerance), **(plain | changes))
-
-    @classmethod
-    def flowing(cls, **changes: Any) -> Recipe:
-        """Recipe for inelastic bodies, section 6.2.3: DEIM of stress and plastic strain too, a larger RID."""
-        nodes = (Deim(), ForceDeim(1e-8), StressDeim(1e-9), FlowDeim(1e-6), LoadNodes())
-        usual: dict[str, Any] = {
-            "nodes": nodes,
-            "domain": Rid(3, 8),
-            "enrichment": Enrich(1.0),
-            "trust": TrustLimits.of_histories(),
-        }
-        return cls(**({"basis": Pod(3e-10)} | usual | changes))
 
     @property
     def by_rows(self) -> bool:

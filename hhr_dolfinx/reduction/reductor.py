@@ -18,7 +18,7 @@ import numpy as np
 
 from hhr_dolfinx.certify.accuracy import force_floor, mass_norm
 from hhr_dolfinx.certify.compare import Comparison, compare_points, retraced
-from hhr_dolfinx.certify.trust import OF_A_RID, TrustLimits, check_comparison, checked_histories, compared_histories
+from hhr_dolfinx.certify.trust import OF_A_RID, TrustLimits, check_comparison, compared_histories
 from hhr_dolfinx.errors import (
     ClaimError,
     HHRError,
@@ -32,6 +32,7 @@ from hhr_dolfinx.errors import (
 )
 from hhr_dolfinx.models.model import AnsweringModel, KeptModel
 from hhr_dolfinx.ranks import together
+from hhr_dolfinx.reduction.laws import bodies_of
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
 from hhr_dolfinx.warn import Warned, collected, repeat
@@ -39,7 +40,7 @@ from hhr_dolfinx.warn import Warned, collected, repeat
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.snapshots.arrays import ArrayStore
-    from hhr_dolfinx.trained import TrainedPaths, TrainedRange
+    from hhr_dolfinx.trained import Trained
 
 
 MOST_TRAINING_COMPARED = 50
@@ -203,7 +204,7 @@ class Reductor(ABC, Generic[Prepared]):
     def attempt(self, prepared: Prepared, level: Any) -> tuple[AnsweringModel, Any]:
         """A model, and the facts of its record."""
 
-    def compare(self, task: Task, model: Any) -> tuple[Comparison | None, TrainedRange | TrainedPaths | None]:
+    def compare(self, task: Task, model: Any) -> tuple[Comparison | None, Trained | None]:
         """Errors against known answers, checked, and the training range."""
         return compared(task, model, self.limits, self.remedy)
 
@@ -323,7 +324,7 @@ def everywhere(full: FullModel, *sets: SnapshotSet | None) -> tuple[Any, ...]:
 
 def compared(
     task: Task, model: Any, limits: TrustLimits | None, remedy: str | Mapping[str, str] = OF_A_RID
-) -> tuple[Comparison | None, TrainedRange | TrainedPaths | None]:
+) -> tuple[Comparison | None, Trained | None]:
     """Errors against validation answers, or else against training, checked, and the training range.
 
     The training range of a model of load paths is known only after it has solved the known paths.
@@ -335,7 +336,7 @@ def compared(
         return None, model.trained
     with task.log.stage("validation", task.announce):
         if model.equilibrium is not None:
-            return checked_histories(full, model, snapshots, held_out, limits, remedy)
+            return bodies_of(full).checked(full, model, snapshots, held_out, limits, remedy)
         if model.law.remembers:
             return compared_histories(full, model, snapshots, held_out, limits, remedy)[0], model.trained
         if limits is None:

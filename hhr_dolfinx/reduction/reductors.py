@@ -11,8 +11,6 @@ from hhr_dolfinx.registry import Way
 OWN = (
     Way("hhr_dolfinx.reduction.exact:ExactCondensation",
         lambda full: full.equilibrium is None and not full.problem.varies, condenses=True),
-    Way("hhr_dolfinx.reduction.condense_flow:CorrectionSettings",
-        lambda full: full.equilibrium is not None, condenses=True),
     Way("hhr_dolfinx.reduction.build:HyperReduction", lambda full: full.problem.reshaped is None),
 )  # fmt: skip
 """Reductors of the core."""

@@ -10,17 +10,16 @@ import logging
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager, nullcontext
 from dataclasses import dataclass, field, replace
-from functools import cached_property
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from hhr_dolfinx import ranks
+from hhr_dolfinx import ranks, registry
 from hhr_dolfinx.certify.accuracy import force_floor, round_off_force
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError, ReductionError, TrainingWarning
-from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
+from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, told_once
 from hhr_dolfinx.models.shown import Shown, counted
 from hhr_dolfinx.models.starts import KnownStatuses
@@ -29,6 +28,7 @@ from hhr_dolfinx.warn import first_alone, warn
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
+    from hhr_dolfinx.memory import Memory
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.parameters import ParameterSpace, PointsLike
     from hhr_dolfinx.snapshots.store import SnapshotStore
@@ -147,7 +147,7 @@ class SnapshotSet(Shown):
             ranks the local rows, (own, S), except for histories.
         forces: contact forces, (N_lambda, S).
         active: statuses, (N_lambda, S) bool.
-        states: stress and state at all Gauss points, one for each column; empty without inelastic bodies.
+        states: memory of laws of bodies, one for each column; empty for elastic bodies.
         histories: histories whose steps are the columns; empty for answers at single parameters.
         columns: numbers of the columns among all steps of the concatenated histories, increasing; None for all.
     """
@@ -156,7 +156,7 @@ class SnapshotSet(Shown):
     displacements: np.ndarray
     forces: np.ndarray
     active: np.ndarray
-    states: tuple[GaussState, ...] = ()
+    states: tuple[Memory, ...] = ()
     histories: tuple[History, ...] = ()
     columns: np.ndarray | None = None
 
@@ -175,7 +175,8 @@ class SnapshotSet(Shown):
         """Make a set of answers of a full model, one column each."""
         names = ("unknown", "multipliers", "active")
         unknown, forces, active = (np.stack([getattr(answer, name) for answer in answers], axis=1) for name in names)
-        states = tuple(answer.state() for answer in answers) if "gauss" in answers[0].memory else ()
+        remembers = registry.memories(of_bodies=True) & answers[0].memory.keys()
+        states = tuple(answer.memory for answer in answers) if remembers else ()
         points = np.array([answer.parameter for answer in answers])
         return SnapshotSet(points, unknown, forces, active, states, tuple(histories))
 
@@ -247,21 +248,6 @@ class SnapshotSet(Shown):
         unknown, forces, active = (np.concatenate(pair, axis=1) for pair in pairs)
         return SnapshotSet(np.vstack([self.points, others.points]), unknown, forces, active)
 
-    @property
-    def flowed(self) -> bool:
-        """True if any answer has plastic strain."""
-        return any(state.state.cumulated.any() for state in self.states)
-
-    @cached_property
-    def stress(self) -> np.ndarray | None:
-        """Stress at all Gauss points, one column for each answer, (points * components, S); None if all is elastic."""
-        return np.stack([state.stress.ravel() for state in self.states], axis=1) if self.states else None
-
-    @cached_property
-    def cumulated(self) -> np.ndarray | None:
-        """Cumulated plastic strain, one column for each answer, (points, S); None if all bodies are elastic."""
-        return np.stack([state.state.cumulated for state in self.states], axis=1) if self.states else None
-
     def known_statuses(self, conditions: Any = slice(None)) -> KnownStatuses:
         """Statuses of some conditions as initial statuses of further queries."""
         return KnownStatuses(self.points, np.ascontiguousarray(self.active[conditions].T))
@@ -284,7 +270,7 @@ def compute_snapshots(
     settings: MarchSettings = DEFAULT_MARCH,
     lost: Lost | None = None,
 ) -> SnapshotSet:
-    """Answer queries by the full model: single parameters, or load paths for inelastic bodies.
+    """Answer queries by the full model: single parameters, or load paths for laws that remember.
 
     Args:
         full: full model.

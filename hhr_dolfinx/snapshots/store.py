@@ -15,30 +15,35 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import astuple, fields, is_dataclass, replace
 from functools import cached_property, partial
-from itertools import product
 from pathlib import Path
-from types import BuiltinFunctionType, CodeType, FunctionType, MemberDescriptorType, MethodType, ModuleType
-from typing import TYPE_CHECKING, Any
+from types import (
+    BuiltinFunctionType,
+    CodeType,
+    FunctionType,
+    MappingProxyType,
+    MemberDescriptorType,
+    MethodType,
+    ModuleType,
+)
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 from scipy.sparse import issparse
 
-from hhr_dolfinx.certify.accuracy import contact_residuals, slack_residuals
+from hhr_dolfinx.certify.accuracy import contact_residuals
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import FileContentError, SnapshotFileWarning, StudyError
-from hhr_dolfinx.files import MAPPED, check_layout, clear_leftovers, make_folder, read_arrays, write_arrays
-from hhr_dolfinx.materials.elasticity import lame_parameters
+from hhr_dolfinx.files import check_layout, clear_leftovers, make_folder, read_arrays, write_arrays
 from hhr_dolfinx.memory import NO_MEMORY
-from hhr_dolfinx.models.answer import Answer, GaussState, History
+from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.answer import Path as History_path
-from hhr_dolfinx.models.histories.equilibrium import MarchSettings
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings, facet_of
 from hhr_dolfinx.models.histories.path import checked_path
 from hhr_dolfinx.version import __version__
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.materials.update import Group
     from hhr_dolfinx.models.full import FullModel
 
 
@@ -198,21 +203,88 @@ _LAYOUT: dict[str, tuple[str, ...]] = {
     "multipliers": ("float", "N_lambda"),
     "active": ("bool", "N_lambda"),
 }
-_GAUSS: dict[str, tuple[str, ...]] = {
-    "stress": ("float", "points", "components"),
-    "plastic": ("float", "points", "components"),
-    "cumulated": ("float", "points"),
-    "iterations": ("int",),
-    "ends": ("float", "ends"),
-    "time_error": ("float",),
-}
-"""Additional arrays of a step with inelastic bodies."""
-_PARTS: dict[str, tuple[str, ...]] = {name: _GAUSS[name] for name in ("iterations", "ends", "time_error")}
+_PARTS: dict[str, tuple[str, ...]] = {"iterations": ("int",), "ends": ("float", "ends"), "time_error": ("float",)}
+"""Additional arrays of a step that may be solved in parts."""
 
 UNKNOWN = -1.0
 """Time error of a step without an estimate."""
 SOLVED = 1e-2
 """Largest relative residual of a solution: round-off reaches 1e-4 if bodies are displaced by 1e8 times their size."""
+
+
+class StoredLaws(Protocol):
+    """Memory of laws of bodies in files: the facet ``store`` of a plug-in, a function of a full equilibrium.
+
+    Attributes:
+        layout: types and sizes of the arrays of an answer, by name.
+        sizes: their values, by name.
+    """
+
+    layout: Mapping[str, tuple[str, ...]]
+    sizes: Mapping[str, int]
+
+    def fingerprint(self) -> list[Any]:
+        """Arrays, numbers and texts that identify the laws, to which a digest is updated by :func:`add_to`."""
+
+    def query(self, point: np.ndarray) -> list[str]:
+        """Digests of what laws with formulas do at a point, (P,)."""
+
+    def arrays(self, answer: Answer) -> dict[str, Any]:
+        """Memory of an answer as arrays, by the names of the layout."""
+
+    def memory(self, arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        """Parts of the memory of an answer, by name."""
+
+    def residual(self, answer: Answer, forces: float) -> float:
+        """Relative residual of an answer, see :meth:`SnapshotStore._residual`."""
+
+    def size(self, answer: Answer) -> float:
+        """Norm of the forces of an answer, for the residual of later steps."""
+
+    def is_large(self, answer: Answer) -> bool:
+        """True if the memory of such answers is better mapped from disk."""
+
+
+class _Elastic:
+    """Bodies without laws, which remember nothing."""
+
+    layout: Mapping[str, tuple[str, ...]] = MappingProxyType({})
+    sizes: Mapping[str, int] = MappingProxyType({})
+
+    def __init__(self, problem: ContactProblem):
+        self._problem = problem
+
+    def fingerprint(self) -> list[Any]:
+        return []
+
+    def query(self, point: np.ndarray) -> list[str]:
+        return []
+
+    def arrays(self, answer: Answer) -> dict[str, Any]:
+        return {}
+
+    def memory(self, arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        return {}
+
+    def residual(self, answer: Answer, forces: float) -> float:
+        problem = self._problem.at(answer.parameter)
+        theta = self._problem.amplitudes(answer.parameter)
+        opened = self._problem.law.opened(answer.memory)
+        return max(astuple(contact_residuals(problem, answer.displacement(), answer.forces(), theta, opened)))
+
+    def size(self, answer: Answer) -> float:
+        return 0.0
+
+    def is_large(self, answer: Answer) -> bool:
+        return False
+
+
+def stored_laws(full: FullModel) -> StoredLaws:
+    """Laws of the bodies of a full model, as files keep them."""
+    if full.equilibrium is None:
+        return _Elastic(full.problem)
+    made: StoredLaws = facet_of(full.equilibrium, "store", "a store of snapshots")(full)
+    return made
 
 
 class SnapshotStore:
@@ -234,17 +306,15 @@ class SnapshotStore:
     def __init__(self, folder: str | Path, full: FullModel):
         self._full = full
         self._problem = full.problem
+        self._laws = stored_laws(full)
         self._fingerprint = _digest_of(full)  # collective, before anything that may fail on one rank
         self._folder = make_folder(folder)
         clear_leftovers(self._folder)
-        self._behaviours: dict[tuple, str] = {}
         conditions, dofs = self._problem.contact.shape
         self._sizes = {"N": dofs, "N_lambda": conditions}
         self._law = self._problem.law
         self._sizes |= self._law.sizes
-        if full.equilibrium is not None:
-            material = full.equilibrium.material
-            self._sizes |= {"points": material.gauss_points, "components": material.components}
+        self._sizes |= self._laws.sizes
         self.found = 0
 
     def load(self, point: np.ndarray) -> Answer | None:
@@ -297,23 +367,7 @@ class SnapshotStore:
         """Query of a point: its values, and those of non-affine amplitudes and of laws with formulas there."""
         driven = [amplitude(point) for amplitude in self._problem.amplitudes.nonaffine]
         numbers = [float(item) for pair in driven for part in pair for item in part]
-        return [*point.tolist(), *numbers, *self._laws_at(point)]
-
-    def _laws_at(self, point: np.ndarray) -> list[str]:
-        """Digests of the bodies with formulas: constants and modulus at a point, and answers of the law with them."""
-        if self._full.equilibrium is None:
-            return []
-        material = self._full.equilibrium.material
-        digests = []
-        for place, constants in enumerate(material.constants(point)):
-            if constants:
-                key = place, *constants.values()
-                if key not in self._behaviours:
-                    digest = hashlib.sha256()
-                    add_to(digest, [list(constants.values()), *_answers_of(material.at(point).groups[place])])
-                    self._behaviours[key] = digest.hexdigest()
-                digests.append(self._behaviours[key])
-        return digests
+        return [*point.tolist(), *numbers, *self._laws.query(point)]
 
     def _load(self, point: np.ndarray, query: list, forces: float = 0.0) -> Answer | None:
         """Answer to a query, checked with ``forces`` as in :meth:`_residual`; None if it is not there."""
@@ -355,8 +409,7 @@ class SnapshotStore:
 
     def _save(self, answer: Answer, query: list) -> None:
         values = {name: getattr(answer, name) for name in _LAYOUT}
-        if "gauss" in answer.memory:
-            values |= {"stress": answer.gauss.stress, **answer.gauss.state._asdict()}
+        values |= self._laws.arrays(answer)
         values |= self._law.stored(answer.memory)
         values |= {name: getattr(answer, name) for name in _PARTS if name in self._layout()}
         if np.isnan(answer.time_error):  # without a tolerance there is none; files hold finite numbers
@@ -367,18 +420,13 @@ class SnapshotStore:
         write_arrays(self._path(query), self._header(query), arrays, tidy=False)
 
     def _layout(self) -> dict[str, tuple[str, ...]]:
-        layout = _LAYOUT if self._full.equilibrium is None else _LAYOUT | _GAUSS
+        layout = _LAYOUT | dict(self._laws.layout) | (_PARTS if self._laws.layout else {})
         return layout | _PARTS | self._law.layout if self._law.remembers else layout
 
     def _answer(self, point: np.ndarray, arrays: dict[str, np.ndarray]) -> Answer:
-        memory = NO_MEMORY
+        memory = NO_MEMORY | self._laws.memory(arrays)
         iterations = 0
         steps: dict[str, Any] = {}
-        if "stress" in arrays:
-            assert self._full.equilibrium is not None
-            state = self._full.equilibrium.material.at_rest()
-            state = state._replace(plastic=arrays["plastic"], cumulated=arrays["cumulated"])
-            memory |= {"gauss": GaussState(arrays["stress"], state)}
         memory |= self._law.restored(arrays)
         if "ends" in arrays:
             iterations = int(arrays["iterations"])
@@ -395,15 +443,7 @@ class SnapshotStore:
             answer: answer to check.
             forces: norm of the forces at previous steps, the scale of residuals for unloaded bodies.
         """
-        theta = self._problem.amplitudes(answer.parameter)
-        if "gauss" not in answer.memory:
-            problem = self._problem.at(answer.parameter)
-            fields = answer.displacement(), answer.forces()
-            return max(astuple(contact_residuals(problem, *fields, theta, self._law.opened(answer.memory))))
-        assert self._full.equilibrium is not None
-        signs = self._full.equilibrium.signs(answer)
-        _, pull = slack_residuals(self._problem, answer.unknown, answer.multipliers, theta)
-        return max(pull, signs.imbalance / (max(signs.size, forces) or 1.0))
+        return self._laws.residual(answer, forces)
 
     def _header(self, query: list) -> dict:
         return {"format": FORMAT, "version": VERSION, "problem": self._fingerprint.hex(), "point": query}
@@ -440,20 +480,19 @@ class KeptSteps:
         """Load the answers of the first steps, up to the first one that is missing."""
         answers = []
         forces = 0.0
-        equilibrium = self._store._full.equilibrium
+        laws = self._store._laws
         for (time, point), query in zip(self._path[1:], self._queries[1:], strict=True):
             answer = self._store._load(point, query, forces)
             if answer is None:
                 break
             answers.append(answer._replace(time=time))
-            forces = 0.0 if equilibrium is None else max(forces, equilibrium.signs(answer).size)
+            forces = max(forces, laws.size(answer))
         self._count = len(answers)
         return answers
 
     def on_disk(self, history: History) -> History:
         """The history, all of whose steps are stored; large ones are mapped from disk, which frees their memory."""
-        gauss = history.answers[-1].memory.get("gauss") if history.answers else None
-        if gauss is None or gauss.stress.nbytes < MAPPED:
+        if not history.answers or not self._store._laws.is_large(history.answers[-1]):
             return history
         found = self._store.found
         answers = self.load()
@@ -489,10 +528,7 @@ def _digest_of(full: FullModel) -> bytes:
     parts += [text for modulus in problem.moduli for text in (modulus.factor, modulus.rest)]
     parts += [] if problem.reshaped is None else [problem.reshaped.described]
     parts += problem.law.parts()
-    groups = () if full.equilibrium is None else full.equilibrium.material.groups
-    parts += [part for group in groups for part in (group.indices, group.young, group.poisson, _answers_of(group))]
-    if full.equilibrium is not None and full.equilibrium.eigenstrains.nnz:
-        parts.append(full.equilibrium.eigenstrains)
+    parts += stored_laws(full).fingerprint()
     add_to(digest, parts)
     return digest.digest()
 
@@ -503,23 +539,3 @@ def _digests_of_rows(problem: ContactProblem) -> list[str]:
     own = hashlib.sha256()
     add_to(own, [problem.stiffness_terms, problem.node_mass, problem.first])
     return problem.comm.allgather(own.hexdigest())
-
-
-def _answers_of(group: Group) -> list[Any]:
-    """Answers of the law of a body under fixed stresses: its behaviour identifies it, not its code."""
-    if group.law is None:
-        return []
-    from hhr_dolfinx.materials.constants import formulas_of
-
-    formulas = formulas_of(group.law)
-    if formulas or isinstance(group.young, str):  # without numbers it cannot be evaluated
-        return [text for pair in formulas.items() for text in pair]
-    _, shear = lame_parameters(group.young, group.poisson)
-    trial = group.young * np.logspace(-8, 0, 201)
-    found: list[Any] = []
-    for strain, dt in product((0.0, 1e-3, 0.1, 1.0), (1e-3, 1.0, 1e3)):
-        try:
-            found += [np.asarray(part, float) for part in group.law.flow(trial.copy(), 0 * trial + strain, shear, dt)]
-        except Exception as error:  # a failure belongs to the behaviour of the law, too
-            found.append(type(error).__name__)
-    return found

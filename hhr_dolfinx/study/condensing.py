@@ -31,7 +31,7 @@ def condense(scene: Scene | FullOrderModel, settings: Any = None, *, fields: boo
 
     Raises:
         NotOfferedError: if moduli or shapes are parameters and no installed plug-in interpolates.
-        ReductionError: for inelastic bodies, which are condensed from histories: ``train(...).condense()``; or for
+        ReductionError: for bodies with laws, which are condensed from histories: ``train(...).condense()``; or for
             bodies with rigid motions and variable moduli or shapes.
         SceneError: for an invalid scene, or one that cannot be built.
 
@@ -51,7 +51,7 @@ def condensed(full: FullOrderModel, settings: Any = None, *, fields: bool | None
     full.problem.require_parts("condensation")
     if full.equilibrium is not None:
         raise ReductionError(
-            f"bodies of scene '{full.scene.name}' flow: a condensation of these is made of histories, "
+            f"bodies of scene '{full.scene.name}' have laws: a condensation of these is made of histories, "
             "hhr.train(scene, paths).condense()"
         )
     if fields is None:

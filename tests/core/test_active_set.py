@@ -277,7 +277,7 @@ def test_every_model_keeps_its_pairs_apart(kind, unlike, request):
         loads = flow.problem.loads @ theta
         model = flow.equilibrium
         if kind == "reduced flow":
-            from hhr_dolfinx.reduction.flow import project_flow
+            from hhr_dolfinx.plugins.inelastic.project import project_flow
 
             fields = SimpleNamespace(amplitudes=problem.amplitudes, interface=None)
             projected, points = project(flow.problem, basis, sets), project_flow(model, basis, sets)

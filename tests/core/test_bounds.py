@@ -163,7 +163,7 @@ def test_what_is_not_proved_is_refused(hertz):
     skew.problem = dataclasses.replace(hertz.problem, stiffness_terms=(stiffness,))
     cases = {"depends on parameters": varying, "dependent": dependent, "not symmetric": skew}
     if present("inelastic"):
-        cases["bodies flow"] = hhr.FullOrderModel(tube(hhr.Plasticity(1.0, 1.0), 1.0, 4))
+        cases["bodies have laws"] = hhr.FullOrderModel(tube(hhr.Plasticity(1.0, 1.0), 1.0, 4))
     for why, full in cases.items():
         with pytest.raises(BoundError, match=why):
             exact_difference(full, np.zeros((full.problem.free.size, 1)))

@@ -369,7 +369,7 @@ MISTAKES = [
     (3, "travel = inf", ["solve", "MODEL", "--at", "travel=inf,lowered=0"]),
     (3, "travel = 4 is outside", ["solve", "MODEL", "--at", "travel=4,lowered=0"]),
     (2, "--out needs a mesh", ["solve", "MODEL", *AT, "--out", "a.vtu"]),
-    (2, "nothing flows", ["solve", "MODEL", *AT, "--duration", "2"]),
+    (2, "all bodies are elastic", ["solve", "MODEL", *AT, "--duration", "2"]),
     (3, "must end in .vtkhdf or .vtu", ["solve", DEMO, *AT, "--out", "a.pvd"]),
     (3, "folder.vtu is a folder", ["solve", DEMO, *AT, "--out", "folder.vtu"]),
     (3, "a file stands where a folder is needed", ["solve", DEMO, *AT, "--out", "file/a.vtu"]),
@@ -461,7 +461,7 @@ def test_models_with_a_law_of_a_users_own(tmp_path, monkeypatch):
     """Its class comes out of the file that is named, as scenes do; a page and C refuse it by name."""
     from toy_law import Bingham
 
-    from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+    from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
     scene = contract.blocks(law=Bingham(0.03, 0.5))
     training = hhr.train(scene, [contract.path(top) for top in (0.02, 0.05)], held_out=[contract.path(0.04)])

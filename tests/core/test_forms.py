@@ -27,7 +27,7 @@ def as_csr(matrix):
 @pytest.mark.parametrize("hypothesis", ["plane_strain", "axisymmetric", "solid"])
 def test_stiffness_through_gauss_points_is_the_assembled_one(hypothesis, simplices):
     """Under full integration by one rule, for strains of 4 and of 6 components; what the model assembles too."""
-    from hhr_dolfinx.full_order.gauss_points import material_at, strain_operator
+    from hhr_dolfinx.plugins.inelastic.gauss_points import material_at, strain_operator
 
     scene = pressed_block(hypothesis, simplices=simplices, cells=3)
     built, body = Discretisation(scene, MPI.COMM_SELF), scene.bodies[0]

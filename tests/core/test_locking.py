@@ -252,7 +252,7 @@ def with_body(scene, **changes):
 def test_cells_that_lock_are_named(hypothesis, cell, remedy):
     scene = pressed_block(hypothesis, simplices=True, cells=2)
     if present("inelastic"):
-        with pytest.warns(LockingWarning, match=rf"body 1 .* flows.* {cell}.* Mesh it with {remedy}"):
+        with pytest.warns(LockingWarning, match=rf"body 1 .* has a law.* {cell}.* Mesh it with {remedy}"):
             hhr.FullOrderModel(with_body(scene, law=hhr.Plasticity(1.0)))
     with pytest.warns(LockingWarning, match=rf"body 1 .* nu = 0\.46.* {cell}.* Mesh it with {remedy}"):
         hhr.FullOrderModel(with_body(scene, poisson=0.46))

@@ -105,7 +105,7 @@ def test_four_lines_of_an_elastic_model(elastic, coarse):
     assert error(answer.displacement(), exact.displacement()) < 1e-10
     assert error(answer.forces(), exact.forces()) < 1e-10
     assert answer.status is Status.CONVERGED and answer.converged and not answer.cycled
-    assert answer.parameter.tolist() == [0.37] and answer.gauss is None
+    assert answer.parameter.tolist() == [0.37] and not answer.memory
     assert answer.active.shape == answer.multipliers.shape
 
 
@@ -249,7 +249,7 @@ def test_rivals_that_know_no_flow_refuse_it(flowing_models):
         lambda: DualBasisModel(full, snapshots, np.eye(len(full.schur)), 3),
         lambda: hhr.exact_condensation(full, snapshots.known_statuses()),
     ):
-        with pytest.raises(SceneError, match="flow"):
+        with pytest.raises(SceneError, match=r"flow|have laws"):
             rival()
 
 
@@ -323,7 +323,8 @@ def test_fields_of_an_elastic_answer(elastic, coarse):
     assert stress.shape == (len(full.problem.cell_nodes), 4)
     assert np.array_equal(stress, full.stress_of(answer.displacement()))
     assert error(stress, full.solve(0.37).stress()) < 1e-10
-    assert answer.plastic_strain().size == 0
+    if present("inelastic"):
+        assert answer.plastic_strain().size == 0
     estimate = answer.estimate()
     assert estimate is None or (estimate.kind == "bound" and 0 <= estimate.primal < np.inf)
 
@@ -620,7 +621,7 @@ def test_histories_of_another_kind_of_scene(flowing_models):
         with pytest.raises(ReductionError, match=r"bodies of the model flow, and none of .* do: .* another scene"):
             hhr.build(full, snapshots, None, held_out)
     for snapshots, held_out in ((flowed, None), (stayed, flowed)):
-        with pytest.raises(ReductionError, match="flow, and none of the model do: they belong to another scene"):
+        with pytest.raises(ReductionError, match="have laws, and none of the model do: they are of another scene"):
             hhr.build(elastic, snapshots, hhr.Recipe(trust=None), held_out)
 
 

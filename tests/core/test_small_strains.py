@@ -14,37 +14,8 @@ from hhr_dolfinx.certify.strains import check_corners
 from hhr_dolfinx.errors import ConvergenceError, ReductionError, SmallStrainWarning
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.models import strains as cell_strains
-from hhr_dolfinx.models.histories.equilibrium import Diverged
-from hhr_dolfinx.models.histories.small_strains import SmallStrains
 from hhr_dolfinx.models.strains import StrainOperators
 from hhr_dolfinx.study.condensing import condensed
-
-
-def strains(largest, count=1000, rest=1e-3):
-    """Some strains, one of them by itself."""
-    found = np.full((count, 4), rest)
-    found[3, 1] = -largest
-    return found
-
-
-@pytest.mark.parametrize("strain, said", [(0.09, False), (0.11, True)])
-def test_large_strains_are_said_once(strain, said):
-    watch = SmallStrains()
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        for _ in range(2):
-            watch.check(strains(strain, rest=strain))
-    assert [item.category for item in caught] == [SmallStrainWarning] * said
-
-
-def test_what_is_no_small_strain_is_no_answer():
-    with pytest.raises(Diverged, match=r"a strain of 1\.1 is no small strain"):
-        SmallStrains().check(strains(1.1, rest=1.1))
-    with warnings.catch_warnings():
-        warnings.simplefilter("error")
-        SmallStrains().check(strains(3.0))  # the corner of a punch
-    with pytest.raises(Diverged):
-        SmallStrains().check(strains(101.0))
 
 
 @pytest.fixture(scope="module")

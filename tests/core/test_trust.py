@@ -440,7 +440,7 @@ def test_settings_that_mean_nothing(made, said):
     ],
 )
 def test_settings_of_corrections_that_mean_nothing(given, said):
-    from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+    from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
     with pytest.raises(ReductionError, match=said):
         CorrectionSettings(**given)
@@ -465,6 +465,6 @@ def test_limits_that_are_never_reached_are_infinite():
     assert TrustLimits(warn_primal=math.inf, refuse_primal=0.1).warn_primal == math.inf
     assert TrustLimits(warn_definite=-math.inf).warn_definite == -math.inf
     if present("inelastic"):
-        from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+        from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
         assert CorrectionSettings(stress=math.inf, plastic=math.inf).stress == math.inf

@@ -111,7 +111,7 @@ def test_what_cannot_be_condensed_is_refused():
     with pytest.raises(SceneError, match="is no scene"):
         hhr.condense("scene")
     if present("inelastic"):
-        with pytest.raises(ReductionError, match=r"flow.*made of histories"):
+        with pytest.raises(ReductionError, match=r"have laws.*made of histories"):
             hhr.condense(tube(hhr.Plasticity(1.0, 0.1), 1.0))
     with pytest.raises(ReductionError, match="fields = 'yes'"):
         hhr.condense(scene("constant"), fields="yes")

@@ -132,7 +132,7 @@ class State(NamedTuple):
         measured: rows of the output times the displacement, (k,).
         point: the parameter, (P,).
         theta: amplitudes of all terms, (1 + T,).
-        stress: computes the stress at all Gauss points of inelastic bodies.
+        stress: computes the stress where laws of bodies are evaluated.
         memory: of the answer.
     """
 

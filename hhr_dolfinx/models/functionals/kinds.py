@@ -249,30 +249,6 @@ class MovingMises(Mises):
 
 
 @dataclass(frozen=True, eq=False)
-class FlowMises(Functional):
-    """Von Mises' stress at Gauss points of inelastic bodies; derivatives of histories do not include the stress.
-
-    Attributes:
-        points: numbers of the Gauss points, (g,).
-        shares: of each in the mean, (g,); empty for the largest value.
-    """
-
-    differentiable = False
-
-    points: Annotated[Integers, "points"]
-    shares: Annotated[Floats, "shares"]
-
-    def value(self, state: State) -> float:
-        """The largest one, or their mean over the volume."""
-        values = von_mises(state.stress()[self.points])
-        return float(self.shares @ values if self.shares.size else values.max())
-
-    def indices(self) -> dict[str, np.ndarray]:
-        """Gauss points."""
-        return {"points": self.points}
-
-
-@dataclass(frozen=True, eq=False)
 class Energy(Functional):
     """Elastic energy from the work of all forces: (U0·F θ + U0·K lift + lift·K lift - λ·D θ) / 2.
 

@@ -1,215 +1,94 @@
-"""Protocols of equilibrium: what a history needs of a full model, one cut to a RID, or one of small arrays.
+"""Equilibrium of bodies whose answers depend on a path, and settings of histories.
 
-An elastic scene has a linearisation that never changes. Its models solve with that one and need no other part of the
-protocols.
-
-The settings of a history are here too, and warnings of time steps that are too long: one for each history, or one for
-a whole training.
+Warnings of time steps that are too long are here too: one for each history, or one for a whole training.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
-from contextlib import AbstractContextManager, contextmanager
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass
-from math import prod
 from numbers import Real
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from hhr_dolfinx.amplitudes import Theta
-from hhr_dolfinx.contact.active_set import Statuses
-from hhr_dolfinx.contact.law import UNILATERAL_STEP, ContactLaw, StepContact
+from hhr_dolfinx import registry
 from hhr_dolfinx.errors import ParameterError, TimeStepWarning
-from hhr_dolfinx.models.answer import Answer, Fields, GaussState
-from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
-from hhr_dolfinx.trained import OUTSIDE, Signs, TrainedPaths
+from hhr_dolfinx.parameters import is_number, is_whole
+from hhr_dolfinx.trained import OUTSIDE
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.materials.update import Material, Update
-    from hhr_dolfinx.models.histories.points import Points
+    from hhr_dolfinx.models.answer import Answer, History, Path
+    from hhr_dolfinx.models.functionals.functional import Functional
 
 
-class Correction(NamedTuple):
-    """Solution of one linearised contact problem.
-
-    Attributes:
-        change: of the unknown.
-        found: total contact forces and their statuses.
-    """
-
-    change: np.ndarray
-    found: Statuses
-
-
-class Changing(Protocol):
-    """A converged step, for its derivatives."""
-
-    def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Solve K δ + B^T λ = residual, B δ = gaps where active, λ = 0 elsewhere: (δ, λ) of a small change."""
-
-
-class Linearisation(Changing, Protocol):
-    """Linearisation of a model; exact for elastic models."""
+class StressOutput(Protocol):
+    """An output of the stress of some cells."""
 
     @property
-    def moduli(self) -> np.ndarray:
-        """Tangents H at its Gauss points, (points, components, components)."""
+    def name(self) -> str:
+        """Its name."""
 
-    def correct(
+    @property
+    def unit(self) -> str:
+        """Its unit, as text."""
+
+    @property
+    def kind(self) -> str:
+        """``mean`` for the mean over the volume, otherwise the largest value."""
+
+
+class Equilibrium(Protocol):
+    """Equilibrium of bodies with laws, of a full or a small model: the plug-in that reads the laws makes it.
+
+    Attributes:
+        reader: name of the plug-in, whose facets do the rest, see :func:`facet_of`.
+    """
+
+    @property
+    def reader(self) -> str:
+        """See the class."""
+
+    def march(
         self,
-        residual: np.ndarray,
-        x: np.ndarray,
-        theta: Theta,
-        active: np.ndarray,
-        contact: StepContact = UNILATERAL_STEP,
-    ) -> Correction:
-        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps from some statuses, by the law of the contacts."""
+        path: Path,
+        settings: MarchSettings = ...,
+        *,
+        known: Sequence[Answer] = (),
+        keep: Callable[[Answer], None] = ...,
+    ) -> History:
+        """History along a checked path from rest; ``known`` and ``keep`` as in :meth:`FullOrderModel.march`."""
+
+    def one_step(
+        self, model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool, **step: Any
+    ) -> Answer:
+        """Answer of a model at a point, (P,), by one step from rest; ``step``: further arguments of its ``solve``."""
 
 
-class Diverged(Exception):
-    """A step did not converge: the reason, and the Gauss point with the largest change or flow, if known."""
-
-    def __init__(self, why: str, worst: int | None = None):
-        super().__init__(why)
-        self.worst = worst
-
-
-class Goal(NamedTuple):
-    """Time and parameter to reach."""
-
-    time: float
-    parameter: np.ndarray
-
-
-class Stepper(Protocol):
-    """Solves the steps of one history."""
-
-    def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """Answer at a goal from the last answers, at most three; the last of them is the present one.
-
-        Raises:
-            Diverged: if it was not found.
-        """
-
-    def learn(self, answer: Answer) -> None:
-        """Take in a step that was solved before."""
-
-    def signs(self, answer: Answer) -> Signs:
-        """Signs at a solved step that the model left its training."""
-
-
-class Marching(Protocol):
-    """Model whose histories are solved step by step and differentiated; ``x`` is the unknown.
+class FullEquilibrium(Equilibrium, Protocol):
+    """Equilibrium on the whole mesh.
 
     Attributes:
-        parameters: the box of the parameters.
-        material: elasticity and laws at its Gauss points; ``material.at(parameter)`` has their constants there.
-        points: numbers of these points in the full model; of the points of all ranks.
-        together: reductions over the Gauss points of all ranks.
-        per_cell: Gauss points of a cell of the full model.
-        size, conditions: number of unknowns and of contact conditions.
-        law: law of its contact conditions.
-        young: formulas of Young's moduli of all bodies, also of those without Gauss points in the model.
+        places: number of places at which laws are evaluated.
     """
 
-    parameters: ParameterSpace
-    material: Material
-    young: tuple[str, ...]
-    points: np.ndarray
-    together: Points
-    per_cell: int
-    size: int
-    conditions: int
-    law: ContactLaw
-
     @property
-    def fields(self) -> Fields:
-        """Completion of its answers."""
+    def places(self) -> int:
+        """See the class."""
 
-    @property
-    def trained(self) -> TrainedPaths | None:
-        """Training range of a reduced model; None for a full one."""
+    def stress(self, answer: Answer) -> np.ndarray:
+        """Stress in Kelvin's notation at these places, (places, components)."""
 
-    @property
-    def lock(self) -> AbstractContextManager:
-        """Lock to hold during a history."""
-
-    def amplitudes(self, point: np.ndarray) -> Theta:
-        """θ at a parameter."""
-
-    def stepper(self, settings: MarchSettings) -> Stepper:
-        """Solver of the steps of a history."""
-
-    def at(self, point: np.ndarray) -> Marching:
-        """The model with the elasticity of a point, (P,); itself for constant elasticity.
-
-        The one of the last elasticity is kept. If elasticity varies, the model itself has formulas in its material, and
-        the elastic linearisation of the middle of the box.
-        """
-
-    def responding_at(self, point: np.ndarray) -> Marching:
-        """The model whose strain, gaps and residual at a given unknown have the elasticity of a point, (P,)."""
-
-    def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Strain at all Gauss points, lift included, minus strains without stress: the input of laws."""
-
-    def strain_of(self, change: np.ndarray) -> np.ndarray:
-        """Strain of a change of the unknown."""
-
-    def gaps(self, theta: Theta) -> np.ndarray:
-        """Gaps minus the known part of the motion, (conditions,): upper bounds of B x."""
-
-    def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Gaps for the unknowns next to a given one: with the motion by its forces, if these are unknowns."""
-
-    def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
-        """Residual at an unknown with stress and state, in the test space, and the size of its terms."""
-
-    def signs(self, answer: Answer) -> Signs:
-        """Signs at a solved step that the model left its training."""
-
-    def linearised(self, tangents: Any) -> Changing:
-        """Linearisation for consistent tangents; linearisations of earlier tangents become invalid."""
+    def mises(self, output: StressOutput, cells: np.ndarray) -> Functional:
+        """Von Mises' stress of an output in some cells, by their numbers."""
 
 
-class Equilibrium(Marching, Protocol):
-    """Additional interface for steps by linearisation; ``x`` is U0 or gamma."""
-
-    @property
-    def elastic(self) -> Linearisation:
-        """The elastic linearisation."""
-
-    def at(self, point: np.ndarray) -> Equilibrium:
-        """See :class:`Marching`."""
-
-    def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
-        """Loads minus internal forces, in the test space, and the size of both for each body, (bodies,)."""
-
-    def norms(self, residual: np.ndarray) -> np.ndarray:
-        """Norm of a residual for each body, (bodies,)."""
-
-    def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Size of round-off in the residual at an unknown, for each body, (bodies,)."""
-
-    def contact_load(self, forces: np.ndarray) -> np.ndarray:
-        """B^T λ in the test space."""
-
-    def linearised(self, tangents: Any) -> Linearisation:
-        """See :class:`Marching`."""
-
-
-def extrapolated(trail: Sequence[Answer], time: float, count: int | None = None) -> np.ndarray:
-    """Extrapolation of the (first ``count``) unknowns of some answers to a later time, by a polynomial."""
-    x = np.zeros_like(trail[0].unknown[:count])
-    for answer in trail:
-        # Lagrange's polynomials
-        others = [other.time for other in trail if other is not answer]
-        x += prod((time - other) / (answer.time - other) for other in others) * answer.unknown[:count]
-    return x
+def facet_of(equilibrium: Equilibrium, word: str, what: str) -> Any:
+    """Facet of the plug-in that made an equilibrium, see :func:`hhr_dolfinx.registry.facet`."""
+    return registry.facet(equilibrium.reader, word, what)
 
 
 ACCEPTED = 0.05
@@ -223,7 +102,7 @@ def warn_of_time_error(estimate: float, tolerance: float | None) -> None:
     if collected is not None:
         collected.append(estimate)
     elif tolerance is None and estimate > ACCEPTED:
-        warn(f"the time steps of this history {_said(estimate)}", TimeStepWarning, stacklevel=5)
+        warn(f"the time steps of this history {_said(estimate)}", TimeStepWarning, stacklevel=6)
 
 
 @contextmanager
@@ -279,7 +158,7 @@ class MarchSettings:
             steps; ``History.time_error`` has the estimate in any case.
         outside: policy for a step outside the training range of a reduced model: ``warn``, ``refuse`` or ``ignore``.
         gradient: compute derivatives of each answer along the parameters, each shifted by the same at all times, as a
-            constant of the whole history; see :mod:`hhr_dolfinx.models.histories.history_gradient`.
+            constant of the whole history.
     """
 
     search: str = "frozen"

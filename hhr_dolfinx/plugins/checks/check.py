@@ -14,6 +14,7 @@ from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.expected import expected_in_space
 from hhr_dolfinx.full_order.motions import described, free_bodies
+from hhr_dolfinx.full_order.with_laws import with_laws
 from hhr_dolfinx.loads import Load, checked_terms, parted, placed
 from hhr_dolfinx.pairings.surface import Surface
 from hhr_dolfinx.plugins.checks.findings import MISTAKE, NOTE, OK, SceneCheck
@@ -22,7 +23,7 @@ from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.law import PairLaw
-    from hhr_dolfinx.full_order.flow import GaussModel
+    from hhr_dolfinx.full_order.with_laws import BodiesWithLaws
     from hhr_dolfinx.parameters import PointLike
 
 TOUCHING = 1e-6
@@ -59,30 +60,26 @@ def check_scene(scene: Scene, point: PointLike | None = None) -> SceneCheck:
     if found.mistakes:
         return found
     problem = None
-    gauss = None
+    laws = None
     with found.heard():
-        problem, gauss = _problem(found.discretisation)
+        problem, laws = _problem(found.discretisation)
     if problem is not None:
         _size(found, problem)
         _gaps(found, problem, middle)
         _supports(found, problem)
         _loads(found, middle)
-        _outputs(found, problem, gauss)
+        _outputs(found, problem, laws)
     return found
 
 
-def _problem(discretisation: Discretisation) -> tuple[ContactProblem, GaussModel | None]:
-    """The problem, with its stiffness assembled, and the Gauss points of inelastic bodies, which exist in any case."""
-    gauss = None
-    if any(body.law is not None for body in discretisation.scene.bodies):
-        from hhr_dolfinx.full_order.flow import GaussModel
-
-        gauss = GaussModel.of(discretisation.scene, MPI.COMM_SELF)
-    terms = discretisation.stiffness_terms() if gauss is None else (gauss.stiffness, gauss.moduli)
+def _problem(discretisation: Discretisation) -> tuple[ContactProblem, BodiesWithLaws | None]:
+    """The problem, with its stiffness assembled, and bodies with laws."""
+    laws = with_laws(discretisation.scene) if discretisation.scene.reader else None
+    terms = discretisation.stiffness_terms() if laws is None else (laws.stiffness, laws.moduli)
     problem = discretisation.contact_problem(*terms)
     if discretisation.reshaped is not None:
         problem = discretisation.reshaped.attached(problem)
-    return discretisation.checked(problem), gauss
+    return discretisation.checked(problem), laws
 
 
 def _size(found: SceneCheck, problem: ContactProblem) -> None:
@@ -297,7 +294,7 @@ def _vanishes(amplitude: Any) -> bool:
     return isinstance(amplitude, Amplitude) and not amplitude.constant and not any(amplitude.slopes.values())
 
 
-def _outputs(found: SceneCheck, problem: ContactProblem, gauss: GaussModel | None) -> None:
+def _outputs(found: SceneCheck, problem: ContactProblem, laws: BodiesWithLaws | None) -> None:
     """Report outputs of missing parts."""
     assert found.discretisation is not None
     from hhr_dolfinx.full_order.outputs import probe_of
@@ -305,7 +302,7 @@ def _outputs(found: SceneCheck, problem: ContactProblem, gauss: GaussModel | Non
     read = []
     for output in found.scene.outputs:
         with found.heard():
-            output.prepared(probe_of(output, found.discretisation, problem, gauss, problem))
+            output.prepared(probe_of(output, found.discretisation, problem, laws, problem))
             read.append(repr(output.name))
     if read:
         found.say(OK, f"outputs: {', '.join(read)}")

@@ -61,7 +61,7 @@ class Protocol:
         self.name = name
         self.function = OutputFunction(model)
         # answers of inelastic bodies depend on a path, and have no derivatives
-        slopes = not model.flows
+        slopes = model.equilibrium is None
         self.supported = {"Evaluate": True, "Gradient": slopes, "ApplyJacobian": slopes, "ApplyHessian": False}
         self.posted: Mapping[str, Callable[[Fields], Fields]] = {
             "/ModelInfo": self._info,

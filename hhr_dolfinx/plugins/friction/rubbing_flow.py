@@ -1,7 +1,7 @@
 """Step of a condensed inelastic model with friction: plastic correction g and all forces λ, by Newton's method.
 
 It solves in Python, with an increment of friction instead of the active set, what
-:mod:`models.histories.condensed_step` solves in one compiled loop:
+:mod:`plugins.inelastic.condensed_step` solves in one compiled loop:
 
     R(g) = sum of w (G V)^T 2 μ ε_p(ε) - Q g,      ε = ε_0 - E_X^T λ(g) + E_p g,      slack s - B V g + S λ,
 
@@ -18,15 +18,18 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, SingularError
-from hhr_dolfinx.materials.update import Material, State, Update
 from hhr_dolfinx.memory import Memory
-from hhr_dolfinx.models.answer import Answer, GaussState
-from hhr_dolfinx.models.histories.condensed_step import DECREASE, LEAST_SHARE
-from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, MarchSettings, extrapolated
-from hhr_dolfinx.models.histories.small_strains import SmallStrains
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.plugins.friction.surfaces import WholeSurface
-from hhr_dolfinx.trained import Signs
+from hhr_dolfinx.plugins.inelastic.condensed_step import DECREASE, LEAST_SHARE
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, extrapolated
+from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
+from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.plugins.inelastic.trained import Signs
+from hhr_dolfinx.plugins.inelastic.update import Material, State, Update
 
 NOTHING = np.zeros(0)
 
@@ -101,7 +104,7 @@ class RubbingFlowStepper:
         slack = model.gaps(theta).copy()
         slack[self._friction.tangential] -= here.slip.position
         coefficient, limit = self._friction.bounds(goal.parameter)
-        rest = coefficient, limit, here.state().state, goal.time - here.time
+        rest = coefficient, limit, gauss_of(here).state, goal.time - here.time
         load = _Load(slack, model.free_strain @ theta, *rest)
         starts = [extrapolated(trail, goal.time, model.modes)] if len(trail) > 1 else []
         spent = 0

@@ -1,5 +1,56 @@
 """Inelastic bodies: plasticity, creep and viscoplasticity along histories."""
 
-from hhr_dolfinx.registry import Plugin
+from typing import Any
 
-PLUGIN = Plugin(name="inelastic", memory=("gauss",))
+from hhr_dolfinx.registry import Plugin, Stage, Way
+
+_HERE = "hhr_dolfinx.plugins.inelastic"
+_BUILD = "hhr_dolfinx.reduction.build"
+_OURS = "inelastic"
+
+
+def _wanted(full: Any, recipe: Any = None) -> bool:
+    return full.equilibrium is not None and full.equilibrium.reader == _OURS
+
+
+def _with_tangents(full: Any, recipe: Any) -> bool:
+    return _wanted(full) and recipe.tangents is not None
+
+
+PLUGIN = Plugin(
+    name=_OURS,
+    public={f"{_HERE}.laws": "Norton Plasticity", f"{_HERE}.recipe": "FlowDeim StressDeim"},
+    parts={
+        "laws": {"Plasticity": f"{_HERE}.laws:Plasticity", "Norton": f"{_HERE}.laws:Norton"},
+        "checks": {"check_law": f"{_HERE}.testing:check_law"},
+    },
+    classes={
+        f"{_HERE}.completion": "FlowFields GappyField",
+        f"{_HERE}.condensed_fields": "CondensedFlowFields PartFactors PlasticFields",
+        f"{_HERE}.condensed_flow": "CondensedFlow CondensedFlowModel",
+        f"{_HERE}.laws": "Norton Plasticity",
+        f"{_HERE}.outputs": "FlowMises",
+        f"{_HERE}.reduced_flow": "ReducedFlow",
+        f"{_HERE}.trained": "TrainedPaths",
+        f"{_HERE}.update": "Group Material",
+    },
+    methods={"force_correction": f"{_HERE}.project:of_training"},
+    recipes={"flowing": f"{_HERE}.recipe:flowing"},
+    reductors={"plastic_correction": Way(f"{_HERE}.condense_flow:CorrectionSettings", _wanted, condenses=True)},
+    stages=(
+        Stage(f"{_HERE}.stages:project_points", f"{_BUILD}:project_problem", _wanted),
+        Stage(f"{_HERE}.stages:check_tangents", f"{_BUILD}:assemble", _with_tangents),
+    ),
+    materials=("flow",),
+    memory=("gauss",),
+    answers={"state": f"{_HERE}.state:state", "plastic_strain": f"{_HERE}.state:plastic_strain"},
+    facets={
+        "scene": f"{_HERE}.scenes:SCENES",
+        "full_order": f"{_HERE}.full_order:bodies_of",
+        "store": f"{_HERE}.store:StoredGauss",
+        "comparison": f"{_HERE}.comparison:COMPARISON",
+        "reduction": f"{_HERE}.reduction:REDUCTION",
+        "file": f"{_HERE}.state:check_answer",
+        "study": f"{_HERE}.study:STUDY",
+    },
+)

@@ -5,25 +5,31 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import partial
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from hhr_dolfinx.certify.accuracy import force_floor, relative_error, summary
 from hhr_dolfinx.certify.compare import largest_errors, residuals_of
-from hhr_dolfinx.errors import HHRError, ReductionError, UnstableModelError
+from hhr_dolfinx.errors import HHRError, ReductionError, StudyError, UnstableModelError
 from hhr_dolfinx.full_order.full import FullOrderModel
-from hhr_dolfinx.models.answer import History, Model, Path
+from hhr_dolfinx.models.answer import Answer, History, Model
+from hhr_dolfinx.models.answer import Path as HistoryPath
 from hhr_dolfinx.models.histories.equilibrium import SEARCHES, MarchSettings, told_once
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.plugins.studies.advice import TRAINING, Advice, by_favour, in_words
 from hhr_dolfinx.plugins.studies.measure import Errors, Measurement, Row, answer_errors, conditions_inside
-from hhr_dolfinx.plugins.studies.report import condensed_report, model_report
+from hhr_dolfinx.plugins.studies.report import errors_and_times, model_report
 from hhr_dolfinx.snapshots.records import Lost
 from hhr_dolfinx.study.training.train import Progress, Training
 from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
+    from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
+    from hhr_dolfinx.study.report.view import View
 
 
 class Run(NamedTuple):
@@ -35,7 +41,7 @@ class Run(NamedTuple):
 
 
 def run_in_turns(
-    models: Mapping[str, Model], path: Path, settings: MarchSettings, repetitions: int = 1
+    models: Mapping[str, Model], path: HistoryPath, settings: MarchSettings, repetitions: int = 1
 ) -> dict[str, Run]:
     """Histories of several models, by name: all once, then all again, so that a busy machine slows each of them."""
     runs: dict[str, list[Run]] = {name: [] for name in models}
@@ -46,7 +52,7 @@ def run_in_turns(
 
 
 def run_beside(
-    models: Mapping[str, Model], path: Path, settings: MarchSettings, repetitions: int, exact: History
+    models: Mapping[str, Model], path: HistoryPath, settings: MarchSettings, repetitions: int, exact: History
 ) -> dict[str, Run]:
     """Histories of several models compared with a full one: timed as a user runs them, answered in its parts of steps.
 
@@ -65,7 +71,7 @@ def run_beside(
     return runs
 
 
-def timed_run(model: Model, path: Path, settings: MarchSettings) -> Run:
+def timed_run(model: Model, path: HistoryPath, settings: MarchSettings) -> Run:
     """A history, timed once; one that does not converge counts with the time it took."""
 
     def march() -> History | HHRError:
@@ -78,7 +84,7 @@ def timed_run(model: Model, path: Path, settings: MarchSettings) -> Run:
     return Run(None, seconds, found) if isinstance(found, HHRError) else Run(found, seconds)
 
 
-def run_in_full(full: FullOrderModel, path: Path, ways: Sequence[MarchSettings]) -> Run:
+def run_in_full(full: FullOrderModel, path: HistoryPath, ways: Sequence[MarchSettings]) -> Run:
     """A full history by the first of some settings that solves it; ConvergenceError of the last one."""
     for settings in ways:
         run = timed_run(full, path, settings)
@@ -89,7 +95,7 @@ def run_in_full(full: FullOrderModel, path: Path, ways: Sequence[MarchSettings])
 
 
 def timed_searches(
-    full: FullOrderModel, path: Path, march: MarchSettings
+    full: FullOrderModel, path: HistoryPath, march: MarchSettings
 ) -> tuple[list[MarchSettings], dict[str, float], list[dict[str, str]]]:
     """Settings for full histories, the fastest search operator first; seconds of each on a path; those that failed.
 
@@ -126,7 +132,7 @@ def history_errors(
     errors = answer_errors(full.problem, found, known, floor, conditions_inside(model))
     stress = there.stress()
     flowed = there.plastic_strain()
-    if isinstance(model, ReducedModel) and model.flow is not None and "gauss" in here.memory:
+    if isinstance(model, ReducedModel) and isinstance(model.flow, ReducedFlow) and "gauss" in here.memory:
         inside = model.flow.points
         errors["stress_rr"] = relative_error(here.gauss.stress[:, 0], stress[inside, 0])
         errors["plastic_strain"] = relative_error(here.gauss.state.cumulated, flowed[inside])
@@ -174,7 +180,7 @@ def seconds_of_parts(full_or_reduced: FullOrderModel | ReducedModel, history: Hi
     (before, _), (time, _), answer = *history.path[-2:], history.answers[-1]
     theta = model.amplitudes(answer.parameter)
     step = time - before
-    gauss = answer.state()
+    gauss = gauss_of(answer)
     material = model.material.at(answer.parameter)
     strain = model.strain(answer.unknown, theta)
     update = material.update(strain, gauss.state, step, tangent=True)
@@ -198,7 +204,7 @@ SETTINGS = {"HHR": "this model", "condensed": "plastic correction"}
 
 @told_once()
 def measure_histories(
-    training: Training, settings: Any, tests: Mapping[Any, Path], progress: Progress
+    training: Training, settings: Any, tests: Mapping[Any, HistoryPath], progress: Progress
 ) -> tuple[ReducedModel | CondensedFlowModel, Measurement]:
     """The model under study, and errors and times of both kinds of small models compared with the full model.
 
@@ -257,11 +263,11 @@ def measure_histories(
 def _runs(
     full: FullOrderModel,
     models: Mapping[str, Any],
-    tests: Mapping[Any, Path],
+    tests: Mapping[Any, HistoryPath],
     ways: Any,
     settings: Any,
     progress: Progress,
-) -> tuple[dict[Any, Path], list[Run], dict[str, list[Run]]]:
+) -> tuple[dict[Any, HistoryPath], list[Run], dict[str, list[Run]]]:
     """Paths that the full model solves, by label, and histories along them: of the full model, and of each model."""
     exact: list[Run] = []
     found: dict[str, list[Run]] = {name: [] for name in models}
@@ -321,7 +327,7 @@ def _report(
     refused: dict[str, HHRError],
     best: Row,
     searches: dict[str, float],
-    tests: Mapping[Any, Path],
+    tests: Mapping[Any, HistoryPath],
     exact: list[Run],
 ) -> dict[str, Any]:
     """Parts of a report for histories only."""
@@ -359,7 +365,9 @@ def _ratio(slow: np.ndarray, fast: np.ndarray | None) -> float | None:
     return None if fast is None else float(np.median(slow) / np.median(fast))
 
 
-def _described(tests: Mapping[Any, Path], measured: dict[str, _Measured], exact: list[Run]) -> list[dict[str, Any]]:
+def _described(
+    tests: Mapping[Any, HistoryPath], measured: dict[str, _Measured], exact: list[Run]
+) -> list[dict[str, Any]]:
     """The ``histories`` part of a report: errors of the model under study, and of the condensed model if it has one."""
     rows = []
     own = next(iter(measured.values()))
@@ -379,3 +387,132 @@ def _history_row(item: _Measured, k: int) -> dict[str, Any]:
         return row | {"cuts": None, "iterations": None, "failed": str(run.failure)}
     history: History = run.history
     return row | {"cuts": history.cuts, "iterations": history.iterations}
+
+
+def condensed_report(model: CondensedFlowModel, row: Row) -> dict[str, Any]:
+    """The ``condensed`` one of the ``models`` of a report on an inelastic scene, with its check.
+
+    ``check`` holds the misfit of the cubature, the largest energy of a mode by it (the exact one is at most 1), and the
+    largest errors along training and held-out histories; ``refused_before`` the attempts refused before.
+    """
+    record = model.offline
+    known = model.offline.comparison
+    columns = () if known is None else (known.labels, known.primal.tolist(), known.dual.tolist())
+    compared = [
+        {"history": label, "displacement": primal, "forces": dual} for label, primal, dual in zip(*columns, strict=True)
+    ]
+    return {
+        "sizes": {"modes": record.modes, "points": record.points, "candidates": record.candidates},
+        "check": {"misfit": record.misfit, "energy": record.energy, "compared": compared},
+        "refused_before": list(record.log.refused),
+        **errors_and_times(model, row),
+    }
+
+
+def advice_flowing(report: dict[str, Any]) -> Advice:
+    """Method for an inelastic scene, from the measurements; a refused one is listed with its reason.
+
+    The most accurate one within a factor of three of the fastest is advised: both are far faster than the full model.
+    """
+    times = report["times"]
+    models = report["models"]
+    kinds = {
+        "condensed": ("condensed", "condensed flow", "fields, condensed", "offline_condensed"),
+        "hhr": ("online", "the hyper-reduced model", "fields", "offline"),
+    }
+    measured = {key: models[key] for key in kinds if "refused" not in models[key]}
+    seconds = {key: times[kinds[key][0]]["median"] for key in measured}
+
+    def figures(key: str) -> str:
+        errors = measured[key]["errors"]
+        _, name, even, stages = kinds[key]
+        count = report["break_even"].get(even)
+        paid = "never pays" if count is None else f"pays after {count:.1f} histories"
+        own = sum(value for stage, value in times[stages].items() if stage not in TRAINING)
+        ratio = times["fom_best"]["median"] / seconds[key]
+        missed = measured[key]["unconverged"]
+        return (
+            f"{name}: {in_words(seconds[key])} for a history, {ratio:.0f} times the best full order, errors "
+            f"{errors['largest_displacement']['max']:.1e} of displacement and {errors['largest_forces']['max']:.1e} of "
+            f"contact forces at most, made in {in_words(own)} from the training answers, and {paid}"
+            + (f"; {missed} of the test paths have no answer" if missed else "")
+        )
+
+    worst = {key: {"dual_full_floored_max": item["errors"]["largest_forces"]["max"]} for key, item in measured.items()}
+    favoured, *others = by_favour(worst, seconds)
+    sentence = f"Use {figures(favoured)}."
+    for other in others:
+        text = figures(other)
+        sentence += f" {text[0].upper()}{text[1:]}."
+    for key, (_, name, _, _) in kinds.items():
+        if key not in measured:
+            sentence += f" {name[0].upper()}{name[1:]} is refused here: {models[key]['refused'].rstrip('.')}."
+    sentence += (
+        " The hyper-reduced model is the one for contact conditions by the thousand, and where parts that hang "
+        "together have moduli that are parameters of their own."
+    )
+    return Advice(favoured, sentence)
+
+
+class _Study:
+    """Facet ``study``, see :class:`hhr_dolfinx.study.of_laws.StudiedLaws`."""
+
+    measure = staticmethod(measure_histories)
+    advice = staticmethod(advice_flowing)
+
+    def check(self, settings: Any) -> None:
+        """Raise StudyError for an invalid correction."""
+        from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
+
+        correction = settings.correction
+        if correction is not None and not isinstance(correction, CorrectionSettings):
+            raise StudyError(
+                f"correction = {correction!r} of a study must be CorrectionSettings, or None for the usual way"
+            )
+
+    def fields(self, full: FullOrderModel, answers: dict[str, Answer], view: View) -> dict[str, dict[str, np.ndarray]]:
+        """Plastic strain, and the first normal stress."""
+
+        def mean(values: np.ndarray) -> np.ndarray:
+            return values.reshape(len(full.problem.cell_nodes), -1).mean(axis=1)
+
+        stress = f"first normal stress [{view.stress}]"
+        return {
+            "plastic strain": {name: mean(answer.plastic_strain()) for name, answer in answers.items()},
+            stress: {name: mean(answer.stress()[:, 0]) for name, answer in answers.items()},
+        }
+
+    def cells(self, model: Any) -> np.ndarray:
+        """Cells of the RID, or of the points where laws are evaluated."""
+        if isinstance(model, ReducedModel):
+            return model.offline.sets.cells
+        return np.unique(model.flow.points // model.flow.per_cell)
+
+    def draw(self, histories: dict[str, History], contacts: np.ndarray, folder: Path) -> None:
+        """Forces, strain and iterations over time."""
+        draw_over_time(histories, contacts, folder)
+
+
+STUDY = _Study()
+
+
+def draw_over_time(histories: dict[str, History], contacts: np.ndarray, folder: Path) -> None:
+    """Force of each contact, largest plastic strain and iterations of the steps of histories, by method."""
+    from hhr_dolfinx.study.report.plots import plot_curves  # imported here: it needs packages for pictures
+
+    times = [answer.time for answer in next(iter(histories.values())).answers]
+    pairs = np.unique(contacts)
+    lines = {}
+    for label, history in histories.items():
+        forces = np.array([answer.forces() for answer in history.answers])
+        for pair in pairs:
+            name = f"{label}, contact {pair}" if pairs.size > 1 else label
+            lines[name] = times, forces[:, contacts == pair].sum(axis=1)
+    plot_curves(lines, folder / "contact_force.png", ("time [s]", "contact force"))
+    quantities = {
+        "largest plastic strain": lambda history: [answer.gauss.state.cumulated.max() for answer in history.answers],
+        "iterations of a step": lambda history: history.iterations,
+    }
+    for name, quantity in quantities.items():
+        lines = {label: (times, quantity(history)) for label, history in histories.items()}
+        plot_curves(lines, folder / f"{name.replace(' ', '_')}.png", ("time [s]", name))

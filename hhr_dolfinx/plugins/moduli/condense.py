@@ -437,7 +437,7 @@ def _check_given(full: FullModel, snapshots: SnapshotSet | None) -> None:
     problem.require_parts("condensation")
     if full.equilibrium is not None or not problem.varies:
         raise ReductionError(
-            f"the stiffness of scene '{full.scene.name}' does not depend on parameters, or its bodies flow: "
+            f"the stiffness of scene '{full.scene.name}' does not depend on parameters, or its bodies have laws: "
             "interpolated condensation is for elastic bodies that vary; take exact_condensation"
         )
     if problem.pins is not None:

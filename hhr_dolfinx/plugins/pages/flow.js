@@ -1,7 +1,7 @@
 "use strict";
 /* Histories of inelastic bodies: plastic corrections g and all contact forces of an increment, by Newton's method with a
-   line search, as in models.histories.condensed_step in Python. The arrays are described in
-   models.histories.condensed_flow; strains are stored component by component. Needs model.js. */
+   line search, as in inelastic.condensed_step in Python. The arrays are described in
+   inelastic.condensed_flow; strains are stored component by component. Needs model.js. */
 
 ((hhr) => {
   const TOLERANCE = 1e-11, ROUND_OFF = 1e-14, NEWTON = 60, LEAST = 1 / 256, DECREASE = 1e-4, HALVED = 6, QUICK = 0.1;

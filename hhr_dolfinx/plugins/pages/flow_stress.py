@@ -1,6 +1,6 @@
 """Von Mises' stress of inelastic bodies on a page: means of cells, in few modes.
 
-With the arrays of :class:`hhr_dolfinx.models.histories.condensed_fields.PlasticFields` the deviator of a cell is
+With the arrays of :class:`hhr_dolfinx.plugins.inelastic.condensed_fields.PlasticFields` the deviator of a cell is
 
     dev σ = D (K^-1 F θ - K^-1 B^T λ) + (D (u_L θ + u_p s) - M (ε_0 θ + ε_p s)) / c,
 
@@ -18,7 +18,7 @@ from scipy.sparse import coo_matrix, csc_matrix, csr_matrix
 
 from hhr_dolfinx.errors import NotOfferedError
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
+from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
 from hhr_dolfinx.plugins.pages.packing import BASE64, Packed, kept_levels, modes_of, packed_levels
 from hhr_dolfinx.plugins.pages.scenery import Scenery
 from hhr_dolfinx.plugins.pages.stress import APART, COARSE, FALSE, STRESS, far_off, mises_of

@@ -1,6 +1,6 @@
 """Data of a condensed inelastic model on a page: arrays of an increment, laws as formulas, and pictures of an answer.
 
-``flow.js`` solves histories like :mod:`hhr_dolfinx.models.histories.condensed_flow`: the same residual, the same
+``flow.js`` solves histories like :mod:`hhr_dolfinx.plugins.inelastic.condensed_flow`: the same residual, the same
 contact problem for each correction, and Newton's method on both.
 """
 
@@ -16,16 +16,16 @@ from scipy.sparse import coo_matrix, csr_matrix
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
 from hhr_dolfinx.formulas import Scalar, formula_of
-from hhr_dolfinx.materials.constants import parameters_of
-from hhr_dolfinx.materials.laws import Plasticity
-from hhr_dolfinx.materials.update import Group
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.functionals.kinds import Linear
-from hhr_dolfinx.models.histories.condensed_fields import CondensedFlowFields, PlasticFields
-from hhr_dolfinx.models.histories.condensed_flow import CondensedFlow, CondensedFlowModel
+from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, PlasticFields
+from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlow, CondensedFlowModel
+from hhr_dolfinx.plugins.inelastic.constants import parameters_of
+from hhr_dolfinx.plugins.inelastic.laws import Plasticity
+from hhr_dolfinx.plugins.inelastic.trained import TrainedPaths
+from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.plugins.pages.packing import Packed, half, modes_of, packed_levels, steps_of
 from hhr_dolfinx.plugins.pages.scenery import Scenery
-from hhr_dolfinx.trained import TrainedPaths
 from hhr_dolfinx.warn import ignored
 
 WALKS = 16

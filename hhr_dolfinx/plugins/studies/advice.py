@@ -25,9 +25,7 @@ class Advice(NamedTuple):
 
 
 def advice(report: dict[str, Any]) -> Advice:
-    """Method for a scene, and the reason: elastic, with variable stiffness or shape, or inelastic."""
-    if "condensed_full" not in report["times"]:
-        return advice_flowing(report)
+    """Method for an elastic scene, and the reason: with constant stiffness, or variable stiffness or shape."""
     if report["times"]["condensed_full"] is None:
         return advice_alone(report)
     return advice_varying(report) if "offline_condensed" in report["times"] else advice_exact(report)
@@ -96,7 +94,7 @@ def advice_varying(report: dict[str, Any]) -> Advice:
             f"{row['dual_full_floored']:.1e} median and {row['dual_full_floored_max']:.1e} at most, and {paid}"
         )
 
-    favoured, *others = _by_favour({name: rows[name] for name in names if name in rows}, seconds)
+    favoured, *others = by_favour({name: rows[name] for name in names if name in rows}, seconds)
     sentence = f"Use {names[favoured]}: {figures(favoured)}."
     for other in others:
         sentence += f" {names[other].capitalize()}: {figures(other)}."
@@ -106,58 +104,13 @@ def advice_varying(report: dict[str, Any]) -> Advice:
     return Advice(favoured.lower(), sentence)
 
 
-def advice_flowing(report: dict[str, Any]) -> Advice:
-    """Method for an inelastic scene, from the measurements; a refused one is listed with its reason.
-
-    The most accurate one within a factor of three of the fastest is advised: both are far faster than the full model.
-    """
-    times = report["times"]
-    models = report["models"]
-    kinds = {
-        "condensed": ("condensed", "condensed flow", "fields, condensed", "offline_condensed"),
-        "hhr": ("online", "the hyper-reduced model", "fields", "offline"),
-    }
-    measured = {key: models[key] for key in kinds if "refused" not in models[key]}
-    seconds = {key: times[kinds[key][0]]["median"] for key in measured}
-
-    def figures(key: str) -> str:
-        errors = measured[key]["errors"]
-        _, name, even, stages = kinds[key]
-        count = report["break_even"].get(even)
-        paid = "never pays" if count is None else f"pays after {count:.1f} histories"
-        own = sum(value for stage, value in times[stages].items() if stage not in TRAINING)
-        ratio = times["fom_best"]["median"] / seconds[key]
-        missed = measured[key]["unconverged"]
-        return (
-            f"{name}: {in_words(seconds[key])} for a history, {ratio:.0f} times the best full order, errors "
-            f"{errors['largest_displacement']['max']:.1e} of displacement and {errors['largest_forces']['max']:.1e} of "
-            f"contact forces at most, made in {in_words(own)} from the training answers, and {paid}"
-            + (f"; {missed} of the test paths have no answer" if missed else "")
-        )
-
-    worst = {key: {"dual_full_floored_max": item["errors"]["largest_forces"]["max"]} for key, item in measured.items()}
-    favoured, *others = _by_favour(worst, seconds)
-    sentence = f"Use {figures(favoured)}."
-    for other in others:
-        text = figures(other)
-        sentence += f" {text[0].upper()}{text[1:]}."
-    for key, (_, name, _, _) in kinds.items():
-        if key not in measured:
-            sentence += f" {name[0].upper()}{name[1:]} is refused here: {models[key]['refused'].rstrip('.')}."
-    sentence += (
-        " The hyper-reduced model is the one for contact conditions by the thousand, and where parts that hang "
-        "together have moduli that are parameters of their own."
-    )
-    return Advice(favoured, sentence)
-
-
 TRAINING = ("full_order", "snapshots", "held_out")
 """Stages of a training, which all reduced models share."""
 _OWN = ("this model", "interpolated")
 """Settings of the rows of the work-precision table that the advice compares."""
 
 
-def _by_favour(rows: dict[str, dict[str, Any]], seconds: dict[str, float]) -> list[str]:
+def by_favour(rows: dict[str, dict[str, Any]], seconds: dict[str, float]) -> list[str]:
     """Methods, first the one with the smallest largest force error within a factor of three of the fastest.
 
     One that left a query without an answer has an infinite error, and comes after those that did not.

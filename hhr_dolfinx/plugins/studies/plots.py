@@ -20,14 +20,14 @@ from hhr_dolfinx.compat import extra
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.materials.elasticity import von_mises
-from hhr_dolfinx.models.answer import Answer, History
-from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.study.of_laws import studied_laws
 from hhr_dolfinx.study.view import View
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
 
-    from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
+    from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.models.model import KeptModel
 
 
 with extra("pictures", "pictures and fields for ParaView"):
@@ -286,8 +286,8 @@ def draw_study(study: Any, view: View, folder: Path) -> None:
     """Draw the pictures of a study.
 
     They show error against run time, contact pressures at the points of the view, and fields at the last of them or at
-    the last step of the last test history: RID, displacement, stress and plastic strain, also for ParaView. Others show
-    errors over the parameter if there is only one, or forces, strain and iterations of a history over time.
+    the last step of the last test history: RID, displacement, stress and fields of laws, also for ParaView. Others show
+    errors over the parameter if there is only one, or a history over time.
     """
     full = study.training.full_order
     model = study.model
@@ -297,7 +297,9 @@ def draw_study(study: Any, view: View, folder: Path) -> None:
         exact, found = study.measured.drawn
         method = study.measured.own.method
         _draw_answers(full, model, {"": (exact.answers[-1], found.answers[-1])}, view, folder, method)
-        _draw_over_time({"full order": exact, method: found}, full.problem.contact_pairs, folder)
+        laws = studied_laws(full)
+        if laws is not None:
+            laws.draw({"full order": exact, method: found}, full.problem.contact_pairs, folder)
         return
     names = full.parameters.names
     if len(names) == 1 and isinstance(study.tests, np.ndarray):
@@ -320,7 +322,7 @@ def _draw_scene(full: FullOrderModel, folder: Path) -> None:
 
 def _draw_answers(
     full: FullOrderModel,
-    model: ReducedModel | CondensedFlowModel,
+    model: KeptModel,
     pairs: dict[str, tuple[Answer, Answer]],
     view: View,
     folder: Path,
@@ -339,14 +341,13 @@ def _draw_answers(
     answers = dict(zip(("full order", method), list(pairs.values())[-1], strict=True))
     fields = {name: answer.displacement() for name, answer in answers.items()}
     cells: dict[str, dict[str, np.ndarray]] = {}
-    if model.flow is None:
+    laws = studied_laws(full)
+    if laws is None:
         cells[f"von Mises [{view.stress}]"] = {name: von_mises(answer.stress()) for name, answer in answers.items()}
     else:
-        mean = lambda values: values.reshape(len(problem.cell_nodes), -1).mean(axis=1)  # noqa: E731
-        cells["plastic strain"] = {name: mean(answer.plastic_strain()) for name, answer in answers.items()}
-        stress = f"first normal stress [{view.stress}]"
-        cells[stress] = {name: mean(answer.stress()[:, 0]) for name, answer in answers.items()}
-    draw_fields(field_grid(full, _cells(model), fields), view, fields, cells, folder)
+        cells |= laws.fields(full, answers, view)
+    where = model.offline.sets.cells if laws is None else laws.cells(model)
+    draw_fields(field_grid(full, where, fields), view, fields, cells, folder)
 
 
 class Panel(NamedTuple):
@@ -376,33 +377,6 @@ def _pressures_of(
     tags = " and ".join(str(tag) for tag in full.scene.contacts[pair].tags)
     title = f"contact {pair}: {tags}"
     return Panel(title, (label, f"contact pressure [{view.stress}]"), lines | closed_forms, marks)
-
-
-def _cells(model: ReducedModel | CondensedFlowModel) -> np.ndarray:
-    """Cells where a model integrates: those of its RID, or of the points where it evaluates its laws."""
-    if isinstance(model, ReducedModel):
-        return model.offline.sets.cells
-    return np.unique(model.flow.points // model.flow.per_cell)
-
-
-def _draw_over_time(histories: dict[str, History], contacts: np.ndarray, folder: Path) -> None:
-    """Force of each contact, largest plastic strain and iterations of the steps of histories, by method."""
-    times = [answer.time for answer in next(iter(histories.values())).answers]
-    pairs = np.unique(contacts)
-    lines = {}
-    for label, history in histories.items():
-        forces = np.array([answer.forces() for answer in history.answers])
-        for pair in pairs:
-            name = f"{label}, contact {pair}" if pairs.size > 1 else label
-            lines[name] = times, forces[:, contacts == pair].sum(axis=1)
-    plot_curves(lines, folder / "contact_force.png", ("time [s]", "contact force"))
-    quantities = {
-        "largest plastic strain": lambda history: [answer.gauss.state.cumulated.max() for answer in history.answers],
-        "iterations of a step": lambda history: history.iterations,
-    }
-    for name, quantity in quantities.items():
-        lines = {label: (times, quantity(history)) for label, history in histories.items()}
-        plot_curves(lines, folder / f"{name.replace(' ', '_')}.png", ("time [s]", name))
 
 
 def pressures(problem: ContactProblem, pair: int, forces: np.ndarray) -> np.ndarray:

@@ -18,11 +18,12 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.studies.advice import TRAINING, advice, in_words
 from hhr_dolfinx.plugins.studies.measure import Measurement, Row
+from hhr_dolfinx.study.of_laws import studied_laws
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
+    from hhr_dolfinx.models.model import KeptModel
     from hhr_dolfinx.scene import Scene
     from hhr_dolfinx.study.training.train import Training
 
@@ -33,7 +34,7 @@ FROM_FILES = "answers read from files"
 
 def make_report(
     training: Training,
-    model: ReducedModel | CondensedFlowModel,
+    model: KeptModel,
     measured: Measurement,
     rows: list[dict[str, Any]],
     seed: int,
@@ -50,7 +51,8 @@ def make_report(
     report["times"]["offline"] |= _read_from_files(training, report["times"]["fom_best"])
     report["skipped"] += measured.skipped
     report["break_even"] = break_even(report["times"])
-    report["advised"], report["advice"] = advice(report)
+    laws = studied_laws(training.full_order)
+    report["advised"], report["advice"] = advice(report) if laws is None else laws.advice(report)
     return report
 
 
@@ -59,31 +61,11 @@ def model_report(model: ReducedModel, row: Row) -> dict[str, Any]:
     return {
         "sizes": reduced_sizes(model),
         "stability": model.offline.stability.as_report(),
-        **_errors_and_times(model, row),
+        **errors_and_times(model, row),
     }
 
 
-def condensed_report(model: CondensedFlowModel, row: Row) -> dict[str, Any]:
-    """The ``condensed`` one of the ``models`` of a report on an inelastic scene, with its check.
-
-    ``check`` holds the misfit of the cubature, the largest energy of a mode by it (the exact one is at most 1), and the
-    largest errors along training and held-out histories; ``refused_before`` the attempts refused before.
-    """
-    record = model.offline
-    known = model.offline.comparison
-    columns = () if known is None else (known.labels, known.primal.tolist(), known.dual.tolist())
-    compared = [
-        {"history": label, "displacement": primal, "forces": dual} for label, primal, dual in zip(*columns, strict=True)
-    ]
-    return {
-        "sizes": {"modes": record.modes, "points": record.points, "candidates": record.candidates},
-        "check": {"misfit": record.misfit, "energy": record.energy, "compared": compared},
-        "refused_before": list(record.log.refused),
-        **_errors_and_times(model, row),
-    }
-
-
-def _errors_and_times(model: ReducedModel | CondensedFlowModel, row: Row) -> dict[str, Any]:
+def errors_and_times(model: KeptModel, row: Row) -> dict[str, Any]:
     """Common part of all ``models`` of a report."""
     return {
         "errors": row.errors.summaries(),
@@ -97,7 +79,7 @@ def reduced_sizes(model: ReducedModel) -> dict[str, int]:
     """Numbers of functions, conditions and cells of a reduced model."""
     offline = model.offline
     functions = offline.basis.shape[1]
-    # for inelastic bodies, cells of the RID without a test function cost nothing
+    # laws cost nothing in cells of the RID without a test function
     cells = offline.sets.cells if model.flow is None else model.flow.cells
     return {
         "ell": functions - len(offline.enrichment.added),
@@ -146,7 +128,7 @@ def _pays(times: dict[str, Any], spent: float, kind: str) -> float | None:
     return spent / saved if saved > 0 else None
 
 
-def frame(training: Training, model: ReducedModel | CondensedFlowModel, seed: int) -> dict[str, Any]:
+def frame(training: Training, model: KeptModel, seed: int) -> dict[str, Any]:
     """The part of a report without measurements."""
     problem = training.full_order.problem
     offline = model.offline
@@ -271,7 +253,7 @@ def print_report(report: dict[str, Any], console: Console) -> None:
     for item in report["refused_before"]:
         console.print(f"{item['layers']} layers refused: {item['why']}")
     for item in report.get("models", {}).get("condensed", {}).get("refused_before", []):
-        console.print(f"condensed flow, attempt {item['attempt']} refused: {item['why']}")
+        console.print(f"condensed, attempt {item['attempt']} refused: {item['why']}")
     for item in report["skipped"]:
         console.print(f"left out: {item['stage']}: {item['why']}")
 

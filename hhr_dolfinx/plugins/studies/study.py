@@ -1,4 +1,4 @@
-"""Error against run time of one scene, elastic or inelastic: all models on the same queries in the same process."""
+"""Error against run time of one scene: all models on the same queries in the same process."""
 
 from __future__ import annotations
 
@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 from mpi4py import MPI
@@ -19,6 +19,7 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.studies.measure import Measurement
 from hhr_dolfinx.plugins.studies.report import make_report, model_report, print_report, write_report
 from hhr_dolfinx.scene import Scene
+from hhr_dolfinx.study.of_laws import studied_laws, study_of
 from hhr_dolfinx.study.settings import StudySettings
 from hhr_dolfinx.study.training.train import (
     Progress,
@@ -31,9 +32,6 @@ from hhr_dolfinx.study.training.train import (
 from hhr_dolfinx.study.view import View
 from hhr_dolfinx.warn import collected
 
-if TYPE_CHECKING:
-    from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
-
 
 @dataclass(frozen=True)
 class Rival:
@@ -42,7 +40,7 @@ class Rival:
     Attributes:
         method: its name.
         setting: what distinguishes it from others of the same method.
-        model: any object with ``solve(mu)``, or ``march(path, settings)`` for inelastic bodies, whose answers have
+        model: any object with ``solve(mu)``, or ``march(path, settings)`` for bodies with laws, whose answers have
             ``displacement()`` (N,) and ``forces()`` (N_lambda,). The call is timed, the fields are compared.
     """
 
@@ -57,7 +55,7 @@ class Study:
 
     Attributes:
         training: full model and training answers.
-        model: the reduced model under study; for inelastic bodies the condensed one if hyper-reduction is refused.
+        model: the reduced model under study; for bodies with laws the condensed one if hyper-reduction is refused.
         tests: test points, (n, P), or paths by label.
         measured: errors and times of the model and of those compared with it.
         settings: of the study.
@@ -65,7 +63,7 @@ class Study:
     """
 
     training: Training
-    model: ReducedModel | CondensedFlowModel
+    model: KeptModel
     tests: np.ndarray | dict[Any, HistoryPath]
     measured: Measurement
     settings: StudySettings
@@ -118,7 +116,7 @@ def study_scene(
     Raises:
         StudyError: for a folder that is a file, or a training or tests that do not suit the scene.
         ParameterError: for invalid test points.
-        HHRError: if the reduced model under study is refused; for inelastic bodies, if the condensed one is too.
+        HHRError: if the reduced model under study is refused; for bodies with laws, if the condensed one is too.
     """
     folder = checked_folder(folder)
     _tests_of(scene, settings, points)
@@ -182,9 +180,9 @@ def _measured(
 ) -> tuple[Any, Measurement]:
     """The model under study, measured at points or along paths; modules of the other kind are not imported."""
     if isinstance(tests, dict):
-        from hhr_dolfinx.plugins.inelastic.study import measure_histories
-
-        return measure_histories(training, settings, tests, progress)
+        laws = studied_laws(training.full_order)
+        assert laws is not None
+        return laws.measure(training, settings, tests, progress)
     from hhr_dolfinx.plugins.studies.points import measure_points
 
     model = training.build(settings.recipe)
@@ -192,26 +190,29 @@ def _measured(
 
 
 def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray | dict[Any, HistoryPath]:
-    """Test points, (n, P), or checked paths by label for inelastic bodies; StudyError for the wrong kind."""
+    """Test points, (n, P), or checked paths by label for bodies with laws; StudyError for the wrong kind."""
     tests = settings.tests
     if scene.remembers:
         raise NotOfferedError(
             f"a study of scene '{scene.name}' is not built in, as its contacts remember their path: train or condense "
             "it, and march along paths of your own"
         )
-    if any(body.law is not None for body in scene.bodies):
+    if (laws := study_of(scene)) is not None:
+        laws.check(settings)
         if points is None and isinstance(tests, Mapping):
             return dict(zip(tests, training_paths(scene, tests.values()), strict=True))
         what = f"tests = {tests!r}" if points is None else "points"
-        raise StudyError(f"bodies of scene '{scene.name}' flow: {what} must be paths, tests={{label: path, ...}}")
+        raise StudyError(f"bodies of scene '{scene.name}' have laws: {what} must be paths, tests={{label: path, ...}}")
     if settings.correction is not None:
         raise StudyError(
-            f"nothing flows in scene '{scene.name}': leave out the correction, which is one of plastic strains"
+            f"bodies of scene '{scene.name}' are elastic: leave out the correction, which is for laws of bodies"
         )
     if points is not None:
         return scene.parameters.points(points)
     if isinstance(tests, Mapping):
-        raise StudyError(f"nothing flows in scene '{scene.name}': tests must be a number of random points, not paths")
+        raise StudyError(
+            f"bodies of scene '{scene.name}' are elastic: tests must be a number of random points, not paths"
+        )
     return scene.parameters.random(tests, settings.seed)
 
 

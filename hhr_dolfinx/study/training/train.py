@@ -32,8 +32,7 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.condensed import CondensedModel
-    from hhr_dolfinx.models.histories.condensed_flow import CondensedFlowModel
-    from hhr_dolfinx.models.histories.force_correction import ForceCorrection
+    from hhr_dolfinx.models.model import KeptModel
 
 Progress = Callable[[str], Callable[[Iterable], Iterable]]
 """Maps a label to a wrapper of iterations, for progress bars."""
@@ -77,13 +76,13 @@ class Training(TrainingAnswers):
             raise AttributeError(f"a training has no {name!r}, and no installed plug-in adds it")
         return partial(registry.load(places[name]), self)
 
-    def condense(self, settings: Any = None, announce: Announce = unannounced) -> CondensedModel | CondensedFlowModel:
+    def condense(self, settings: Any = None, announce: Announce = unannounced) -> CondensedModel | KeptModel:
         """Build a model that keeps all contact conditions, with its check.
 
         For elastic bodies of constant stiffness it is exact. If the stiffness or the shape depends on
         parameters it is interpolated, by ``GridSettings``; without settings as finely as the bound of its errors, if
-        that is small. For inelastic bodies the elastic response is eliminated and the plastic correction reduced, by
-        :class:`~hhr_dolfinx.reduction.condense_flow.CorrectionSettings`. Each stage is announced as it begins.
+        that is small. Bodies with laws are condensed by the reductor of the plug-in that reads these. Each stage is
+        announced as it begins.
 
         Raises:
             NotOfferedError: for bodies with rigid motions whose moduli or shapes are parameters, and if no installed
@@ -96,18 +95,6 @@ class Training(TrainingAnswers):
             return condensed(full, settings)
         task = Task(full, self.snapshots, self.held_out, announce=announce)
         return made(condensing(full).usual(settings, fields=None), task)
-
-    def force_correction(self) -> ForceCorrection:
-        """Build an estimate and a correction of the contact forces of histories, for any model of this training.
-
-        ``correction.of(history)`` has better forces of each step, and their distance from those of the model.
-
-        Raises:
-            ReductionError: for an elastic scene, and if moduli are no factors of connected components.
-        """
-        from hhr_dolfinx.reduction.flow import force_correction
-
-        return force_correction(self.full_order)
 
 
 def train(
@@ -131,7 +118,7 @@ def train(
         training: the number of points along each parameter, on a regular grid; a sampling, ``Sobol(512)`` or
             ``LatinHypercube(100)``; ``Greedy(budget=100)``, which chooses points where present models are worst; or
             an array of points, (S, P). If answers depend on their path, a list of paths, each of times in seconds and
-            parameters, or drawn from a family, ``family.paths(Sobol(12))``; if inelastic ``Greedy(family=family)``.
+            parameters, or drawn from a family, ``family.paths(Sobol(12))``, ``Greedy(family=family)``.
         held_out: for the trust check: a number of random parameters (100, a fifth of them with grazing contact; 0 for
             none), or paths.
         seed: of random parameters.
@@ -260,7 +247,7 @@ def checked_training(scene: Scene, training: Any, held_out: Any, seed: Any) -> t
         )
     if chooses:
         training.space(scene)
-    if scene.remembers or any(body.law is not None for body in scene.bodies):
+    if scene.remembers or scene.reader:
         apart = held_out.tolist() if isinstance(held_out, np.ndarray) else held_out
         given = training if chooses else training_paths(scene, training)
         return given, training_paths(scene, apart) if apart else []

@@ -650,7 +650,7 @@ def test_a_unit_that_flows_runs_in_fmpy(tmp_path):
 
 @needs("inelastic", "moduli")
 def test_flow_that_c_does_not_know_is_refused_by_name():
-    from hhr_dolfinx.materials.update import Group
+    from hhr_dolfinx.plugins.inelastic.update import Group
 
     creeping = SimpleNamespace(groups=(Group(np.arange(3), 1.0, 0.3, hhr.Norton(1.0, 2.0)),))
     model = copy.copy(flowing("outputs")[0])

@@ -24,7 +24,7 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.UncheckedWarning"),

@@ -19,10 +19,10 @@ from hhr_dolfinx.errors import (
     SceneError,
 )
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.materials.update import kernel_of
-from hhr_dolfinx.models.histories import condensed_step, small_strains
-from hhr_dolfinx.models.histories import condensed_step as codes
-from hhr_dolfinx.models.histories.condensed_step import StepLoad, StepModel, Work, touch
+from hhr_dolfinx.plugins.inelastic import condensed_step, small_strains
+from hhr_dolfinx.plugins.inelastic import condensed_step as codes
+from hhr_dolfinx.plugins.inelastic.condensed_step import StepLoad, StepModel, Work, touch
+from hhr_dolfinx.plugins.inelastic.update import kernel_of
 
 pytestmark = [
     pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.UncheckedWarning"),

@@ -20,12 +20,13 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.geometries import block
-from hhr_dolfinx.materials.update import Group, Material
 from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plugins.inelastic.recipe import FlowDeim, StressDeim
+from hhr_dolfinx.plugins.inelastic.trained import Known, Signs, TrainedPaths, Watch
+from hhr_dolfinx.plugins.inelastic.update import Group, Material
 from hhr_dolfinx.reduction import build as stages
-from hhr_dolfinx.reduction.recipe import Deim, FlowDeim, ForceDeim, Pod, Rid, StressDeim, Tangents, Zone
-from hhr_dolfinx.trained import Known, Signs, TrainedPaths, Watch
+from hhr_dolfinx.reduction.recipe import Deim, ForceDeim, Pod, Rid, Tangents, Zone
 
 MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
 NODES = (Deim(), ForceDeim(1e-8), StressDeim(1e-9), FlowDeim(1e-6), Zone(demo.pressed_nodes))

@@ -19,8 +19,8 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.errors import ModelFileError, ParameterError, SceneError
 from hhr_dolfinx.geometries import block, two_blocks
-from hhr_dolfinx.materials.update import Group, Material
-from hhr_dolfinx.reduction.flow import training_tangents
+from hhr_dolfinx.plugins.inelastic.project import training_tangents
+from hhr_dolfinx.plugins.inelastic.update import Group, Material
 from hhr_dolfinx.snapshots.store import SnapshotStore
 
 TIGHT = hhr.MarchSettings("tangent", relative_stress=1e-10, floor_stress=1e-9, relative_force=1e-12, outside="ignore")

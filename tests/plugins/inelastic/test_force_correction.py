@@ -13,7 +13,7 @@ from test_flow_heat import path as hot_path
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.reduction.flow import force_correction
+from hhr_dolfinx.plugins.inelastic.project import force_correction
 from hhr_dolfinx.study.training.train import Training
 
 LOADS = [(1.6, 0.05), (1.2, -0.1), (0.8, 0.1), (1.5, 0.14), (0.4, 0.0)]

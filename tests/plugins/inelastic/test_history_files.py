@@ -22,10 +22,10 @@ import hhr_dolfinx as hhr
 from hhr_dolfinx import files
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.errors import ConvergenceError, SnapshotFileWarning
-from hhr_dolfinx.materials.laws import Norton
-from hhr_dolfinx.materials.update import Group
-from hhr_dolfinx.models.histories import march
-from hhr_dolfinx.snapshots import store as store_of_snapshots
+from hhr_dolfinx.plugins.inelastic import march
+from hhr_dolfinx.plugins.inelastic import store as store_of_gauss_points
+from hhr_dolfinx.plugins.inelastic.laws import Norton
+from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.snapshots.store import _digest_of
 
 PATH = demo.path(10.0, flowing.STEPS)
@@ -111,7 +111,7 @@ def test_a_history_goes_on_behind_its_last_file(error, full, whole, solved, tmp_
 
 def test_large_histories_stay_on_the_disk(full, whole, solved, tmp_path, monkeypatch):
     """Solved, resumed and read: the same bits, which lie in the files and take no memory of their own."""
-    for module in (files, store_of_snapshots):
+    for module in (files, store_of_gauss_points):
         monkeypatch.setattr(module, "MAPPED", 1)
     with monkeypatch.context() as patch:
         ends_after(patch, 3, KeyboardInterrupt())["path"] = tmp_path
@@ -282,8 +282,8 @@ class Table:
 def digest(law=None, groups=None):
     full = BareFull(bare_problem())
     groups = (Group(np.arange(3), 1.0, 0.3, law),) if groups is None else groups
-    material, nothing = SimpleNamespace(groups=groups), csc_matrix((12, 1))
-    full.equilibrium = SimpleNamespace(material=material, eigenstrains=nothing)
+    material = SimpleNamespace(groups=groups, gauss_points=3, components=4)
+    full.equilibrium = SimpleNamespace(reader="inelastic", material=material, eigenstrains=csc_matrix((12, 1)))
     return _digest_of(full)
 
 

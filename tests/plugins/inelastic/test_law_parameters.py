@@ -22,10 +22,11 @@ from tubes import POISSON, YOUNG
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.errors import ConvergenceError, ModelFileError, ParameterError, SceneError, SceneWarning
-from hhr_dolfinx.materials.constants import formulas_of, law_at
-from hhr_dolfinx.materials.update import Group, Material
-from hhr_dolfinx.models.histories.history_gradient import history_gradient
-from hhr_dolfinx.reduction.flow import training_tangents
+from hhr_dolfinx.plugins.inelastic.constants import formulas_of, law_at
+from hhr_dolfinx.plugins.inelastic.history_gradient import history_gradient
+from hhr_dolfinx.plugins.inelastic.project import training_tangents
+from hhr_dolfinx.plugins.inelastic.study import seconds_of_parts
+from hhr_dolfinx.plugins.inelastic.update import Group, Material
 
 TIGHT = hhr.MarchSettings("tangent", relative_stress=1e-10, floor_stress=1e-9, relative_force=1e-12, outside="ignore")
 QUIET = hhr.MarchSettings(outside="ignore")
@@ -167,7 +168,7 @@ def test_the_material_of_a_point_is_made_once():
 def test_laws_of_numbers_load_no_formulas():
     program = (
         "import sys, numpy as np\n"
-        "from hhr_dolfinx.materials import laws, update\n"
+        "from hhr_dolfinx.plugins.inelastic import laws, update\n"
         "group = update.Group(np.arange(2), 1.0, 0.3, laws.Plasticity(1.0))\n"
         "material = update.Material([group], 4, ('p',)).at(np.zeros(1))\n"
         "material.update(np.zeros((2, 4)), material.at_rest(), 1.0, tangent=True)\n"

@@ -10,9 +10,9 @@ from tubes import POISSON, YOUNG
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ConvergenceError, LawWarning, SceneError
-from hhr_dolfinx.materials.laws import Norton, Plasticity
-from hhr_dolfinx.materials.update import Group, Material
 from hhr_dolfinx.plain import as_plain, by_name, restored
+from hhr_dolfinx.plugins.inelastic.laws import Norton, Plasticity
+from hhr_dolfinx.plugins.inelastic.update import Group, Material
 
 
 def update(law, strain, old, dt=0.1):

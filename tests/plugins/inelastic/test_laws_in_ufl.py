@@ -11,8 +11,8 @@ from test_plastic import LAWS, material, some_states
 from tubes import POISSON, YOUNG
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.forms import return_mapping
 from hhr_dolfinx.materials.elasticity import lame_parameters
+from hhr_dolfinx.plugins.inelastic import return_mapping
 
 SHEAR = lame_parameters(YOUNG, POISSON)[1]
 DT = 0.1

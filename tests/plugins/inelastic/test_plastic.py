@@ -26,13 +26,15 @@ from hhr_dolfinx.errors import (
     UnstableModelError,
 )
 from hhr_dolfinx.geometries import block, two_blocks
-from hhr_dolfinx.materials.update import Group, Material, State
 from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.reduced import ReducedModel
+from hhr_dolfinx.plugins.inelastic.project import project_flow, tangent_margin
+from hhr_dolfinx.plugins.inelastic.recipe import FlowDeim, StressDeim
+from hhr_dolfinx.plugins.inelastic.stages import FittedFlow
+from hhr_dolfinx.plugins.inelastic.update import Group, Material, State
 from hhr_dolfinx.reduction.completion import Completion
-from hhr_dolfinx.reduction.flow import project_flow, tangent_margin
 from hhr_dolfinx.reduction.projection import project
-from hhr_dolfinx.reduction.recipe import Deim, FlowDeim, ForceDeim, LoadNodes, Pod, Rid, StressDeim, Zone
+from hhr_dolfinx.reduction.recipe import Deim, ForceDeim, LoadNodes, Pod, Rid, Zone
 
 MESH = {"radial_cells": 12, "axial_cells": 20, "cladding_radial_cells": 3, "cladding_axial_cells": 15}
 
@@ -232,7 +234,8 @@ def of_all_functions(full, history):
     basis[free, np.arange(free.size)] = 1.0
     sets = whole_domain(problem)
     flow = project_flow(full.equilibrium, basis, sets)
-    fields = Completion.of(problem, hhr.SnapshotSet.of_histories([history])).reconstruction(problem, basis, sets, flow)
+    snapshots = hhr.SnapshotSet.of_histories([history])
+    fields = Completion.of(problem, snapshots, FittedFlow.of(snapshots)).reconstruction(problem, basis, sets, flow)
     return ReducedModel(project(problem, basis, sets), full.parameters, fields, flow=flow)
 
 

@@ -16,10 +16,10 @@ from tubes import tube
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ParameterError, TimeStepWarning
 from hhr_dolfinx.materials.elasticity import lame_parameters
-from hhr_dolfinx.materials.update import Group, Material
-from hhr_dolfinx.models.answer import GaussState
-from hhr_dolfinx.models.histories.points import ALL_HERE
-from hhr_dolfinx.models.histories.time_error import TimeError
+from hhr_dolfinx.plugins.inelastic.points import ALL_HERE
+from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.time_error import TimeError
+from hhr_dolfinx.plugins.inelastic.update import Group, Material
 
 pytestmark = pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.TimeStepWarning")
 QUIET = hhr.MarchSettings(search="elastic", iterations=200, outside="ignore")
@@ -60,7 +60,7 @@ def test_estimate_at_a_point_held_at_a_strain(law, steps):
     model = SimpleNamespace(material=material, points=np.arange(1), together=ALL_HERE)
 
     def answer(time, stress, state):
-        return SimpleNamespace(time=time, parameter=np.zeros(0), state=lambda: GaussState(stress, state))
+        return SimpleNamespace(time=time, parameter=np.zeros(0), memory={"gauss": GaussState(stress, state)})
 
     def exact(time):
         rate = 3 * shear * time
@@ -70,7 +70,9 @@ def test_estimate_at_a_point_held_at_a_strain(law, steps):
 
     state = material.at_rest()
     here = answer(0.0, 2 * shear * strain, state)
-    error = replace(TimeError.at_rest(model, here), rate=None, largest=float(np.linalg.norm(here.state().stress)))
+    error = replace(
+        TimeError.at_rest(model, here), rate=None, largest=float(np.linalg.norm(here.memory["gauss"].stress))
+    )
     wrong, told = [], []
     for time in np.logspace(-2, 2, steps + 1):
         update = material.update(strain, state, time - here.time, tangent=False)

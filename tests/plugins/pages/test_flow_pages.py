@@ -23,8 +23,8 @@ from hhr_dolfinx.errors import NotOfferedError, ParameterError
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.materials.elasticity import von_mises
-from hhr_dolfinx.materials.update import Group
-from hhr_dolfinx.models.histories.condensed_fields import PartFactors
+from hhr_dolfinx.plugins.inelastic.condensed_fields import PartFactors
+from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.plugins.pages import flow_stress, flowing, page
 from hhr_dolfinx.plugins.pages.scenery import thinned
 

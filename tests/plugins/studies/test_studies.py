@@ -10,7 +10,6 @@ import hertz_half_discs as discs
 import numpy as np
 import pytest
 from needs import needs
-from paths import PathCase, summarise_paths, try_path
 from scenes import pressed_block
 from toy_rival import NearestAnswer, NearestHistory
 
@@ -166,19 +165,21 @@ def test_a_path_without_an_answer_counts(study, monkeypatch):
 
 @needs("inelastic")
 def test_a_correction_where_nothing_flows(tmp_path):
-    from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
+    from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
 
     settings = hhr.StudySettings([8], correction=CorrectionSettings())
-    with pytest.raises(StudyError, match=r"nothing flows in scene .* leave out the correction"):
+    with pytest.raises(StudyError, match=r"bodies of scene .* are elastic: leave out the correction"):
         hhr.study_scene(discs.scene(arc_segments=28, flat_segments=7), settings, tmp_path)
     with pytest.raises(StudyError, match="correction = 3 of a study must be CorrectionSettings"):
-        replace(settings_of_paths(), correction=3)
+        hhr.study_scene(flowing(), replace(settings_of_paths(), correction=3), tmp_path)
 
 
 @needs("inelastic")
 def test_both_models_on_paths(study):
     """On a path of the family, and on one never trained, of which both warn."""
     full, models = study.training.full_order, study.measured.models
+    from paths import PathCase, summarise_paths, try_path
+
     cases = [PathCase("between", pushed(0.012), True), PathCase("far aside", pushed(0.045), False)]
     rows = [try_path(full, models, case, 0.0, settings_of_paths().march) for case in cases]
     for name in models:
@@ -200,7 +201,7 @@ def test_a_study_of_histories_finds_what_was_solved(study, folder):
 @pytest.mark.parametrize(
     ("scene", "changes", "message"),
     [
-        (flowing, {"tests": 5}, r"bodies of scene 'stacked_blocks' flow: tests = 5 must be paths"),
+        (flowing, {"tests": 5}, r"bodies of scene 'stacked_blocks' have laws: tests = 5 must be paths"),
         (
             flowing,
             {"training": [8, 8]},
@@ -209,7 +210,7 @@ def test_a_study_of_histories_finds_what_was_solved(study, folder):
         (
             partial(patch.scene, hhr.NodeToSurface),
             {},
-            r"nothing flows in scene 'stacked_blocks': tests must be",
+            r"bodies of scene 'stacked_blocks' are elastic: tests must be",
         ),
     ],
 )

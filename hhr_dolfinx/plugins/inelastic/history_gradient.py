@@ -19,10 +19,12 @@ from typing import NamedTuple
 import numpy as np
 
 from hhr_dolfinx.errors import ConvergenceError, ParameterError
-from hhr_dolfinx.materials.update import State, Update
-from hhr_dolfinx.models.answer import Answer, GaussState, History
+from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.gradient import GRAZING, Gradient
-from hhr_dolfinx.models.histories.equilibrium import Marching
+from hhr_dolfinx.plugins.inelastic.equilibrium import Marching
+from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.plugins.inelastic.update import State, Update
 
 STEP = 1e-5
 """Length of a difference, as a part of the box of the parameters and of the strain so far: curvature costs its square,
@@ -87,7 +89,7 @@ def history_gradient(model: Marching, history: History, directions: np.ndarray |
                 )
             )
             changes = [part[2] for part in found]
-            state = answer.state().state
+            state = gauss_of(answer).state
             time = answer.time
     return gradients
 
@@ -117,7 +119,7 @@ class _Step:
             update = model.material.at(answer.parameter).update(strain, before, dt, tangent=True)
         except ConvergenceError as error:
             raise _in_parts(number, str(error)) from error
-        _check_single(update, answer.state(), number)
+        _check_single(update, gauss_of(answer), number)
         self._linear = model.at(answer.parameter).linearised(update.tangents)
 
     def along(self, direction: np.ndarray, change: State, scale: float) -> tuple[np.ndarray, np.ndarray, State]:

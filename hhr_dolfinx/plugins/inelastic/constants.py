@@ -19,8 +19,8 @@ import numpy as np
 from hhr_dolfinx.errors import ParameterError, SceneError
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.materials.laws import Flow
     from hhr_dolfinx.parameters import ParameterSpace
+    from hhr_dolfinx.plugins.inelastic.laws import Flow
 
 
 def formulas_of(law: Any) -> dict[str, str]:

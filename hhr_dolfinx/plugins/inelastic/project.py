@@ -11,14 +11,18 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.contact.problem import IndexSets
 from hhr_dolfinx.errors import ReductionError, UnstableModelError
-from hhr_dolfinx.models.histories.force_correction import ForceCorrection
-from hhr_dolfinx.models.histories.reduced_flow import ReducedFlow
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.reduction.elastic_response import elastic_response
+from hhr_dolfinx.plugins.inelastic.elastic_response import elastic_response
+from hhr_dolfinx.plugins.inelastic.equilibrium import MeshEquilibrium, equilibrium_of
+from hhr_dolfinx.plugins.inelastic.force_correction import ForceCorrection
+from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.full import FullModel, MeshEquilibrium
+    from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.plugins.inelastic.equilibrium import MeshEquilibrium, equilibrium_of
     from hhr_dolfinx.snapshots.records import SnapshotSet
+    from hhr_dolfinx.study.training.train import Training
 
 
 def project_flow(full: MeshEquilibrium, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
@@ -65,7 +69,7 @@ def training_tangents(full: MeshEquilibrium, snapshots: SnapshotSet, count: int)
             state = full.material.at_rest()
             if step > 0:
                 time = history.answers[step - 1].time
-                state = history.answers[step - 1].state().state
+                state = gauss_of(history.answers[step - 1]).state
             strain = full.strain(here.unknown, full.amplitudes(here.parameter))
             material = full.material.at(here.parameter)
             tangents: Any = material.update(strain, state, here.time - time, tangent=True).tangents
@@ -109,8 +113,19 @@ def _margin(whole: np.ndarray, projected: np.ndarray) -> float:
         ) from error
 
 
+def of_training(training: Training) -> ForceCorrection:
+    """Correction of forces for any model of a training: ``training.force_correction()``.
+
+    ``correction.of(history)`` has better forces of each step, and their distance from those of the model.
+
+    Raises:
+        ReductionError: see :func:`force_correction`.
+    """
+    return force_correction(training.full_order)
+
+
 def force_correction(full: FullModel) -> ForceCorrection:
-    """Correction of forces for any model of a scene of inelastic bodies, see :mod:`models.histories.force_correction`.
+    """Correction of forces for any model of a scene of inelastic bodies, see :mod:`plugins.inelastic.force_correction`.
 
     Raises:
         ReductionError: for an elastic scene, and if moduli are no factors of connected components.
@@ -118,7 +133,7 @@ def force_correction(full: FullModel) -> ForceCorrection:
     if full.equilibrium is None:
         raise ReductionError(f"nothing flows in scene '{full.scene.name}': estimates of its answers bound forces")
     problem = full.problem
-    equilibrium = full.equilibrium
+    equilibrium = equilibrium_of(full)
     problem.require_whole()
     problem.require_no_memory("a correction of forces")
     elastic = elastic_response(full)

@@ -11,7 +11,7 @@ everything else is common. ``forms.return_mapping`` states the same in UFL, and 
 A constant may be a text, a formula of the parameters of the scene such as ``"sy * (1 - 4e-4 * T)"``. A step of a
 history has the constants of the parameter at its end: a law with these numbers is made for each step. In a user-defined
 law, a frozen dataclass, any field that may be a ``float`` may be such a text; a ``__post_init__`` that checks numbers
-must accept texts. See :mod:`hhr_dolfinx.materials.constants`.
+must accept texts. See :mod:`hhr_dolfinx.plugins.inelastic.constants`.
 """
 
 from __future__ import annotations
@@ -103,7 +103,7 @@ class Plasticity:
         self, trial: np.ndarray, plastic_strain: np.ndarray, shear: float, dt: float
     ) -> tuple[np.ndarray, np.ndarray]:
         """Closed form of σ0 + H (p + Δp) = q_tr - 3 mu Δp; see :class:`Flow`."""
-        from hhr_dolfinx.materials.compiled_laws import PLASTICITY, flows_at
+        from hhr_dolfinx.plugins.inelastic.compiled_laws import PLASTICITY, flows_at
 
         constants = _number(self.yield_stress), _number(self.hardening)
         return flows_at(PLASTICITY, constants, trial, plastic_strain, shear, dt)
@@ -136,7 +136,7 @@ class Norton:
         Raises:
             ArithmeticError: if the iteration does not converge.
         """
-        from hhr_dolfinx.materials.compiled_laws import ITERATIONS, NORTON, flows_at
+        from hhr_dolfinx.plugins.inelastic.compiled_laws import ITERATIONS, NORTON, flows_at
 
         constants = _number(self.resistance), _number(self.exponent)
         amount, slope = flows_at(NORTON, constants, trial, plastic_strain, shear, dt)

@@ -29,19 +29,23 @@ from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
 from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.materials.elasticity import lame_parameters
-from hhr_dolfinx.materials.update import Group, Material, State, check_flow, flow_of, kernel_of
 from hhr_dolfinx.memory import Memory
-from hhr_dolfinx.models.answer import Answer, GaussState
-from hhr_dolfinx.models.histories import condensed_step as compiled_step
-from hhr_dolfinx.models.histories.condensed_fields import CondensedFlowFields, PartFactors
-from hhr_dolfinx.models.histories.condensed_step import StepLoad, StepModel, Work, touch
-from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, MarchSettings, Stepper, extrapolated
-from hhr_dolfinx.models.histories.points import ALL_HERE, Points
-from hhr_dolfinx.models.histories.small_strains import SmallStrains
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.trained import Signs, TrainedPaths
+from hhr_dolfinx.plugins.inelastic import condensed_step as compiled_step
+from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, PartFactors
+from hhr_dolfinx.plugins.inelastic.condensed_step import StepLoad, StepModel, Work, touch
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Stepper, extrapolated
+from hhr_dolfinx.plugins.inelastic.march import Histories
+from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
+from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
+from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.plugins.inelastic.trained import Signs, TrainedPaths
+from hhr_dolfinx.plugins.inelastic.update import Group, Material, State, check_flow, flow_of, kernel_of
 
 
 @dataclass(frozen=True)
@@ -61,7 +65,7 @@ class CondensedFlow:
         forced: strain of K^-1 F, (c n, 1 + T).
         given: strain of imposed displacements and of the response to them, minus strains without stress, (c n, 1 + T).
         moved: B V, (m, ell).
-        modal: Q of :mod:`models.histories.condensed_step`, (ell, ell).
+        modal: Q of :mod:`plugins.inelastic.condensed_step`, (ell, ell).
         coupled: P there, (ell, m).
         mode_parts: part of the stiffness to which each mode belongs, if moduli vary, (ell,).
         schur: B K^-1 B^T of each part, (Q, m, m).
@@ -113,7 +117,7 @@ class CondensedFlow:
         return np.cumsum([group.indices.size for group in self.groups])
 
 
-class CondensedEquilibrium:
+class CondensedEquilibrium(Histories):
     """Equilibrium of g and λ, see :class:`hhr_dolfinx.models.histories.equilibrium.Marching`.
 
     The unknown holds g followed by λ.
@@ -225,7 +229,7 @@ class CondensedEquilibrium:
         return self.gaps(theta) + self.schur @ x[self.modes :]
 
     def residual(self, x: np.ndarray, gauss: Any, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
-        """R for the plastic strain of ``gauss.state``, :mod:`models.histories.condensed_step`, and size of g, (1,)."""
+        """R for the plastic strain of ``gauss.state``, :mod:`plugins.inelastic.condensed_step`, and size of g, (1,)."""
         correction = x[: self.modes]
         flow = self.flow
         found = flow.tested @ gauss.state.plastic.T.ravel() - flow.modal @ correction
@@ -365,7 +369,7 @@ class CondensedStepper:
         model = self._model
         material = model.material.at(goal.parameter)
         theta = model.amplitudes(goal.parameter)
-        before = here.state().state
+        before = gauss_of(here).state
         rest = np.ascontiguousarray(before.plastic.T), before.cumulated, goal.time - here.time
         # without a correction, so that these are the forces of the elastic bodies
         load = StepLoad(model.free_strain @ theta, self._elastic.forces, model.gaps(theta), *rest)
@@ -460,7 +464,7 @@ class CondensedStepper:
 
 
 class CondensedFlowModel(KeptModel):
-    """Condensed model of inelastic bodies; answers paths. See :mod:`hhr_dolfinx.models.histories.condensed_flow`.
+    """Condensed model of inelastic bodies; answers paths. See :mod:`hhr_dolfinx.plugins.inelastic.condensed_flow`.
 
     Threads may share a model; it can be copied and pickled.
 
@@ -489,8 +493,9 @@ class CondensedFlowModel(KeptModel):
         self.trained = trained
         self.offline = offline
         self.law = fields.law
-        self.equilibrium = CondensedEquilibrium(flow, fields.amplitudes, parameters, fields)
-        self.equilibrium.trained = trained
+        equilibrium = CondensedEquilibrium(flow, fields.amplitudes, parameters, fields)
+        equilibrium.trained = trained
+        self.equilibrium = equilibrium
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """See :class:`KeptModel`."""

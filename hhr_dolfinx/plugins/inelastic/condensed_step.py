@@ -1,6 +1,6 @@
 """Compiled step of condensed inelastic models: plastic correction g and all contact forces λ, by Newton's method.
 
-With the elastic response eliminated exactly (see :mod:`hhr_dolfinx.models.histories.condensed_flow`), a step is
+With the elastic response eliminated exactly (see :mod:`hhr_dolfinx.plugins.inelastic.condensed_flow`), a step is
 
     ∫ (G V)^T C ε_p(ε) - g = 0,      ε = ε_e + ε_c,      ε_c = E_p g - E_X^T (λ(g) - λ_e),
 
@@ -34,7 +34,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx.compat import compiled
-from hhr_dolfinx.materials.compiled_laws import flow_at
+from hhr_dolfinx.plugins.inelastic.compiled_laws import flow_at
 
 EVALUATE, CONVERGED, STALLED, LIMIT, NOT_FINITE, CONTACT = range(6)
 """Results of :func:`judge`: evaluate the laws at the trial point, or the reason to stop."""

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Mapping
 from contextlib import nullcontext
 from copy import copy
 from dataclasses import dataclass
-from typing import Annotated, Any, Self
+from typing import TYPE_CHECKING, Annotated, Any, Self
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -18,15 +18,27 @@ from hhr_dolfinx.contact.law import UNILATERAL, UNILATERAL_STEP, ContactLaw, Ste
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.materials.strain import ElasticPart, StrainOperator
-from hhr_dolfinx.materials.update import Material, Update
-from hhr_dolfinx.models.answer import Answer, GaussState
+from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
-from hhr_dolfinx.models.histories.equilibrium import Correction, MarchSettings
-from hhr_dolfinx.models.histories.linearised_step import LinearisedStepper
-from hhr_dolfinx.models.histories.points import ALL_HERE, Points
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.trained import Signs, TrainedPaths
+from hhr_dolfinx.plugins.inelastic.equilibrium import Correction
+from hhr_dolfinx.plugins.inelastic.linearised_step import LinearisedStepper
+from hhr_dolfinx.plugins.inelastic.march import Histories
+from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
+from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.plugins.inelastic.trained import Signs, TrainedPaths
+from hhr_dolfinx.plugins.inelastic.update import Material, Update
+from hhr_dolfinx.trained import Trained
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.reduced import ReducedModel
+    from hhr_dolfinx.plugins.inelastic.completion import FlowFields
+
+SAME = 1e-9
+"""Relative difference of a stiffness in the middle of the box that counts as round-off."""
 
 
 @dataclass(frozen=True)
@@ -72,13 +84,33 @@ class ReducedFlow:
         return self.operator.points_of(self.cells)
 
     def equilibrium(
-        self, problem: ReducedProblem, parameters: ParameterSpace, fields: Reconstruction
+        self, problem: ReducedProblem, parameters: ParameterSpace, fields: Reconstruction, trained: Trained | None
     ) -> ReducedEquilibrium:
         """Equilibrium of gamma on all Gauss points of the RID."""
-        return ReducedEquilibrium(problem, self, parameters, fields)
+        found = ReducedEquilibrium(problem, self, parameters, fields)
+        found.trained = trained if isinstance(trained, TrainedPaths) else None
+        return found
+
+    def faults_of(self, model: ReducedModel) -> Iterator[str]:
+        """Faults: parts of the stiffness that do not add up to that of the middle of the box or do not fit bodies."""
+        yield from self.material.faults_for(model.parameters, model.dimension)
+        young = {group.young for group in self.material.groups if isinstance(group.young, str)}
+        problem = model.problem
+        terms = problem.terms
+        names = model.parameters.names
+        moduli = () if terms is None else terms.moduli
+        if {item.factor for item in moduli} - {"1"} != young or any(
+            item.names != names or item.rest != "1" for item in moduli
+        ):
+            yield "the parts of the stiffness are not those of the moduli of its bodies"
+        elif terms is not None:
+            middle = model.parameters.middle
+            there = np.tensordot(terms.weights(middle), terms.stiffness, 1)
+            if not np.abs(there - problem.stiffness).max() <= SAME * np.abs(problem.stiffness).max():
+                yield "the parts of the stiffness do not make that of the middle of the box"
 
 
-class ReducedEquilibrium:
+class ReducedEquilibrium(Histories):
     """Equilibrium of gamma, see :class:`hhr_dolfinx.models.histories.equilibrium.Equilibrium`.
 
     Args:
@@ -217,13 +249,13 @@ class ReducedEquilibrium:
         theta = self.amplitudes(answer.parameter)
         inner = self.flow.inner
         loads = self.flow.loads @ theta
-        internal, sizes = self.operator.internal(answer.state().stress)
+        internal, sizes = self.operator.internal(gauss_of(answer).stress)
         contact = self.flow.contact @ answer.multipliers
         size = np.linalg.norm(loads) + np.linalg.norm(sizes[inner]) + np.linalg.norm(contact)
         depth = self.depth(answer, theta)
         left = float(np.linalg.norm(loads - internal[inner] - contact))
-        flow = self.fields.flow
-        misfit, stress = (0.0, 0.0) if flow is None else flow.unexplained(answer.state().stress)
+        flow: FlowFields | None = self.fields.flow  # type: ignore[assignment]
+        misfit, stress = (0.0, 0.0) if flow is None else flow.unexplained(gauss_of(answer).stress)
         return Signs(left, float(size), depth, misfit=misfit, stress=stress)
 
     def tangent(self, tangents: np.ndarray) -> np.ndarray:

@@ -13,10 +13,10 @@ import numpy as np
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.declared import Integers
 from hhr_dolfinx.errors import ConvergenceError, SceneError
-from hhr_dolfinx.materials.compiled_laws import ELASTIC, NORTON, PLASTICITY
-from hhr_dolfinx.materials.constants import LawOfParameters, ModuliOfParameters, check_law, formulas_of
 from hhr_dolfinx.materials.elasticity import lame_parameters
-from hhr_dolfinx.materials.laws import Flow, Norton, Plasticity
+from hhr_dolfinx.plugins.inelastic.compiled_laws import ELASTIC, NORTON, PLASTICITY
+from hhr_dolfinx.plugins.inelastic.constants import LawOfParameters, ModuliOfParameters, check_law, formulas_of
+from hhr_dolfinx.plugins.inelastic.laws import Flow, Norton, Plasticity
 
 if TYPE_CHECKING:
     from hhr_dolfinx.parameters import ParameterSpace
@@ -276,7 +276,7 @@ class Material:
         """Reports of laws whose slope is not the derivative of their flow; None if too little plastic strain occurs.
 
         A wrong slope changes no answer, but steps take more iterations, or fail for no visible reason. ``reductions``
-        are over the Gauss points of all ranks, see :class:`hhr_dolfinx.models.histories.points.Points`.
+        are over the Gauss points of all ranks, see :class:`hhr_dolfinx.plugins.inelastic.points.Points`.
         """
 
         def probed() -> list[_Slopes]:

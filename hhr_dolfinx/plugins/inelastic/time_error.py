@@ -29,11 +29,12 @@ import numpy as np
 
 from hhr_dolfinx.errors import ConvergenceError, SceneError
 from hhr_dolfinx.materials.elasticity import lame_parameters
-from hhr_dolfinx.materials.laws import Plasticity
-from hhr_dolfinx.materials.update import Group, Material, flow_of, kernel_of
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.models.histories.equilibrium import Diverged, Goal, Marching
-from hhr_dolfinx.models.histories.points import Points
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Marching
+from hhr_dolfinx.plugins.inelastic.laws import Plasticity
+from hhr_dolfinx.plugins.inelastic.points import Points
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.plugins.inelastic.update import Group, Material, flow_of, kernel_of
 
 SAFETY = 0.8
 """Part of the allowed error at which the next part of a step aims."""
@@ -114,7 +115,7 @@ class TimeError:
     def going_on(self, answer: Answer) -> TimeError:
         """Time error after an answer that was solved before in parts: its estimate is known, its rates are not."""
         nothing = tuple(np.zeros_like(error) for error in self.error)
-        largest = max(self.largest, self._norm([answer.state().stress]))
+        largest = max(self.largest, self._norm([gauss_of(answer).stress]))
         return replace(self, error=nothing, rate=None, largest=largest, before=answer.time_error)
 
     def after(self, model: Marching, before: Answer, answer: Answer) -> TimeError:
@@ -132,7 +133,7 @@ class TimeError:
         if not self.bodies:
             return self
         dt = answer.time - before.time
-        stress = answer.state().stress
+        stress = gauss_of(answer).stress
         try:
             parts = self.together.agreed(
                 lambda: [self._body(k, material, before, answer, dt) for k in range(len(self.bodies))]
@@ -163,11 +164,11 @@ class TimeError:
         """Error and rate of one body, and the squares of the error that the step adds, before and after D."""
         points, place, shear = self.bodies[k]
         law: Any = material.groups[place].law
-        old = before.state().state
-        new = answer.state().state
+        old = gauss_of(before).state
+        new = gauss_of(answer).state
         flowed = (2 * shear) * (new.plastic - old.plastic)[points]
         held = old.cumulated[points]
-        trial = _equivalent(answer.state().stress[points]) + 3 * shear * (new.cumulated[points] - held)
+        trial = _equivalent(gauss_of(answer).stress[points]) + 3 * shear * (new.cumulated[points] - held)
         _, slope = flow_of(law, trial, held, shear, dt)
         rest = self.rate[k] if self.rate is not None else _rate(law, before, self.bodies[k], dt)
         added = (flowed - dt * rest) / 2
@@ -191,11 +192,11 @@ def _equivalent(stress: np.ndarray) -> np.ndarray:
 
 def _rate(law: Any, answer: Answer, body: _Rated, dt: float) -> np.ndarray:
     """2 μ times the rate of plastic strain at a stress: the flow of a law in a short time, (n, c)."""
-    stress = answer.state().stress[body.points]
+    stress = gauss_of(answer).stress[body.points]
     moment = SUDDEN * dt
     deviator = _deviator(stress)
     equivalent = _equivalent(stress)
-    amount, _ = flow_of(law, equivalent, answer.state().state.cumulated[body.points], body.shear, moment)
+    amount, _ = flow_of(law, equivalent, gauss_of(answer).state.cumulated[body.points], body.shear, moment)
     along = np.divide(3 * body.shear * amount / moment, equivalent, out=np.zeros_like(amount), where=equivalent > 0)
     return along[:, None] * deviator
 

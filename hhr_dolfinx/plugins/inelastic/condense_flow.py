@@ -1,7 +1,7 @@
 """Condensation of inelastic models, offline: elastic response, modes of the plastic correction, cubature, check.
 
 Weights of the cubature are fitted to two kinds of integrals: the stress of the correction at training states, see
-:mod:`hhr_dolfinx.models.histories.condensed_step`, and loosely the energies ∫ (G V)^T C G V of the modes in inelastic
+:mod:`hhr_dolfinx.plugins.inelastic.condensed_step`, and loosely the energies ∫ (G V)^T C G V of the modes in inelastic
 regions. With the first alone, modes of small energy were overestimated by up to 70 % in the tangent, whose sign then
 changed: steps stalled, or jumped. With both, none did.
 """
@@ -22,16 +22,21 @@ from hhr_dolfinx.certify.trust import TrustLimits, warn_of_training
 from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError, ReductionError, UnstableModelError
 from hhr_dolfinx.materials.strain import StrainOperator
-from hhr_dolfinx.materials.update import Group
-from hhr_dolfinx.models.full import FullModel, MeshEquilibrium, plain_outputs
-from hhr_dolfinx.models.histories.condensed_fields import CondensedFlowFields, PlasticFields
-from hhr_dolfinx.models.histories.condensed_flow import CondensedFlow, CondensedFlowModel
+from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.parameters import is_number, is_whole
-from hhr_dolfinx.reduction.cubature import Cubature, compressed, fitted
-from hhr_dolfinx.reduction.elastic_response import ElasticResponse, elastic_response
-from hhr_dolfinx.reduction.modes import correction_modes, state_modes
+from hhr_dolfinx.plugins.inelastic.completion import GappyField
+from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, PlasticFields
+from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlow, CondensedFlowModel
+from hhr_dolfinx.plugins.inelastic.cubature import Cubature, compressed, fitted
+from hhr_dolfinx.plugins.inelastic.elastic_response import ElasticResponse, elastic_response
+from hhr_dolfinx.plugins.inelastic.equilibrium import MeshEquilibrium, equilibrium_of
+from hhr_dolfinx.plugins.inelastic.modes import correction_modes
+from hhr_dolfinx.plugins.inelastic.state import flowed as any_flowed
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.plugins.inelastic.state import states_of
+from hhr_dolfinx.plugins.inelastic.update import Group
+from hhr_dolfinx.reduction.modes import state_modes
 from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import Announce, StageLog
@@ -60,8 +65,7 @@ def correction_strain(
     problem = full.problem
     if problem.law.remembers:
         return strain.of(correction)
-    assert full.equilibrium is not None
-    equilibrium = full.equilibrium.at(answer.parameter)
+    equilibrium = equilibrium_of(full).at(answer.parameter)
     theta = problem.amplitudes(answer.parameter)
     scale = elastic.factors.compliances(answer.parameter)[elastic.parts]
     free = scale * (elastic.forced @ theta) + elastic.given @ theta - problem.lifts @ theta
@@ -87,11 +91,10 @@ class FlowingDomain:
     @classmethod
     def of(cls, full: FullModel, basis: np.ndarray, answers: Sequence[Answer], sizes: np.ndarray) -> FlowingDomain:
         """Domain of training answers with corrections of given energy norms."""
-        equilibrium = full.equilibrium
-        assert equilibrium is not None
+        equilibrium = equilibrium_of(full)
         largest = np.zeros(equilibrium.material.gauss_points)
         for answer, size in zip(answers, sizes, strict=True):
-            largest = np.maximum(largest, np.abs(answer.state().state.plastic).max(axis=1) / size)
+            largest = np.maximum(largest, np.abs(gauss_of(answer).state.plastic).max(axis=1) / size)
         points = np.flatnonzero(largest > FLOWED * largest.max())
         deviators = np.stack([deviator(equilibrium.strain_of(column)[points]) for column in basis.T], axis=2)
         elastic = equilibrium.material.moduli_at(full.problem.middle).elastic
@@ -106,11 +109,10 @@ class FlowingDomain:
         sizes: np.ndarray,
     ) -> np.ndarray:
         """ε_p - dev ε_c at training states, over the energy norms of their corrections, (S, p c)."""
-        assert full.equilibrium is not None
-        there = StrainAt(full.equilibrium.operator, self.points)
+        there = StrainAt(equilibrium_of(full).operator, self.points)
         found = np.empty((len(answers), self.deviators[:, :, 0].size))
         for k, (answer, correction) in enumerate(zip(answers, corrections.T, strict=True)):
-            plastic = answer.state().state.plastic[self.points]
+            plastic = gauss_of(answer).state.plastic[self.points]
             strain = correction_strain(full, elastic, answer, correction, there)
             found[k] = (plastic - deviator(strain)).ravel() / sizes[k]
         return found
@@ -356,7 +358,7 @@ def _check_given(task: Task) -> None:
         raise ReductionError(
             "a reduced plastic correction is trained on histories, all steps: SnapshotSet.of_histories"
         )
-    if not snapshots.flowed:
+    if not any_flowed(snapshots):
         # corrections are then round-off, not zero
         raise ReductionError("no body flows in any training history: train at higher loads, or leave the laws out")
 
@@ -399,12 +401,11 @@ def _attempt(shared: _Shared, settings: CorrectionSettings) -> tuple[CondensedFl
             "may turn their sign: allow more points (most_points), or a smaller stability"
         )
     with log.stage("online_arrays", shared.announce):
-        assert full.equilibrium is not None
         flow = _online(full, elastic, basis, domain, cubature, answers)
         problem = full.problem
         fields = CondensedFlowFields(
             problem.amplitudes, elastic.factors, elastic.parts, basis, elastic.per_force, elastic.forced,
-            elastic.given, problem.block_size, shared.fields.on(flow.points, full.equilibrium), plain_outputs(full),
+            elastic.given, problem.block_size, shared.fields.on(flow.points, equilibrium_of(full)), plain_outputs(full),
             problem.law, full,
         )  # fmt: skip
         model = CondensedFlowModel(flow, full.parameters, fields)
@@ -423,8 +424,7 @@ def _online(
     answers: Sequence[Answer],
 ) -> CondensedFlow:
     """Arrays of a step, on the points of the cubature."""
-    equilibrium = full.equilibrium
-    assert equilibrium is not None
+    equilibrium = equilibrium_of(full)
     problem = full.problem
     points, weights = _watched(domain, cubature, answers)
     groups, order = _by_body(equilibrium.material.groups, points)
@@ -470,7 +470,7 @@ def _watched(domain: FlowingDomain, cubature: Cubature, answers: Sequence[Answer
     The few points of a cubature may all lie away from the place of the first plastic strain. A history with plastic
     strain there alone would look elastic, whatever stress it causes.
     """
-    flowed = np.array([answer.state().state.cumulated[domain.points] for answer in answers])
+    flowed = np.array([gauss_of(answer).state.cumulated[domain.points] for answer in answers])
     largest = flowed.max(axis=1, keepdims=True)
     # the first of points that are equal up to round-off
     order = [k for k in np.argsort(largest[:, 0], kind="stable") if largest[k] > 0]
@@ -534,9 +534,8 @@ class _FieldModes:
     def of(cls, full: FullModel, snapshots: SnapshotSet) -> _FieldModes:
         """Modes of training histories."""
         problem = full.problem
-        equilibrium = full.equilibrium
-        assert equilibrium is not None
-        states = [item.state for item in snapshots.states]
+        equilibrium = equilibrium_of(full)
+        states = [item.state for item in states_of(snapshots)]
         flowed = np.flatnonzero(np.any([state.cumulated > 0 for state in states], axis=0))
         plastic = state_modes([state.plastic[flowed].ravel() for state in states], LEFT_OUT["plastic"])
         elastic = equilibrium.material.moduli_at(problem.middle).elastic

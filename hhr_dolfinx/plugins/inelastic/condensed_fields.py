@@ -10,7 +10,7 @@ import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix, diags
@@ -23,10 +23,12 @@ from hhr_dolfinx.linear.layout import lay_out
 from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.models.answer import Answer, Meshed, ModelFields
 from hhr_dolfinx.models.estimates import STRESS, Estimate
-from hhr_dolfinx.models.reconstruct import GappyField
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
-from hhr_dolfinx.trained import share_of_stress
+from hhr_dolfinx.plugins.inelastic.completion import KNOWN_ERROR, GappyField
+from hhr_dolfinx.plugins.inelastic.state import state
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.plugins.inelastic.trained import share_of_stress
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.functionals.functional import Functionals
@@ -56,6 +58,9 @@ class PlasticFields:
         unstressed: strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T).
         moduli: Lamé's λ and 2 μ of each Gauss point in the middle of the box, (Gauss points, 2).
     """
+
+    kind: ClassVar[str] = STRESS
+    known_error: ClassVar[str] = KNOWN_ERROR
 
     points: Annotated[Integers, "points", "< gauss points"]
     flowed: Annotated[Integers, "flowed", "< gauss points"]
@@ -89,6 +94,23 @@ class PlasticFields:
     def gauss_points(self) -> int:
         """Number of Gauss points of the full model."""
         return len(self.moduli)
+
+    @property
+    def places(self) -> int:
+        """The same."""
+        return self.gauss_points
+
+    def stress_of(self, answer: Answer) -> np.ndarray:
+        """Stress of an answer, which depends on its elastic part: that of its fields."""
+        return answer.fields.stress(answer)
+
+    def plastic_strain(self, answer: Answer) -> np.ndarray:
+        """Cumulated plastic strain of an answer at all Gauss points."""
+        return self.cumulated_everywhere(state(answer).state.cumulated)
+
+    def estimate(self, answer: Answer) -> Estimate | None:
+        """Indicator of the error of an answer: that of its fields."""
+        return answer.fields.estimate(answer)
 
     def stress(self, elastic: np.ndarray, theta: np.ndarray, plastic: np.ndarray) -> np.ndarray:
         """Stress at all Gauss points for the moduli in the middle of the box, (Gauss points, components).
@@ -199,12 +221,8 @@ class CondensedFlowFields(Rebuilt, ModelFields):
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress at all Gauss points, Kelvin's notation, (Gauss points, components)."""
         theta = self._dense(answer.parameter)
-        plastic = answer.state().state.plastic
+        plastic = gauss_of(answer).state.plastic
         return self.flow.stress(self._elastic(answer), theta, plastic) / self._giving(answer.parameter)
-
-    def plastic_strain(self, answer: Answer) -> np.ndarray:
-        """Cumulated plastic strain at all Gauss points."""
-        return self.flow.cumulated_everywhere(answer.state().state.cumulated)
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """Indicator of the error, :meth:`unexplained` over the stress; None without a solution."""
@@ -214,7 +232,7 @@ class CondensedFlowFields(Rebuilt, ModelFields):
 
     def unexplained(self, answer: Answer) -> tuple[float, float]:
         """Norms of the leave-one-out residual, as a stress, and of σ, where laws are evaluated."""
-        gauss = answer.state()
+        gauss = gauss_of(answer)
         inside = self.flow.points
         left = self.flow.unforeseen(gauss.state.plastic) / self._giving(answer.parameter, inside)
         return float(np.linalg.norm(left)), float(np.linalg.norm(gauss.stress))

@@ -9,8 +9,8 @@ import pytest
 from scipy.optimize import nnls
 
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.reduction import cubature
-from hhr_dolfinx.reduction.cubature import Cubature, _Search, compressed, fitted
+from hhr_dolfinx.plugins.inelastic import cubature
+from hhr_dolfinx.plugins.inelastic.cubature import Cubature, _Search, compressed, fitted
 
 
 def smooth(rows: int, points: int, seed: int = 0) -> np.ndarray:

@@ -1,9 +1,9 @@
 """Quasi-static histories of contact between inelastic bodies, thesis Alg. 6.1 and 6.2: one loop for all models.
 
-The stepper of a model solves its steps: by linearisation (:mod:`models.histories.linearised_step`), or in one compiled
-loop (:mod:`models.histories.condensed_flow`). A step that does not converge is halved; only converged steps are kept.
+The stepper of a model solves its steps: by linearisation (:mod:`plugins.inelastic.linearised_step`), or in one compiled
+loop (:mod:`plugins.inelastic.condensed_flow`). A step that does not converge is halved; only converged steps are kept.
 The error of the steps in time is estimated, and with a tolerance steps are cut by it
-(:mod:`models.histories.time_error`). Loads, imposed displacements, gaps, and constants of laws that are formulas have
+(:mod:`plugins.inelastic.time_error`). Loads, imposed displacements, gaps, and constants of laws that are formulas have
 their values at the end of a step or of a part of it.
 """
 
@@ -12,31 +12,58 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, LawWarning, NotOfferedError
 from hhr_dolfinx.memory import Memory
-from hhr_dolfinx.models.answer import Answer, GaussState, History, Path
-from hhr_dolfinx.models.histories.equilibrium import (
-    DEFAULT_MARCH,
-    Diverged,
-    Goal,
-    Marching,
-    MarchSettings,
-    Stepper,
-    warn_of_time_error,
-)
-from hhr_dolfinx.models.histories.path import check_elasticity, check_settings
+from hhr_dolfinx.models.answer import Answer, History, Path
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, warn_of_time_error
+from hhr_dolfinx.models.histories.path import check_settings
 from hhr_dolfinx.models.histories.steps import steps_of
-from hhr_dolfinx.models.histories.time_error import TimeError, in_parts
 from hhr_dolfinx.one_thread import one_thread
-from hhr_dolfinx.trained import Watch
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Marching, Stepper
+from hhr_dolfinx.plugins.inelastic.one_step import check_elasticity, one_step, refuse_gradient
+from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.plugins.inelastic.time_error import TimeError, in_parts
+from hhr_dolfinx.plugins.inelastic.trained import Watch
 from hhr_dolfinx.warn import warn
 
 _log = logging.getLogger(__name__)
+
+
+class Histories:
+    """Base of equilibria: answers paths, see :class:`hhr_dolfinx.models.histories.equilibrium.Equilibrium`."""
+
+    reader: ClassVar[str] = "inelastic"
+
+    def march(
+        self,
+        path: Path,
+        settings: MarchSettings = DEFAULT_MARCH,
+        *,
+        known: Sequence[Answer] = (),
+        keep: Callable[[Answer], None] = lambda answer: None,
+    ) -> History:
+        """History along a checked path, see :func:`march`."""
+        model: Any = self
+        return march(model, path, settings, known=known, keep=keep)
+
+    def one_step(
+        self, model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool, **step: Any
+    ) -> Answer:
+        """Answer of a model at a point by one step from rest, see :func:`one_step`; it has no gradient.
+
+        Raises:
+            NotOfferedError: for another argument than ``duration``, and for a gradient.
+        """
+        if step.keys() - {"duration"}:
+            raise NotOfferedError(f"solve knows no {', '.join(step)} here: only bodies that flow take a duration")
+        refuse_gradient(gradient)
+        return one_step(model, point, raise_on_failure, outside, **step)
 
 
 # threads of BLAS slow small blocks down: a projected tangent of 70 modes took 7.8 ms on two of them, 3.1 ms on one
@@ -94,7 +121,7 @@ def march(
         raise
     warn_of_time_error(float(history.time_error.max(initial=0.0)), settings.time_tolerance)
     if settings.gradient:
-        from hhr_dolfinx.models.histories.history_gradient import with_gradients
+        from hhr_dolfinx.plugins.inelastic.history_gradient import with_gradients
 
         with_gradients(model, history)
     return history
@@ -189,12 +216,12 @@ def _turns(model: Marching, trail: tuple[Answer, ...], target: np.ndarray) -> bo
 def _check_slopes(model: Marching, before: Answer, after: Answer) -> bool:
     """Warn of laws with a wrong slope; returns True if there was enough plastic flow to judge."""
     together = model.together
-    if not together.largest(after.state().state.cumulated.max(initial=0.0)) > 0:
+    if not together.largest(gauss_of(after).state.cumulated.max(initial=0.0)) > 0:
         return False
     strain = model.strain(after.unknown, model.amplitudes(after.parameter))
     material = model.material.at(after.parameter)
     try:
-        complaints = material.wrong_slopes(strain, before.state().state, after.time - before.time, together)
+        complaints = material.wrong_slopes(strain, gauss_of(before).state, after.time - before.time, together)
     except ConvergenceError:  # the whole of a step that was cut, for which a law may find no flow
         return False
     for complaint in complaints or ():

@@ -1,4 +1,4 @@
-"""Return mapping of von Mises type in UFL, thesis section 6.2: the reference for the laws in ``materials``.
+"""Return mapping of von Mises type in UFL, thesis section 6.2: the reference for :mod:`plugins.inelastic.laws`.
 
 Tensors are vectors in Kelvin's notation, (xx, yy, zz, √2 xy[, √2 xz, √2 yz]), so that products of tensors are products
 of vectors; zz is θθ in axisymmetry. The plastic strain of a step is Δp along the trial stress. Each law is a residual
@@ -10,20 +10,8 @@ from __future__ import annotations
 import ufl
 from ufl.core.expr import Expr
 
-from hhr_dolfinx.forms.elasticity import strain
 from hhr_dolfinx.materials.elasticity import lame_parameters
-from hhr_dolfinx.materials.laws import Norton, Plasticity
-
-
-def strain_vector(u: Expr, hypothesis: str) -> Expr:
-    """Strain in Kelvin's notation: 4 components, or 6 in space."""
-    return kelvin(strain(u, hypothesis), hypothesis)
-
-
-def kelvin(e: Expr, hypothesis: str) -> Expr:
-    """A symmetric 3x3 tensor in Kelvin's notation: 4 components, or 6 in space."""
-    plane = [e[0, 0], e[1, 1], e[2, 2], 2**0.5 * e[0, 1]]
-    return ufl.as_vector([*plane, 2**0.5 * e[0, 2], 2**0.5 * e[1, 2]] if hypothesis == "solid" else plane)
+from hhr_dolfinx.plugins.inelastic.laws import Norton, Plasticity
 
 
 def trial_deviator(total: Expr, plastic: Expr, shear: float) -> Expr:

@@ -10,12 +10,14 @@ from mpi4py import MPI
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import ConvergenceError
-from hhr_dolfinx.materials.update import State
-from hhr_dolfinx.models.answer import Answer, GaussState
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.plugins.inelastic.update import State
 
 
 class PointsOfRanks:
-    """Gauss points of the cells of each rank, see :class:`~hhr_dolfinx.models.histories.points.Points`.
+    """Gauss points of the cells of each rank, see :class:`~hhr_dolfinx.plugins.inelastic.points.Points`.
 
     Args:
         cells: number of all cells.
@@ -79,13 +81,13 @@ class PointsOfRanks:
 
     def own(self, answer: Answer) -> Answer:
         """See :class:`Points`."""
-        gauss = answer.state()
+        gauss = gauss_of(answer)
         state = State(*(np.asarray(part)[self.points] for part in gauss.state))
         return answer.remembering(gauss=GaussState(np.asarray(gauss.stress)[self.points], state))
 
     def whole(self, answer: Answer) -> Answer:
         """See :class:`Points`."""
-        gauss = answer.state()
+        gauss = gauss_of(answer)
         state = State(*(self.gathered(part) for part in gauss.state))
         return answer.remembering(gauss=GaussState(self.gathered(gauss.stress), state))
 

@@ -10,7 +10,8 @@ from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError
-from hhr_dolfinx.models.histories.condensed_fields import PartFactors
+from hhr_dolfinx.plugins.inelastic.condensed_fields import PartFactors
+from hhr_dolfinx.plugins.inelastic.equilibrium import equilibrium_of
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
@@ -48,8 +49,7 @@ def elastic_response(full: FullModel) -> ElasticResponse:
 
 def _eigenforces(full: FullModel) -> csc_matrix:
     """Forces on free dofs of strains without stress in the middle of the box, sparse, (N, 1 + T)."""
-    equilibrium = full.equilibrium
-    assert equilibrium is not None
+    equilibrium = equilibrium_of(full)
     problem = full.problem
     elastic = equilibrium.material.moduli_at(problem.middle).elastic
     forces = np.zeros(problem.loads.shape)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from threading import RLock
@@ -21,22 +21,27 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.stiffness import FactorStore, LazyStiffness, ScaledStiffness, Stiffness
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
-from hhr_dolfinx.full_order.gauss_points import material_at, stiffness_parts, strain_operator
-from hhr_dolfinx.full_order.points_of_ranks import PointsOfRanks
 from hhr_dolfinx.linear.rows import Rows
-from hhr_dolfinx.materials.constants import check_law
 from hhr_dolfinx.materials.strain import ElasticPart, SparsePattern, StrainOperator
-from hhr_dolfinx.materials.update import Material, Update
-from hhr_dolfinx.models.answer import Answer, GaussState
-from hhr_dolfinx.models.histories.equilibrium import Correction, MarchSettings
-from hhr_dolfinx.models.histories.linearised_step import PATIENCE, PATIENCE_IN_SPACE, LinearisedStepper
-from hhr_dolfinx.models.histories.points import ALL_HERE, Points
+from hhr_dolfinx.models.answer import Answer, History, Path
+from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, StressOutput
+from hhr_dolfinx.plugins.inelastic.constants import check_law
+from hhr_dolfinx.plugins.inelastic.equilibrium import Correction
+from hhr_dolfinx.plugins.inelastic.gauss_points import at_gauss_points, material_at, stiffness_parts, strain_operator
+from hhr_dolfinx.plugins.inelastic.linearised_step import PATIENCE, PATIENCE_IN_SPACE, LinearisedStepper
+from hhr_dolfinx.plugins.inelastic.march import Histories, march
+from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
+from hhr_dolfinx.plugins.inelastic.points_of_ranks import PointsOfRanks
+from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.plugins.inelastic.trained import Signs
+from hhr_dolfinx.plugins.inelastic.update import Material, Update
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.trained import Signs
 
 if TYPE_CHECKING:
     from hhr_dolfinx.formulas import Modulus
     from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.plugins.inelastic.outputs import FlowMises
 
 
 @dataclass(frozen=True)
@@ -61,8 +66,23 @@ class GaussModel:
     stiffness: tuple[csr_matrix, ...]
     moduli: tuple[Modulus, ...]
 
+    @property
+    def places(self) -> int:
+        """Number of Gauss points."""
+        return self.operator.gauss_points
+
+    def mises(self, output: StressOutput, cells: np.ndarray) -> FlowMises:
+        """Von Mises' stress of an output in some cells."""
+        from hhr_dolfinx.plugins.inelastic.outputs import mises  # imported here: most scenes have no outputs
+
+        return mises(self.operator, output, cells)
+
+    def equilibrium(self, full: FullModel) -> FullEquilibrium:
+        """Equilibrium of a full model."""
+        return FullEquilibrium(full, self)
+
     @classmethod
-    def of(cls, scene: Scene, comm: MPI.Comm) -> GaussModel:
+    def of(cls, scene: Scene, comm: MPI.Comm = MPI.COMM_SELF) -> GaussModel:
         """The Gauss points of a scene.
 
         Raises:
@@ -80,7 +100,7 @@ class GaussModel:
         return cls(discretisation, operator, material, bodies, pattern, *stiffness_parts(material, operator, pattern))
 
 
-class FullEquilibrium:
+class FullEquilibrium(Histories):
     """Equilibrium of U0, see :class:`hhr_dolfinx.models.histories.equilibrium.Equilibrium`.
 
     Each of several ranks has all dofs of vectors, and all Gauss points except in objects made by :meth:`on_ranks`.
@@ -121,8 +141,6 @@ class FullEquilibrium:
         self._lifted = bool(problem.lifts.nnz)
         self.eigenstrains = csc_matrix((self.points.size * self.operator.components, problem.amplitudes.firsts[-1]))
         if any(hasattr(load, "eigenstrain_of") for load in gauss.discretisation.scene.loads):
-            from hhr_dolfinx.full_order.gauss_points import at_gauss_points
-
             self.eigenstrains = at_gauss_points(gauss.discretisation, problem, self.operator)
         self._set_elasticity(gauss.material.moduli_at(problem.middle), problem.own_stiffness)
         self.elastic = _SparseLinearisation(
@@ -135,6 +153,37 @@ class FullEquilibrium:
         self._ranks: PointsOfRanks | None = None
         self._rows = problem.spread
         self._spread: FullEquilibrium | None = None
+
+    @property
+    def places(self) -> int:
+        """Number of Gauss points."""
+        return self.operator.gauss_points
+
+    def mises(self, output: StressOutput, cells: np.ndarray) -> FlowMises:
+        """Von Mises' stress of an output in some cells."""
+        from hhr_dolfinx.plugins.inelastic.outputs import mises  # imported here: most scenes have no outputs
+
+        return mises(self.operator, output, cells)
+
+    def stress(self, answer: Answer) -> np.ndarray:
+        """Stress of an answer at all Gauss points, (Gauss points, components)."""
+        return gauss_of(answer).stress.copy()
+
+    def plastic_strain(self, answer: Answer) -> np.ndarray:
+        """Cumulated plastic strain of an answer at all Gauss points."""
+        return gauss_of(answer).state.cumulated.copy()
+
+    def march(
+        self,
+        path: Path,
+        settings: MarchSettings = DEFAULT_MARCH,
+        *,
+        known: Sequence[Answer] = (),
+        keep: Callable[[Answer], None] = lambda answer: None,
+    ) -> History:
+        """History along a checked path; ranks share the Gauss points, but for derivatives."""
+        solver = self if settings.gradient else self.on_ranks(self._full.comm)
+        return march(solver, path, settings, known=known, keep=keep)
 
     def on_ranks(self, comm: MPI.Comm) -> FullEquilibrium:
         """The same equilibrium with some of the Gauss points on each rank, for collective paths; itself on one rank."""
@@ -276,7 +325,7 @@ class FullEquilibrium:
 
     def signs(self, answer: Answer) -> Signs:
         """Residual of the free dofs and its scale; gaps are satisfied to the tolerance of the solver."""
-        residual, sizes = self.residual(answer.unknown, answer.state(), self.amplitudes(answer.parameter))
+        residual, sizes = self.residual(answer.unknown, gauss_of(answer), self.amplitudes(answer.parameter))
         left = (residual - self.contact_load(answer.multipliers)) * self.problem.free
         return Signs(float(np.linalg.norm(left)), float(np.linalg.norm(sizes)), 0.0)
 
@@ -339,3 +388,8 @@ class _SparseLinearisation:
             free = self.stiffness.solve(residual)
             forces, _ = self.equalities(active, gaps - self.problem.contact @ free)
             return free - self.push(forces), forces
+
+
+def bodies_of(scene: Scene) -> GaussModel:
+    """The Gauss points of a scene: the facet ``full_order``."""
+    return GaussModel.of(scene)

@@ -1,7 +1,7 @@
-"""The laws of :mod:`hhr_dolfinx.materials.laws` at one Gauss point, compiled for all loops over points.
+"""The laws of :mod:`hhr_dolfinx.plugins.inelastic.laws` at one Gauss point, compiled for all loops over points.
 
 A kernel returns the flow Δp (increment of cumulated plastic strain) and its derivative by the trial stress; NaN if it
-finds none. :func:`hhr_dolfinx.materials.update.kernel_of` returns the kernel of a law and its constants.
+finds none. :func:`hhr_dolfinx.plugins.inelastic.update.kernel_of` returns the kernel of a law and its constants.
 """
 
 from __future__ import annotations

@@ -26,10 +26,10 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
 from hhr_dolfinx.errors import NotSolvableError, ReductionError
 from hhr_dolfinx.materials.strain import StrainOperator
-from hhr_dolfinx.materials.update import Material
 from hhr_dolfinx.models.answer import Answer, History
-from hhr_dolfinx.models.histories.condensed_fields import PartFactors
 from hhr_dolfinx.plain import Rebuilt
+from hhr_dolfinx.plugins.inelastic.condensed_fields import PartFactors
+from hhr_dolfinx.plugins.inelastic.update import Material
 
 
 class CorrectedForces(NamedTuple):

@@ -17,19 +17,15 @@ from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.linear.anderson import Anderson
 from hhr_dolfinx.memory import Memory
-from hhr_dolfinx.models.answer import Answer, GaussState, found_as
-from hhr_dolfinx.models.histories.equilibrium import (
-    Diverged,
-    Equilibrium,
-    Goal,
-    Linearisation,
-    MarchSettings,
-    extrapolated,
-)
-from hhr_dolfinx.models.histories.points import Points
-from hhr_dolfinx.models.histories.small_strains import SmallStrains
+from hhr_dolfinx.models.answer import Answer, found_as
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.steps import steps_of
-from hhr_dolfinx.trained import Signs
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal, Linearisation, extrapolated
+from hhr_dolfinx.plugins.inelastic.points import Points
+from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
+from hhr_dolfinx.plugins.inelastic.state import GaussState
+from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.plugins.inelastic.trained import Signs
 
 ROUND_OFF_STRAIN = 1e-13
 """Strain that counts as round-off of displacements without strain, as when a gap closes without stress."""
@@ -65,7 +61,7 @@ class LinearisedStepper:
 
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before, by its results."""
-        gauss = answer.state()
+        gauss = gauss_of(answer)
         memory = self._memory
         _, scale = self._model.residual(answer.unknown, gauss, self._model.amplitudes(answer.parameter))
         memory.grow(scale, _root_mean_square(gauss.stress, self._model.together))
@@ -166,11 +162,11 @@ def _step(
     for iteration in range(1, settings.iterations + 1):
         renew = flows and (linear is None or settings.search == "tangent")
         strain = model.strain(x, theta)
-        update = together.agreed(partial(material.update, strain, here.state().state, dt, tangent=renew))
+        update = together.agreed(partial(material.update, strain, gauss_of(here).state, dt, tangent=renew))
         if not together.every(bool(np.isfinite(update.stress).all())):
             raise Diverged("the stress is not finite", together.place(~np.isfinite(update.stress).all(axis=1)))
         residual, scale = model.residual(x, update, theta)
-        flowed = update.state.cumulated - here.state().state.cumulated
+        flowed = update.state.cumulated - gauss_of(here).state.cumulated
         try:
             linear = model.linearised(update.tangents) if renew else linear
             change, found = linear.correct(residual, x, theta, active, contact)
@@ -188,8 +184,7 @@ def _step(
             floor = max(settings.floor_stress * largest, ROUND_OFF_STRAIN * together.largest(linear.moduli.max()))
             if together.largest((remaining - settings.relative_stress * np.abs(update.stress)).max()) <= floor:
                 memory.strains.check(strain, together)
-                slow = settings.search == "tangent" or iteration > memory.patience
-                memory.linearisation = None if slow else linear
+                memory.linearisation = None if settings.search == "tangent" or iteration > memory.patience else linear
                 memory.grow(scale, largest)
                 answer = found_as(found._replace(iterations=iteration), goal.parameter, x, model.fields)
                 kept = Memory(gauss=GaussState(update.stress, update.state)) | contact.memory(x)
@@ -212,8 +207,8 @@ def _elastic_start(model, here, theta, point):
     change = model.strain(x, theta) - model.strain(x, before)
     if model.together.every(not change.any()):
         return x
-    stress = here.state().stress + np.einsum("nij,nj->ni", model.material.elastic, change)
-    residual, _ = model.residual(x, GaussState(stress, here.state().state), theta)
+    stress = gauss_of(here).stress + np.einsum("nij,nj->ni", model.material.elastic, change)
+    residual, _ = model.residual(x, GaussState(stress, gauss_of(here).state), theta)
     try:
         contact = steps_of(model.law).step_contact(model, here, point)
         change, found = model.elastic.correct(residual, x, theta, here.active, contact)

@@ -1,0 +1,136 @@
+"""Completion of stress and plastic strain of hyper-reduced inelastic models, gappy POD, thesis section 6.2.3."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Annotated, ClassVar
+
+import numpy as np
+
+from hhr_dolfinx.declared import Floats, Integers, Size
+from hhr_dolfinx.linear.layout import lay_out
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.estimates import STRESS, Estimate
+from hhr_dolfinx.plugins.inelastic.state import state
+from hhr_dolfinx.plugins.inelastic.trained import share_of_stress
+
+KNOWN_ERROR = "indicator of the stress: the part of it that no training explains; without a proof, silent on forces"
+"""Estimates of inelastic models in one line."""
+
+
+@dataclass(frozen=True, eq=False)
+class GappyField:
+    """A field of the Gauss points from its values in the RID (gappy POD, section 6.2.3).
+
+    Attributes:
+        modes: POD modes of training states, (values everywhere, modes).
+        fit: amplitudes of the modes per value in the RID, (modes, values in the RID).
+    """
+
+    modes: Annotated[Floats, "values", "modes"]
+    fit: Annotated[Floats, "modes", "known values"]
+
+    def __post_init__(self) -> None:
+        """Copy arrays to the order of files."""
+        lay_out(self)
+
+    @classmethod
+    def fitted(cls, modes: np.ndarray, inside: np.ndarray) -> GappyField:
+        """Field from modes and the numbers of the values in the RID."""
+        return cls(modes, np.linalg.pinv(modes[inside]))
+
+    def everywhere(self, inside: np.ndarray) -> np.ndarray:
+        """The field everywhere, fitted to its values in the RID by least squares."""
+        return self.modes @ (self.fit @ inside)
+
+
+@dataclass(frozen=True, eq=False)
+class FlowFields:
+    """Reconstruction of stress and plastic strain of inelastic bodies.
+
+    Attributes:
+        points: numbers of the Gauss points of the RID in the full model.
+        stress: reconstruction of the stress, with adjacent components of each point.
+        cumulated: reconstruction of the cumulated plastic strain; None if it was zero in training.
+        gauss_points: number of Gauss points of the full model.
+    """
+
+    kind: ClassVar[str] = STRESS
+    known_error: ClassVar[str] = KNOWN_ERROR
+
+    points: Annotated[Integers, "points", "< gauss points"]
+    stress: GappyField
+    cumulated: GappyField | None
+    gauss_points: Annotated[Size, "gauss points"]
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """Modes of other points."""
+        values = len(self.stress.modes)
+        known = self.stress.fit.shape[1]
+        components = values // max(self.gauss_points, 1)
+        if (values, known) != (components * self.gauss_points, components * self.points.size):
+            yield f"{values} values of the stress, {known} of them known, are not the same for each Gauss point"
+        if self.cumulated is not None:
+            found = len(self.cumulated.modes), self.cumulated.fit.shape[1]
+            if found != (self.gauss_points, self.points.size):
+                yield f"{found} plastic strains are not one for each Gauss point"
+
+    @property
+    def places(self) -> int:
+        """Number of Gauss points of the full model."""
+        return self.gauss_points
+
+    def stress_of(self, answer: Answer) -> np.ndarray:
+        """Stress of an answer at all Gauss points, (Gauss points, components)."""
+        return self.stress_everywhere(state(answer).stress)
+
+    def plastic_strain(self, answer: Answer) -> np.ndarray:
+        """Cumulated plastic strain of an answer at all Gauss points, (Gauss points,)."""
+        return self.plastic_strain_everywhere(state(answer).state.cumulated)
+
+    def estimate(self, answer: Answer) -> Estimate:
+        """Indicator of the error of an answer, see :meth:`misfit`."""
+        return Estimate.indicated(self.misfit(state(answer).stress), STRESS)
+
+    def stress_everywhere(self, inside: np.ndarray) -> np.ndarray:
+        """Stress at all Gauss points: that of the laws in the RID, gappy POD outside, (Gauss points, components)."""
+        field = self.stress.everywhere(inside.ravel()).reshape(self.gauss_points, inside.shape[1])
+        field[self.points] = inside
+        return field
+
+    def plastic_strain_everywhere(self, inside: np.ndarray) -> np.ndarray:
+        """Cumulated plastic strain at all Gauss points, never negative, (Gauss points,)."""
+        field = np.zeros(self.gauss_points)
+        if self.cumulated is not None:
+            field = np.maximum(self.cumulated.everywhere(inside), 0.0)
+        field[self.points] = inside
+        return field
+
+    @cached_property
+    def _products(self) -> np.ndarray:
+        """Gram matrix of the modes of the stress on the values at evaluated points, (modes, modes)."""
+        components = len(self.stress.modes) // self.gauss_points
+        shown = self.stress.modes.reshape(self.gauss_points, components, -1)[self.points]
+        shown = shown.reshape(self.points.size * components, -1)
+        return shown.T @ shown
+
+    def unexplained(self, inside: np.ndarray) -> tuple[float, float]:
+        """|σ - Φ fit σ| and |σ| of the stress at evaluated points, (points, components), in the unit of stress.
+
+        The difference loses half of the digits: values below 1e-8 of the stress are round-off.
+        """
+        stress = inside.ravel()
+        amplitudes = self.stress.fit @ stress
+        size = float(stress @ stress)
+        return math.sqrt(max(size - float(amplitudes @ (self._products @ amplitudes)), 0.0)), math.sqrt(size)
+
+    def misfit(self, inside: np.ndarray) -> float:
+        """Part of the stress at evaluated points that the training modes do not represent, from 0 to 1.
+
+        It follows the error of a step, see docs/bounds.md: the modes represent the training, the laws the present
+        load path. 0 for bodies without stress; infinite for a stress that is not finite.
+        """
+        return share_of_stress(*self.unexplained(inside))

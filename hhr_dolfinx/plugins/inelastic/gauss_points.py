@@ -1,0 +1,121 @@
+"""Gauss points of inelastic bodies from UFL: strain, laws, parts of the elastic stiffness, and eigenstrains."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from dolfinx import fem
+from scipy.sparse import csc_matrix, csr_matrix, hstack
+
+from hhr_dolfinx import compat
+from hhr_dolfinx.amplitudes import Amplitude
+from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.forms.elasticity import kelvin
+from hhr_dolfinx.formulas import Modulus
+from hhr_dolfinx.full_order.gauss_points import averaged, tabulated
+from hhr_dolfinx.loads import checked_terms, first_load
+from hhr_dolfinx.materials.strain import SparsePattern, StrainOperator
+from hhr_dolfinx.plugins.inelastic.update import Group, Material
+from hhr_dolfinx.scene import Scene
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.problem import ContactProblem
+    from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
+
+
+def strain_operator(discretisation: DiscreteSpace) -> StrainOperator:
+    """Strain at the Gauss points of all cells, for inelastic bodies, of which each rank has the whole mesh."""
+    return tabulated(discretisation, np.arange(discretisation.cell_bodies().size))
+
+
+def material_at(scene: Scene, bodies: np.ndarray, operator: StrainOperator) -> Material:
+    """Laws at the Gauss points of the cells of an operator, with bodies as indices in the scene, (cells,)."""
+    of_point = np.repeat(bodies, operator.per_cell)
+    groups = [
+        Group(np.flatnonzero(of_point == place), _plain(body.young), float(body.poisson), body.law)
+        for place, body in enumerate(scene.bodies)
+    ]
+    return Material(groups, operator.components, scene.parameters.names)
+
+
+def _plain(young: float | str) -> float | str:
+    return young if isinstance(young, str) else float(young)
+
+
+def stiffness_parts(
+    material: Material, operator: StrainOperator, pattern: SparsePattern
+) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
+    """Parts of the elastic stiffness, (N, N) each, and their moduli; one part and no modulus if it is constant.
+
+    Bodies with the same expression make one part, those with numbers another.
+    """
+    formulas = dict.fromkeys(group.young for group in material.groups if isinstance(group.young, str))
+    if not formulas:
+        return (operator.stiffness(material.elastic, pattern),), ()
+    parts = []
+    moduli = []
+    for text in (*formulas, None):
+        elastic = np.zeros((material.gauss_points, material.components, material.components))
+        acting = False
+        for group in material.groups:
+            if group.young == text or (text is None and not isinstance(group.young, str)):
+                young = 1.0 if text is not None else float(group.young)
+                alone = Group(np.arange(1), young, group.poisson, None)
+                elastic[group.indices] = Material([alone], material.components).elastic[0]
+                acting = True
+        if acting:
+            parts.append(operator.stiffness(elastic, pattern))
+            moduli.append(Modulus("1" if text is None else text, "1", material.names))
+    return tuple(parts), tuple(moduli)
+
+
+def at_gauss_points(discretisation: DiscreteSpace, problem: ContactProblem, operator: StrainOperator) -> csc_matrix:
+    """Eigenstrains at the Gauss points of inelastic bodies, for each term of θ, (points * components, 1 + T).
+
+    Raises:
+        SceneError: for a user-defined load with an ``eigenstrain_of`` that does not have one term for it, as
+            ``eigenstress`` of the assembler makes it.
+    """
+    loads = discretisation.scene.loads
+    points = operator.gauss_points * operator.components
+    first = first_load(discretisation.scene)
+    terms = problem.amplitudes.firsts[-1]
+    pairs = [(load, term) for load in loads for term in checked_terms(load, discretisation.assembler(load))]
+    # in the order of Discretisation.load_terms
+    pairs.sort(key=lambda pair: not isinstance(pair[1].amplitude, Amplitude))
+    widths = [term.columns.shape[1] for _, term in pairs]
+    blocks = [csc_matrix((points, first))]
+    seen = []
+    for (load, term), width in zip(pairs, widths, strict=True):
+        if hasattr(load, "eigenstrain_of") and csc_matrix(term.columns).nnz == 0 and width == 1:
+            seen.append(load)
+            blocks.append(csc_matrix(_tabulated(discretisation, load, operator)[:, None]))
+        else:
+            blocks.append(csc_matrix((points, width)))
+    strained = [load for load in loads if hasattr(load, "eigenstrain_of")]
+    if sorted(map(id, seen)) != sorted(map(id, strained)):
+        raise SceneError(
+            f"of the loads {strained} each is a strain of one inelastic body or one beside it, and must have the "
+            "one term that its assembler's eigenstress gives"
+        )
+    blocks.append(csc_matrix((points, terms - sum(widths) - first)))
+    return csc_matrix(hstack(blocks))
+
+
+def _tabulated(discretisation: DiscreteSpace, load: Any, operator: StrainOperator) -> np.ndarray:
+    """A strain for the amplitude 1 at all Gauss points, Kelvin's notation, (points * components,)."""
+    mesh = discretisation.mesh
+    bodies = discretisation.cell_bodies()
+    points, _ = compat.quadrature(mesh.topology.cell_name(), discretisation.gauss_degree)
+    found = np.zeros((bodies.size, operator.per_cell, operator.components))
+    for place, body in enumerate(discretisation.scene.bodies):
+        given = load.eigenstrain_of(body.tag, mesh)
+        cells = np.flatnonzero(bodies == place)
+        if given is not None:
+            # a constant strain has no mesh
+            one = fem.Constant(mesh, 1.0)
+            vector = kelvin(averaged(discretisation, place, given[1]), discretisation.scene.hypothesis)
+            values = fem.Expression(one * vector, points).eval(mesh, cells.astype(np.int32))
+            found[cells] = values.reshape(len(cells), operator.per_cell, operator.components)
+    return found.ravel()

@@ -1,0 +1,60 @@
+"""Steps of a recipe for inelastic bodies, and the usual recipe."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from hhr_dolfinx.certify.trust import TrustLimits
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.plugins.inelastic.state import flowed, states_of
+from hhr_dolfinx.reduction.recipe import (
+    Deim,
+    Enrich,
+    ForceDeim,
+    LoadNodes,
+    Pod,
+    Recipe,
+    Rid,
+    Truncated,
+    nodes_of_values,
+)
+from hhr_dolfinx.snapshots.records import SnapshotSet
+
+
+@dataclass(frozen=True)
+class StressDeim(Truncated):
+    """Nodes of the cells in which DEIM picks Gauss points on a POD of the stress, section 6.2.3."""
+
+    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
+        """See :class:`Nodes`; empty for elastic bodies."""
+        known = states_of(snapshots)
+        if not known:
+            return np.zeros(0, dtype=np.int64)
+        return nodes_of_values(problem, np.stack([item.stress.ravel() for item in known], axis=1), self.tolerance)
+
+
+@dataclass(frozen=True)
+class FlowDeim(Truncated):
+    """Nodes of the cells in which DEIM picks Gauss points on a POD of the cumulated plastic strain, section 6.2.3."""
+
+    def nodes(self, problem: ContactProblem, snapshots: SnapshotSet, basis: np.ndarray) -> np.ndarray:
+        """See :class:`Nodes`; empty without plastic strain in training."""
+        if not flowed(snapshots):
+            return np.zeros(0, dtype=np.int64)
+        cumulated = np.stack([item.state.cumulated for item in states_of(snapshots)], axis=1)
+        return nodes_of_values(problem, cumulated, self.tolerance)
+
+
+def flowing(**changes: Any) -> Recipe:
+    """Recipe for inelastic bodies, section 6.2.3: DEIM of stress and plastic strain too, a larger RID."""
+    nodes = (Deim(), ForceDeim(1e-8), StressDeim(1e-9), FlowDeim(1e-6), LoadNodes())
+    usual: dict[str, Any] = {
+        "nodes": nodes,
+        "domain": Rid(3, 8),
+        "enrichment": Enrich(1.0),
+        "trust": TrustLimits.of_histories(),
+    }
+    return Recipe(**({"basis": Pod(3e-10)} | usual | changes))

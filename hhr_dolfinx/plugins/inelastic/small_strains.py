@@ -1,0 +1,44 @@
+"""Check of the strains of histories: beyond a limit load they run away."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from hhr_dolfinx.errors import SmallStrainWarning
+from hhr_dolfinx.models.histories.small_strains import LARGE, MOST, large_strain, spread_strain
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged
+from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
+from hhr_dolfinx.warn import warn
+
+RUNAWAY = 100.0
+"""Strain that not even a single point may have."""
+
+
+class SmallStrains:
+    """Checks the strains of the steps of one history; warns once."""
+
+    def __init__(self) -> None:
+        self._said = False
+
+    def check(self, strain: np.ndarray, together: Points = ALL_HERE) -> None:
+        """Warn of large strains, (points, components); ``together`` reduces over the points of all ranks.
+
+        Raises:
+            Diverged: if they are too large for small-strain theory.
+
+        Warns:
+            SmallStrainWarning: once.
+        """
+        largest = together.largest(np.abs(strain).max(initial=0.0))
+        if largest <= LARGE:
+            return
+        sizes = np.abs(strain).max(axis=1)
+        spread = spread_strain(together.gathered(sizes))
+        if spread > MOST or not largest <= RUNAWAY:
+            raise Diverged(
+                f"a strain of {largest:.3g} is no small strain: the load is more than is borne, or strains are finite",
+                together.place(sizes),
+            )
+        if spread > LARGE and not self._said:
+            self._said = True
+            warn(large_strain(spread), SmallStrainWarning, stacklevel=3)

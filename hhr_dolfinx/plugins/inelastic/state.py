@@ -1,0 +1,63 @@
+"""Stress and memory at Gauss points, and what answers say of them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from hhr_dolfinx.errors import HHRError
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.certify.accuracy import Solutions
+    from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.plugins.inelastic.update import State
+
+
+class GaussState(NamedTuple):
+    """Stress and memory of the material at the Gauss points where a model evaluates its laws.
+
+    Attributes:
+        stress: Kelvin's notation, (Gauss points, components).
+        state: plastic strain and cumulated plastic strain.
+    """
+
+    stress: np.ndarray
+    state: State
+
+
+def state(answer: Answer) -> GaussState:
+    """Stress and state where the model evaluates its laws: ``answer.state()``.
+
+    Raises:
+        HHRError: by a model without inelastic bodies.
+    """
+    if "gauss" not in answer.memory:
+        raise HHRError("nothing flows in this model, so that its answers have no state: give a body a law")
+    found: GaussState = answer.memory["gauss"]
+    return found
+
+
+def plastic_strain(answer: Answer) -> np.ndarray:
+    """Cumulated plastic strain at all Gauss points: ``answer.plastic_strain()``; empty for elastic bodies."""
+    if "gauss" not in answer.memory:
+        return np.zeros(0)
+    fields: Any = answer.fields
+    completion = fields.equilibrium if fields.exact else fields.flow
+    found: np.ndarray = completion.plastic_strain(answer)
+    return found
+
+
+def states_of(answers: Solutions) -> list[GaussState]:
+    """Stress and state of known answers; empty for elastic bodies."""
+    return [memory["gauss"] for memory in answers.states if "gauss" in memory]
+
+
+def flowed(answers: Solutions) -> bool:
+    """True if any of some known answers has plastic strain."""
+    return any(known.state.cumulated.any() for known in states_of(answers))
+
+
+def check_answer(answer: Answer) -> None:
+    """Evaluate the fields of an answer: the facet ``file``, by which a model file is tried after it was read."""
+    _ = answer.stress(), plastic_strain(answer)

@@ -1,0 +1,104 @@
+"""Memory of inelastic bodies in files of snapshots: the facet ``store``, see :mod:`hhr_dolfinx.snapshots.store`."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Mapping
+from itertools import product
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from hhr_dolfinx.certify.accuracy import slack_residuals
+from hhr_dolfinx.files import MAPPED
+from hhr_dolfinx.materials.elasticity import lame_parameters
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.plugins.inelastic.constants import formulas_of
+from hhr_dolfinx.plugins.inelastic.equilibrium import equilibrium_of
+from hhr_dolfinx.plugins.inelastic.state import GaussState, state
+from hhr_dolfinx.plugins.inelastic.update import Group
+from hhr_dolfinx.snapshots.store import add_to
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+
+
+class StoredGauss:
+    """Stress and state at Gauss points in files, see :class:`hhr_dolfinx.snapshots.store.StoredLaws`."""
+
+    layout: Mapping[str, tuple[str, ...]] = {
+        "stress": ("float", "points", "components"),
+        "plastic": ("float", "points", "components"),
+        "cumulated": ("float", "points"),
+    }
+
+    def __init__(self, full: FullModel):
+        self._problem = full.problem
+        self._equilibrium = equilibrium_of(full)
+        material = self._equilibrium.material
+        self.sizes = {"points": material.gauss_points, "components": material.components}
+        self._behaviours: dict[tuple, str] = {}
+
+    def fingerprint(self) -> list[Any]:
+        """Points, elasticity and behaviour of each body, and eigenstrains."""
+        groups = self._equilibrium.material.groups
+        parts = [part for group in groups for part in (group.indices, group.young, group.poisson, _answers_of(group))]
+        return parts + ([self._equilibrium.eigenstrains] if self._equilibrium.eigenstrains.nnz else [])
+
+    def query(self, point: np.ndarray) -> list[str]:
+        """Digests of the bodies with formulas: constants and modulus at a point, and answers of the law with them."""
+        material = self._equilibrium.material
+        digests = []
+        for place, constants in enumerate(material.constants(point)):
+            if constants:
+                key = place, *constants.values()
+                if key not in self._behaviours:
+                    digest = hashlib.sha256()
+                    add_to(digest, [list(constants.values()), *_answers_of(material.at(point).groups[place])])
+                    self._behaviours[key] = digest.hexdigest()
+                digests.append(self._behaviours[key])
+        return digests
+
+    def arrays(self, answer: Answer) -> dict[str, Any]:
+        """Stress and state."""
+        gauss = state(answer)
+        return {"stress": gauss.stress, **gauss.state._asdict()}
+
+    def memory(self, arrays: Mapping[str, np.ndarray]) -> dict[str, Any]:
+        """Stress and state."""
+        rest = self._equilibrium.material.at_rest()
+        known = rest._replace(plastic=arrays["plastic"], cumulated=arrays["cumulated"])
+        return {"gauss": GaussState(arrays["stress"], known)}
+
+    def residual(self, answer: Answer, forces: float) -> float:
+        """Residual of the stress, and of the slack."""
+        theta = self._problem.amplitudes(answer.parameter)
+        signs = self._equilibrium.signs(answer)
+        _, pull = slack_residuals(self._problem, answer.unknown, answer.multipliers, theta)
+        return max(pull, signs.imbalance / (max(signs.size, forces) or 1.0))
+
+    def size(self, answer: Answer) -> float:
+        """Norm of the internal and external forces."""
+        return self._equilibrium.signs(answer).size
+
+    def is_large(self, answer: Answer) -> bool:
+        """True if files of this size are mapped."""
+        return bool(state(answer).stress.nbytes >= MAPPED)
+
+
+def _answers_of(group: Group) -> list[Any]:
+    """Answers of the law of a body under fixed stresses: its behaviour identifies it, not its code."""
+    if group.law is None:
+        return []
+    formulas = formulas_of(group.law)
+    if formulas or isinstance(group.young, str):  # without numbers it cannot be evaluated
+        return [text for pair in formulas.items() for text in pair]
+    _, shear = lame_parameters(group.young, group.poisson)
+    trial = group.young * np.logspace(-8, 0, 201)
+    found: list[Any] = []
+    for strain, dt in product((0.0, 1e-3, 0.1, 1.0), (1e-3, 1.0, 1e3)):
+        try:
+            found += [np.asarray(part, float) for part in group.law.flow(trial.copy(), 0 * trial + strain, shear, dt)]
+        except Exception as error:  # a failure belongs to the behaviour of the law, too
+            found.append(type(error).__name__)
+    return found

@@ -1,0 +1,52 @@
+"""Hyper-reduction of bodies with laws: the facet ``reduction`` of the plug-in that reads them; it adds stages too."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, Protocol
+
+from hhr_dolfinx.models.histories.equilibrium import facet_of
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.certify.compare import Comparison
+    from hhr_dolfinx.certify.trust import TrustLimits
+    from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.reduction.completion import FittedLaws
+    from hhr_dolfinx.reduction.recipe import Recipe
+    from hhr_dolfinx.snapshots.records import SnapshotSet
+    from hhr_dolfinx.trained import Trained
+
+
+class ReducedBodies(Protocol):
+    """Reduction of bodies with laws."""
+
+    def recipes(self) -> tuple[Recipe, ...]:
+        """The usual recipes."""
+
+    def check_given(self, full: FullModel, name: str, solutions: SnapshotSet) -> None:
+        """Raise ReductionError for solutions, called ``name``, of other laws or of another mesh."""
+
+    def fitted(self, snapshots: SnapshotSet) -> FittedLaws:
+        """Fields of training, decomposed once for all attempts."""
+
+    def checked(
+        self,
+        full: FullModel,
+        model: Any,
+        snapshots: SnapshotSet,
+        held_out: SnapshotSet | None,
+        limits: TrustLimits | None,
+        remedy: str | Mapping[str, str],
+    ) -> tuple[Comparison | None, Trained | None]:
+        """Errors against known histories, and the training range."""
+
+
+def bodies_of(full: FullModel) -> ReducedBodies:
+    """Reduction of the laws of a full model that has an equilibrium.
+
+    Raises:
+        NotOfferedError: if no reduction is built in for them.
+    """
+    assert full.equilibrium is not None
+    found: ReducedBodies = facet_of(full.equilibrium, "reduction", "a reduced model")
+    return found

@@ -1,0 +1,65 @@
+"""Studies of bodies with laws: what a plug-in measures, advises and draws, its facet ``study``."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+from hhr_dolfinx import registry
+
+if TYPE_CHECKING:
+    import numpy as np
+
+    from hhr_dolfinx.full_order.full import FullOrderModel
+    from hhr_dolfinx.models.answer import Answer, History
+    from hhr_dolfinx.models.answer import Path as HistoryPath
+    from hhr_dolfinx.models.model import KeptModel
+    from hhr_dolfinx.scene import Scene
+    from hhr_dolfinx.study.measure import Measurement
+    from hhr_dolfinx.study.report.advice import Advice
+    from hhr_dolfinx.study.report.view import View
+    from hhr_dolfinx.study.training.train import Training
+
+    Progress = Callable[[str], Callable[[Iterable], Iterable]]
+
+
+class StudiedLaws(Protocol):
+    """Study of a scene whose bodies have laws."""
+
+    def check(self, settings: Any) -> None:
+        """Raise StudyError for a ``correction`` of the settings that is invalid."""
+
+    def measure(
+        self, training: Training, settings: Any, tests: Mapping[Any, HistoryPath], progress: Progress
+    ) -> tuple[KeptModel, Measurement]:
+        """The model under study, and errors and times of small models along test paths, by label."""
+
+    def advice(self, report: dict[str, Any]) -> Advice:
+        """Method for the scene, from the report."""
+
+    def fields(self, full: FullOrderModel, answers: dict[str, Answer], view: View) -> dict[str, dict[str, np.ndarray]]:
+        """Fields of the cells to draw, by their names and those of the answers."""
+
+    def cells(self, model: KeptModel) -> np.ndarray:
+        """Cells in which a model evaluates its laws or integrates."""
+
+    def draw(self, histories: dict[str, History], contacts: np.ndarray, folder: Path) -> None:
+        """Draw histories over time, by method; ``contacts`` are the pairs of conditions."""
+
+
+def study_of(scene: Scene) -> StudiedLaws | None:
+    """Study of the laws of a scene; None if all bodies are elastic.
+
+    Raises:
+        NotOfferedError: if no study is built in for them.
+    """
+    if not scene.reader:
+        return None
+    found: StudiedLaws = registry.facet(scene.reader, "study", f"a study of scene '{scene.name}'")
+    return found
+
+
+def studied_laws(full: FullOrderModel) -> StudiedLaws | None:
+    """Study of the laws of a full model; None if all bodies are elastic."""
+    return study_of(full.scene)
