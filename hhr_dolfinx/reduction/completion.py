@@ -38,7 +38,7 @@ largest force below which a relative force error is meaningless."""
 
 
 class FittedLaws(Protocol):
-    """Fields of bodies with laws in training, which a plug-in decomposed, see :mod:`hhr_dolfinx.reduction.stages`."""
+    """Fields of bodies with laws in training, which a plug-in decomposed."""
 
     def completion(self, laws: ReducedLaws) -> CompletionOfLaws:
         """Completion of these fields from the places of the laws in one reduced model."""

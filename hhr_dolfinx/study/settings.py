@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from hhr_dolfinx.errors import StudyError
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.study.training.counts import check_counts
-
-if TYPE_CHECKING:
-    from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
 
 
 @dataclass(frozen=True)
@@ -20,12 +17,12 @@ class StudySettings:
     """Training and measurements of a study.
 
     Attributes:
-        training: training points along each parameter, or points (S, P); for inelastic bodies a list of paths,
+        training: training points along each parameter, or points (S, P); for bodies with laws a list of paths,
             user-defined or drawn, ``family.paths(Sobol(12))``.
         recipe: the recipe under study; None for the default of the scene.
         variants: further recipes by label, for the work-precision table.
         models: recipes that the report shows in full next to the one under study, built without checks, by name.
-        tests: random test points; for inelastic bodies paths by label, such as the value of a parameter, or a list of
+        tests: random test points; for bodies with laws paths by label, such as the value of a parameter, or a list of
             paths with names, as families draw them.
         held_out: for the trust check, random solutions or paths; None for the default number of solutions, or no path.
         seed: of test points; timed points belong neither to training nor to tests.
@@ -33,7 +30,8 @@ class StudySettings:
         naive: whether to time the naive full model too, for elastic scenes; in space one query takes many seconds.
         march: settings of histories.
         repetitions: histories timed for each test path.
-        correction: targets of the reduced plastic correction, for inelastic bodies; None for the defaults.
+        correction: settings of the condensation of bodies with laws, see :meth:`Training.condense`; None for the
+            defaults.
     """
 
     training: Any
@@ -47,7 +45,7 @@ class StudySettings:
     naive: bool = True
     march: MarchSettings = DEFAULT_MARCH
     repetitions: int = 3
-    correction: CorrectionSettings | None = None
+    correction: Any = None
 
     def __post_init__(self) -> None:
         check_counts(queries=(self.queries, 1), repetitions=(self.repetitions, 1), seed=(self.seed, 0))
@@ -61,8 +59,6 @@ class StudySettings:
             given = getattr(self, name)
             if hasattr(given, "__len__") and not len(given):
                 raise StudyError(f"{name} = {given!r} must hold at least one entry")
-        if self.correction is not None:
-            _check_correction(self.correction)
         if not isinstance(self.naive, bool):
             raise StudyError(f"naive = {self.naive!r} of a study must be True or False")
         if not isinstance(self.march, MarchSettings):
@@ -80,16 +76,6 @@ class StudySettings:
         if quick and not isinstance(self.tests, Mapping):
             few["tests"] = 20
         return replace(self, seed=seed, **few)
-
-
-def _check_correction(correction: Any) -> None:
-    """StudyError for an invalid correction; its type is imported only by scenes that need it."""
-    from hhr_dolfinx.reduction.condense_flow import CorrectionSettings
-
-    if not isinstance(correction, CorrectionSettings):
-        raise StudyError(
-            f"correction = {correction!r} of a study must be CorrectionSettings, or None for the usual way"
-        )
 
 
 def _labelled(paths: Sequence[Any]) -> dict[str, Any]:

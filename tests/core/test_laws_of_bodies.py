@@ -15,8 +15,8 @@ from hhr_dolfinx.certify.compare import residuals_of
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.models.answer import Answer, History
+from hhr_dolfinx.plugins.studies.of_laws import study_of
 from hhr_dolfinx.reduction.build import usual_recipe
-from hhr_dolfinx.study.of_laws import study_of
 from hhr_dolfinx.study.training.train import Training
 
 CACHES = (registry.installed, registry.memories, registry.asked_of_answers, registry.facet)

@@ -29,7 +29,7 @@ from hhr_dolfinx.timing import timed
 
 if TYPE_CHECKING:
     from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlowModel
-    from hhr_dolfinx.study.report.view import View
+    from hhr_dolfinx.study.view import View
 
 
 class Run(NamedTuple):
@@ -455,7 +455,7 @@ def advice_flowing(report: dict[str, Any]) -> Advice:
 
 
 class _Study:
-    """Facet ``study``, see :class:`hhr_dolfinx.study.of_laws.StudiedLaws`."""
+    """Facet ``study``, see :class:`hhr_dolfinx.plugins.studies.of_laws.StudiedLaws`."""
 
     measure = staticmethod(measure_histories)
     advice = staticmethod(advice_flowing)
@@ -498,7 +498,7 @@ STUDY = _Study()
 
 def draw_over_time(histories: dict[str, History], contacts: np.ndarray, folder: Path) -> None:
     """Force of each contact, largest plastic strain and iterations of the steps of histories, by method."""
-    from hhr_dolfinx.study.report.plots import plot_curves  # imported here: it needs packages for pictures
+    from hhr_dolfinx.plugins.studies.plots import plot_curves  # imported here: it needs packages for pictures
 
     times = [answer.time for answer in next(iter(histories.values())).answers]
     pairs = np.unique(contacts)

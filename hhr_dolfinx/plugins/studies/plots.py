@@ -20,7 +20,7 @@ from hhr_dolfinx.compat import extra
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.materials.elasticity import von_mises
-from hhr_dolfinx.study.of_laws import studied_laws
+from hhr_dolfinx.plugins.studies.of_laws import studied_laws
 from hhr_dolfinx.study.view import View
 
 if TYPE_CHECKING:

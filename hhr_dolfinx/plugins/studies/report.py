@@ -18,7 +18,7 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.studies.advice import TRAINING, advice, in_words
 from hhr_dolfinx.plugins.studies.measure import Measurement, Row
-from hhr_dolfinx.study.of_laws import studied_laws
+from hhr_dolfinx.plugins.studies.of_laws import studied_laws
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
 

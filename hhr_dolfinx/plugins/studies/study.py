@@ -15,11 +15,12 @@ from hhr_dolfinx.command.console import Console, make_console
 from hhr_dolfinx.errors import HHRError, NotOfferedError, StabilityWarning, StudyError
 from hhr_dolfinx.models.answer import Model
 from hhr_dolfinx.models.answer import Path as HistoryPath
+from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.studies.measure import Measurement
+from hhr_dolfinx.plugins.studies.of_laws import studied_laws, study_of
 from hhr_dolfinx.plugins.studies.report import make_report, model_report, print_report, write_report
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.study.of_laws import studied_laws, study_of
 from hhr_dolfinx.study.settings import StudySettings
 from hhr_dolfinx.study.training.train import (
     Progress,

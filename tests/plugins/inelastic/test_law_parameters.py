@@ -25,7 +25,6 @@ from hhr_dolfinx.errors import ConvergenceError, ModelFileError, ParameterError,
 from hhr_dolfinx.plugins.inelastic.constants import formulas_of, law_at
 from hhr_dolfinx.plugins.inelastic.history_gradient import history_gradient
 from hhr_dolfinx.plugins.inelastic.project import training_tangents
-from hhr_dolfinx.plugins.inelastic.study import seconds_of_parts
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
 
 TIGHT = hhr.MarchSettings("tangent", relative_stress=1e-10, floor_stress=1e-9, relative_force=1e-12, outside="ignore")

@@ -15,11 +15,11 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer, History
     from hhr_dolfinx.models.answer import Path as HistoryPath
     from hhr_dolfinx.models.model import KeptModel
+    from hhr_dolfinx.plugins.studies.advice import Advice
+    from hhr_dolfinx.plugins.studies.measure import Measurement
     from hhr_dolfinx.scene import Scene
-    from hhr_dolfinx.study.measure import Measurement
-    from hhr_dolfinx.study.report.advice import Advice
-    from hhr_dolfinx.study.report.view import View
     from hhr_dolfinx.study.training.train import Training
+    from hhr_dolfinx.study.view import View
 
     Progress = Callable[[str], Callable[[Iterable], Iterable]]
 
