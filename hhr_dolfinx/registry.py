@@ -83,7 +83,7 @@ class Plugin:
         kinds: kinds of models that a training can build: places of functions ``(training, **options) -> model`` by the
             name of the method of a :class:`~hhr_dolfinx.study.training.train.Training`, and of ``hhr train --model``.
         methods: further methods of a training, which build no model that a file can keep.
-        trainings: ways to choose training points of ``hhr train`` and ``hhr study``: places of objects with
+        trainings: ways to choose training points of ``hhr train``: places of objects with
             ``options``, decorators of click, and ``training(given)``, by the option that selects them.
         materials: methods by which a law of a body is one of this plug-in, see :func:`reader_of`.
         pair_laws: places of functions ``(value, what) -> PairLaw`` by the field of a pairing whose value they read, see

@@ -1,4 +1,4 @@
-"""Output of a study: with bars on a terminal; in whole lines in a pipe or a log file."""
+"""Output of commands and studies: with bars on a terminal; in whole lines in a pipe or a log file."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterable, Iterator, Sized
 from hhr_dolfinx.compat import extra
 from hhr_dolfinx.timing import Announce, ShareLines
 
-with extra("study", "the console of a study"):
+with extra("study", "the console"):
     from rich.console import Console
     from rich.progress import track
     from rich.table import Column, Table

@@ -1,1 +1,1 @@
-"""Reduced models in files, and their answers to tables of parameters. Needs no DOLFINx."""
+"""Reduced models in files. Needs no DOLFINx."""

@@ -1,1 +1,1 @@
-"""Studies of error against run time: measured, reported and drawn."""
+"""Training and condensation of a scene; settings and views that its file may hold."""
