@@ -1,19 +1,25 @@
 """Inelastic bodies: plasticity, creep and viscoplasticity along histories."""
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 from hhr_dolfinx.registry import Plugin, Stage, Way
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.reduction.recipe import Recipe
 
 _HERE = "hhr_dolfinx.plugins.inelastic"
 _BUILD = "hhr_dolfinx.reduction.build"
 _OURS = "inelastic"
 
 
-def _wanted(full: Any, recipe: Any = None) -> bool:
+def _wanted(full: FullModel, recipe: Recipe | None = None) -> bool:
     return full.equilibrium is not None and full.equilibrium.reader == _OURS
 
 
-def _with_tangents(full: Any, recipe: Any) -> bool:
+def _with_tangents(full: FullModel, recipe: Recipe) -> bool:
     return _wanted(full) and recipe.tangents is not None
 
 

@@ -30,7 +30,7 @@ from hhr_dolfinx.models.answer import History
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.inelastic.project import project_flow, tangent_margin
 from hhr_dolfinx.plugins.inelastic.recipe import FlowDeim, StressDeim
-from hhr_dolfinx.plugins.inelastic.stages import FittedFlow
+from hhr_dolfinx.plugins.inelastic.reduction import FittedFlow
 from hhr_dolfinx.plugins.inelastic.update import Group, Material, State
 from hhr_dolfinx.reduction.completion import Completion
 from hhr_dolfinx.reduction.projection import project
