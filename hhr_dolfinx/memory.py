@@ -1,4 +1,4 @@
-"""What an answer carries from step to step: the internal variables of laws, by name."""
+"""Memory of an answer: the internal variables of laws, by name, which the next step starts from."""
 
 from __future__ import annotations
 

@@ -235,7 +235,7 @@ def reader_of(law: Any, what: str) -> str:
 
 @functools.cache
 def facet(plugin: str, word: str, what: str) -> Any:
-    """What a plug-in does for its laws at one place of the core.
+    """Facet of a plug-in: its part of one place of the core, for its laws.
 
     Args:
         plugin: name of the plug-in.

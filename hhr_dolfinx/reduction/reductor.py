@@ -441,7 +441,7 @@ class Given(Reductor[Task]):
     refusals: ClassVar[tuple[type[HHRError], ...]] = ()
 
     def attempt(self, prepared: Task, level: int) -> tuple[AnsweringModel, Any]:
-        """What it returns."""
+        """The model that it returns."""
         return self.given.reduced(prepared.full, prepared.snapshots, prepared.held_out), None
 
     def compare(self, task: Task, model: Any) -> tuple[None, Any]:

@@ -1,8 +1,13 @@
 """Friction of contacts: Coulomb's and Tresca's laws, for elastic and for inelastic bodies."""
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx.registry import Plugin, Stage
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
 
 _HERE = "hhr_dolfinx.plugins.friction"
 _OUTPUTS = "DissipatedWork FrictionForce LargestSlip LargestWear SlipArea StickArea Torque"
@@ -11,11 +16,11 @@ _BUILD = "hhr_dolfinx.reduction.build"
 _OURS = "friction"
 
 
-def _wanted(full: Any, recipe: Any) -> bool:
+def _wanted(full: FullModel, recipe: Any) -> bool:
     return full.law.plugin == _OURS
 
 
-def _calibrated(full: Any, recipe: Any) -> bool:
+def _calibrated(full: FullModel, recipe: Any) -> bool:
     return _wanted(full, recipe) and full.equilibrium is None and recipe.trust is not None
 
 

@@ -1,13 +1,18 @@
 """Elastic bodies whose stiffness or shape depends on parameters: S and K~^-1, interpolated between few of them."""
 
-from typing import Any
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx.registry import Bounds, Plugin, Stage, Way
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
 
 _HERE = "hhr_dolfinx.plugins.moduli"
 
 
-def _wanted(full: Any, recipe: Any = None) -> bool:
+def _wanted(full: FullModel, recipe: Any = None) -> bool:
     return full.equilibrium is None and full.problem.varies
 
 
