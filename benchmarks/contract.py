@@ -232,6 +232,8 @@ OF_PLUGINS = {
     "local models": ("local",),
     "fallback": ("fallback",),
     "in a fallback": ("fallback",),
+    "in a table": ("tables",),
+    "by hhr answer": ("tables",),
     "interpolated condensation, floating": ("moduli",),
     "interpolated condensation, friction": ("moduli",),
 }
@@ -513,7 +515,7 @@ def _command(kind: str) -> None:
         assert run.exit_code == 0 and "force" in run.output, run.output
 
 
-TABLES: dict[str, Callable[[str], None]] = {"in a table": _table, "by hhr answer": _command}
+TABLES: dict[str, Callable[[str], None]] = there({"in a table": _table, "by hhr answer": _command})
 
 
 # ---------------------------------------------------------------- outcomes
