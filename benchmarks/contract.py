@@ -232,6 +232,8 @@ OF_PLUGINS = {
     "local models": ("local",),
     "fallback": ("fallback",),
     "in a fallback": ("fallback",),
+    "in a table": ("tables",),
+    "by hhr answer": ("tables",),
 }
 """Kinds and places that plug-ins add, which may have been deleted."""
 BY_WORD = {"friction": "friction", "flowing": "inelastic", "moduli": "moduli", "interpolated": "moduli"}
@@ -508,7 +510,7 @@ def _command(kind: str) -> None:
         assert run.exit_code == 0 and "force" in run.output, run.output
 
 
-TABLES: dict[str, Callable[[str], None]] = {"in a table": _table, "by hhr answer": _command}
+TABLES: dict[str, Callable[[str], None]] = there({"in a table": _table, "by hhr answer": _command})
 
 
 # ---------------------------------------------------------------- outcomes

@@ -66,6 +66,8 @@ OF_PLUGINS = {
     "reduce": "one_call",
 }
 """Commands of our plug-ins."""
+WORDS = OF_PLUGINS | {"--greedy": "greedy", "--budget": "greedy"}
+"""Their words on a command line."""
 ALL = command.list_commands(None)
 
 
@@ -153,6 +155,7 @@ def test_scene_and_model_answer_alike(trained, full, model):
     assert found == pytest.approx(exact, rel=1e-4)
 
 
+@needs("checks")
 @pytest.mark.parametrize("ending", [".vtu", ".vtkhdf"])
 def test_fields_are_those_of_the_answer(ending, tmp_path, full):
     pyvista = pytest.importorskip("pyvista")
@@ -410,7 +413,7 @@ MISTAKES = [
 
 @pytest.mark.parametrize(
     ("code", "said", "words"),
-    [row for row in MISTAKES if present(*(OF_PLUGINS[word] for word in row[2][:1] if word in OF_PLUGINS))],
+    [row for row in MISTAKES if present(*(plugin for word, plugin in WORDS.items() if word in row[2]))],
     ids=lambda item: " ".join(item)[-60:] if isinstance(item, list) else "",
 )
 def test_mistakes_end_in_a_sentence(code, said, words, trained, tmp_path, monkeypatch):

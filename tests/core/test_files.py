@@ -374,6 +374,7 @@ def test_a_batch_with_bad_rows_ends_with_1(table, small_reduction, tmp_path):
         assert ended.value.code == code
 
 
+@needs("studies", "tables")
 def test_the_demo_ends_with_1_if_a_row_has_no_answer(table, tmp_path, monkeypatch):
     monkeypatch.setattr(demo, "GRID", (8, 8))
     monkeypatch.setattr(hhr, "train", lambda *args, **named: Trained(*args))

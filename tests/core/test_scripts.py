@@ -82,7 +82,7 @@ OF_PLUGINS = {
     "bolted_joint": ("checks", "exporters", "moduli", "one_call", "pages"),
     "calculix": ("exporters",), "calibrate": ("moduli",),
     "certified": ("fallback", "moduli", "theorems"), "extreme_cases": ("baselines", "inelastic"),
-    "contract": ("baselines", "fallback", "friction", "inelastic", "local", "moduli", "sliding"),
+    "contract": ("baselines", "fallback", "friction", "inelastic", "local", "moduli", "sliding", "tables"),
     "fretting": ("friction",), "friction": ("friction",), "friction_flow": ("friction", "inelastic"),
     "friction_pellet": ("friction", "moduli"), "friction_random": ("friction",), "fuel_rod": ("moduli",),
     "greedy_training": ("greedy", "moduli"), "history_indicator": ("inelastic",), "indentation": ("inelastic",),
