@@ -200,6 +200,10 @@ def test_outputs_that_stay_out_are_named():
     with pytest.warns(ModelFileWarning, match="stress stay out of C"):
         text, _ = c_header.c_header(hhr.condense(scene), "press")
     assert "#define PRESS_OUTPUTS 4" in text
+
+
+@needs("moduli")
+def test_outputs_of_shapes_stay_out():
     shaped = hhr.condense(SCENES["shape"]())
     with (
         pytest.warns(ModelFileWarning, match="peak, force stay out"),

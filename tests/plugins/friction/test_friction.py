@@ -254,6 +254,7 @@ OUTPUTS = (
 )  # fmt: skip
 
 
+@needs("moduli")
 def test_moduli_and_the_coefficient_are_parameters():
     box = {"E": (1.0, 6.0), "nu": (0.1, 0.4), "mu": (0.0, 0.8)}
     bodies = hhr.Body(FIRST, "E", 0.3), hhr.Body(SECOND, 5.0, "nu")
@@ -276,6 +277,7 @@ def test_moduli_and_the_coefficient_are_parameters():
     assert values["sticks"] + values["slips"] == pytest.approx(1.0)
 
 
+@needs("moduli")
 @pytest.mark.parametrize("dimension", [2, 3])
 def test_the_shape_is_a_parameter(dimension):
     box = {"mu": (0.0, 0.8), "crown": (0.0, 0.05), "E": (1.0, 6.0)}
@@ -298,7 +300,7 @@ def test_the_shape_is_a_parameter(dimension):
         rubbing(hhr.Tresca(0.1), dimension=dimension, box=box, shapes=shapes)
 
 
-@pytest.mark.parametrize("dimension", [2, 3])
+@pytest.mark.parametrize("dimension", [2, pytest.param(3, marks=needs("moduli"))])
 def test_derivatives_are_those_of_differences(dimension):
     """Along a path that slips back and forth, and of a single parameter; E, the coefficient, and loads."""
     box = {"E": (1.0, 6.0), "mu": (0.0, 0.8)}

@@ -131,7 +131,7 @@ MORE = {
     "plane stress": lambda: dataclasses.replace(SCENES["moduli"](), hypothesis="plane_stress"),
     "heat": lambda: heated("axisymmetric", 0.05, load=10.0),
 }
-OF_MODULI = ("moduli", "formula", "space", "plane stress")
+OF_MODULI = ("moduli", "formula", "space", "plane stress", "shape")
 
 
 def marked(*names):
@@ -285,7 +285,7 @@ def heated(hypothesis, expansion=1e-3, **slopes):
         (lambda: heated("plane_strain"), True),
         (lambda: heated("plane_stress"), False),
         (lambda: heated("plane_stress", push=2.0, load=-1.5), False),
-        (SCENES["shape"], False),
+        pytest.param(SCENES["shape"], False, marks=needs("moduli")),
     ],
     ids=["heat", "heat in plane stress", "heat that comes and goes", "shape"],
 )
