@@ -287,4 +287,4 @@
   }
 
   hhr.Sliding = Sliding;
-})(typeof module !== "undefined" ? require("./model.js") : hhr);
+})(typeof module !== "undefined" ? require("../pages/model.js") : hhr);

@@ -50,7 +50,7 @@ class FrictionSteps(Steps):
 
     def coupling(self, model: Any, point: np.ndarray) -> float:
         """See :mod:`hhr_dolfinx.plugins.friction.uniqueness`."""
-        if model.flows:  # each linearisation has another S
+        if model.equilibrium is not None:  # each linearisation has another S
             return np.nan
         from hhr_dolfinx.plugins.friction.uniqueness import coupling
 

@@ -4,6 +4,7 @@ from hhr_dolfinx.registry import Plugin
 
 PLUGIN = Plugin(
     name="greedy",
+    needs=("paths",),
     public={
         "hhr_dolfinx.plugins.greedy.greedy": "Greedy",
         "hhr_dolfinx.plugins.greedy.indicators": "Eta Eta2 ForceError LargestEstimate",

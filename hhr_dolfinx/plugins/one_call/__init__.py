@@ -4,6 +4,7 @@ from hhr_dolfinx.registry import Plugin
 
 PLUGIN = Plugin(
     name="one_call",
+    needs=("paths",),
     public={
         "hhr_dolfinx.plugins.one_call.search": "Reduction reduce",
         "hhr_dolfinx.plugins.one_call.target": "Budget",

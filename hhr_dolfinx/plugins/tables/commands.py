@@ -51,7 +51,7 @@ def answer(
     loaded = model_of(model, known)
     rows = read_points(table, loaded.parameters)
     rows = rows if part is None else [rows[k] for k in ranks.share(len(rows), part[0] - 1, part[1])]
-    if loaded.flows:
+    if loaded.equilibrium is not None:
         console.print("bodies flow: each row is one step from rest, of one second; paths are for Python, model.march")
     console.print(f"errors of its answers: {loaded.known_error}", highlight=False, markup=False)
     bad = answer_table(loaded, rows, target, console, progress("answers"), **columns, resume=checksum(model))
