@@ -9,7 +9,15 @@ import numpy as np
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.law import ContactLaw
-    from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.contact.problem import ContactProblem
+
+
+class FullOrder(Protocol):
+    """The full model, as completions read it."""
+
+    @property
+    def problem(self) -> ContactProblem:
+        """Its contact problem, with the law of its contacts."""
 
 
 class InterfaceCompletion(Protocol):
@@ -45,5 +53,5 @@ class InterfaceCompletion(Protocol):
     def calibrated(self, model: Any, known: Sequence[Any], log: Any) -> tuple[Any, ...]:
         """Members of a model with a calibrated indicator, by sets of full histories, held out ones first."""
 
-    def differences(self, full: FullModel, point: np.ndarray) -> str:
+    def differences(self, full: FullOrder, point: np.ndarray) -> str:
         """Difference of a full model to the one of the training, in words; empty if there is none."""

@@ -319,7 +319,7 @@ def test_lists():
     for kind, name in (("loads", "Pressure"), ("outputs", "ContactForce"), ("samplings", "Sobol")):
         assert f"{kind}:\n" in output and f"  {name} (hhr_dolfinx)\n" in invoke("list", kind)[1]
     if present("inelastic"):
-        assert invoke("list", "laws")[1] == "laws:\n  Norton (hhr_dolfinx)\n  Plasticity (hhr_dolfinx)\n"
+        assert invoke("list", "laws")[1] == "laws:\n  Norton (inelastic)\n  Plasticity (inelastic)\n"
 
 
 FILES = {

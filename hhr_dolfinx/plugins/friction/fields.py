@@ -20,7 +20,7 @@ from hhr_dolfinx.plugins.friction.sliding_set import bounds
 
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
-    from hhr_dolfinx.models.full import FullModel
+    from hhr_dolfinx.models.completion import FullOrder
 
 FULL = 1e-3
 """Margin, as a part of its bound, within which a tangential force outside the RID counts as slipping: it is fitted
@@ -109,9 +109,9 @@ class FrictionalFields:
 
         return calibrated(model, known, log)
 
-    def differences(self, full: FullModel, point: np.ndarray) -> str:
+    def differences(self, full: FullOrder, point: np.ndarray) -> str:
         """See :class:`~hhr_dolfinx.models.completion.InterfaceCompletion`."""
-        law: Any = full.law
+        law: Any = full.problem.law
         bounds_ = zip(self.friction.bounds(point), law.bounds(point), strict=True)
         mark = mark_of(full.problem)
         sizes = np.maximum(np.abs(mark), np.abs(self.mark))

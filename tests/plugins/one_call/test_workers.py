@@ -11,6 +11,7 @@ from mpi4py import MPI
 from needs import needs
 from test_mpi import launch, run_program
 
+from hhr_dolfinx.contact.law import UNILATERAL
 from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.plugins.one_call.workers import Workers
 
@@ -84,7 +85,7 @@ def test_a_command_searches_on_two_ranks(tmp_path):
 
 def test_what_has_no_answer_is_told_and_not_raised():
     class Full:
-        friction = None
+        law = UNILATERAL
         strains = SimpleNamespace(paused=nullcontext)
 
         def solve(self, point):

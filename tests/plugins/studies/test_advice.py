@@ -46,7 +46,7 @@ def test_exact_condensation_is_advised_unless_it_is_much_slower(times_slower, me
 )
 def test_the_most_exact_of_the_quick_methods_is_advised(seconds, errors, favoured):
     rows = {name: {"dual_full_floored_max": error} for name, error in errors.items()}
-    order = advice._by_favour(rows, seconds)
+    order = advice.by_favour(rows, seconds)
     assert order[0] == favoured and sorted(order) == ["a", "b"]
 
 
