@@ -256,14 +256,14 @@ def facet(plugin: str, word: str, what: str) -> Any:
 class Drawing(Protocol):
     """The tool ``drawing``: figures of scenes and of answers."""
 
-    def __call__(self, value: Any, path: Any, full: Any = None) -> Any:
+    def __call__(self, value: object, path: object, full: object = None) -> Any:
         """Figure of matplotlib, saved if a path is given, of a scene, or of an answer on the mesh of a full model."""
 
 
 class FieldsFile(Protocol):
     """The tool ``fields``: files of fields for viewers."""
 
-    def __call__(self, path: Any, full: Any, answer: Any) -> list[Path]:
+    def __call__(self, path: object, full: object, answer: object) -> list[Path]:
         """Write the fields of an answer on the mesh of a full model, and return the files."""
 
 

@@ -1,8 +1,16 @@
 """Marks for tests that need plug-ins, which may have been deleted: they are left out where one of these is missing."""
 
+import re
+from pathlib import Path
+
 import pytest
 
 from hhr_dolfinx import registry
+
+OURS = tuple(
+    re.findall(r"^\| `(\w+)` \|", (Path(__file__).parents[1] / "docs/plug_ins.md").read_text("utf-8"), re.MULTILINE)
+)
+"""Our plug-ins, by the list of the page, which has those that were deleted too."""
 
 
 def needs(*plugins):

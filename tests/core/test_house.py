@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bare import SCENE_FOLDERS, WAIT
-from needs import needs, present
+from needs import OURS, needs, present
 
 ROOT = Path(__file__).parents[2]
 FOLDERS = {"hhr_dolfinx": "hhr_dolfinx", "forms": "hhr_dolfinx.forms", "geometries": "hhr_dolfinx.geometries"}
@@ -115,11 +115,6 @@ def test_a_module_imports_only_the_packages_of_others_that_its_room_may():
     allowed = {name: {package for package, rooms in PACKAGES.items() if room(name) in rooms} for name in MODULES}
     found = {name: {item.split(".")[0] for item in all_imports(name)} - known - allowed[name] for name in MODULES}
     assert not {name: others for name, others in found.items() if others}
-
-
-def ours():
-    """Our plug-ins, by the list of the page, which has those that were deleted too."""
-    return re.findall(r"^\| `(\w+)` \|", (ROOT / "docs" / "plug_ins.md").read_text(), re.MULTILINE)
 
 
 def test_the_page_allows_no_package_to_a_room_that_does_not_import_it():
@@ -424,7 +419,7 @@ def test_slow_cases_are_those_of_tests_that_are_there():
     tests = ROOT / "tests"
     texts = {path.name: path.read_text() for path in tests.rglob("test_*.py")}
     marks = re.findall(r"\bneeds\(([^)]*)\)", "".join(texts.values()))
-    known = {*ours(), *re.findall(r'"(\w+)"', "".join(marks))}
+    known = {*OURS, *re.findall(r'"(\w+)"', "".join(marks))}
     assert {"one_call", "friction"} <= known
     lines = [line for line in (tests / "slow_cases.txt").read_text().splitlines() if not line.startswith("#")]
     for line in filter(None, lines):

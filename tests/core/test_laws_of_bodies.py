@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from mpi4py import MPI
+from needs import present
 from scenes import pressed_block
 from test_registry import Entry
 
@@ -15,7 +16,6 @@ from hhr_dolfinx.certify.compare import residuals_of
 from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.models.answer import Answer, History
-from hhr_dolfinx.plugins.studies.of_laws import study_of
 from hhr_dolfinx.reduction.build import usual_recipe
 from hhr_dolfinx.study.training.train import Training
 
@@ -165,8 +165,11 @@ def test_a_missing_facet_refuses_and_names_it(registered, tmp_path):
         "store": lambda: hhr.SnapshotStore(tmp_path, full),
         "reduction": lambda: usual_recipe(full),
         "comparison": lambda: residuals_of(full, answer),
-        "study": lambda: study_of(full.scene),
     }
+    if present("studies"):
+        from hhr_dolfinx.plugins.studies.of_laws import study_of
+
+        asked["study"] = lambda: study_of(full.scene)
     for word, ask in asked.items():
         with pytest.raises(NotOfferedError, match=f"what the plug-in 'ageing' adds: it has no facet '{word}'"):
             ask()

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from needs import OURS, needs
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import errors
@@ -22,6 +23,7 @@ def anchors(page):
     return {re.sub(r"[^\w\- ]", "", word.lower()).replace(" ", "-") for word in words}
 
 
+@needs(*OURS)
 def test_the_reference_has_every_public_name_once():
     listed = re.findall(
         r"^\.\. auto(?:class|function):: hhr_dolfinx\.(\w+)$",
@@ -64,6 +66,7 @@ def rows_of_fidelity():
     return [row for row in cells if row[0] != "printed"]
 
 
+@needs(*OURS)
 def test_places_of_the_thesis_exist():
     """Files, and classes, functions and methods in them, that the table names; each row says what differs."""
     lost = []
@@ -80,6 +83,7 @@ def test_places_of_the_thesis_exist():
     assert len(rows_of_fidelity()) > 30 and not lost
 
 
+@needs(*OURS)
 def test_what_the_code_quotes_of_the_thesis_is_in_the_table():
     """Numbers of equations and algorithms in words of the code; a call such as ``Enrich(2.0)`` is none."""
     listed = "\n".join(row[0] + row[2] for row in rows_of_fidelity())
@@ -94,6 +98,7 @@ def test_what_the_code_quotes_of_the_thesis_is_in_the_table():
     assert len(quoted) > 60 and not missing
 
 
+@needs(*OURS)
 def test_the_tutorial_says_what_it_is_told(tmp_path, monkeypatch, capsys):
     """All its cells, as printed, but for the folder; and figures in its words, against what they were told."""
     pyplot = pytest.importorskip("matplotlib.pyplot")

@@ -184,6 +184,7 @@ class Parted(Foundation):
         return (Modulus("1", "1", names), Modulus("k", "1", names)), (self.problem.own_stiffness, self.mass)
 
 
+@needs("moduli")
 def test_a_system_with_parts_is_reduced():
     """Condensed to the tolerance of its grid, and hyper-reduced on all cells to that of its basis."""
     trained = hhr.train(scene(system=Parted), hhr.Sobol(48), held_out=4, comm=MPI.COMM_SELF)
