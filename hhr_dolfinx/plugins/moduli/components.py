@@ -150,7 +150,7 @@ class Solver:
         self._known: dict[bytes, dict[str, np.ndarray]] = {}
         self._work: dict[bytes, np.ndarray] = {}
         self._last: tuple[bytes, ContactProblem] | None = None
-        self._store = store
+        self.store = store
 
     def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
         """S_c, (m_c, m_c), and B K^-1 F above B K^-1 K lift, (T, m_c), for the factor 1.
@@ -176,7 +176,7 @@ class Solver:
 
     def _read(self, place: bytes) -> dict[str, np.ndarray] | None:
         """Solutions of another run; None if there are none."""
-        found = None if self._store is None else self._store.load(self._key(place))
+        found = None if self.store is None else self.store.load(self._key(place))
         if found is None:
             return None
         if (work := found.pop("work", None)) is not None:
@@ -185,9 +185,9 @@ class Solver:
 
     def _keep(self, place: bytes, found: Mapping[str, np.ndarray]) -> None:
         """Keep solutions for another run, with the work of loads if that is known."""
-        if self._store is not None:
+        if self.store is not None:
             work = {"work": self._work[place]} if place in self._work else {}
-            self._store.save(self._key(place), {**found, **work})
+            self.store.save(self._key(place), {**found, **work})
 
     def _solved(self, point: np.ndarray) -> dict[str, np.ndarray]:
         """Solve by factors that eliminate contact last, or by columns of K^-1 B^T, which serve loads too (symmetry)."""

@@ -5,8 +5,9 @@ Each connected component of a scene is solved separately, at the parameters of i
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from dataclasses import fields as fields_of
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, cast
 
@@ -21,7 +22,7 @@ from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.block import BlockElimination
 from hhr_dolfinx.models.estimates import NOT_ASKED, warn_unbounded
 from hhr_dolfinx.models.full import FullModel, plain_outputs
-from hhr_dolfinx.models.starts import KnownStatuses
+from hhr_dolfinx.models.starts import KnownStatuses, LinearStarts
 from hhr_dolfinx.plugins.moduli.bounding import between, varying_bound
 from hhr_dolfinx.plugins.moduli.components import Solver, interpolated_compliances, solvers_of
 from hhr_dolfinx.plugins.moduli.interpolate import DEFAULT_GRID, GridSettings
@@ -167,12 +168,13 @@ class Condensation(Reductor[_Prepared]):
         problem: ContactProblem = full.problem
         compliances, grids = _compliances(full, solvers, settings, log, announce)
         with log.stage("starts", announce):
-            known, forces = starts_of(compliances, _starts(problem), problem, full.comm, announce)
+            known, forces = _kept_starts(compliances, solvers, full, settings, announce)
         fields = self.fields and not (self.spare and _unbounded(full, log, solvers, announce))
         seen: list[np.ndarray] = []
         with log.stage("fields", announce):
             if fields:
-                seen = _spanning(compliances, solvers, known, forces, task.snapshots, announce, along=self.along)
+                given = compliances, solvers, known, forces, task.snapshots
+                seen = _spanning(*given, announce, along=self.along, called=f"fields {settings}")
             completed = _fields(full, seen, settings) if fields else _no_fields(full, settings)
         if fields:
             forces = forces.T if task.snapshots is None else task.snapshots.forces
@@ -214,6 +216,34 @@ class Condensation(Reductor[_Prepared]):
             yield Proposal(self.method, setting, make, spared if spare else None)
             if search.forces_off:
                 tolerance /= 100
+
+
+def _kept(solvers: list[Solver], called: str, compute: Callable[[], dict[str, np.ndarray]]) -> dict[str, np.ndarray]:
+    """Arrays of a stage, from the store of the solvers if an interrupted run left them there."""
+    store = next((solver.store for solver in solvers if solver.store is not None), None)
+    found = None if store is None else store.load(called)
+    if found is None:
+        found = compute()
+        if store is not None:
+            store.save(called, found)
+    return found
+
+
+def _kept_starts(
+    compliances: Compliances, solvers: list[Solver], full: FullModel, settings: GridSettings, announce: Announce
+) -> tuple[KnownStatuses, np.ndarray]:
+    """See :func:`starts_of`; those of elastic bodies are kept for a run that is interrupted."""
+    problem = full.problem
+    points = _starts(problem)
+    if problem.law.remembers:
+        return starts_of(compliances, points, problem, full.comm, announce)
+
+    def starts() -> dict[str, np.ndarray]:
+        known: Any = starts_of(compliances, points, problem, full.comm, announce)[0]
+        return {item.name: getattr(known, item.name) for item in fields_of(LinearStarts)}
+
+    known = LinearStarts(**_kept(solvers, f"starts {settings} {len(points)}", starts))
+    return known, np.maximum(known.margins, 0.0)
 
 
 def _starts(problem: ContactProblem) -> np.ndarray:
@@ -373,12 +403,22 @@ def _spanning(
     announce: Announce,
     *,
     along: bool,
+    called: str,
 ) -> list[np.ndarray]:
-    """Displacements that span the fields, (N, k) each: snapshots, and responses to forces, (S, m), of solved points."""
+    """Displacements that span the fields, (N, k) each: snapshots, and responses to forces, (S, m), of solved points.
+
+    The responses are kept as ``called``, for a run that is interrupted.
+    """
     _warn_of_untouched(snapshots, solvers)
     seen = [] if solvers[0].problem.reshaped is None else _fields_seen(compliances, solvers, forces)
     if snapshots is None or along:
-        seen += _fields_along(compliances, solvers, known.points, forces, announce)
+
+        def responses() -> dict[str, np.ndarray]:
+            found = _fields_along(compliances, solvers, known.points, forces, announce)
+            return {str(number): part for number, part in enumerate(found)}
+
+        kept = _kept(solvers, called, responses)
+        seen += [kept[str(number)] for number in range(len(kept))]
     if snapshots is not None:
         seen.append(snapshots.displacements)
     return seen

@@ -7,11 +7,15 @@ from scenes import largest_difference, pressed_pair
 import hhr_dolfinx as hhr
 from hhr_dolfinx.geometries import two_blocks
 from hhr_dolfinx.models.eliminations.block import BlockElimination
+from hhr_dolfinx.plugins.moduli import condense
+from hhr_dolfinx.plugins.moduli.components import solvers_of
 from hhr_dolfinx.plugins.moduli.condense import Condensation
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings
 from hhr_dolfinx.plugins.moduli.known_forces import DiagonalBlock, KnownForces
 from hhr_dolfinx.plugins.moduli.shaped import ReshapedElimination
+from hhr_dolfinx.reduction.reductor import Task, made
 from hhr_dolfinx.shapes import coordinate_names
+from hhr_dolfinx.snapshots.arrays import ArrayStore
 
 MATERIALS = {"E1": (1.0, 6.0), "nu1": (0.1, 0.49), "E2": (2.0, 90.0), "c": (0.0, 1.0)}
 OUTPUTS = hhr.LargestPressure("peak", 0), hhr.ContactForce("force", 0, (0.0, 1.0))
@@ -95,3 +99,27 @@ def test_outputs_of_forces_keep_their_derivatives(materials):
             slopes.append((ends[1] - ends[0]) / (2e-6 * (high - low)))
         # differences of 1e-6 of the box: their square, and round-off of 1e-10 over it
         assert found.gradient[name] == pytest.approx(slopes, rel=1e-4, abs=1e-5 * np.abs(slopes).max())
+
+
+def test_stages_are_kept_for_a_run_that_was_interrupted(tmp_path, monkeypatch):
+    """Starts and responses, after which such runs end: another run computes neither, and its model is the same."""
+    scene = pressed_pair("plane_strain", (("E1", "nu1"), (4.0, 0.3)), {"E1": (1.0, 6.0), "nu1": (0.1, 0.45)}, cells=2)
+    full = hhr.FullOrderModel(scene)
+    settings = GridSettings(1e-3, 30)
+
+    def model():
+        store = ArrayStore(tmp_path, "the problem")
+        before = condense._Prepared(Task(full), solvers_of(full, store))
+        return made(Condensation(settings, along=True), Task(full, sure=0), before)
+
+    first = model()
+    for name in ("starts_of", "_fields_along"):
+        monkeypatch.setattr(condense, name, None)
+    again = model()
+    for point in scene.parameters.random(5, 3):
+        one, other = first.solve(point), again.solve(point)
+        assert np.array_equal(one.multipliers, other.multipliers)
+        assert np.array_equal(one.displacement(), other.displacement())
+    settings = GridSettings(1e-4, 30)
+    with pytest.raises(TypeError):  # other grids, other stages
+        model()
