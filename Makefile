@@ -110,9 +110,10 @@ quick: setup
 	.venv/bin/python -m pytest -n auto --maxprocesses 2 --dist loadfile $(QUICK:%=tests/core/test_%.py) \
 	  $(wildcard $(QUICK_PLUGINS:%=tests/plugins/%.py))
 
-# the core's tests, without those of plug-ins and without slow ones
+# the core's tests that need no plug-in, without slow ones: two minutes
 test-core: setup
-	.venv/bin/python -m pytest -n auto --maxprocesses 4 --dist loadfile tests/core
+	.venv/bin/python -m pytest -n auto --maxprocesses 4 --dist loadfile \
+	  -m "not slow and not needs" tests/core
 
 # all other tests, in a copy of the checkout without a plug-in: make without PLUGIN=pages
 without: setup
