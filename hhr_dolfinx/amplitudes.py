@@ -149,7 +149,7 @@ class NonAffine(Protocol):
         """Numbers, each once, and amplitudes of the columns that act at a point, (P,)."""
 
 
-def checked_count(amplitude: Any, space: ParameterSpace, owner: object) -> int:
+def checked_count(amplitude: object, space: ParameterSpace, owner: object) -> int:
     """Number of columns of a non-affine amplitude of a load ``owner``, checked in the middle of the box."""
     if isinstance(amplitude, type) or not callable(amplitude) or not hasattr(amplitude, "__dataclass_fields__"):
         raise SceneError(

@@ -39,7 +39,7 @@ class LawsOfScenes(Protocol):
     def check_scene(self, scene: SceneOfBodies) -> None:
         """Raise SceneError for a scene with such bodies that has other parts which are not built in."""
 
-    def parameters_of(self, law: Any) -> set[str]:
+    def parameters_of(self, law: object) -> set[str]:
         """Names of the parameters on which a law depends."""
 
 

@@ -53,7 +53,9 @@ class NamedMesh(tuple):
     physical_groups: Groups
     summary: Any
 
-    def __new__(cls, mesh: Mesh, cells: MeshTags, facets: MeshTags, groups: Groups, summary: Any = None) -> NamedMesh:
+    def __new__(
+        cls, mesh: Mesh, cells: MeshTags, facets: MeshTags, groups: Groups, summary: object = None
+    ) -> NamedMesh:
         """Make the tuple of mesh and tags."""
         found = super().__new__(cls, (mesh, cells, facets))
         found.physical_groups = groups
@@ -225,7 +227,7 @@ def _partitioner(comm: Comm, points: np.ndarray | None, shares: Shares | None) -
     import numpy as np
     from dolfinx import cpp, graph
 
-    def found(_: Any, count: int, kinds: list[Any], corners: list[np.ndarray]) -> Any:
+    def found(_: object, count: int, kinds: list[Any], corners: list[np.ndarray]) -> Any:
         parts = [np.zeros(0, dtype="int32")]
         for kind, given in zip(kinds, corners, strict=True):
             cells = given.reshape(-1, cpp.mesh.cell_num_entities(kind, 0))
@@ -373,7 +375,7 @@ def _report_compilation(function: Callable, what: str) -> None:
                     del _DEAR[other]
                 _log.warning("compiling %s, once for an installation: this takes a quarter of a minute or more", done)
 
-        def on_end(self, event: Any) -> None:
+        def on_end(self, event: object) -> None:
             pass
 
     if not _DEAR:

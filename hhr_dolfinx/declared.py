@@ -64,7 +64,7 @@ def _text(text: str) -> ast.expr:
         return ast.Name("Any")
 
 
-def _parsed(annotation: Any) -> ast.expr:
+def _parsed(annotation: object) -> ast.expr:
     """An annotation as a tree; an unreadable one declares nothing."""
     if isinstance(annotation, str):
         return _text(annotation)

@@ -131,7 +131,7 @@ class Output(Protocol):
     name: str
     unit: str
 
-    def prepared(self, probe: Any) -> Functional:
+    def prepared(self, probe: object) -> Functional:
         """The output as plain data; SceneError if the model lacks a contact, a body or a node of it."""
 
 

@@ -21,7 +21,7 @@ LINE = 2001
 """Points along a parameter at which formulas are checked: a spike a thousandth of the box wide has two of them."""
 
 
-def is_number(value: Any) -> bool:
+def is_number(value: object) -> bool:
     """True for a finite real number; text and booleans are none."""
     if not isinstance(value, Real) or isinstance(value, bool | np.bool_):
         return False
@@ -31,12 +31,12 @@ def is_number(value: Any) -> bool:
         return False
 
 
-def is_whole(value: Any, least: int) -> bool:
+def is_whole(value: object, least: int) -> bool:
     """True for an integer of at least ``least``; 2.0 and True are none."""
     return isinstance(value, Integral) and not isinstance(value, bool) and int(value) >= least
 
 
-def as_tuple(name: str, value: Any) -> tuple:
+def as_tuple(name: str, value: object) -> tuple:
     """Convert a list or an array to a tuple; raise SceneError for a single item."""
     if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
         raise SceneError(f"{name} must be a tuple, and is {value!r}: write ({type(value).__name__}(...),) for one item")
@@ -47,7 +47,7 @@ Tag = int | str
 """Tag of cells or facets: a number in the mesh, or a name if the mesh has names."""
 
 
-def check_tag(what: str, tag: Any) -> None:
+def check_tag(what: str, tag: object) -> None:
     """Raise SceneError for an invalid tag of a mesh."""
     if not is_whole(tag, 0) and not (isinstance(tag, str) and tag.strip()):
         raise SceneError(f"the tag {tag!r} of a {what} must be an integer or a name, as in the mesh")

@@ -140,7 +140,7 @@ def add_kind(named: dict[str, type], kind: type) -> None:
         )
 
 
-def _is_kind(kind: Any) -> bool:
+def _is_kind(kind: object) -> bool:
     """True for a frozen dataclass, and for a class that names its parts in ``kept``."""
     parameters = getattr(kind, "__dataclass_params__", None)
     frozen = parameters is not None and parameters.frozen
@@ -185,7 +185,7 @@ class _Writer:
         }
         return {"kind": kind.__name__, "fields": fields}
 
-    def _array(self, path: str, array: np.ndarray, declared: Any = None) -> dict[str, Any]:
+    def _array(self, path: str, array: np.ndarray, declared: object = None) -> dict[str, Any]:
         """Reference to an array: its path, or that of the first equal one."""
         array = _of_type(path, _checked_array(path, array), declared)
         if not (array.flags.c_contiguous or array.flags.f_contiguous):
@@ -219,7 +219,7 @@ class _Reader:
         self._zeros_left = FREE_ZEROS + ZEROS_PER_ENTRY * sum(map(np.size, arrays.values()))
         self._used: set[str] = set()
 
-    def whole(self, tree: Any) -> Any:
+    def whole(self, tree: object) -> Any:
         """Value of a tree, which must refer to all arrays."""
         if not (isinstance(tree, Mapping) and "kind" in tree):
             raise FileContentError(f"{_shown(tree)} must have a kind and fields")
@@ -229,7 +229,7 @@ class _Reader:
             raise FileContentError(f"arrays {unknown[:5]} are unknown")
         return value
 
-    def value(self, data: Any, path: str, sizes: Sizes, depth: int) -> Any:
+    def value(self, data: object, path: str, sizes: Sizes, depth: int) -> Any:
         """Value of a part of the tree."""
         _check_depth(path, depth)
         if isinstance(data, list | tuple):
@@ -274,7 +274,7 @@ class _Reader:
             raise FileContentError(f"{path or name}: {faults[0]}")
         return made
 
-    def _kind(self, name: Any) -> Any:
+    def _kind(self, name: object) -> Any:
         if not (isinstance(name, str) and name.isidentifier()):
             raise FileContentError(f"the kind {_shown(name)} is no name of a class")
         if name not in self.kinds:
@@ -299,7 +299,7 @@ class _Reader:
         sizes.claim(path, declared, value)
         return value
 
-    def _array(self, key: Any) -> np.ndarray:
+    def _array(self, key: object) -> np.ndarray:
         if not isinstance(key, str) or key not in self.arrays:
             raise FileContentError(f"the array {_shown(key)} is missing")
         self._used.add(key)
@@ -369,7 +369,7 @@ def _checked_array(path: str, array: np.ndarray) -> np.ndarray:
     return array
 
 
-def _is_shape(shape: Any) -> bool:
+def _is_shape(shape: object) -> bool:
     """True for a valid shape of an array."""
     return (
         isinstance(shape, list | tuple)
@@ -403,7 +403,7 @@ def _shown(value: object) -> str:
     return text if len(text) <= _SHOWN else text[:_SHOWN] + "..."
 
 
-def finite(value: Any) -> Any:
+def finite(value: object) -> Any:
     """The same plain value with None for numbers that are not finite, which JSON does not have."""
     if isinstance(value, dict):
         return {key: finite(item) for key, item in value.items()}

@@ -206,7 +206,7 @@ def asked_of_answers() -> Mapping[str, Any]:
     return {name: functools.partial(_called, place) for name, place in named("answers").items()}
 
 
-def _called(place: str, answer: Any) -> Any:
+def _called(place: str, answer: object) -> Any:
     return _loaded(place)(answer)
 
 
@@ -214,7 +214,7 @@ _loaded = functools.cache(load)
 """Objects at places, quicker: a history asks each of its answers."""
 
 
-def reader_of(law: Any, what: str) -> str:
+def reader_of(law: object, what: str) -> str:
     """Name of the plug-in that reads a law of a body, by a method of the law.
 
     Args:

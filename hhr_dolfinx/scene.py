@@ -231,7 +231,7 @@ class Scene:
             lines.append(f"  outputs: {', '.join(output.name for output in self.outputs)}")
         return "\n".join(lines)
 
-    def plot(self, path: Any = None) -> Any:
+    def plot(self, path: object = None) -> Any:
         """Plot bodies, contact surfaces, supports and loads, as a figure of matplotlib; nothing is solved.
 
         Args:
@@ -360,7 +360,7 @@ def _law_of(body: Body) -> str:
     return "" if body.law is None else f", {body.law!r}"
 
 
-def _named_in_short(item: Any) -> str:
+def _named_in_short(item: object) -> str:
     """Kind and tag of a support, load or shape, as text."""
     tag = getattr(item, "tag", None)
     return type(item).__name__ if tag is None else f"{type(item).__name__} of {tag}"
@@ -383,7 +383,7 @@ _PARTS = (
 """Fields of a scene with several items, a description of each item, and its test."""
 
 
-def _holds(item: Any, fits: Callable[[Any], bool]) -> bool:
+def _holds(item: object, fits: Callable[[Any], bool]) -> bool:
     """True if an item is itself a list of valid items, such as all displacements of a clamp."""
     return isinstance(item, tuple | list) and len(item) > 0 and all(fits(one) for one in item)
 

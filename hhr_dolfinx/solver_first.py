@@ -15,7 +15,6 @@ import sys
 from importlib.machinery import ModuleSpec
 from pathlib import Path
 from types import ModuleType
-from typing import Any
 
 COPY = "hhr_dolfinx_solver_first"
 """Name of the copy in an environment, and of its ``.pth`` file."""
@@ -50,7 +49,7 @@ class SolverFirst:
 
     NAMES = frozenset({"dolfinx", "mpi4py", "petsc4py", "slepc4py"})
 
-    def find_spec(self, fullname: str, path: Any = None, target: Any = None) -> ModuleSpec | None:
+    def find_spec(self, fullname: str, path: object = None, target: object = None) -> ModuleSpec | None:
         """None, so that other finders continue, or the module if ``dolfinx_solver`` has loaded it."""
         if fullname not in self.NAMES or importlib.util.find_spec("dolfinx_solver") is None:
             return None

@@ -102,7 +102,7 @@ def blaming(check: Check) -> Check:
     """Make the part, and name it if its code, or a check of the package on it, raises anything."""
 
     @wraps(check)
-    def checked(part: Any, *given: Any, **settings: Any) -> None:
+    def checked(part: object, *given: Any, **settings: Any) -> None:
         made = part() if isinstance(part, FunctionType) and not signature(part).parameters else part
         name = getattr(made, "__name__", type(made).__name__)
         try:
@@ -206,7 +206,7 @@ def check_pairing(pairing: Any) -> None:
 
 
 @blaming
-def check_load(load: Any, parameters: Bounds | None = None) -> None:
+def check_load(load: object, parameters: Bounds | None = None) -> None:
     """Check a load on tags of the blocks: its forces on two meshes, its amplitudes, their derivatives and files."""
     sums = []
 
@@ -367,7 +367,7 @@ def _alike(law: ContactLaw, one: Sequence[Answer], other: Sequence[Answer], tole
 
 
 @blaming
-def check_reductor(reductor: Any, known: Iterable[type] = (), *, tolerance: float = 0.05) -> None:
+def check_reductor(reductor: object, known: Iterable[type] = (), *, tolerance: float = 0.05) -> None:
     """Check a way to reduce, on blocks of constant stiffness and on blocks whose modulus is a parameter.
 
     Its model agrees with full answers that were held out: to round-off if it calls itself exact, else to ``tolerance``,
@@ -428,14 +428,14 @@ def _near(found: ArrayLike, expected: ArrayLike, tolerance: float) -> bool:
     return bool(np.abs(np.subtract(found, expected)).max() <= tolerance * np.abs(expected).max() + 1e-14)
 
 
-def _classes(value: Any) -> set[type]:
+def _classes(value: object) -> set[type]:
     """Classes of a dataclass and of all in it."""
     if is_dataclass(value):
         return {type(value)}.union(*(_classes(getattr(value, item.name)) for item in fields(value)))
     return set().union(*map(_classes, value)) if isinstance(value, tuple) else set()
 
 
-def from_file(value: Any) -> Any:
+def from_file(value: object) -> Any:
     """The value as a file would restore it."""
     return restored(*as_plain(value), by_name(_classes(value)))
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import Annotated, Any, Protocol
+from typing import Annotated, Protocol
 
 import numpy as np
 
@@ -22,7 +22,7 @@ MARGIN = 0.05
 """Fraction of the range of a parameter by which a query may lie outside it: slight extrapolation was found harmless."""
 
 
-def check_outside(outside: Any) -> None:
+def check_outside(outside: object) -> None:
     """Check the word ``outside`` before it is needed.
 
     Raises:

@@ -191,7 +191,7 @@ def _times(amplitude: Amplitude | Formula, modulus: Formula, forces: np.ndarray)
     return Term(modulus.times(_formula(amplitude, "an amplitude")), forces)
 
 
-def _formula(value: Any, what: str) -> Formula:
+def _formula(value: object, what: str) -> Formula:
     """A number, a text or an affine amplitude as a formula."""
     if not isinstance(value, Amplitude):
         return formula_of(value, what)
@@ -204,7 +204,7 @@ def _formula(value: Any, what: str) -> Formula:
     return formula
 
 
-def _vector(what: str, value: Any) -> tuple[float, ...]:
+def _vector(what: str, value: object) -> tuple[float, ...]:
     """A tuple of finite numbers."""
     vector = as_tuple(what, value)
     if not all(is_number(item) for item in vector):
@@ -232,6 +232,6 @@ def _symmetric(what: str, value: Any) -> tuple[tuple[float, ...], ...]:
     return tuple(tuple(row) for row in tensor.tolist())
 
 
-def _check_field(what: str, field: Any) -> None:
+def _check_field(what: str, field: object) -> None:
     if field is not None and not callable(field):
         raise SceneError(f"the field {field!r} of {what} must be a function of the coordinates, or None for 1")

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -123,7 +123,7 @@ class Residuals:
 
 
 def contact_residuals(
-    problem: ContactProblem, displacement: np.ndarray, forces: np.ndarray, theta: Theta, opened: Any = 0.0
+    problem: ContactProblem, displacement: np.ndarray, forces: np.ndarray, theta: Theta, opened: object = 0.0
 ) -> Residuals:
     """Residuals of (1.21) for a displacement, lift included, (N,), and forces, (N_lambda,), as returned to a user.
 
@@ -145,7 +145,7 @@ def contact_residuals(
 
 
 def slack_residuals(
-    problem: ContactProblem, homogeneous: np.ndarray, forces: np.ndarray, theta: Theta, opened: Any = 0.0
+    problem: ContactProblem, homogeneous: np.ndarray, forces: np.ndarray, theta: Theta, opened: object = 0.0
 ) -> tuple:
     """``(penetration, sign)`` of :class:`Residuals` for a displacement less its lift, (N,)."""
     gaps = problem.gaps @ theta + opened
@@ -192,7 +192,7 @@ def energy_minimum(problem: ContactProblem, displacement: np.ndarray, theta: The
     return 0.5 * displacement @ (problem.stiffness @ displacement) - (problem.external @ theta) @ displacement
 
 
-def summary(values: Any) -> dict:
+def summary(values: object) -> dict:
     """Median, 95th percentile and maximum of errors or times over all points, without exclusions."""
     values = np.asarray(values, dtype=float)
     # order statistics: an infinite error stays infinite and does not become NaN

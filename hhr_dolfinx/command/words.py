@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 from hhr_dolfinx.compat import extra
 
@@ -35,7 +34,7 @@ class Part(click.ParamType):
 
     name = "i/n"
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> tuple[int, int]:
+    def convert(self, value: object, param: object, ctx: object) -> tuple[int, int]:
         """Both numbers."""
         words = str(value).split("/")
         if len(words) != 2 or not all(word.isdecimal() for word in words) or not 1 <= int(words[0]) <= int(words[1]):
@@ -51,7 +50,7 @@ class Share(click.ParamType):
 
     name = "share"
 
-    def convert(self, value: Any, param: Any, ctx: Any) -> float:
+    def convert(self, value: object, param: object, ctx: object) -> float:
         """The number."""
         text = str(value).strip()
         try:

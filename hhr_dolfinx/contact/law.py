@@ -148,7 +148,7 @@ class ContactLaw:
         """Conditions that no other one repeats among so many, (count,) bool."""
         return np.ones(count, dtype=bool)
 
-    def kept_with(self, inside: np.ndarray, contact: Any) -> np.ndarray:
+    def kept_with(self, inside: np.ndarray, contact: object) -> np.ndarray:
         """Conditions of a reduced domain, (N_lambda,) bool, with all rows that belong to them; ``contact`` is B."""
         return inside
 
@@ -219,7 +219,7 @@ class UnilateralStep:
 UNILATERAL_STEP = UnilateralStep()
 
 
-def pair_law(pair: Any, what: str) -> PairLaw | None:
+def pair_law(pair: object, what: str) -> PairLaw | None:
     """Law of a contact pair in addition to unilateral contact; None without one.
 
     Args:

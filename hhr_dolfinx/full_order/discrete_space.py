@@ -84,7 +84,7 @@ class DiscreteSpace(ABC):
         """Dofs that are not imposed, (N,) bool."""
 
     @abstractmethod
-    def assembler(self, load: Any) -> Assembler:
+    def assembler(self, load: object) -> Assembler:
         """Interface for a load or an output."""
 
     @property
@@ -178,7 +178,7 @@ class DiscreteSpace(ABC):
         owned = local[local < dim * self.space.dofmap.index_map.size_local]
         return np.concatenate(self.comm.allgather(owned + self.rows.start))
 
-    def _load_vector(self, load: Any, form: ufl.Form) -> np.ndarray:
+    def _load_vector(self, load: object, form: ufl.Form) -> np.ndarray:
         """Assemble a form that is linear in v, (N,)."""
         arguments = form.arguments() if isinstance(form, ufl.Form) else ()
         try:

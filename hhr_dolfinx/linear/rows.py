@@ -91,11 +91,11 @@ class Rows:
         value, place = max(self.comm.allgather(best))
         return -place, value
 
-    def first(self, value: Any) -> Any:
+    def first(self, value: object) -> Any:
         """Small value of the first rank, broadcast to all: other ranks may have other last digits."""
         return value if self.comm is None else self.comm.bcast(value)
 
-    def alike(self, value: Any) -> bool:
+    def alike(self, value: object) -> bool:
         """True if a small value is the same on all ranks."""
         return self.comm is None or len(set(self.comm.allgather(value))) == 1
 

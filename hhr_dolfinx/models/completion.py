@@ -50,7 +50,7 @@ class InterfaceCompletion(Protocol):
             scale: length by which the gap of each is measured, (N_lambda,).
         """
 
-    def calibrated(self, model: Any, known: Sequence[Any], log: Any) -> tuple[Any, ...]:
+    def calibrated(self, model: object, known: Sequence[Any], log: object) -> tuple[Any, ...]:
         """Members of a model with a calibrated indicator, by sets of full histories, held out ones first."""
 
     def differences(self, full: FullOrder, point: np.ndarray) -> str:

@@ -30,7 +30,7 @@ class LinearDisplacement(ABC):
         """C, (N, c); None if the coordinates are the displacement without its lift."""
 
     @abstractmethod
-    def _terms(self, rows: Any) -> np.ndarray:
+    def _terms(self, rows: object) -> np.ndarray:
         """Rows of the outputs, (K, N), times X: (K, 1 + T)."""
 
     @abstractmethod

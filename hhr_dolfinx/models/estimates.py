@@ -289,7 +289,7 @@ def check_asked(fields: Any, of: Any) -> None:
         )
 
 
-def check_of_forces(of: Any) -> None:
+def check_of_forces(of: object) -> None:
     """Raise ParameterError for an error that the indicator of forces of a hyper-reduced model does not cover."""
     if of != "forces":
         raise ParameterError(
@@ -298,7 +298,7 @@ def check_of_forces(of: Any) -> None:
         )
 
 
-def check_word(outputs: Sequence[str], of: Any) -> None:
+def check_word(outputs: Sequence[str], of: object) -> None:
     """Raise ParameterError unless it is None, one of :data:`ASKED`, or the name of an output."""
     if of is not None and not (isinstance(of, str) and of in (*ASKED, *outputs)):
         raise ParameterError(

@@ -101,7 +101,7 @@ class ExactFields(_Exact):
     def _columns(self) -> np.ndarray | None:
         return None if self.floats else self.per_force
 
-    def _terms(self, rows: Any) -> np.ndarray:
+    def _terms(self, rows: object) -> np.ndarray:
         lifted = dense(rows @ self.lifts)
         return lifted if self.floats else lifted + rows @ self.per_term
 
@@ -177,7 +177,7 @@ class SolvedFields(_Exact):
     def _columns(self) -> None:
         """None: the rows of the outputs are already solved for."""
 
-    def _terms(self, rows: Any) -> np.ndarray:
+    def _terms(self, rows: object) -> np.ndarray:
         lifted = dense(rows @ self.lifts)
         return lifted if self._reads_fields else lifted + rows @ self.per_term
 

@@ -92,7 +92,7 @@ class ReducedModel(KeptModel):
         *,
         known: KnownStatuses | None = None,
         flow: ReducedLaws | None = None,
-        offline: Any = None,
+        offline: object = None,
         factorise: Factorise = dense_factors,
         compliances: Elimination | None = None,
     ):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 from hhr_dolfinx.models.histories.equilibrium import facet_of
 
@@ -32,7 +32,7 @@ class ReducedBodies(Protocol):
     def checked(
         self,
         full: FullModel,
-        model: Any,
+        model: object,
         snapshots: SnapshotSet,
         held_out: SnapshotSet | None,
         limits: TrustLimits | None,

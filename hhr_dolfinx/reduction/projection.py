@@ -130,7 +130,7 @@ class _ModesOfRows:
             found[:, part] = self._test.T @ (inside @ self._basis[:, part])
         return self._rows.sum(found)
 
-    def tested(self, columns: Any) -> np.ndarray:
+    def tested(self, columns: object) -> np.ndarray:
         """Columns of dofs, dense or sparse, (N, k), tested by the modes: (ell, k)."""
         own = csr_matrix(columns)[self._rows.own][self._inside]
         return self._rows.sum(np.ascontiguousarray((own.T @ self._test).T))

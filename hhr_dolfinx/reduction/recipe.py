@@ -83,7 +83,7 @@ class Indicator(Protocol):
         """Function from an answer to its estimate, with all offline work done."""
 
 
-def _by_rows(step: Any) -> bool:
+def _by_rows(step: object) -> bool:
     """True if a step can work on local rows of the displacements."""
     return getattr(step, "by_rows", False) is True
 
@@ -411,12 +411,12 @@ class Recipe(metaclass=_Named):
         return {item.name: _plain(getattr(self, item.name)) for item in fields(self)}
 
 
-def _has(step: Any, method: str) -> bool:
+def _has(step: object, method: str) -> bool:
     """True if a step is an object, not a class, with a method."""
     return not isinstance(step, type) and callable(getattr(step, method, None))
 
 
-def _plain(value: Any) -> Any:
+def _plain(value: object) -> Any:
     if hasattr(value, "__dataclass_fields__"):
         return {"step": type(value).__name__} | {
             name: _plain(getattr(value, name)) for name in value.__dataclass_fields__

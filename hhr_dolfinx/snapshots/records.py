@@ -324,7 +324,7 @@ def _recording(lost: Lost | None, label: str) -> AbstractContextManager[None]:
     return nullcontext() if lost is None else lost.recorded(label)
 
 
-def _are_paths(queries: Any) -> bool:
+def _are_paths(queries: object) -> bool:
     """True for paths, lists of times and parameters, which do not form a table."""
     try:
         return np.ndim(np.array(queries, dtype=float)) > 2
@@ -448,7 +448,7 @@ def with_fields(history: History, fields: Any) -> History:
     return replace(history, answers=[answer._replace(fields=fields) for answer in history.answers])
 
 
-def check_of_problem(name: str, solutions: Any, problem: ContactProblem) -> None:
+def check_of_problem(name: str, solutions: object, problem: ContactProblem) -> None:
     """Raise ReductionError for invalid solutions, or those of another problem."""
     if not isinstance(solutions, SnapshotSet):
         raise ReductionError(f"{name} = {solutions!r} must be a SnapshotSet, what compute_snapshots returns")

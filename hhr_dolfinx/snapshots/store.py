@@ -59,7 +59,7 @@ def add_to(digest: Any, parts: list[Any]) -> None:
                 digest.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
 
 
-def digest_of_values(value: Any, what: str) -> str:
+def digest_of_values(value: object, what: str) -> str:
     """Hexadecimal digest of settings: of their types, numbers, texts, arrays and functions, not of their ``repr``.
 
     The ``repr`` of an array leaves out its middle, and that of an object may be its address. User-defined functions and
@@ -83,7 +83,7 @@ def _arrays(item: Any) -> tuple[np.ndarray, ...]:
     return (item.indptr, item.indices, item.data) if issparse(item) else (np.ascontiguousarray(item),)
 
 
-def _pieces(value: Any, what: str, depth: int, seen: dict[int, int]) -> Iterator[bytes]:
+def _pieces(value: object, what: str, depth: int, seen: dict[int, int]) -> Iterator[bytes]:
     """Bytes that identify a value uniquely; functions and classes that occur again enter with their number."""
     if depth > DEEPEST:
         raise StudyError(f"{what} holds values more than {DEEPEST} deep, or itself: no digest can be made of it")

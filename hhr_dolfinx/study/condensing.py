@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 from mpi4py import MPI
 
 from hhr_dolfinx.certify.strains import look_at_corners
@@ -15,7 +13,7 @@ from hhr_dolfinx.reduction.reductors import condensing
 from hhr_dolfinx.scene import Scene
 
 
-def condense(scene: Scene | FullOrderModel, settings: Any = None, *, fields: bool | None = None) -> CondensedModel:
+def condense(scene: Scene | FullOrderModel, settings: object = None, *, fields: bool | None = None) -> CondensedModel:
     """Build a model that keeps all contact conditions and eliminates the rest, without snapshots.
 
     For constant stiffness it answers as the full model does, to round-off. If moduli or the shape depend on parameters,
@@ -46,7 +44,7 @@ def condense(scene: Scene | FullOrderModel, settings: Any = None, *, fields: boo
     return model
 
 
-def condensed(full: FullOrderModel, settings: Any = None, *, fields: bool | None = None) -> CondensedModel:
+def condensed(full: FullOrderModel, settings: object = None, *, fields: bool | None = None) -> CondensedModel:
     """See :func:`condense`; without the check of strains."""
     full.problem.require_parts("condensation")
     if full.equilibrium is not None:

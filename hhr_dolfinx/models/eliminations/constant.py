@@ -93,7 +93,7 @@ class ConstantElimination(Rebuilt, Elimination):
         """Critical regions of the training statuses; if there are none, factor these statuses in advance."""
         return CriticalRegions.of(self, known)
 
-    def answers(self, model: Any, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
+    def answers(self, model: object, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
         """Answers to many points; equal statuses share factors."""
         from hhr_dolfinx.models.many import answers_by_statuses
 

@@ -15,7 +15,7 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol
+from typing import TYPE_CHECKING, Annotated, ClassVar, Protocol
 
 import numpy as np
 
@@ -125,7 +125,7 @@ class Elimination(ABC):
         """Answers of training statuses as maps of the parameters; None if these are not affine."""
         return None
 
-    def answers(self, model: Any, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
+    def answers(self, model: object, points: np.ndarray, raise_on_failure: bool) -> SeveralAnswers:
         """Answers of a model to checked points, (n, P)."""
         return one_by_one(model, points, {"raise_on_failure": raise_on_failure, "outside": "ignore"})
 

@@ -80,10 +80,10 @@ class MeasuredFields(Protocol):
     def functionals(self) -> Functionals | None:
         """Outputs of the scene; None if it has none."""
 
-    def measured(self, answer: Any, theta: np.ndarray) -> np.ndarray:
+    def measured(self, answer: object, theta: np.ndarray) -> np.ndarray:
         """Rows of the outputs times the displacement, (K,), for amplitudes (1 + T,)."""
 
-    def measured_changes(self, answer: Any, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def measured_changes(self, answer: object, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all contact forces, (N_lambda, P), and of these products, (K, P).
 
         ``changes`` are those of the amplitudes, (1 + T, P); the answer has a gradient. If no output depends on forces,
@@ -117,10 +117,10 @@ class ShapedFields(Protocol):
     def functionals(self) -> ShapeFunctionals | None:
         """Outputs of the scene; None if it has none."""
 
-    def coordinates(self, answer: Any, theta: np.ndarray) -> np.ndarray:
+    def coordinates(self, answer: object, theta: np.ndarray) -> np.ndarray:
         """Coordinates on which the rows of the outputs act, (s,): the displacement, or its components in a basis."""
 
-    def coordinate_changes(self, answer: Any, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    def coordinate_changes(self, answer: object, changes: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Derivatives of all contact forces, (N_lambda, P), and of these coordinates, (s, P)."""
 
 

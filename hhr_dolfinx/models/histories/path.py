@@ -14,7 +14,7 @@ from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.parameters import ParameterSpace
 
 
-def check_settings(settings: Any) -> None:
+def check_settings(settings: object) -> None:
     """Refuse invalid settings of a history.
 
     Raises:

@@ -33,15 +33,15 @@ class Steps:
         """Solver of the steps of a condensed model of bodies with laws; None for the usual one."""
         raise NotOfferedError(f"condensed bodies with laws are not built in with {model.law.name}")
 
-    def at_rest(self, model: Any) -> Memory:
+    def at_rest(self, model: object) -> Memory:
         """Memory of undeformed bodies."""
         return NO_MEMORY
 
-    def watch(self, model: Any) -> Callable[[Answer], None]:
+    def watch(self, model: object) -> Callable[[Answer], None]:
         """Check of the ends of the steps of one history."""
         return lambda answer: None
 
-    def coupling(self, model: Any, point: np.ndarray) -> float:
+    def coupling(self, model: object, point: np.ndarray) -> float:
         """Strength of the coupling of the rows at a point, (P,), see :meth:`AnsweringModel.coupling`."""
         return 0.0
 
@@ -53,11 +53,11 @@ class Steps:
 class UnilateralSteps(Steps):
     """Unilateral contact remembers nothing."""
 
-    def step_contact(self, model: Any, before: Answer, point: np.ndarray) -> StepContact:
+    def step_contact(self, model: object, before: Answer, point: np.ndarray) -> StepContact:
         """By the active set."""
         return UNILATERAL_STEP
 
-    def condensed_stepper(self, model: Any, settings: MarchSettings) -> Any:
+    def condensed_stepper(self, model: object, settings: MarchSettings) -> Any:
         """The usual one."""
         return None
 

@@ -289,7 +289,7 @@ def _forces(found: SceneCheck, load: Load, point: np.ndarray) -> np.ndarray:
     return placed(terms, 1, (discretisation.size, amplitudes.firsts[-1])) @ amplitudes(point)
 
 
-def _vanishes(amplitude: Any) -> bool:
+def _vanishes(amplitude: object) -> bool:
     """True if an amplitude is zero for all parameters."""
     return isinstance(amplitude, Amplitude) and not amplitude.constant and not any(amplitude.slopes.values())
 

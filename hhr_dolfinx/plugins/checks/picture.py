@@ -37,7 +37,7 @@ HELD = "^sDvp*h"
 """Marks of surfaces with imposed displacements, in turn."""
 
 
-def draw_scene(found: Any, path: Path) -> None:
+def draw_scene(found: object, path: Path) -> None:
     """Draw a scene in the plane or in space into a file."""
     figure_of_scene(found).savefig(path, dpi=150)
 

@@ -60,7 +60,7 @@ class OutputFunction:
         """
         self.model.check_range(self.model.parameters.point(point), self.outside)
 
-    def jacobian(self, point: Any) -> np.ndarray:
+    def jacobian(self, point: object) -> np.ndarray:
         """Derivatives of the outputs along the parameters at a point, (P,): (K, P)."""
         found = self.model.outputs(np.asarray(point, dtype=float), gradient=True, outside=self.outside).gradient
         assert found is not None

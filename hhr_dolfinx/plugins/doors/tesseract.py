@@ -44,37 +44,37 @@ class Endpoints:
             )
         )
 
-    def apply(self, inputs: Any) -> Any:
+    def apply(self, inputs: object) -> Any:
         """Outputs at a point."""
         return self.outputs(**{OUT: self.function(np.asarray(getattr(inputs, IN)))[0]})
 
-    def jacobian(self, inputs: Any, jac_inputs: set[str], jac_outputs: set[str]) -> dict[str, Arrays]:
+    def jacobian(self, inputs: object, jac_inputs: set[str], jac_outputs: set[str]) -> dict[str, Arrays]:
         """Derivatives of the outputs along the parameters, (K, P)."""
         return {OUT: {IN: self._slopes(inputs)}}
 
     def jacobian_vector_product(
-        self, inputs: Any, jvp_inputs: set[str], jvp_outputs: set[str], tangent_vector: Arrays
+        self, inputs: object, jvp_inputs: set[str], jvp_outputs: set[str], tangent_vector: Arrays
     ) -> Arrays:
         """The Jacobian times a direction."""
         return {OUT: self._slopes(inputs) @ np.asarray(tangent_vector[IN])}
 
     def vector_jacobian_product(
-        self, inputs: Any, vjp_inputs: set[str], vjp_outputs: set[str], cotangent_vector: Arrays
+        self, inputs: object, vjp_inputs: set[str], vjp_outputs: set[str], cotangent_vector: Arrays
     ) -> Arrays:
         """Weights of the outputs times the Jacobian."""
         return {IN: np.asarray(cotangent_vector[OUT]) @ self._slopes(inputs)}
 
-    def abstract_eval(self, abstract_inputs: Any) -> dict[str, Any]:
+    def abstract_eval(self, abstract_inputs: object) -> dict[str, Any]:
         """Shape of the outputs."""
         return {OUT: ShapeDType(shape=(len(self.function.outputs),), dtype="float64")}
 
-    def _checked(self, point: Any) -> Any:
+    def _checked(self, point: object) -> Any:
         """Check that a point is in the training range; a client gets the text of errors of a schema only."""
         if not isinstance(point, ShapeDType):  # ``abstract_eval`` passes a shape without values
             self.function.check(np.asarray(point))
         return point
 
-    def _slopes(self, inputs: Any) -> np.ndarray:
+    def _slopes(self, inputs: object) -> np.ndarray:
         return self.function.jacobian(np.asarray(getattr(inputs, IN)))
 
 

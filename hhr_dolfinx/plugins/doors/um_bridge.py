@@ -180,7 +180,7 @@ def _invalid(message: str) -> RequestError:
     return RequestError(HTTPStatus.BAD_REQUEST, "InvalidInput", message)
 
 
-def _shown(value: Any) -> str:
+def _shown(value: object) -> str:
     """Value for a message, at most 80 characters."""
     text = repr(value)
     return text if len(text) <= 80 else f"{text[:80]}..."
@@ -297,6 +297,6 @@ class Server(ThreadingHTTPServer):
         shown = f"[{host}]" if ":" in host else host
         self.url = f"http://{shown}:{self.server_address[1]}"
 
-    def handle_error(self, request: Any, client_address: Any) -> None:
+    def handle_error(self, request: object, client_address: object) -> None:
         """Log a broken connection, not on the screen."""
         _log.debug("the connection of %s broke", client_address, exc_info=True)

@@ -26,7 +26,7 @@ _CALLS = {"^": "pow", "min": "model_min", "max": "model_max", "abs": "fabs"}
 """Operations with another name in C."""
 
 
-def write_c_header(path: str | Path, model: Any) -> Path:
+def write_c_header(path: str | Path, model: object) -> Path:
     """Write a condensed model as a C header; its names begin with that of the file.
 
     Args:
@@ -285,7 +285,7 @@ class _Data:
         lines = [", ".join(numbers[k : k + 8]) for k in range(0, len(numbers), 8)]
         return f"static const {'int' if whole else 'double'} model_{name}[] = {{\n" + ",\n".join(lines) + "};"
 
-    def _put(self, name: str, values: Any = None) -> str:
+    def _put(self, name: str, values: object = None) -> str:
         """Declare a separate array; returns its name in C."""
         self.parts.append(self._array(name, self.arrays[name] if values is None else np.array(values)))
         return f"model_{name}"

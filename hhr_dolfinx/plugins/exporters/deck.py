@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -82,10 +82,10 @@ def _check(discretisation: Discretisation, point: np.ndarray) -> None:
 class LawInDeck(Protocol):
     """Facet ``deck`` of a law of interfaces."""
 
-    def limited(self, law: Any) -> bool:
+    def limited(self, law: object) -> bool:
         """True if a deck cannot say all of a pair's law."""
 
-    def lines(self, law: Any, number: Callable[[float | str], float], penalty: float) -> Iterator[str]:
+    def lines(self, law: object, number: Callable[[float | str], float], penalty: float) -> Iterator[str]:
         """Lines in the interaction of a pair.
 
         Args:
@@ -163,7 +163,7 @@ def _oriented(discretisation: Discretisation, cells: np.ndarray) -> np.ndarray:
     return cells
 
 
-def _word(tag: Any) -> str:
+def _word(tag: object) -> str:
     """Tag as a valid name of a deck: one word that begins with a letter."""
     word = "".join(letter if letter.isalnum() else "_" for letter in str(tag))
     return word if word[:1].isalpha() else f"tag_{word}"

@@ -26,7 +26,7 @@ _SYSTEMS = {"Linux": ("linux", ".so"), "Darwin": ("darwin", ".dylib")}
 _MACHINES = {"arm64": "aarch64", "AMD64": "x86_64"}
 
 
-def write_fmu(path: str | Path, model: Any, compiler: str = "cc") -> Path:
+def write_fmu(path: str | Path, model: object, compiler: str = "cc") -> Path:
     """Write a condensed model as an FMU.
 
     Args:

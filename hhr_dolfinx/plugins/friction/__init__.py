@@ -16,7 +16,7 @@ _BUILD = "hhr_dolfinx.reduction.build"
 _OURS = "friction"
 
 
-def _wanted(full: FullModel, recipe: Any) -> bool:
+def _wanted(full: FullModel, recipe: object) -> bool:
     return full.law.plugin == _OURS
 
 

@@ -82,7 +82,7 @@ class Choice(NamedTuple):
     recipe: Recipe
 
 
-def _check_family(family: Any) -> None:
+def _check_family(family: object) -> None:
     """StudyError for what is no family of paths; its type is imported only by trainings that have one."""
     from hhr_dolfinx.plugins.paths.path_families import PathFamily
 

@@ -485,7 +485,7 @@ class CondensedFlowModel(KeptModel):
         fields: CondensedFlowFields,
         trained: TrainedPaths | None = None,
         *,
-        offline: Any = None,
+        offline: object = None,
     ):
         self.flow = flow
         self.parameters = parameters

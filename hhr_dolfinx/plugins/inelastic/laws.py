@@ -55,7 +55,7 @@ class Flow(Protocol):
         """
 
 
-def _holds(what: str, constant: Any, possible: Callable[[Any], bool]) -> bool:
+def _holds(what: str, constant: object, possible: Callable[[Any], bool]) -> bool:
     """True if a constant is a valid number, or a text that is a formula, whose values are checked later."""
     if isinstance(constant, str):
         # imported here, since most laws have no formulas

@@ -53,7 +53,7 @@ class Histories:
         return march(model, path, settings, known=known, keep=keep)
 
     def one_step(
-        self, model: Any, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool, **step: Any
+        self, model: object, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool, **step: Any
     ) -> Answer:
         """Answer of a model at a point by one step from rest, see :func:`one_step`; it has no gradient.
 

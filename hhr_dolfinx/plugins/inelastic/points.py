@@ -31,7 +31,7 @@ class Points(Protocol):
     def place(self, values: np.ndarray) -> int:
         """Number, among the points of all ranks, of the largest of values at local points, (points,)."""
 
-    def worst(self, size: float, what: Any) -> Any:
+    def worst(self, size: float, what: object) -> Any:
         """``what`` of the rank with the largest ``size``."""
 
     def own(self, answer: Answer) -> Answer:
@@ -68,7 +68,7 @@ class AllHere:
         """See :class:`Points`."""
         return int(values.argmax())
 
-    def worst(self, size: float, what: Any) -> Any:
+    def worst(self, size: float, what: object) -> Any:
         """See :class:`Points`."""
         return what
 

@@ -75,7 +75,7 @@ class PointsOfRanks:
         place = int(values.argmax())
         return self.worst(float(values[place]), self.points.start + place)
 
-    def worst(self, size: float, what: Any) -> Any:
+    def worst(self, size: float, what: object) -> Any:
         """See :class:`Points`."""
         return max(self._comm.allgather((float(size), what)), key=lambda pair: pair[0])[1]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.plugins.inelastic import constants
@@ -35,7 +35,7 @@ class _LawsOfScenes:
                 f"bodies of scene '{scene.name}' flow, and their shape depends on parameters: not built in"
             )
 
-    def parameters_of(self, law: Any) -> set[str]:
+    def parameters_of(self, law: object) -> set[str]:
         """Names of the parameters on which a law depends."""
         return constants.parameters_of(law)
 

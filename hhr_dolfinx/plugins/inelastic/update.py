@@ -309,7 +309,7 @@ def _number(group: Group) -> float:
     return group.young
 
 
-def kernel_of(law: Any) -> tuple[int, tuple[float, float]] | None:
+def kernel_of(law: object) -> tuple[int, tuple[float, float]] | None:
     """Number of the kernel of a law, and its constants, which must be numbers; None for a user-defined law."""
     if law is None:
         return ELASTIC, (0.0, 0.0)

@@ -129,7 +129,7 @@ class Choice:
         found = np.array([self.candidates(row) for row in rows], dtype=np.int64).reshape(len(rows), 2)
         return found[:, 0], found[:, 1]
 
-    def boxes(self, lower: Any, upper: Any) -> list[tuple[int, np.ndarray, np.ndarray]]:
+    def boxes(self, lower: object, upper: object) -> list[tuple[int, np.ndarray, np.ndarray]]:
         """Regions inside a box: number of the model, and corners, (P,) each, in the order of the nodes."""
         corners = {0: (np.array(lower, dtype=float), np.array(upper, dtype=float))}
         found = []
@@ -221,7 +221,7 @@ class LocalModels(SeveralModels):
     kept = ("models", "choice")
     advice = ADVICE
 
-    def __init__(self, models: Sequence[ReducedModel], choice: Choice, offline: Any = None):
+    def __init__(self, models: Sequence[ReducedModel], choice: Choice, offline: object = None):
         self.models = tuple(models)
         self.choice = choice
         self.offline = offline

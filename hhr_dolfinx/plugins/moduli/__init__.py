@@ -12,7 +12,7 @@ if TYPE_CHECKING:
 _HERE = "hhr_dolfinx.plugins.moduli"
 
 
-def _wanted(full: FullModel, recipe: Any = None) -> bool:
+def _wanted(full: FullModel, recipe: object = None) -> bool:
     return full.equilibrium is None and full.problem.varies
 
 

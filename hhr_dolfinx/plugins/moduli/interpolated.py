@@ -512,7 +512,7 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
     def _columns(self) -> np.ndarray:
         return self.basis
 
-    def _terms(self, rows: Any) -> np.ndarray:
+    def _terms(self, rows: object) -> np.ndarray:
         return dense(rows @ self.lifts)
 
     def _coordinates(self, answer: Answer) -> np.ndarray:

@@ -76,7 +76,7 @@ def _own(item: Functional) -> dict[str, Any]:
     return {field.name: getattr(item, field.name) for field in fields(item) if field.name not in _OF_ROWS | {"cells"}}
 
 
-def _smooth(value: Any) -> bool:
+def _smooth(value: object) -> bool:
     """True if a field is interpolated."""
     return isinstance(value, float) or (isinstance(value, np.ndarray) and value.dtype == np.float64)
 

@@ -328,7 +328,7 @@ def keep_table(folder: Path, reduction: Reduction) -> None:
         json.dump(finite(reduction.described()), file, indent=1, allow_nan=False)
 
 
-def _check_limits(budget: Any, seed: Any) -> None:
+def _check_limits(budget: object, seed: object) -> None:
     """Check a budget, and a seed."""
     check_counts(seed=(seed, 0))
     if not isinstance(budget, Budget):
@@ -354,7 +354,7 @@ def _free_folder(folder: str | Path, scene: str) -> Path:
     return path
 
 
-def _full_model(scene: Any) -> FullOrderModel:
+def _full_model(scene: object) -> FullOrderModel:
     """The full model of a scene, on one rank, which models can be built of."""
     if not isinstance(scene, FullOrderModel | Scene):
         raise StudyError(f"{scene!r} is no scene: give a Scene")
@@ -363,7 +363,7 @@ def _full_model(scene: Any) -> FullOrderModel:
     return full
 
 
-def _check_family(paths: Any) -> None:
+def _check_family(paths: object) -> None:
     """StudyError for what is no family of paths; its type is imported only by searches along paths."""
     from hhr_dolfinx.plugins.paths.path_families import PathFamily
 
@@ -371,7 +371,7 @@ def _check_family(paths: Any) -> None:
         raise StudyError(f"paths = {paths!r} must be a PathFamily, from which paths to train and to check on are drawn")
 
 
-def _check_paths(full: FullOrderModel, paths: Any) -> None:
+def _check_paths(full: FullOrderModel, paths: object) -> None:
     """Check that paths are given exactly if answers depend on them."""
     name = full.scene.name
     if paths is not None:

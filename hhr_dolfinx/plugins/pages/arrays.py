@@ -36,7 +36,7 @@ FLAT = 0.3
 """Height of a contact over its width up to which it is drawn from above."""
 
 
-def check_model(model: Any, what: str = "a page") -> None:
+def check_model(model: object, what: str = "a page") -> None:
     """Raise NotOfferedError for a model that ``what`` does not support, with the supported one."""
     if flows(model):
         from hhr_dolfinx.plugins.pages.flowing import check_flow
@@ -82,7 +82,7 @@ class LawOnPage(Protocol):
     script: Path
     header: Path
 
-    def tree(self, law: Any, arrays: Packed) -> dict[str, Any]:
+    def tree(self, law: object, arrays: Packed) -> dict[str, Any]:
         """Rows and constants of the law."""
 
 
@@ -96,17 +96,17 @@ def page_of(law: ContactLaw, what: str) -> LawOnPage:
     return found
 
 
-def flows(model: Any) -> bool:
+def flows(model: object) -> bool:
     """True for a model with inelastic bodies."""
     return isinstance(model, KeptModel) and model.equilibrium is not None
 
 
-def _kind(model: Any) -> str:
+def _kind(model: object) -> str:
     eliminated = getattr(model, "eliminated", None)
     return f"a {type(model).__name__}" + ("" if eliminated is None else f" with {type(eliminated).__name__}")
 
 
-def packed(model: Any, scenery: Scenery, room: int) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+def packed(model: object, scenery: Scenery, room: int) -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
     """Tree and arrays of a model that passed :func:`check_model`, with its pictures.
 
     Optional parts use at most ``room`` bytes, those of the other arrays included.

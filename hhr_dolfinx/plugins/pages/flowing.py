@@ -38,7 +38,7 @@ EXACT = 100_000
 once."""
 
 
-def check_flow(model: Any, what: str = "a page") -> None:
+def check_flow(model: object, what: str = "a page") -> None:
     """Raise NotOfferedError for models that are not condensed, laws that ``what`` does not support, and friction."""
     if not isinstance(model, CondensedFlowModel):
         raise NotOfferedError(

@@ -39,7 +39,7 @@ class Packed:
         self.arrays: dict[str, np.ndarray] = {}
         self.kinds: dict[str, str] = {}
 
-    def put(self, name: str, array: Any, kind: str = "<f8") -> str:
+    def put(self, name: str, array: object, kind: str = "<f8") -> str:
         """Add an array; returns its name."""
         self.arrays[name] = np.ascontiguousarray(array, dtype=kind)
         self.kinds[name] = kind

@@ -73,7 +73,7 @@ def write_model_page(path: str | Path, model: Any, scenery: Scenery) -> Path:
     return Path(path)
 
 
-def check_for_page(model: Any) -> None:
+def check_for_page(model: object) -> None:
     """Refuse a model that does not fit on a page, before its scenery, bounds and pictures are computed.
 
     Raises:
@@ -85,7 +85,7 @@ def check_for_page(model: Any) -> None:
     _check_size(sum(len(item["data"]) for item in arrays.texts().values()), model)
 
 
-def _check_size(count: int, model: Any) -> None:
+def _check_size(count: int, model: object) -> None:
     """Raise NotOfferedError for a page of too many bytes."""
     if count > MOST_BYTES:
         raise NotOfferedError(

@@ -133,6 +133,6 @@ def _words(scene: Scene) -> dict[str, Any]:
     }
 
 
-def _said(value: Any) -> str:
+def _said(value: object) -> str:
     """A number or a formula in words."""
     return f"{value:g}" if isinstance(value, float | int) else str(getattr(value, "text", value))

@@ -105,7 +105,7 @@ class Measurement:
     models: Mapping[str, Any] = field(default_factory=dict)
 
 
-def conditions_inside(model: Any) -> np.ndarray | None:
+def conditions_inside(model: object) -> np.ndarray | None:
     """Contact conditions in the RID of a model, or of the fields of an answer, if it has one."""
     fields = getattr(model, "fields", model)
     return fields.A_lambda if isinstance(fields, Reconstruction) else None

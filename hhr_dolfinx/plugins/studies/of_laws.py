@@ -27,11 +27,11 @@ if TYPE_CHECKING:
 class StudiedLaws(Protocol):
     """Study of a scene whose bodies have laws."""
 
-    def check(self, settings: Any) -> None:
+    def check(self, settings: object) -> None:
         """Raise StudyError for a ``correction`` of the settings that is invalid."""
 
     def measure(
-        self, training: Training, settings: Any, tests: Mapping[Any, HistoryPath], progress: Progress
+        self, training: Training, settings: object, tests: Mapping[Any, HistoryPath], progress: Progress
     ) -> tuple[KeptModel, Measurement]:
         """The model under study, and errors and times of small models along test paths, by label."""
 

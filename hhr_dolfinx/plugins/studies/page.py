@@ -142,21 +142,21 @@ def _style() -> str:
     return (resources.files(__package__) / "report.css").read_text(encoding="utf-8")
 
 
-def _mapping(value: Any) -> Mapping[str, Any]:
+def _mapping(value: object) -> Mapping[str, Any]:
     """A part of a report that is a table by name; empty if it is missing or no table."""
     return value if isinstance(value, Mapping) else {}
 
 
-def _mappings(value: Any) -> list[Mapping[str, Any]]:
+def _mappings(value: object) -> list[Mapping[str, Any]]:
     """The rows of a part of a report."""
     return [row for row in value if isinstance(row, Mapping)] if isinstance(value, list) else []
 
 
-def _is_number(value: Any) -> bool:
+def _is_number(value: object) -> bool:
     return isinstance(value, int | float) and not isinstance(value, bool) and not math.isnan(value)
 
 
-def _is_summary(value: Any) -> bool:
+def _is_summary(value: object) -> bool:
     return isinstance(value, Mapping) and "median" in value
 
 
@@ -191,7 +191,7 @@ def _seconds(value: Any) -> str:
     return in_words(value) if _is_number(value) and math.isfinite(value) else "-"
 
 
-def _text(value: Any) -> str:
+def _text(value: object) -> str:
     """Anything of a report as text."""
     if value is None or (isinstance(value, float) and math.isnan(value)):
         return "-"
@@ -206,7 +206,7 @@ def _text(value: Any) -> str:
     return str(value)
 
 
-def _words(name: Any) -> str:
+def _words(name: object) -> str:
     return str(name).replace("_", " ")
 
 
@@ -239,7 +239,7 @@ def _named(row: Mapping[str, Any]) -> str:
     return _text(row.get("name")) + (f" [{_text(unit)}]" if unit else "")
 
 
-def _advice(text: Any) -> str:
+def _advice(text: object) -> str:
     return f'<p class="advice">{escape(str(text))}</p>' if text else ""
 
 
@@ -362,7 +362,7 @@ def _maps(report: Mapping[str, Any], errors: list[float]) -> list[str]:
     ]
 
 
-def _numbers(values: Any) -> list[float]:
+def _numbers(values: object) -> list[float]:
     """Numbers of a list, with NaN for other values."""
     return [float(value) if _is_number(value) else math.nan for value in values] if isinstance(values, list) else []
 
@@ -428,7 +428,7 @@ def _folded(title: str, content: str) -> str:
     return f"<details><summary>{escape(title)}</summary>{content}</details>" if content else ""
 
 
-def _plain(value: Any) -> str:
+def _plain(value: object) -> str:
     """A part of a report as a table: rows that share their keys, or values by name."""
     if rows := _mappings(value):
         head = list(dict.fromkeys(name for row in rows for name in row))

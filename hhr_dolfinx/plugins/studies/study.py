@@ -100,7 +100,7 @@ def study_scene(
     settings: StudySettings,
     folder: str | Path,
     *,
-    points: Any = None,
+    points: object = None,
     rivals: Callable[[Training], Iterable[Rival]] = lambda training: (),
     progress: Progress = silent,
 ) -> Study | None:
@@ -138,7 +138,7 @@ def study_scene(
 def run_study(
     training: Training,
     settings: StudySettings,
-    points: Any = None,
+    points: object = None,
     *,
     rivals: Sequence[Rival] = (),
     progress: Progress = silent,

@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.model import AnsweringModel
 
 
-def to_pandas(model: AnsweringModel, points: Any, *, outside: str = "refuse", forces: bool = False) -> Any:
+def to_pandas(model: AnsweringModel, points: object, *, outside: str = "refuse", forces: bool = False) -> Any:
     """Answer a table of points in a data frame with a row for each point.
 
     Args:
@@ -40,7 +40,7 @@ def to_pandas(model: AnsweringModel, points: Any, *, outside: str = "refuse", fo
     return pandas.DataFrame(dict(zip(names, answers.points.T, strict=True)) | {"status": answers.status} | columns)
 
 
-def to_xarray(model: AnsweringModel, points: Any, *, outside: str = "refuse") -> Any:
+def to_xarray(model: AnsweringModel, points: object, *, outside: str = "refuse") -> Any:
     """Answer a table of points in a data set with the dimensions ``point`` and ``condition``.
 
     Args:

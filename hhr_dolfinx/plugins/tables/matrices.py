@@ -33,14 +33,14 @@ SYMMETRIC = 1e-10
 
 def condense_matrices(
     parameters: ParameterSpace,
-    stiffness: Any,
-    contact: Any,
-    loads: Any,
-    gaps: Any,
+    stiffness: object,
+    contact: object,
+    loads: object,
+    gaps: object,
     amplitudes: Sequence[str | float | Amplitude],
     *,
-    areas: Any = None,
-    pairs: Any = None,
+    areas: object = None,
+    pairs: object = None,
     displacement_outputs: Mapping[str, Any] | None = None,
     force_outputs: Mapping[str, Any] | None = None,
 ) -> CondensedModel:
@@ -109,7 +109,7 @@ def _matrix(name: str, given: Any) -> csc_matrix:
         raise SceneError(f"{name} must be a matrix of real numbers, sparse or dense") from None
 
 
-def _pairs(given: Any, conditions: int) -> np.ndarray:
+def _pairs(given: object, conditions: int) -> np.ndarray:
     """Numbers of contact pairs, checked to be integers from 0 on, (m,)."""
     found = _array("pairs", given, (conditions,))
     if (found != np.floor(found)).any() or found.min() < 0 or found.max() >= conditions:
@@ -149,7 +149,7 @@ def _check(stiffness: csc_matrix, contact: csc_matrix) -> None:
 
 
 def _terms(
-    parameters: ParameterSpace, amplitudes: Sequence[Any], loads: Any, gaps: Any, sizes: tuple[int, int]
+    parameters: ParameterSpace, amplitudes: Sequence[Any], loads: object, gaps: object, sizes: tuple[int, int]
 ) -> tuple[Amplitudes, np.ndarray, np.ndarray]:
     """Amplitudes in the order of a model, and columns of loads and gaps in this order, after those of amplitude 1."""
     theta, order = _collected(amplitudes, parameters)

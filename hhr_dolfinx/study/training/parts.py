@@ -8,7 +8,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 from mpi4py import MPI
 
@@ -41,12 +40,12 @@ class PartSolved:
 
 def train_part(
     scene: Scene,
-    training: Any,
+    training: object,
     number: int,
     parts: int,
     folder: str | Path,
     *,
-    held_out: Any = None,
+    held_out: object = None,
     seed: int = 1,
     comm: MPI.Comm = MPI.COMM_WORLD,
     march: MarchSettings = DEFAULT_MARCH,

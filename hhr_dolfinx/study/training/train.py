@@ -54,7 +54,7 @@ class Training(TrainingAnswers):
         full, snapshots, held_out = everywhere(self.full_order, self.snapshots, self.held_out)
         return replace(self, full_order=full, snapshots=snapshots, held_out=held_out)
 
-    def build(self, recipe: Any = None, *, checked: bool = True, announce: Announce = unannounced) -> Any:
+    def build(self, recipe: object = None, *, checked: bool = True, announce: Announce = unannounced) -> Any:
         """Build a reduced model; unchecked it has no warning and no growth of its RID, so that it can be measured.
 
         Only unsolvable models are refused even then: dependent contact rows, a singular K~. None takes the default
@@ -76,7 +76,7 @@ class Training(TrainingAnswers):
             raise AttributeError(f"a training has no {name!r}, and no installed plug-in adds it")
         return partial(registry.load(places[name]), self)
 
-    def condense(self, settings: Any = None, announce: Announce = unannounced) -> CondensedModel | KeptModel:
+    def condense(self, settings: object = None, announce: Announce = unannounced) -> CondensedModel | KeptModel:
         """Build a model that keeps all contact conditions, with its check.
 
         For elastic bodies of constant stiffness it is exact. If the stiffness or the shape depends on
@@ -99,9 +99,9 @@ class Training(TrainingAnswers):
 
 def train(
     scene: Scene,
-    training: Any,
+    training: object,
     *,
-    held_out: Any = None,
+    held_out: object = None,
     seed: int = 1,
     folder: str | Path | None = None,
     comm: MPI.Comm = MPI.COMM_WORLD,
@@ -174,7 +174,7 @@ def _full_model(scene: Scene, comm: MPI.Comm, together: bool | None, log: StageL
         return FullOrderModel(scene, MPI.COMM_SELF)
 
 
-def _with_rows(full: FullOrderModel, queries: Any, log: StageLog) -> FullOrderModel:
+def _with_rows(full: FullOrderModel, queries: object, log: StageLog) -> FullOrderModel:
     """A distributed full model, with all rows on each rank if it does not reduce by rows."""
     why = "a greedy training chooses its points" if chooses_itself(queries) else not_by_rows(full.problem)
     if not why:
@@ -229,7 +229,7 @@ def _checked_path(scene: Scene, path: Any) -> Any:
     return path if isinstance(getattr(path, "name", None), str) else checked
 
 
-def chooses_itself(training: Any) -> bool:
+def chooses_itself(training: object) -> bool:
     """True if a training chooses its queries itself, as ``Greedy`` does, whose module others do not import."""
     return callable(getattr(training, "grown", None)) and not isinstance(training, type)
 
@@ -276,7 +276,7 @@ def training_points(scene: Scene, training: Any) -> np.ndarray:
     return points
 
 
-def training_paths(scene: Scene, paths: Any) -> list:
+def training_paths(scene: Scene, paths: object) -> list:
     """Checked paths of a scene whose answers depend on their path; StudyError for an invalid list of paths."""
     advice = (
         f"answers of scene '{scene.name}' depend on the path that leads to them: train on a list of paths, such as "
