@@ -23,6 +23,7 @@ from scipy.sparse import csc_matrix, hstack
 from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes
 from hhr_dolfinx.body import Body
+from hhr_dolfinx.certify.compare import residuals_of
 from hhr_dolfinx.errors import ClaimError, ConformanceError, HHRError, NotOfferedError, PairingWarning
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.full import FullOrderModel
@@ -37,6 +38,7 @@ from hhr_dolfinx.plain import as_plain, by_name, restored
 from hhr_dolfinx.reduction.build import build
 from hhr_dolfinx.scene import Displacement, Opening, Scene
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
+from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.study.condensing import condense
 from hhr_dolfinx.warn import ignored
 
@@ -88,6 +90,9 @@ WRONG = {
     "rows of a law": "`pressing` and `distinct` must return one bool for each condition",
     "within": "`within` of all conditions must be the same law",
     "memory": "`stored`, `restored` and `layout` do not keep its memory: name each array in all of them",
+    "parts of a law": "`parts` must return what its answers depend on: folders of snapshots would mix two laws",
+    "equilibrium": "K u + B^T λ is off the loads by {:.2g}, or a time is missing: take `contact.unknown(forces)`",
+    "no gradient": "a gradient is asked for and there is none: return it, or refuse it by NotOfferedError",
     "condensed law": "a condensed model has other histories than the full one: read S and the free slack alone",
     "known": "a history that goes on from known steps is another one: `going_on` must restore all that a step reads",
     "cut": "steps that are cut by a tolerance have no error or no answer: return a finite `difference`",
@@ -335,8 +340,11 @@ def check_contact_law(law: Any) -> None:
     _require(own.pressing(rows).shape == own.distinct(rows).shape == (rows,), "rows of a law")
     every = own.within(np.arange(rows))
     _require(all(np.array_equal(one, other) for one, other in zip(own.parts(), every.parts(), strict=True)), "within")
+    _require(bool(own.parts()), "parts of a law")
     exact = full.march(path).answers
-    for answer in exact:
+    for (time, _), answer in zip(path[1:], exact, strict=True):
+        residuals = residuals_of(full, answer)
+        _require(residuals.equilibrium <= ROUND_OFF and answer.time == time, "equilibrium", residuals.equilibrium)
         kept = own.stored(answer.memory)
         again = own.stored(own.restored({name: np.asarray(value) for name, value in kept.items()}))
         same = kept.keys() == own.layout.keys() and all(np.array_equal(kept[name], again[name]) for name in kept)
@@ -344,6 +352,13 @@ def check_contact_law(law: Any) -> None:
     condensed = condense(full)
     _require(_alike(own, exact, condensed.march(path).answers, ROUND_OFF), "condensed law")
     _require(_alike(own, exact[2:], full.march(path, known=exact[:2]).answers[2:], 0.0), "known")
+    with TemporaryDirectory() as folder:
+        stored = [compute_snapshots(full, [path], store=SnapshotStore(folder, full)).histories[0] for _ in range(2)]
+        _require(_alike(own, stored[0].answers, stored[1].answers, 0.0), "memory")
+    try:
+        _require(full.march(path, MarchSettings(gradient=True)).answers[-1].gradient is not None, "no gradient")
+    except NotOfferedError:
+        pass
     found = condensed.march(path, MarchSettings(time_tolerance=0.05)).answers
     _require(all(answer.converged and np.isfinite(answer.time_error) for answer in found), "cut")
     kept_model = _saved(condensed, _classes(own))

@@ -131,12 +131,18 @@ class ContactLaw:
         plugin: name of its plug-in, whose facets complete it; empty for unilateral contact.
         name: description in messages.
         remembers: whether answers depend on the path that leads to them.
+        floats: whether its increments solve for rigid motions that contact alone holds, ``contact.floating``; scenes
+            with such bodies are refused otherwise.
+        reshapes: whether it holds where the shape of bodies, and with it areas, depends on parameters; scenes with
+            such shapes are refused otherwise.
         fixed: indices of the parameters that are constant while loads grow in proportion.
     """
 
     plugin: ClassVar[str] = ""
     name: ClassVar[str] = "unilateral contact"
     remembers: ClassVar[bool] = False
+    floats: ClassVar[bool] = False
+    reshapes: ClassVar[bool] = False
 
     fixed: np.ndarray
 
@@ -168,7 +174,10 @@ class ContactLaw:
         """Raise ParameterError for the points of a path, (n, P), along which the law has no meaning."""
 
     def opened(self, memory: Mapping[str, Any]) -> float | np.ndarray:
-        """Part of the gaps that a memory adds, (m,), as a worn depth does; 0 if it adds none."""
+        """Part of the gaps that a memory adds, (m,), as a worn depth does; 0 if it adds none.
+
+        The check of stored answers reads it. Outputs of gaps are those of the surfaces as meshed, without it.
+        """
         return 0.0
 
     @property

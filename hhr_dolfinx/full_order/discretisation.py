@@ -174,7 +174,13 @@ class Discretisation(DiscreteSpace):
                 f"a law of contacts of scene '{self.scene.name}' does not remember: such laws are not built in"
             )
         mesh = MeshArrays(self._points(), self._cell_nodes(), self.order)
-        return next(iter(laws.values())).attached(laws, self.scene, rows, pairs, free, lifts, mesh)
+        found = next(iter(laws.values())).attached(laws, self.scene, rows, pairs, free, lifts, mesh)
+        if self.scene.shapes and not found[2].reshapes:
+            raise SceneError(
+                f"contacts of scene '{self.scene.name}' have {found[2].name}, and shapes depend on parameters: that is "
+                "not built in for this law"
+            )
+        return found
 
     def load_terms(self) -> list[Term]:
         """Terms of all loads on the current mesh, affine ones first, in the order of θ."""
@@ -185,6 +191,11 @@ class Discretisation(DiscreteSpace):
         """The problem with its rigid motions; checks for errors that only the whole scene shows."""
         bodies = np.concatenate(self.comm.allgather(self.cell_bodies()))
         found = with_motions(self.scene, problem, bodies)
+        if found.rigid is not None and problem.law.plugin and not problem.law.floats:
+            raise SceneError(
+                f"contact alone holds bodies of scene '{self.scene.name}', {found.loose}, and its law, "
+                f"{problem.law.name}, does not solve for their motions: hold them by a displacement"
+            )
         warn_of_idle_parameters(self.scene, problem.amplitudes)
         return found
 

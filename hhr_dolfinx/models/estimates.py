@@ -19,6 +19,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
+from numbers import Real
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -81,7 +82,14 @@ class Estimate(NamedTuple):
 
     @classmethod
     def indicated(cls, value: float, kind: str = "indicator") -> Estimate:
-        """Estimate by an indicator, as a relative error; errors of pressures are infinite."""
+        """Estimate by an indicator, as a relative error; errors of pressures are infinite.
+
+        Raises:
+            ParameterError: for a value that is no relative error: not a number, NaN, or negative.
+        """
+        if not (isinstance(value, Real) and value >= 0):
+            raise ParameterError(f"an indicator says {value!r}: it must be a relative error, a number from 0 on")
+        value = float(value)
         if kind == FORCES:
             return cls(kind, math.inf, math.inf, math.inf, math.inf, forces_euclid_relative=value)
         # an indicator of the stress says nothing about forces: these errors are infinite

@@ -334,6 +334,12 @@ class KeptModel(AnsweringModel):
     offline: Any = None
     """Record of the construction; None of a copy or from a file, and for models without approximation."""
 
+    def check_range(self, point: np.ndarray, outside: str) -> None:
+        """See :class:`AnsweringModel`; the training range counts in every kind of model."""
+        trained = self.trained if self._range is None else self._range
+        if isinstance(trained, TrainedRange) and not trained.covers(self.parameters):
+            trained.check(point, outside)
+
     def _arguments(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in (*self.kept, *self.handed_on)}
 

@@ -285,6 +285,7 @@ class HyperReduction(Reductor[Offline]):
 
     recipe: Any = None
     method: ClassVar[str] = "hhr"
+    own_range: ClassVar[bool] = True
     level: ClassVar[str] = "layers"
 
     @property

@@ -33,6 +33,7 @@ class ExactCondensation(Reductor[Task]):
 
     field: bool = False
     method: ClassVar[str] = "condensed"
+    own_range: ClassVar[bool] = True
 
     @classmethod
     def usual(cls, settings: Any, *, fields: bool | None) -> ExactCondensation:

@@ -18,7 +18,7 @@ import numpy as np
 
 from hhr_dolfinx.certify.accuracy import force_floor, mass_norm
 from hhr_dolfinx.certify.compare import Comparison, compare_points, retraced
-from hhr_dolfinx.certify.trust import OF_A_RID, TrustLimits, check_comparison, compared_histories
+from hhr_dolfinx.certify.trust import OF_A_RID, TrustLimits, check_comparison, compared_histories, warn_of_training
 from hhr_dolfinx.errors import (
     ClaimError,
     HHRError,
@@ -35,12 +35,12 @@ from hhr_dolfinx.ranks import together
 from hhr_dolfinx.reduction.laws import bodies_of
 from hhr_dolfinx.snapshots.records import SnapshotSet, compute_snapshots
 from hhr_dolfinx.timing import Announce, StageLog, unannounced
+from hhr_dolfinx.trained import Trained, TrainedRange
 from hhr_dolfinx.warn import Warned, collected, repeat
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.snapshots.arrays import ArrayStore
-    from hhr_dolfinx.trained import Trained
 
 
 MOST_TRAINING_COMPARED = 50
@@ -164,12 +164,15 @@ class Reductor(ABC, Generic[Prepared]):
         limits: limits of the comparison, above which a model is refused or a warning is given; None skips it.
         remedy: advice for a model that is refused.
         refusals: errors of an attempt after which the next level is tried.
+        own_range: whether its models know where they hold: in the whole box, or in a range that it sets. Otherwise
+            the driver limits them to the box around the training points, and warns of a training without validation.
     """
 
     method: ClassVar[str]
     level: ClassVar[str] = "level"
     remedy: ClassVar[str | Mapping[str, str]] = OF_A_RID
     refusals: ClassVar[tuple[type[HHRError], ...]] = (NotSolvableError, UnstableModelError, UnseenLoadError)
+    own_range: ClassVar[bool] = False
 
     @classmethod
     def usual(cls, settings: Any, *, fields: bool | None) -> Reductor:
@@ -209,7 +212,10 @@ class Reductor(ABC, Generic[Prepared]):
         return compared(task, model, self.limits, self.remedy)
 
     def off(self, comparison: Comparison | None) -> float:
-        """Largest error over its target; above 1 the next level is tried, and the best model is returned."""
+        """Largest error over its target; above 1 the next level is tried, and the best model is returned.
+
+        0 by default: the first level that is not refused ends the attempts.
+        """
         return 0.0
 
     def proposals(self, search: Search) -> Iterator[Proposal]:
@@ -263,6 +269,8 @@ def made(reductor: Reductor[Prepared], task: Task, before: Prepared | None = Non
         StabilityWarning, UncheckedWarning: of the returned model.
     """
     reductor.check(task)
+    if not reductor.own_range and reductor.limits is not None and task.snapshots is not None:
+        warn_of_training(task.full, task.snapshots, task.held_out)
     comm = task.full.problem.comm
     if comm is not None and (why := reductor.not_by_rows(task)):
         task.log.skip("rows of ranks", f"each rank has all rows of all matrices and answers: {why}")
@@ -286,6 +294,8 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
         _check_scene(task.full, reductor, model)
         _check_claim(reductor, task, model)
         comparison, trained = reductor.compare(task, model)
+        if trained is None and not reductor.own_range:
+            trained = _range_of(task)
         if isinstance(model, KeptModel) and trained is not model.trained:
             model = model.changed(trained=trained)
         return model, facts, comparison
@@ -312,6 +322,12 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
     if isinstance(model, KeptModel) and model.offline is None:
         model.offline = Record(reductor, best[1].candidate, facts, comparison, log)
     return model
+
+
+def _range_of(task: Task) -> TrainedRange | None:
+    """Box around the training points; None for paths, and without a training."""
+    snapshots = task.snapshots
+    return None if snapshots is None or snapshots.histories else TrainedRange.of(snapshots.points, task.full.parameters)
 
 
 def everywhere(full: FullModel, *sets: SnapshotSet | None) -> tuple[Any, ...]:
@@ -439,6 +455,7 @@ class Given(Reductor[Task]):
     given: Any
     method: ClassVar[str] = "own"
     refusals: ClassVar[tuple[type[HHRError], ...]] = ()
+    own_range: ClassVar[bool] = True
 
     def attempt(self, prepared: Task, level: int) -> tuple[AnsweringModel, Any]:
         """The model that it returns."""

@@ -3,6 +3,7 @@
 import dataclasses
 from itertools import pairwise
 
+import my_contact_law
 import numpy as np
 import pytest
 from mpi4py import MPI
@@ -174,3 +175,69 @@ def test_a_facet_without_increments_refuses(full, monkeypatch):
     monkeypatch.setattr(registry, "facet", lambda *_: Steps())
     with pytest.raises(NotOfferedError, match="increments of elastic bodies are not built in with wear"):
         full.march(PATH)
+
+
+def test_bodies_that_contact_alone_holds_are_refused(wear):
+    """The law does not solve for their motions."""
+    free = scene(law=wear)
+    held = dataclasses.replace(free, displacements=free.displacements[:1], loads=(
+        hhr.Pressure(block.side(1, upper=True), hhr.Amplitude(slopes={"push": 1.0})),
+    ))  # fmt: skip
+    with pytest.raises(SceneError, match=r"contact alone holds bodies .* wear, does not solve for their motions"):
+        hhr.FullOrderModel(held)
+
+
+def test_shapes_are_refused(wear):
+    """Areas that its rates are divided by are those of one shape."""
+    wide = hhr.Shape(block.SOLID, ("x * (1 + wide)", "y"))
+    box = hhr.ParameterSpace(("push", "wide"), (0.0, 0.0), (0.03, 0.05))
+    with pytest.raises(SceneError, match="have wear, and shapes depend on parameters"):
+        hhr.FullOrderModel(dataclasses.replace(scene(law=wear), shapes=(wide,), parameters=box))
+
+
+@needs("sliding")
+def test_pairs_that_slide_refuse_it_by_name(wear):
+    from hhr_dolfinx import testing
+
+    pair = hhr.NodeToSurface(testing.LOWER_SURFACE, testing.UPPER_SURFACE, law=wear)
+    with pytest.raises(SceneError, match=r"has a law, wear 0.05, that is not built in where surfaces slide"):
+        hhr.slide(testing.pressed_blocks(contacts=(pair,), openings=()))
+
+
+class Absent(my_contact_law.WearIncrements):
+    """Forgets contact forces in the displacement."""
+
+    def answer(self, solved):
+        answer = super().answer(solved)
+        return answer._replace(unknown=solved.contact.unknown(0 * solved.found.forces))
+
+
+class Untold(my_contact_law.WearIncrements):
+    """Has no gradient, and does not say so."""
+
+
+class Bare(Wear):
+    """Its answers depend on nothing, it says."""
+
+    @classmethod
+    def attached(cls, *given):
+        rows, pairs, law = super().attached(*given)
+        return rows, pairs, Nameless(law.rate)
+
+
+class Nameless(my_contact_law.Wearing):
+    def parts(self):
+        return []
+
+
+@pytest.mark.parametrize(("variant", "wrong"), [
+    (Absent, "off the loads"), (Untold, "a gradient is asked for"), (Bare, "folders of snapshots would mix"),
+])  # fmt: skip
+def test_the_contract_names_what_is_wrong(variant, wrong, wear, monkeypatch):
+    from hhr_dolfinx.testing import check_contact_law
+
+    law = Bare(CONSTANT) if variant is Bare else wear
+    if variant is not Bare:
+        monkeypatch.setattr(my_contact_law.WearSteps, "increments", lambda self, model, settings: variant(model))
+    with pytest.raises(AssertionError, match=wrong):
+        check_contact_law(law)

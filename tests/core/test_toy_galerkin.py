@@ -15,10 +15,12 @@ from hhr_dolfinx import registry
 from hhr_dolfinx.errors import (
     ClaimError,
     NotOfferedError,
+    OutsideTrainingError,
     ReductionError,
     SceneWarning,
     StabilityWarning,
     StudyError,
+    UncheckedWarning,
     UnstableModelError,
 )
 from hhr_dolfinx.models.exact import ExactFields
@@ -27,6 +29,7 @@ from hhr_dolfinx.reduction.exact import ExactCondensation
 from hhr_dolfinx.reduction.reductor import Record, Reductor, Task, made, outcomes
 from hhr_dolfinx.registry import Plugin, Stage, Way
 from hhr_dolfinx.testing import check_reductor
+from hhr_dolfinx.trained import TrainedRange
 from hhr_dolfinx.warn import warn
 
 BODIES = (2.0, 0.3), (5.0, 0.3)
@@ -216,3 +219,16 @@ def test_a_scene_loads_the_stages_that_it_wants(training):
         "choose_domain", "enrich_basis", "project_problem", "assess_projection", "check_constants", "reconstruct",
         "assemble", "start_along",
     ]  # fmt: skip
+
+
+def test_a_range_and_a_missing_validation_count_for_anybody(training):
+    """The driver limits models that say nothing of their range, and warns where nothing was held out."""
+    with pytest.warns(UncheckedWarning):
+        model = hhr.build(training.full_order, training.snapshots, Galerkin())
+    assert isinstance(model.trained, TrainedRange)
+    space = model.parameters
+    low, high = np.array(model.trained.lower), np.array(model.trained.upper)
+    assert (low > space.lower).any() or (high < space.upper).any()
+    outside = np.where(high < space.upper, space.upper, space.lower)
+    with pytest.raises(OutsideTrainingError):
+        model.solve(outside, outside="refuse")

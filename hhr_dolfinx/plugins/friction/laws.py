@@ -105,6 +105,8 @@ class Friction(ContactLaw, Rebuilt):
     plugin: ClassVar[str] = "friction"
     name: ClassVar[str] = "friction"
     remembers: ClassVar[bool] = True
+    floats: ClassVar[bool] = True
+    reshapes: ClassVar[bool] = True
 
     normal: Annotated[Integers, "frictional"]
     area: Annotated[Floats, "frictional"]

@@ -249,6 +249,7 @@ class CorrectionSettings(Reductor["_Shared"]):
     plastic: float = 0.05
     trust: TrustLimits | None = field(default_factory=_limits)
     method: ClassVar[str] = "condensed"
+    own_range: ClassVar[bool] = True
     level: ClassVar[str] = "attempt"
     remedy: ClassVar[str] = "allow more modes and points, or train on more histories"
     refusals: ClassVar[tuple[type[HHRError], ...]] = (UnstableModelError, ConvergenceError, NotSolvableError)

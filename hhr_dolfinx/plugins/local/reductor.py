@@ -29,6 +29,7 @@ class Local(Reductor[Task]):
     recipe: Recipe | None = None
     progress: Callable[[Iterable], Iterable] = iter
     method: ClassVar[str] = "local"
+    own_range: ClassVar[bool] = True
 
     def attempt(self, prepared: Task, level: int) -> tuple[LocalModels, None]:
         """All models; their record is that of ``how``."""

@@ -141,6 +141,7 @@ class Condensation(Reductor[_Prepared]):
     finer: bool | None = None
     spare: bool = False
     method: ClassVar[str] = "condensed"
+    own_range: ClassVar[bool] = True
     remedy: ClassVar[Mapping[str, str]] = OF_CONDENSATION
 
     @classmethod

@@ -91,6 +91,12 @@ def _check(scene: Scene) -> None:
                 f"contact {place} of scene '{scene.name}' is a {type(item).__name__}: {names} with dual multipliers "
                 "can be made anew as bodies slide"
             )
+    for place, law in enumerate(scene.laws):
+        if not (law is None or isinstance(law, Coulomb | Tresca)):
+            raise SceneError(
+                f"contact {place} of scene '{scene.name}' has a law, {law.words}, that is not built in where surfaces "
+                "slide past their mesh: friction is"
+            )
     if scene.openings or scene.shapes or any(body.law is not None for body in scene.bodies):
         raise SceneError(
             f"scene '{scene.name}' has openings, shapes, or bodies that flow: they are not built in where surfaces "

@@ -8,7 +8,7 @@ import warnings
 import numpy as np
 import pytest
 from mpi4py import MPI
-from needs import needs
+from needs import needs, present
 from sheared import FIRST, SECOND, round_block, rubbing
 
 import hhr_dolfinx as hhr
@@ -358,7 +358,7 @@ def test_what_is_no_safe_model(training, model):
     second = hhr.Body(SECOND, 5.0, 0.2)
     others = (
         ("0.5 * f", {}), ("f", {"bodies": (hhr.Body(FIRST, 3.01, 0.3), second)}), ("f", {"hypothesis": "plane_stress"}),
-        ("f", {"bodies": (hhr.Body(FIRST, 3.0, 0.3, hhr.Plasticity(0.06, 0.5)), second)}),
+        *([("f", {"bodies": (hhr.Body(FIRST, 3.0, 0.3, hhr.Plasticity(0.06, 0.5)), second)})] if present("inelastic") else []),
     )  # fmt: skip
     for law, how in others:
         other = hhr.FullOrderModel(rubbing(law, geometry=round_block, box=box, **how), MPI.COMM_SELF)

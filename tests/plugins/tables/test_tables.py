@@ -7,7 +7,7 @@ import sys
 import contract
 import numpy as np
 import pytest
-from needs import present
+from needs import needs, present
 from rich.console import Console
 
 import hhr_dolfinx as hhr
@@ -137,6 +137,7 @@ def test_an_empty_folder_is_as_good_as_none(model, rows, tmp_path):
     assert sorted(path.name for path in tmp_path.iterdir()) == ["a.csv"]
 
 
+@needs("moduli")
 def test_estimates_are_left_out_where_nobody_asks(model, rows, tmp_path):
     answer_table(model, rows, tmp_path / "a.csv", quiet(), estimates=False)
     answer_table(model, rows, tmp_path / "b.csv", quiet())
