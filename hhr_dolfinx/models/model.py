@@ -372,6 +372,9 @@ class KeptModel(AnsweringModel):
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults of a model whose parts are valid, given the sizes that they share."""
+        if "terms" not in sizes:
+            yield "no array of its fields declares the size of θ: Annotated[Floats, ..., 'terms']"
+            return
         yield from self.fields.amplitudes.faults_for(self.parameters, sizes["terms"])
         # 1 for matrices without a mesh, whose dofs are no nodes
         if self.fields.dimension not in (1, 2, 3) or sizes.get("N", 0) % self.fields.dimension:

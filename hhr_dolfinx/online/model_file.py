@@ -30,7 +30,7 @@ from hhr_dolfinx.plain import add_kind, as_plain, by_name, restored
 from hhr_dolfinx.warn import ignored, warn
 
 FORMAT = "hhr_dolfinx model"
-VERSION = 7
+VERSION = 8
 NAMES = ("model", "hhr", "condensed", "local", "study")
 """Names under which commands leave models in a folder."""
 TABLES = (".csv", ".parquet")

@@ -36,6 +36,7 @@ from hhr_dolfinx.errors import (
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import pellet_cladding as geometry
 from hhr_dolfinx.models.estimates import Estimate
+from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.online.model_file import FORMAT, MODULES, VERSION, Kinds, check_answers
 from hhr_dolfinx.plain import as_plain, restored
 
@@ -844,7 +845,7 @@ def test_a_signed_file_that_was_not_changed_is_read(kind, file):
     """Else the tests above would pass with a wrong signature."""
     path = file(kind)
     rewrite_signed(path, lambda header, arrays: None)
-    assert (FORMAT, VERSION) == ("hhr_dolfinx model", 7) and hhr.load_model(path)
+    assert (FORMAT, VERSION) == ("hhr_dolfinx model", 8) and hhr.load_model(path)
     rewrite_signed(path, lambda header, arrays: header.update(more=1))
     with pytest.raises(ModelFileError, match="its header has the keys"):
         hhr.load_model(path)
@@ -853,3 +854,10 @@ def test_a_signed_file_that_was_not_changed_is_read(kind, file):
 def test_paths_in_trees_are_those_of_attributes(models):
     tree, arrays = as_plain(models["pellet"])
     assert node_of(tree, "problem.stiffness") == {"array": "problem.stiffness"} and "problem.stiffness" in arrays
+
+
+def test_fields_that_declare_no_size_of_the_loads_are_told_so():
+    """A stranger's fields: the size was a KeyError."""
+    assert list(KeptModel.faults(None, {})) == [
+        "no array of its fields declares the size of θ: Annotated[Floats, ..., 'terms']"
+    ]

@@ -21,7 +21,7 @@ from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.studies.advice import TRAINING, Advice, by_favour, in_words
-from hhr_dolfinx.plugins.studies.measure import Errors, Measurement, Row, answer_errors, conditions_inside
+from hhr_dolfinx.plugins.studies.measure import Errors, Measurement, Report, Row, answer_errors, conditions_inside
 from hhr_dolfinx.plugins.studies.report import errors_and_times, model_report
 from hhr_dolfinx.snapshots.records import Lost
 from hhr_dolfinx.study.training.train import Progress, Training
@@ -117,9 +117,7 @@ def timed_searches(
     return [ways[search] for search in sorted(seconds, key=seconds.__getitem__)], seconds, skipped
 
 
-def history_errors(
-    full: FullOrderModel, model: Model, history: History, exact: History, floor: float = 0.0
-) -> dict[str, Any]:
+def history_errors(full: FullOrderModel, model: Model, history: History, exact: History, floor: float = 0.0) -> Report:
     """Relative errors at the last step as in thesis table 6.1, and the largest ones of the history.
 
     ``resultant`` is the error of the sum of all contact forces at the last step over the largest sum in the history.
@@ -147,7 +145,7 @@ def history_errors(
 
 def errors_of_runs(
     full: FullOrderModel, model: Model, runs: Sequence[Run], exact: Sequence[History], floor: float
-) -> list[dict[str, Any]]:
+) -> list[Report]:
     """Errors of each history, infinite for one without result.
 
     Raises:
@@ -161,11 +159,11 @@ def errors_of_runs(
     if answered is None:
         assert runs[0].failure is not None
         raise runs[0].failure
-    missing: dict[str, Any] = dict.fromkeys(answered, np.inf) | {"kkt": {}}
+    missing: Report = dict.fromkeys(answered, np.inf) | {"kkt": {}}
     return [missing if row is None else row for row in rows]
 
 
-def row_of_runs(method: str, setting: str, runs: Sequence[Run], errors: Sequence[dict[str, Any]]) -> Row:
+def row_of_runs(method: str, setting: str, runs: Sequence[Run], errors: Sequence[Report]) -> Row:
     """Row of a method, from its histories and the errors of each."""
     values = {name: np.array([row[name] for row in errors]) for name in errors[0] if name != "kkt"}
     residuals = [row["kkt"] for row in errors if row["kkt"]]
@@ -245,7 +243,7 @@ def measure_histories(
     if not measured:
         raise next(iter(refused.values()))
     name, own = next(iter(measured.items()))
-    nothing: dict[str, Any] = dict.fromkeys(own.row.errors.values, 0.0) | {"kkt": {}}
+    nothing: Report = dict.fromkeys(own.row.errors.values, 0.0) | {"kkt": {}}
     best = row_of_runs("fom_best", ways[0].search, exact, [nothing] * len(exact))
     drawn = [(there, run.history) for there, run in zip(known, own.runs, strict=True) if run.history is not None][-1]
     report = _report(measured, refused, best, searches, tests, exact)
@@ -293,17 +291,17 @@ class _Measured:
 
     model: Any
     runs: list[Run]
-    errors: list[dict[str, Any]]
+    errors: list[Report]
     row: Row
 
 
-def _built(training: Training, settings: Any) -> tuple[dict[str, Any], dict[str, HHRError]]:
+def _built(training: Training, settings: Any) -> tuple[Report, dict[str, HHRError]]:
     """Small models by method, HHR first, and the errors of refused ones."""
     makers: dict[str, Callable[[], Any]] = {
         "HHR": partial(training.build, settings.recipe),
         "condensed": partial(training.condense, settings.correction),
     }
-    models: dict[str, Any] = {}
+    models: Report = {}
     refused: dict[str, HHRError] = {}
     for name, make in makers.items():
         try:
@@ -329,13 +327,13 @@ def _report(
     searches: dict[str, float],
     tests: Mapping[Any, HistoryPath],
     exact: list[Run],
-) -> dict[str, Any]:
+) -> Report:
     """Parts of a report for histories only."""
     seconds = {name: measured[name].row.seconds if name in measured else None for name in KEYS}
-    models: dict[str, Any] = {KEYS[name]: {"refused": str(error)} for name, error in refused.items()}
+    models: Report = {KEYS[name]: {"refused": str(error)} for name, error in refused.items()}
     if "HHR" in measured:
         models["hhr"] = model_report(measured["HHR"].model, measured["HHR"].row)
-    times: dict[str, Any] = {
+    times: Report = {
         "fom_best": summary(best.seconds),
         "fom_searches": searches,
         "condensed": None if seconds["condensed"] is None else summary(seconds["condensed"]),
@@ -354,7 +352,7 @@ def _report(
     }
 
 
-def _time_error(exact: list[Run]) -> dict[str, Any]:
+def _time_error(exact: list[Run]) -> Report:
     """Largest estimated error of the time steps of all histories of the full model; the tolerance."""
     histories = [run.history for run in exact if run.history is not None]
     largest = [float(history.time_error.max(initial=0.0)) for history in histories]
@@ -365,9 +363,7 @@ def _ratio(slow: np.ndarray, fast: np.ndarray | None) -> float | None:
     return None if fast is None else float(np.median(slow) / np.median(fast))
 
 
-def _described(
-    tests: Mapping[Any, HistoryPath], measured: dict[str, _Measured], exact: list[Run]
-) -> list[dict[str, Any]]:
+def _described(tests: Mapping[Any, HistoryPath], measured: dict[str, _Measured], exact: list[Run]) -> list[Report]:
     """The ``histories`` part of a report: errors of the model under study, and of the condensed model if it has one."""
     rows = []
     own = next(iter(measured.values()))
@@ -379,7 +375,7 @@ def _described(
     return rows
 
 
-def _history_row(item: _Measured, k: int) -> dict[str, Any]:
+def _history_row(item: _Measured, k: int) -> Report:
     """One history of a model: errors, seconds, iterations, or the reason why there are none."""
     run = item.runs[k]
     row = {**item.errors[k], "seconds": item.runs[k].seconds}
@@ -389,7 +385,7 @@ def _history_row(item: _Measured, k: int) -> dict[str, Any]:
     return row | {"cuts": history.cuts, "iterations": history.iterations}
 
 
-def condensed_report(model: CondensedFlowModel, row: Row) -> dict[str, Any]:
+def condensed_report(model: CondensedFlowModel, row: Row) -> Report:
     """The ``condensed`` one of the ``models`` of a report on an inelastic scene, with its check.
 
     ``check`` holds the misfit of the cubature, the largest energy of a mode by it (the exact one is at most 1), and the
@@ -409,7 +405,7 @@ def condensed_report(model: CondensedFlowModel, row: Row) -> dict[str, Any]:
     }
 
 
-def advice_flowing(report: dict[str, Any]) -> Advice:
+def advice_flowing(report: Report) -> Advice:
     """Method for an inelastic scene, from the measurements; a refused one is listed with its reason.
 
     The most accurate one within a factor of three of the fastest is advised: both are far faster than the full model.

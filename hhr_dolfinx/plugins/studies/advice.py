@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from typing import Any, NamedTuple
+from typing import NamedTuple
+
+from hhr_dolfinx.plugins.studies.measure import Report
 
 CONDENSED = "condensed"
 HHR = "hhr"
@@ -24,14 +26,14 @@ class Advice(NamedTuple):
     text: str
 
 
-def advice(report: dict[str, Any]) -> Advice:
+def advice(report: Report) -> Advice:
     """Method for an elastic scene, and the reason: with constant stiffness, or variable stiffness or shape."""
     if report["times"]["condensed_full"] is None:
         return advice_alone(report)
     return advice_varying(report) if "offline_condensed" in report["times"] else advice_exact(report)
 
 
-def advice_exact(report: dict[str, Any]) -> Advice:
+def advice_exact(report: Report) -> Advice:
     """Method for an elastic scene, and the reason.
 
     Exact condensation has no reduction error. It is advised unless it is much slower than the reduced model, if both
@@ -57,7 +59,7 @@ def advice_exact(report: dict[str, Any]) -> Advice:
     return Advice(HHR, why)
 
 
-def advice_alone(report: dict[str, Any]) -> Advice:
+def advice_alone(report: Report) -> Advice:
     """Hyper-reduced or full model, for scenes without condensation."""
     times = report["times"]
     error = report["errors"]["dual_full_floored"]
@@ -71,7 +73,7 @@ def advice_alone(report: dict[str, Any]) -> Advice:
     )
 
 
-def advice_varying(report: dict[str, Any]) -> Advice:
+def advice_varying(report: Report) -> Advice:
     """Method for a scene whose stiffness or shape depends on parameters, from the measurements.
 
     The most accurate one within a factor of three of the fastest is advised: both are far faster than the full model.
@@ -110,7 +112,7 @@ _OWN = ("this model", "interpolated")
 """Settings of the rows of the work-precision table that the advice compares."""
 
 
-def by_favour(rows: dict[str, dict[str, Any]], seconds: dict[str, float]) -> list[str]:
+def by_favour(rows: dict[str, Report], seconds: dict[str, float]) -> list[str]:
     """Methods, first the one with the smallest largest force error within a factor of three of the fastest.
 
     One that left a query without an answer has an infinite error, and comes after those that did not.

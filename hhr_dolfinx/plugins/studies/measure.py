@@ -23,6 +23,9 @@ from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.snapshots.records import Lost, Progress, SnapshotSet, compute_snapshots
 from hhr_dolfinx.warn import ignored
 
+Report = dict[str, Any]
+"""A report, or a part of one: plain values by their keys, see docs/studies.md."""
+
 
 @dataclass(frozen=True)
 class Errors:
@@ -45,7 +48,7 @@ class Errors:
         """Number of points without an answer."""
         return int((~self.answered).sum())
 
-    def summaries(self) -> dict[str, Any]:
+    def summaries(self) -> Report:
         """The ``errors`` part of a report."""
         return {name: summary(values) for name, values in self.values.items()} | dict(self.counts)
 
@@ -66,7 +69,7 @@ class Row:
     seconds: np.ndarray
     errors: Errors
 
-    def as_report(self) -> dict[str, Any]:
+    def as_report(self) -> Report:
         """Medians as in every scene, and the tails."""
         row = {
             "method": self.method,
@@ -98,10 +101,10 @@ class Measurement:
     own: Row
     others: Sequence[Row]
     beside: Callable[[str, str, Model], Row]
-    report: dict[str, Any]
+    report: Report
     skipped: Sequence[dict[str, str]] = ()
     drawn: tuple = ()
-    refused: Sequence[dict[str, Any]] = ()
+    refused: Sequence[Report] = ()
     models: Mapping[str, Any] = field(default_factory=dict)
 
 
@@ -128,7 +131,7 @@ def answer_errors(
         "primal_energy": relative_error(answer[0], exact[0], problem.stiffness),
         "primal_euclid": relative_error(answer[0], exact[0]),
     }
-    parts: dict[str, Any] = {} if inside is None else {"dual_rid": inside}
+    parts: Report = {} if inside is None else {"dual_rid": inside}
     for name, part in (parts | {"dual_full": slice(None)}).items():
         errors[name] = relative_error(answer[1][part], exact[1][part])
         errors[f"{name}_floored"] = relative_error(answer[1][part], exact[1][part], floor=floor)

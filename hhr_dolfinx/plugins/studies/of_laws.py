@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Path as HistoryPath
     from hhr_dolfinx.models.model import KeptModel
     from hhr_dolfinx.plugins.studies.advice import Advice
-    from hhr_dolfinx.plugins.studies.measure import Measurement
+    from hhr_dolfinx.plugins.studies.measure import Measurement, Report
     from hhr_dolfinx.scene import Scene
     from hhr_dolfinx.study.training.train import Training
     from hhr_dolfinx.study.view import View
@@ -35,7 +35,7 @@ class StudiedLaws(Protocol):
     ) -> tuple[KeptModel, Measurement]:
         """The model under study, and errors and times of small models along test paths, by label."""
 
-    def advice(self, report: dict[str, Any]) -> Advice:
+    def advice(self, report: Report) -> Advice:
         """Method for the scene, from the report."""
 
     def fields(self, full: FullOrderModel, answers: dict[str, Answer], view: View) -> dict[str, dict[str, np.ndarray]]:

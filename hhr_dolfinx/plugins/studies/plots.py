@@ -20,6 +20,7 @@ from hhr_dolfinx.compat import extra
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.full_order.full import FullOrderModel
 from hhr_dolfinx.materials.elasticity import von_mises
+from hhr_dolfinx.plugins.studies.measure import Report
 from hhr_dolfinx.plugins.studies.of_laws import studied_laws
 from hhr_dolfinx.study.view import View
 
@@ -199,7 +200,7 @@ class _Point(NamedTuple):
         return self.median < ROUND_OFF
 
 
-def plot_work_precision(rows: list[dict[str, Any]], path: Path) -> None:
+def plot_work_precision(rows: list[Report], path: Path) -> None:
     """Error against run time of every method by name and setting: median, 95 % and largest, with the Pareto front.
 
     Methods exact to round-off stand on a line at the bottom.
@@ -226,7 +227,7 @@ def plot_work_precision(rows: list[dict[str, Any]], path: Path) -> None:
     figure.savefig(path, dpi=150)
 
 
-def _point(row: dict[str, Any], error: str) -> _Point:
+def _point(row: Report, error: str) -> _Point:
     """A row of a report in the form of the chart; if only the median is known, bars have no length."""
     median = float(row[error])
     p95, worst = (float(row.get(f"{error}_{part}", median)) for part in ("p95", "max"))

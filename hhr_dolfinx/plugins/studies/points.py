@@ -19,7 +19,7 @@ from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.plugins.studies.measure import Errors, Measurement, References, Row
+from hhr_dolfinx.plugins.studies.measure import Errors, Measurement, References, Report, Row
 from hhr_dolfinx.reduction.exact import exact_condensation
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.study.training.train import Progress, Training
@@ -96,9 +96,9 @@ def measure_points(
     return Measurement(own, rows, beside, report, skipped, models=small)
 
 
-def _samples(points: np.ndarray, answers: list[Answer], errors: Errors) -> dict[str, Any]:
+def _samples(points: np.ndarray, answers: list[Answer], errors: Errors) -> Report:
     """The ``samples`` part of a report: test points, errors there, and their estimates, relative."""
-    found: dict[str, Any] = {
+    found: Report = {
         "points": points.tolist(),
         "errors": {name: errors.values[key].tolist() for name, key in SAMPLED.items()},
     }
@@ -109,7 +109,7 @@ def _samples(points: np.ndarray, answers: list[Answer], errors: Errors) -> dict[
     return found
 
 
-def _mesh_error(full: FullOrderModel, skipped: list[dict[str, str]]) -> dict[str, Any]:
+def _mesh_error(full: FullOrderModel, skipped: list[dict[str, str]]) -> Report:
     """The ``discretisation`` part of a report; empty, with the reason, if it cannot be estimated."""
     from hhr_dolfinx.full_order.mesh_error import mesh_error
 
@@ -129,7 +129,7 @@ def _without_naive(full: FullOrderModel) -> str:
     return "not asked for: one query takes too long to measure a hundred"
 
 
-def _searches(answers: list[Answer]) -> dict[str, Any]:
+def _searches(answers: list[Answer]) -> Report:
     """The ``active_set`` part of a report."""
     iterations = [answer.iterations for answer in answers]
     cycles = sum(answer.cycled for answer in answers)
@@ -169,7 +169,7 @@ def _everywhere(model: Model) -> Callable[[np.ndarray], tuple[np.ndarray, np.nda
     return query
 
 
-def _outputs(full: FullOrderModel, solutions: SnapshotSet, answers: list[Answer]) -> dict[str, Any]:
+def _outputs(full: FullOrderModel, solutions: SnapshotSet, answers: list[Answer]) -> Report:
     """The ``outputs`` part of a report: unit, largest absolute value and errors relative to it, by name.
 
     Errors are infinite without an answer. Empty for a scene without outputs.
@@ -194,7 +194,7 @@ def _twin(model: ReducedModel, factorise: Factorise) -> ReducedModel:
     return model.changed(trained=None, factorise=factorise)
 
 
-def _times(warm: Times, cold: Times, baselines: Iterable[str], offline: dict[str, Any]) -> dict[str, Any]:
+def _times(warm: Times, cold: Times, baselines: Iterable[str], offline: Report) -> Report:
     """The ``times`` and ``ratios`` parts of a report, with the baselines that are registered.
 
     Args:
@@ -212,7 +212,7 @@ def _times(warm: Times, cold: Times, baselines: Iterable[str], offline: dict[str
     }
 
 
-def _summaries(times: Times, names: tuple[str, ...]) -> dict[str, Any]:
+def _summaries(times: Times, names: tuple[str, ...]) -> Report:
     """Summaries by name; null for a model that was not run."""
     return {name: summary(times[name]) if name in times else None for name in names}
 

@@ -6,7 +6,7 @@ import json
 import platform
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from mpi4py import MPI
 
@@ -17,7 +17,7 @@ from hhr_dolfinx.files import replacing
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plain import finite
 from hhr_dolfinx.plugins.studies.advice import TRAINING, advice, in_words
-from hhr_dolfinx.plugins.studies.measure import Measurement, Row
+from hhr_dolfinx.plugins.studies.measure import Measurement, Report, Row
 from hhr_dolfinx.plugins.studies.of_laws import studied_laws
 from hhr_dolfinx.timing import today
 from hhr_dolfinx.version import __version__
@@ -36,9 +36,9 @@ def make_report(
     training: Training,
     model: KeptModel,
     measured: Measurement,
-    rows: list[dict[str, Any]],
+    rows: list[Report],
     seed: int,
-) -> dict[str, Any]:
+) -> Report:
     """All figures of a study under the keys that scenes share; SI units, seconds, fractions."""
     report = {
         **frame(training, model, seed),
@@ -56,7 +56,7 @@ def make_report(
     return report
 
 
-def model_report(model: ReducedModel, row: Row) -> dict[str, Any]:
+def model_report(model: ReducedModel, row: Row) -> Report:
     """One of the ``models`` of a report: a reduced model, its errors and the seconds of its answers."""
     return {
         "sizes": reduced_sizes(model),
@@ -65,7 +65,7 @@ def model_report(model: ReducedModel, row: Row) -> dict[str, Any]:
     }
 
 
-def errors_and_times(model: KeptModel, row: Row) -> dict[str, Any]:
+def errors_and_times(model: KeptModel, row: Row) -> Report:
     """Common part of all ``models`` of a report."""
     return {
         "errors": row.errors.summaries(),
@@ -98,7 +98,7 @@ def _read_from_files(training: Training, fom_best: dict[str, float] | None) -> d
     return {FROM_FILES: training.read / steps * fom_best["median"]}
 
 
-def break_even(times: dict[str, Any]) -> dict[str, float | None]:
+def break_even(times: Report) -> dict[str, float | None]:
     """Break-even: queries after which training and reduced answers are cheaper than the best full model; None if never.
 
     Queries are for all forces, or fields and all forces; histories count as a whole. The cost includes training answers
@@ -120,7 +120,7 @@ def break_even(times: dict[str, Any]) -> dict[str, float | None]:
     return found
 
 
-def _pays(times: dict[str, Any], spent: float, kind: str) -> float | None:
+def _pays(times: Report, spent: float, kind: str) -> float | None:
     """Queries after which the seconds of training are saved; None if never, or if there is no such model."""
     if times[kind] is None:
         return None
@@ -128,11 +128,11 @@ def _pays(times: dict[str, Any], spent: float, kind: str) -> float | None:
     return spent / saved if saved > 0 else None
 
 
-def frame(training: Training, model: KeptModel, seed: int) -> dict[str, Any]:
+def frame(training: Training, model: KeptModel, seed: int) -> Report:
     """The part of a report without measurements."""
     problem = training.full_order.problem
     offline = model.offline
-    report: dict[str, Any] = {
+    report: Report = {
         "scene": training.full_order.scene.name,
         "seed": seed,
         **environment(),
@@ -163,7 +163,7 @@ def frame(training: Training, model: KeptModel, seed: int) -> dict[str, Any]:
     }
 
 
-def _asked(scene: Scene) -> dict[str, Any]:
+def _asked(scene: Scene) -> Report:
     """The ``parameters`` and ``materials`` parts of a report, in the units of the scene."""
     box = scene.parameters
     units = scene.units
@@ -181,7 +181,7 @@ def _asked(scene: Scene) -> dict[str, Any]:
     }
 
 
-def environment() -> dict[str, Any]:
+def environment() -> Report:
     """The ``date``, ``versions`` and ``machine`` parts of a report."""
     return {
         "date": today(),
@@ -190,7 +190,7 @@ def environment() -> dict[str, Any]:
     }
 
 
-def write_report(report: dict[str, Any] | list[dict[str, Any]], folder: str | Path, name: str = "report") -> Path:
+def write_report(report: Report | list[Report], folder: str | Path, name: str = "report") -> Path:
     """Write ``report.json``, or rows under another name; numbers that are not finite become null, as JSON requires."""
     path = Path(folder) / f"{name}.json"
     text = json.dumps(finite(report), indent=2, allow_nan=False)
@@ -199,7 +199,7 @@ def write_report(report: dict[str, Any] | list[dict[str, Any]], folder: str | Pa
     return path
 
 
-def print_rows(title: str, rows: list[dict[str, Any]], console: Console) -> None:
+def print_rows(title: str, rows: list[Report], console: Console) -> None:
     """Print rows with common keys as a table; long texts are shortened, the file has them whole."""
     table = Table(*rows[0], title=title)
     for row in rows:
@@ -211,7 +211,7 @@ def print_rows(title: str, rows: list[dict[str, Any]], console: Console) -> None
     console.print(table)
 
 
-def print_report(report: dict[str, Any], console: Console) -> None:
+def print_report(report: Report, console: Console) -> None:
     """Print the main figures."""
     console.print(_sizes_in_words(report))
     errors = Table("error", "median", "95 %", "max")
@@ -258,7 +258,7 @@ def print_report(report: dict[str, Any], console: Console) -> None:
         console.print(f"left out: {item['stage']}: {item['why']}")
 
 
-def _sizes_in_words(report: dict[str, Any]) -> str:
+def _sizes_in_words(report: Report) -> str:
     """The first printed line: sizes of the full model and of the model under study."""
     size = report["sizes"]
     stability = report.get("stability", {})
@@ -282,7 +282,7 @@ def _mesh_error_in_words(row: dict[str, float]) -> str:
     return MeshError(**row).in_words()
 
 
-def _time_error_in_words(row: dict[str, Any]) -> str:
+def _time_error_in_words(row: Report) -> str:
     """Sentence on the time error of the full model, the scale of errors of small models."""
     how = "in the steps of the paths" if row["tolerance"] is None else f"cut to a tolerance of {row['tolerance']:g}"
     return (
@@ -291,7 +291,7 @@ def _time_error_in_words(row: dict[str, Any]) -> str:
     )
 
 
-def _methods(rows: list[dict[str, Any]]) -> Table:
+def _methods(rows: list[Report]) -> Table:
     """The work-precision table of histories."""
     table = Table("method", "setting", "history", "displacement", "forces, median", "95 %", "max")
     for row in rows:
@@ -303,7 +303,7 @@ def _methods(rows: list[dict[str, Any]]) -> Table:
     return table
 
 
-def _paths_by_model(report: dict[str, Any]) -> dict[str, Any]:
+def _paths_by_model(report: Report) -> Report:
     """Results of models on paths inside and outside the training range, by model."""
     own = {"paths": report["paths"]} if "paths" in report else {}
     models = report.get("models", {}).items()
@@ -320,7 +320,7 @@ def print_beside(title: str, ours: dict[str, dict], theirs: dict[str, dict], con
     console.print(table)
 
 
-def _lines(name: str, row: dict[str, Any] | None) -> Iterator[str]:
+def _lines(name: str, row: Report | None) -> Iterator[str]:
     """Seconds by name in words, also of nested tables; summaries have a separate table."""
     if row is None or "median" in row:
         return
@@ -332,7 +332,7 @@ def _lines(name: str, row: dict[str, Any] | None) -> Iterator[str]:
             yield from _lines(f"{name}, {key}", value)
 
 
-def _path_lines(paths: dict[str, Any]) -> Iterator[str]:
+def _path_lines(paths: Report) -> Iterator[str]:
     """Results of a model on paths inside and outside its training range, in words."""
     inside = paths["inside"]
     outside = paths["outside"]

@@ -17,7 +17,7 @@ from hhr_dolfinx.models.answer import Model
 from hhr_dolfinx.models.answer import Path as HistoryPath
 from hhr_dolfinx.models.model import KeptModel
 from hhr_dolfinx.models.reduced import ReducedModel
-from hhr_dolfinx.plugins.studies.measure import Measurement
+from hhr_dolfinx.plugins.studies.measure import Measurement, Report
 from hhr_dolfinx.plugins.studies.of_laws import studied_laws, study_of
 from hhr_dolfinx.plugins.studies.report import make_report, model_report, print_report, write_report
 from hhr_dolfinx.scene import Scene
@@ -68,7 +68,7 @@ class Study:
     tests: np.ndarray | dict[Any, HistoryPath]
     measured: Measurement
     settings: StudySettings
-    report: dict[str, Any]
+    report: Report
 
     def write(self, folder: str | Path, console: Console | None = None, view: View | None = None) -> None:
         """Write and print the report, keep the model, draw the pictures of a view; all of them in ``report.html``.
@@ -217,7 +217,7 @@ def _tests_of(scene: Scene, settings: StudySettings, points: Any) -> np.ndarray 
     return scene.parameters.random(tests, settings.seed)
 
 
-def _row(measured: Measurement, method: str, setting: str, make: Callable[[], Model]) -> dict[str, Any]:
+def _row(measured: Measurement, method: str, setting: str, make: Callable[[], Model]) -> Report:
     """Row of another model; a refused one has the reason instead, an unreliable one a warning."""
     try:
         with collected(StabilityWarning) as caught:
