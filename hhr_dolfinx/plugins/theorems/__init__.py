@@ -1,4 +1,4 @@
-"""Theorems of thesis chapter 3: both sides and their constants, to show how sharp they are."""
+"""Theorems of thesis chapter 2: both sides and their constants, to show how sharp they are."""
 
 from hhr_dolfinx.registry import Plugin
 
