@@ -296,7 +296,7 @@ def _driven(reductor: Reductor[Prepared], task: Task, prepared: Prepared) -> Any
         comparison, trained = reductor.compare(task, model)
         if trained is None and not reductor.own_range:
             trained = _range_of(task)
-        if isinstance(model, KeptModel) and trained is not model.trained:
+        if isinstance(model, KeptModel) and "trained" in model.kept and trained is not model.trained:
             model = model.changed(trained=trained)
         return model, facts, comparison
 
@@ -376,6 +376,11 @@ def _check_scene(full: FullModel, reductor: Any, found: Any) -> None:
         raise ReductionError(
             f"{name} a model of the parameters {own[0]} and {own[1]} contact conditions, and the full model has "
             f"{full.parameters.names} and {conditions}: it must return one of the same scene"
+        )
+    if found.law.plugin != full.law.plugin or (found.equilibrium is None) != (full.equilibrium is None):
+        raise ReductionError(
+            f"{name} a model that leaves out laws of scene '{full.scene.name}', of its contacts ({full.law.name}) or "
+            "of its bodies: it must know them, or refuse the scene"
         )
 
 

@@ -12,10 +12,12 @@ from needs import needs
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx import registry
-from hhr_dolfinx.errors import NotOfferedError, SceneError
+from hhr_dolfinx.errors import NotOfferedError, ReductionError, SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.geometries import block
+from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.histories.steps import Steps
+from hhr_dolfinx.reduction.reductor import Reductor
 
 YOUNG, POISSON, HEIGHT, WIDTH = 7.0, 0.3, 1.0, 2.0
 CONSTANT = 0.05
@@ -241,3 +243,16 @@ def test_the_contract_names_what_is_wrong(variant, wrong, wear, monkeypatch):
         monkeypatch.setattr(my_contact_law.WearSteps, "increments", lambda self, model, settings: variant(model))
     with pytest.raises(AssertionError, match=wrong):
         check_contact_law(law)
+
+
+class Forgets(Reductor):
+    """A model of unilateral contact, whatever the law is."""
+
+    def attempt(self, prepared, level):
+        found = hhr.exact_condensation(prepared.full, prepared.snapshots.known_statuses())
+        return CondensedModel(found.parameters, found.eliminated, found.known, found.fields, found.pairs), None
+
+
+def test_a_model_that_leaves_the_law_out_is_refused(full):
+    with pytest.raises(ReductionError, match=r"leaves out laws of scene 'wearing', of its contacts \(wear\)"):
+        hhr.build(full, _store(full), Forgets())

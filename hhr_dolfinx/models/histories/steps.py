@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from typing import TYPE_CHECKING, Any
 
@@ -42,8 +43,8 @@ class Steps:
         return lambda answer: None
 
     def coupling(self, model: object, point: np.ndarray) -> float:
-        """Strength of the coupling of the rows at a point, (P,), see :meth:`AnsweringModel.coupling`."""
-        return 0.0
+        """Strength of the coupling of the rows at a point, (P,), see :meth:`AnsweringModel.coupling`; here unknown."""
+        return math.nan
 
     def known_error(self, known: str) -> str:
         """Line on the errors of answers of elastic bodies, from that of unilateral contact."""
@@ -60,6 +61,10 @@ class UnilateralSteps(Steps):
     def condensed_stepper(self, model: object, settings: MarchSettings) -> Any:
         """The usual one."""
         return None
+
+    def coupling(self, model: object, point: np.ndarray) -> float:
+        """None."""
+        return 0.0
 
 
 _UNILATERAL = UnilateralSteps()
