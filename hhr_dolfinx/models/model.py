@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import replace
+from functools import cached_property
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, ClassVar, Self
 
@@ -336,9 +337,14 @@ class KeptModel(AnsweringModel):
 
     def check_range(self, point: np.ndarray, outside: str) -> None:
         """See :class:`AnsweringModel`; the training range counts in every kind of model."""
+        if self._limit is not None:
+            self._limit.check(point, outside)
+
+    @cached_property
+    def _limit(self) -> TrainedRange | None:
+        """The training range; None if it is the whole box."""
         trained = self.trained if self._range is None else self._range
-        if isinstance(trained, TrainedRange) and not trained.covers(self.parameters):
-            trained.check(point, outside)
+        return trained if isinstance(trained, TrainedRange) and not trained.covers(self.parameters) else None
 
     def _arguments(self) -> dict[str, Any]:
         return {name: getattr(self, name) for name in (*self.kept, *self.handed_on)}
