@@ -42,11 +42,13 @@ class Way(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """Bounds of the errors of hyper-reduced models, for some scenes; the core has those of constant stiffness.
+    """Errors of the answers of hyper-reduced models, for some scenes; the first that is wanted is taken.
 
     Attributes:
-        place: of a function ``(full, basis, forces, *, announce) -> Bound``, with the basis, (own, ell), and the
-            training forces, (N_lambda, S); it raises BoundError with the hypothesis that fails.
+        place: of a function ``(full, basis, forces, *, cone, announce) -> Bounding``, see
+            :class:`~hhr_dolfinx.models.bound.Bounding`, with the basis, (own, ell), and the training forces,
+            (N_lambda, S); ``cone`` if these complete the forces outside the RID. It raises BoundError with the
+            hypothesis that fails.
         wanted: function of the full model.
     """
 
@@ -91,7 +93,7 @@ class Plugin:
         recipes: places of functions ``(**changes) -> Recipe`` by their names as attributes of ``Recipe``.
         reductors: ways to build a model by name, which ``hhr.reduce`` tries after those of the core.
         stages: further stages of the hyper-reduction.
-        bounds: bounds of the errors of its models, which replace those of the core.
+        bounds: errors of the answers of hyper-reduced models.
         memory: names of the parts of :class:`~hhr_dolfinx.memory.Memory` that its laws keep in answers.
         answers: what it adds to answers: places of functions of an answer, by the names of methods.
         facets: places of objects that do for its laws what the core leaves to them, by words: each part of the core

@@ -62,7 +62,7 @@ class Estimate(NamedTuple):
         primal_relative, dual_relative: over the smallest possible norm of the exact answer; infinite if a
             bound is larger than the answer itself.
         outputs: errors of the outputs of the scene, by name; outputs without an estimate are left out, see
-            :mod:`hhr_dolfinx.models.bounds.output_difference`.
+            :class:`~hhr_dolfinx.models.bound.OutputBound`.
         forces_euclid: of the nodal contact forces in the Euclidean norm.
         pressure: the largest error of a nodal pressure.
         forces_euclid_relative, pressure_relative: over the Euclidean norm of the exact forces, and over the exact peak

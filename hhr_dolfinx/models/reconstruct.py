@@ -15,15 +15,13 @@ from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError
 from hhr_dolfinx.models.answer import Answer, Completion, Meshed, ModelFields
-from hhr_dolfinx.models.bounds.bound import Bound, BoundThere, Thetas, driven
+from hhr_dolfinx.models.bound import Bound, BoundThere, OutputBound, Response, ResponseWithin, Thetas, driven
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.estimates import FORCES, NO_OUTPUTS, Estimate, Estimates
 from hhr_dolfinx.plain import CODE, OF_THE_MESH, Rebuilt
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.models.bounds.output_difference import OutputDifference
     from hhr_dolfinx.models.completion import InterfaceCompletion
-    from hhr_dolfinx.models.field_response import FieldResponse
     from hhr_dolfinx.models.functionals.functional import Functionals
     from hhr_dolfinx.models.many import ManyAnswers
 
@@ -80,9 +78,9 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
     indicator: Callable[[Answer], float] | None = field(default=None, metadata=CODE)
     bound: Bound | None = None
     functionals: Functionals | None = None
-    output_bound: OutputDifference | None = None
+    output_bound: OutputBound | None = None
     unbounded: str = ""
-    response: FieldResponse | None = None
+    response: Response | None = None
     interface: InterfaceCompletion | None = None
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
@@ -117,32 +115,14 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         if self.response is None or not answer.converged:
             return answer.unknown if self.response is None else np.full(self.basis.shape[1], np.nan)
         there: Any = self._bound_at(answer)
-        found = self.response.coordinates(there, there.completed(answer.multipliers[None], self._outside)[0])
-        return found if answer.undetermined is None else self._least_motion(answer, answer.undetermined, found)
-
-    def _least_motion(self, answer: Answer, undetermined: np.ndarray, coordinates: np.ndarray) -> np.ndarray:
-        """Coordinates, (c,), of the field with the motion of the answer along undetermined motions.
-
-        The first modes of gamma and the last columns of the displacement are the rigid motions, orthonormal.
-        """
-        assert self.response is not None
-        along_columns, along_loads = self._along_motions
-        r = len(along_columns)
-        ways = undetermined[:r]
-        motions = along_columns @ coordinates + along_loads @ (
-            self.response.loading @ self.amplitudes(answer.parameter)
-        )
-        found = coordinates.copy()
-        found[-r:] += ways @ (ways.T @ (answer.unknown[:r] - motions))
-        return found
+        forces = there.completed(answer.multipliers[None], self._outside)[0]
+        return self._responding.coordinates(answer, there, forces)
 
     @cached_property
-    def _along_motions(self) -> tuple[np.ndarray, np.ndarray]:
-        """Components of columns and loads along the rigid motions, (r, c) and (r, k)."""
-        bound: Any = self.bound
+    def _responding(self) -> ResponseWithin:
+        """The response in the columns of the displacement."""
         assert self.response is not None
-        motions = self.basis[:, -bound.taken.shape[1] :].T
-        return motions @ self.basis, motions @ self.response.loaded
+        return self.response.within(self)
 
     @cached_property
     def _lifted(self) -> tuple[np.ndarray, np.ndarray]:
@@ -254,7 +234,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         if self.response is None:
             return answer.gradient.unknown
         there: Any = self._bound_at(answer)
-        return self.response.changes(
+        return self._responding.changes(
             there, self.forces(answer), lambda: self._all_force_changes(answer, changes), changes
         )
 
@@ -274,10 +254,7 @@ class Reconstruction(Rebuilt, LinearDisplacement, ModelFields):
         return self.stress_of(self.displacement(answer), answer.parameter)
 
     def estimate(self, answer: Answer) -> Estimate | None:
-        """Difference from the exact answer if S is known, or the bound if it is interpolated.
-
-        Otherwise the estimate of an indicator: that of the recipe, or that of laws; None without either.
-        """
+        """By the bound; without one the estimate of an indicator: of the recipe, or of laws; None without either."""
         if not answer.converged:
             return None
         if self.bound is None:

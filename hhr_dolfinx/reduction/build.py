@@ -24,7 +24,6 @@ from hhr_dolfinx.certify.trust import (
 )
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ReductionError
-from hhr_dolfinx.models.bounds.difference import ExactDifference
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.estimates import warn_unbounded
 from hhr_dolfinx.models.full import FullModel, plain_outputs
@@ -463,11 +462,6 @@ def reconstruct(draft: Draft) -> None:
         fields = replace(fields, functionals=plain_outputs(full), response=bounding.response)
         if recipe.indicator is not None:
             fields = replace(fields, indicator=recipe.indicator.prepared(problem, draft.basis, draft.sets))
-    if isinstance(bound, ExactDifference) and full.functionals is not None and problem.rigid is None:
-        from hhr_dolfinx.certify.differences import output_difference
-
-        with shared.log.stage("bound", shared.task.announce):
-            fields = replace(fields, output_bound=output_difference(full, shared.snapshots))
     draft.fields = fields
 
 

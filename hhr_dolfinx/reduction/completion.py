@@ -3,19 +3,18 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, NamedTuple, Protocol
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 from scipy import linalg
 from scipy.optimize import nnls
 
 from hhr_dolfinx import registry
-from hhr_dolfinx.certify.differences import exact_difference, field_response
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError, ReductionError
-from hhr_dolfinx.models.bounds.bound import Bound
+from hhr_dolfinx.models.bound import Bounding
 from hhr_dolfinx.models.estimates import NOT_ASKED
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.reduction.modes import pod
@@ -25,7 +24,6 @@ from hhr_dolfinx.timing import Announce, StageLog, unannounced
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Completion as CompletionOfLaws
-    from hhr_dolfinx.models.field_response import FieldResponse
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.models.reduced import ReducedLaws
 
@@ -159,22 +157,6 @@ def _gap_scale(problem, snapshots) -> np.ndarray:
 OF_MEMORY = "contact with {}: the error of reduced increments has no bound"
 
 
-class Bounding(NamedTuple):
-    """Bounds of errors, and the displacement to which they apply.
-
-    Attributes:
-        bound: None without a bound.
-        columns: columns of the displacement, (own, c).
-        response: maps forces to their coordinates; None if these are gamma.
-        unbounded: reason for a missing bound; empty with a bound.
-    """
-
-    bound: Bound | None
-    columns: np.ndarray
-    response: FieldResponse | None = None
-    unbounded: str = ""
-
-
 def bound_of(
     full: FullModel,
     recipe: Recipe,
@@ -193,12 +175,11 @@ def bound_of(
         with log.stage("bound", announce):
             for given in [given for plugin in registry.installed().values() for given in plugin.bounds]:
                 if given.wanted(full):
-                    return Bounding(registry.load(given.place)(full, basis, forces, announce=announce), basis)
-            if recipe.cone:  # forces outside the RID are then combinations of training forces
-                return Bounding(exact_difference(full, basis, forces), basis)
-            made = field_response(full, forces, basis.shape[1])
-            whole = replace(made.response, loaded=full.problem.spread.whole(made.response.loaded))
-            return Bounding(made.bound, made.columns, whole)
+                    made: Bounding = registry.load(given.place)(
+                        full, basis, forces, cone=recipe.cone, announce=announce
+                    )
+                    return made
+            raise BoundError("no installed plug-in knows the errors of its answers")
     except BoundError as error:
         log.skip("bound", str(error))
         return Bounding(None, basis, unbounded=str(error))

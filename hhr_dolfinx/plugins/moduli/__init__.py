@@ -18,6 +18,7 @@ def _wanted(full: FullModel, recipe: object = None) -> bool:
 
 PLUGIN = Plugin(
     name="moduli",
+    needs=("differences",),
     classes={
         f"{_HERE}.varying_bound": "PartEnergy VaryingBound",
         f"{_HERE}.interpolated": "Compliance Compliances InterpolatedFields PrimalModes",
@@ -27,5 +28,5 @@ PLUGIN = Plugin(
     },
     reductors={"condensed": Way(f"{_HERE}.condense:Condensation", _wanted, condenses=True)},
     stages=(Stage(f"{_HERE}.stages:interpolate", "hhr_dolfinx.reduction.build:assemble", _wanted),),
-    bounds=(Bounds(f"{_HERE}.bounding:varying_bound", _wanted),),
+    bounds=(Bounds(f"{_HERE}.bounding:bounding", _wanted),),
 )

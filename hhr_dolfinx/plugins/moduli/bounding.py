@@ -13,10 +13,11 @@ from scipy.linalg import cholesky, eigvalsh, solve_triangular
 from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.certify.accuracy import least_sizes
-from hhr_dolfinx.certify.differences import check_hypotheses
 from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
 from hhr_dolfinx.errors import BoundError
+from hhr_dolfinx.models.bound import Bounding
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
+from hhr_dolfinx.plugins.differences.offline import check_hypotheses
 from hhr_dolfinx.plugins.moduli.components import Component, Solver, interpolated_compliances, solvers_of
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, grown
 from hhr_dolfinx.plugins.moduli.interpolate_reduced import SHAPE_GRID, interpolated_problem
@@ -83,6 +84,11 @@ def between(full: FullModel, solvers: Sequence[Solver] | None = None, announce: 
     if isinstance(known, BoundError):
         raise BoundError(str(known))
     return known
+
+
+def bounding(full: FullModel, basis: np.ndarray, forces: np.ndarray, *, cone: bool, announce: Announce) -> Bounding:
+    """Bounds for a basis, see :func:`varying_bound`; forces outside the RID do not matter."""
+    return Bounding(varying_bound(full, basis, forces, announce=announce), basis)
 
 
 def varying_bound(

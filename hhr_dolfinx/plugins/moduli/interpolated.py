@@ -21,7 +21,7 @@ from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, ParameterError
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.answer import Answer, ElasticFields, Meshed, SeveralAnswers, unanswered
-from hhr_dolfinx.models.bounds.bound import Bound
+from hhr_dolfinx.models.bound import Bound
 from hhr_dolfinx.models.displacement import LinearDisplacement, dense
 from hhr_dolfinx.models.eliminations.block import BlockElimination
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination

@@ -21,7 +21,7 @@ from scipy.linalg import cholesky, eigh, eigvalsh
 from scipy.linalg.lapack import dtrtri, dtrtrs
 
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
-from hhr_dolfinx.models.bounds.contact_response import ContactResponse
+from hhr_dolfinx.plugins.differences.contact_response import ContactResponse
 from hhr_dolfinx.plugins.moduli.interpolated import Compliance, Compliances, ManyContacts
 
 STEP = math.log(1.1)

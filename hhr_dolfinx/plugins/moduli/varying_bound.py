@@ -28,7 +28,7 @@ from scipy.linalg import LinAlgError
 
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import BoundError, ConvergenceError
-from hhr_dolfinx.models.bounds.bound import ROUND_OFF, ForceScale, Thetas, estimates_of, lengths
+from hhr_dolfinx.models.bound import ROUND_OFF, ForceScale, Thetas, estimates_of, lengths
 from hhr_dolfinx.models.eliminations.block import Block, blocks_of
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.estimates import Estimates
@@ -63,7 +63,7 @@ class PartEnergy:
 
 @dataclass(frozen=True)
 class VaryingBound(Rebuilt):
-    """See :class:`hhr_dolfinx.models.bounds.bound.Bound` (m conditions, ell modes).
+    """See :class:`hhr_dolfinx.models.bound.Bound` (m conditions, ell modes).
 
     Attributes:
         compliances: S and the free slack of all conditions.
@@ -72,7 +72,7 @@ class VaryingBound(Rebuilt):
         inexact: relative error of the interpolation, in the order of energies.
         proved: that error is proved, not only observed.
         middle: of the box, (P,).
-        areas, least: see :class:`~hhr_dolfinx.models.bounds.bound.ForceScale`; S is that of the middle.
+        areas, least: see :class:`~hhr_dolfinx.models.bound.ForceScale`; S is that of the middle.
         reshaped_areas: areas if they change with the shape of the bodies; None otherwise.
     """
 
@@ -214,7 +214,7 @@ def _acting(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class VaryingThere(NamedTuple):
-    """See :class:`hhr_dolfinx.models.bounds.bound.BoundThere`.
+    """See :class:`hhr_dolfinx.models.bound.BoundThere`.
 
     Attributes:
         owner: the interpolated arrays.

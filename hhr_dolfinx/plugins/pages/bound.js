@@ -1,5 +1,5 @@
 "use strict";
-/* Bound of the error of contact forces for interpolated S, as in models.bounds.varying_bound in Python, with the same
+/* Bound of the error of contact forces for interpolated S, as in plugins.moduli.varying_bound in Python, with the same
    notation. Forces solve the contact problem with S, so there is no other error. */
 
 hhr.Bound = class {

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from hhr_dolfinx.models.bounds.bound import ROUND_OFF
+from hhr_dolfinx.models.bound import ROUND_OFF
 from hhr_dolfinx.plugins.moduli.interpolated import Compliances
 from hhr_dolfinx.plugins.moduli.varying_bound import VaryingBound
 from hhr_dolfinx.plugins.pages.packing import BASE64, Packed, half

@@ -1,8 +1,9 @@
-"""Differences from the exact answer, offline: arrays for :mod:`hhr_dolfinx.models.bounds.difference`."""
+"""Arrays of differences from the exact answer, offline."""
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, NamedTuple
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
@@ -13,14 +14,17 @@ from hhr_dolfinx.certify.accuracy import FORCE_FLOOR, least_sizes
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.models.bounds.difference import ExactDifference, definite
-from hhr_dolfinx.models.field_response import FieldResponse
+from hhr_dolfinx.models.bound import Bounding
 from hhr_dolfinx.models.full import FullModel, plain_outputs
+from hhr_dolfinx.plugins.differences.difference import ExactDifference, definite
+from hhr_dolfinx.plugins.differences.field_response import FieldResponse
 
 if TYPE_CHECKING:
     from hhr_dolfinx.certify.accuracy import Solutions
     from hhr_dolfinx.contact.problem import ContactProblem
-    from hhr_dolfinx.models.bounds.output_difference import OutputDifference
+    from hhr_dolfinx.plugins.differences.outputs import OutputDifference
+    from hhr_dolfinx.reduction.build import Draft
+    from hhr_dolfinx.timing import Announce
 
 
 ROUND_OFF = 1e-13
@@ -29,6 +33,26 @@ SYMMETRIC = 1e-10
 """Largest entry of K - K^T over the largest of K."""
 MOST_READ = 50
 """Number of training answers whose outputs are read."""
+
+
+def bounding(full: FullModel, basis: np.ndarray, forces: np.ndarray, *, cone: bool, announce: Announce) -> Bounding:
+    """Differences for a basis; S completes forces and displacement unless training forces do, ``cone``.
+
+    Raises:
+        BoundError: with the hypothesis that fails.
+    """
+    return (
+        Bounding(exact_difference(full, basis, forces), basis) if cone else field_response(full, forces, basis.shape[1])
+    )
+
+
+def read_outputs(draft: Draft) -> None:
+    """Stage: errors of outputs."""
+    shared = draft.shared
+    if isinstance(draft.fields.bound, ExactDifference):
+        with shared.log.stage("bound", shared.task.announce):
+            read = output_difference(shared.full, shared.snapshots)
+            draft.fields = replace(draft.fields, output_bound=read)
 
 
 def exact_difference(full: FullModel, basis: np.ndarray, forces: np.ndarray | None = None) -> ExactDifference:
@@ -179,15 +203,7 @@ def energy_coordinates(problem: ContactProblem, columns: np.ndarray, least: np.n
     return coordinates[:rank]
 
 
-class MadeOfForces(NamedTuple):
-    """The map, its columns C, (own, c), and the errors of the resulting field; local rows of columns in the map too."""
-
-    response: FieldResponse
-    columns: np.ndarray
-    bound: ExactDifference
-
-
-def field_response(full: FullModel, forces: np.ndarray, most: int) -> MadeOfForces:
+def field_response(full: FullModel, forces: np.ndarray, most: int) -> Bounding:
     """The displacement as a function of loads and contact forces, with at most as many columns as a model has modes.
 
     All columns of K^-1 B^T if these are few enough. Otherwise the leading directions, in energy, of the response to
@@ -207,7 +223,9 @@ def field_response(full: FullModel, forces: np.ndarray, most: int) -> MadeOfForc
     if full.problem.rigid is not None:
         columns = np.hstack([columns, full.problem.spread.of(full.problem.rigid)])
     difference = ExactDifference(**arrays, kept=np.asfortranarray(own))
-    return MadeOfForces(FieldResponse(*load_response(full), onto), np.asfortranarray(columns), difference)
+    loaded, loading = load_response(full)
+    response = FieldResponse(full.problem.spread.whole(loaded), loading, onto)
+    return Bounding(difference, np.asfortranarray(columns), response)
 
 
 def load_response(full: FullModel) -> tuple[np.ndarray, csc_matrix]:
@@ -269,7 +287,7 @@ def output_difference(full: FullModel, training: Solutions | None = None) -> Out
 
     ``training`` are snapshots, whose outputs set the scale.
     """
-    from hhr_dolfinx.models.bounds.output_difference import OutputDifference, is_read
+    from hhr_dolfinx.plugins.differences.outputs import OutputDifference, is_read
 
     problem = full.problem
     size = problem.free.size

@@ -12,7 +12,7 @@ from test_bounds import check, sizes_of
 from test_floating import scene
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.certify.differences import field_response
+from hhr_dolfinx.plugins.differences.offline import field_response
 from hhr_dolfinx.errors import SceneWarning, StabilityWarning
 from hhr_dolfinx.models.condensed import CondensedModel
 

@@ -1,15 +1,11 @@
-"""Norms of errors, and the interface of bounds.
-
-For a constant stiffness the bound of an error is the error: :mod:`hhr_dolfinx.models.bounds.difference`. Plug-ins add
-those of other models.
-"""
+"""Norms of errors, and the interface of bounds, which plug-ins provide."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, Protocol, TypeAlias
+from typing import TYPE_CHECKING, Any, NamedTuple, Protocol, TypeAlias
 
 import numpy as np
 
@@ -19,7 +15,10 @@ from hhr_dolfinx.models.estimates import Estimates
 if TYPE_CHECKING:
     from scipy.sparse import csr_matrix
 
+    from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.models.functionals.functional import Functional, Functionals
     from hhr_dolfinx.models.gradient import Gradient
+    from hhr_dolfinx.models.reconstruct import Reconstruction
 
 ROUND_OFF = 1e-10
 """Part of an answer that is round-off of the exact one too: smaller errors are unknown."""
@@ -128,3 +127,65 @@ class Bound(Protocol):
 
     def at(self, points: np.ndarray, theta: Thetas) -> BoundThere:
         """Bound at the parameters of some answers, (n, P), with θ, (n, 1 + T), sparse or not; or one Theta for one."""
+
+
+class Response(Protocol):
+    """The displacement as a function of loads and all contact forces, for a bound that knows the exact ones.
+
+    Attributes:
+        loaded: displacement under some loads, (N, k), which span all loads.
+        loading: coefficients of each term in these loads, (k, 1 + T).
+    """
+
+    @property
+    def loaded(self) -> np.ndarray: ...  # noqa: D102
+
+    @property
+    def loading(self) -> Any: ...  # noqa: D102
+
+    def within(self, fields: Reconstruction) -> ResponseWithin:
+        """The response in the columns of a model."""
+
+
+class ResponseWithin(Protocol):
+    """Coordinates of forces in the columns of a displacement, (c,)."""
+
+    def coordinates(self, answer: Answer, there: Any, forces: np.ndarray) -> np.ndarray:
+        """Coordinates, (c,), of an answer with forces on all conditions, (m,), and the bound at its point."""
+
+    def changes(
+        self, there: Any, forces: np.ndarray, of_forces: Callable[[], np.ndarray], of_theta: np.ndarray
+    ) -> np.ndarray:
+        """Derivatives of the coordinates, (c, P), from those of θ, (1 + T, P), and, on request, of forces, (m, P)."""
+
+
+class OutputBound(Protocol):
+    """Errors of outputs, for a bound that knows the exact forces."""
+
+    def knows(self, item: Functional) -> bool:
+        """True if an output has an estimate."""
+
+    def least_of(self, functionals: Functionals, name: str) -> float:
+        """Smallest denominator of the relative error of an output."""
+
+    def fits(self, functionals: Functionals) -> bool:
+        """True if these can be estimates of some outputs."""
+
+    def errors(self, fields: Reconstruction, answer: Answer, forces: np.ndarray, exact: np.ndarray) -> dict[str, float]:
+        """Errors of outputs by name, of an answer with these forces, (m,), and the exact ones, (m,)."""
+
+
+class Bounding(NamedTuple):
+    """A bound of errors, and the displacement to which it applies.
+
+    Attributes:
+        bound: None without a bound.
+        columns: columns of the displacement, (own, c).
+        response: maps forces to their coordinates; None if these are gamma.
+        unbounded: reason for a missing bound; empty with a bound.
+    """
+
+    bound: Bound | None
+    columns: np.ndarray
+    response: Response | None = None
+    unbounded: str = ""

@@ -1,7 +1,7 @@
 """Errors of outputs for a constant stiffness: outputs of an answer less those of the exact one.
 
-The exact state is that of :mod:`hhr_dolfinx.models.bounds.difference`: rows of outputs times the exact field are rows
-times K^-1 loads and the lift, less rows times K^-1 B^T Λ, all of them as small as the contact surface.
+Rows of outputs times the exact field are rows times K^-1 loads and the lift, less rows times K^-1 B^T Λ, all of them as
+small as the contact surface.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from hhr_dolfinx.declared import Floats
-from hhr_dolfinx.models.bounds.bound import CANCELLED, ROUND_OFF
+from hhr_dolfinx.models.bound import CANCELLED, ROUND_OFF
 from hhr_dolfinx.models.functionals.functional import Functional, Functionals, State
 
 if TYPE_CHECKING:

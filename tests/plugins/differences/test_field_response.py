@@ -6,7 +6,7 @@ from test_outputs import small_pellet
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.certify.accuracy import contact_residuals
-from hhr_dolfinx.certify.differences import field_response, leading
+from hhr_dolfinx.plugins.differences.offline import field_response, leading
 
 
 @pytest.fixture(scope="module")

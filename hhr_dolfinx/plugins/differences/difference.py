@@ -25,10 +25,10 @@ from scipy.linalg import LinAlgError, cholesky, solve_triangular
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.floating import FloatingEqualities, floating_set
 from hhr_dolfinx.declared import Floats
-from hhr_dolfinx.models.bounds.bound import CANCELLED, ROUND_OFF, ForceScale, Thetas, driven, estimates_of, lengths
-from hhr_dolfinx.models.bounds.contact_response import ContactResponse, Outside
+from hhr_dolfinx.models.bound import CANCELLED, ROUND_OFF, ForceScale, Thetas, driven, estimates_of, lengths
 from hhr_dolfinx.models.estimates import Estimates
 from hhr_dolfinx.plain import Rebuilt
+from hhr_dolfinx.plugins.differences.contact_response import ContactResponse, Outside
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.gradient import Gradient
@@ -73,7 +73,7 @@ class ExactDifference(Rebuilt):
         given: u0 in directions of unit energy, (1 + T, 1 + T).
         cross: (K^-1 B^T)^T K u0, (m, 1 + T).
         lifting: energy norms of imposed displacements, whose round-off u0 has, (1 + T,).
-        areas, least: see :class:`~hhr_dolfinx.models.bounds.bound.ForceScale`.
+        areas, least: see :class:`~hhr_dolfinx.models.bound.ForceScale`.
         kept: projection of K^-1 B^T on the columns of a displacement as a function of forces, orthonormal after L, the
             factor of :func:`definite`, (m, c); no columns if they span all of it; None if the columns are V.
         modes: V in directions of unit energy, of which the first m are those of K^-1 B^T, (k', ell); None if the
@@ -117,7 +117,7 @@ class ExactDifference(Rebuilt):
 
     @property
     def together(self) -> int:
-        """See :class:`~hhr_dolfinx.models.bounds.bound.Bound`."""
+        """See :class:`~hhr_dolfinx.models.bound.Bound`."""
         return 1 if self.taken.shape[1] else 1024
 
     @cached_property
@@ -151,11 +151,11 @@ class ExactDifference(Rebuilt):
         return np.linalg.qr(self.taken)[0]
 
     def prepared(self, inside: np.ndarray) -> Outside:
-        """See :class:`~hhr_dolfinx.models.bounds.bound.Bound`; all conditions that hold bodies must be inside."""
+        """See :class:`~hhr_dolfinx.models.bound.Bound`; all conditions that hold bodies must be inside."""
         return self.response.outside(inside)
 
     def at(self, points: np.ndarray, theta: Thetas) -> DifferenceThere:
-        """See :class:`~hhr_dolfinx.models.bounds.bound.Bound`."""
+        """See :class:`~hhr_dolfinx.models.bound.Bound`."""
         return DifferenceThere(self, theta, driven(self.free_slack, theta))
 
     def size(self, forces: np.ndarray) -> np.ndarray:
@@ -180,7 +180,7 @@ class ExactDifference(Rebuilt):
 
 
 class DifferenceThere(NamedTuple):
-    """See :class:`~hhr_dolfinx.models.bounds.bound.BoundThere`; one answer for bodies that only contact holds.
+    """See :class:`~hhr_dolfinx.models.bound.BoundThere`; one answer for bodies that only contact holds.
 
     Attributes:
         owner: the arrays.
@@ -193,17 +193,17 @@ class DifferenceThere(NamedTuple):
     free: np.ndarray
 
     def slack(self, forces: np.ndarray) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.models.bounds.bound.BoundThere`; for pinned bodies."""
+        """See :class:`~hhr_dolfinx.models.bound.BoundThere`; for pinned bodies."""
         return self.free + forces @ self.owner.schur
 
     def completed(self, own: np.ndarray, outside: Outside) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.models.bounds.bound.BoundThere`; gaps outside are not opened by motions."""
+        """See :class:`~hhr_dolfinx.models.bound.BoundThere`; gaps outside are not opened by motions."""
         return outside.completed(own, self.free)
 
     def force_changes(
         self, forces: np.ndarray, outside: Outside, gradient: Gradient, changes: np.ndarray
     ) -> np.ndarray:
-        """See :class:`~hhr_dolfinx.models.bounds.bound.BoundThere`."""
+        """See :class:`~hhr_dolfinx.models.bound.BoundThere`."""
         return outside.changes(forces, gradient.multipliers, self.owner.free_slack @ changes)
 
     def exact(self, forces: np.ndarray) -> Exact:
@@ -246,7 +246,7 @@ class DifferenceThere(NamedTuple):
         return owner.response.outside(none).changes(found, free[:0], free), motions
 
     def of(self, unknown: np.ndarray, forces: np.ndarray, slack: Callable[[], np.ndarray]) -> Estimates:
-        """See :class:`~hhr_dolfinx.models.bounds.bound.BoundThere`: differences, plus their round-off.
+        """See :class:`~hhr_dolfinx.models.bound.BoundThere`: differences, plus their round-off.
 
         They are infinite if the exact answer was not found.
         """

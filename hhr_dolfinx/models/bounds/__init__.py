@@ -1,1 +1,0 @@
-"""Evaluation of error bounds; their arrays are computed in certify and reduction."""

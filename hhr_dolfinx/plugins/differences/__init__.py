@@ -1,0 +1,35 @@
+"""Errors of hyper-reduced answers for a constant stiffness: differences from the exact answer, which S provides.
+
+S also completes the forces outside the RID, and the displacement of these.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from hhr_dolfinx.registry import Bounds, Plugin, Stage
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.full import FullModel
+
+_HERE = "hhr_dolfinx.plugins.differences"
+
+
+def _wanted(full: FullModel) -> bool:
+    return full.equilibrium is not None or not full.problem.varies  # laws are refused with their reason
+
+
+def _has_outputs(full: FullModel, recipe: object) -> bool:
+    return _wanted(full) and full.functionals is not None and full.problem.rigid is None
+
+
+PLUGIN = Plugin(
+    name="differences",
+    classes={
+        f"{_HERE}.difference": "ExactDifference",
+        f"{_HERE}.field_response": "FieldResponse",
+        f"{_HERE}.outputs": "OutputDifference",
+    },
+    bounds=(Bounds(f"{_HERE}.offline:bounding", _wanted),),
+    stages=(Stage(f"{_HERE}.offline:read_outputs", "hhr_dolfinx.reduction.build:reconstruct", _has_outputs),),
+)

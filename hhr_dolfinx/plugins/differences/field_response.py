@@ -1,0 +1,85 @@
+"""The displacement as a function of loads and contact forces for a constant stiffness."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, Annotated
+
+import numpy as np
+from scipy.sparse import csc_matrix
+
+from hhr_dolfinx.declared import Floats
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.models.answer import Answer
+    from hhr_dolfinx.models.reconstruct import Reconstruction
+    from hhr_dolfinx.plugins.differences.difference import DifferenceThere
+
+
+@dataclass(frozen=True, eq=False)
+class FieldResponse:
+    """Coordinates of the displacement in columns C, and X_F θ (N dofs, 1 + T terms, m conditions, c columns).
+
+    Forces solve the contact problem on S from the statuses of an answer. For bodies that only contact holds the
+    last columns of the displacement are their rigid motions R, whose coordinates are the amplitudes of these.
+
+    Attributes:
+        loaded: K^-1 of some loads, (N, k), which span all loads.
+        loading: coefficients of each term in these loads, so that X_F is the product of both, sparse, (k, 1 + T).
+        onto: G, (c, m); None if the columns are those of K^-1 B^T.
+    """
+
+    loaded: Annotated[Floats, "N", "loads"]
+    loading: Annotated[csc_matrix, "loads", "terms"]
+    onto: Annotated[Floats, "kept columns", "N_lambda"] | None = None
+
+    def within(self, fields: Reconstruction) -> ResponseWithin:
+        """See :class:`~hhr_dolfinx.models.bound.Response`."""
+        return ResponseWithin(self, fields)
+
+    def pressed(self, forces: np.ndarray) -> np.ndarray:
+        """Coordinates of forces, (m, ...): (c, ...)."""
+        return -forces if self.onto is None else -(self.onto @ forces)
+
+
+@dataclass(frozen=True, eq=False)
+class ResponseWithin:
+    """See :class:`~hhr_dolfinx.models.bound.ResponseWithin`.
+
+    Attributes:
+        response: the response.
+        fields: has the columns.
+    """
+
+    response: FieldResponse
+    fields: Reconstruction
+
+    def coordinates(self, answer: Answer, there: DifferenceThere, forces: np.ndarray) -> np.ndarray:
+        """Coordinates of the exact forces, with the motion of the answer along undetermined motions."""
+        exact = there.exact(forces[None])
+        found = np.concatenate([self.response.pressed(exact.forces[0]), exact.motions[0]])
+        if answer.undetermined is None:
+            return found
+        # the first modes of gamma and the last columns of the displacement are the rigid motions, orthonormal
+        along_columns, along_loads = self._along_motions
+        r = len(along_columns)
+        ways = answer.undetermined[:r]
+        theta = self.fields.amplitudes(answer.parameter)
+        motions = along_columns @ found + along_loads @ (self.response.loading @ theta)
+        found[-r:] += ways @ (ways.T @ (answer.unknown[:r] - motions))
+        return found
+
+    def changes(
+        self, there: DifferenceThere, forces: np.ndarray, of_forces: Callable[[], np.ndarray], of_theta: np.ndarray
+    ) -> np.ndarray:
+        """See :meth:`DifferenceThere.exact_changes`."""
+        pressing, motions = there.exact_changes(forces, of_forces, of_theta)
+        return np.vstack([self.response.pressed(pressing), motions])
+
+    @cached_property
+    def _along_motions(self) -> tuple[np.ndarray, np.ndarray]:
+        """Components of columns and loads along the rigid motions, (r, c) and (r, k)."""
+        motions = self.fields.basis[:, -self.fields.bound.taken.shape[1] :].T
+        return motions @ self.fields.basis, motions @ self.response.loaded
