@@ -5,8 +5,8 @@ import math
 
 import numpy as np
 import pytest
+from needs import needs
 from scenes import pressed_pair
-from test_bounds import check
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import NotSolvableError, ReductionError
@@ -137,9 +137,12 @@ def test_twin_conditions_are_both_held_and_clamps_stay(pair_and_stop):
         assert model.solve(point).displacement()[~full.problem.free] == pytest.approx(imposed, abs=0)
 
 
+@needs("differences")
 def test_estimates_are_right_where_conditions_are_twins(pair_and_stop):
     """5 of these 200 points were beyond their bound."""
     full, model = pair_and_stop
+    from test_bounds import check
+
     check(full, model, full.parameters.random(200, 3))
 
 
