@@ -41,7 +41,7 @@ class Galerkin(Reductor[Task]):
 
     def check(self, task):
         full, problem = task.full, task.full.problem
-        if full.equilibrium is not None or full.law.plugin or problem.varies or problem.pins is not None:
+        if full.equilibrium is not None or full.law.plugin or problem.varies or problem.kernel is not None:
             raise NotOfferedError("Galerkin is for elastic bodies of constant stiffness that are held")
 
     def levels(self, task):

@@ -134,9 +134,9 @@ def contact_residuals(
     contact_load = problem.contact.T @ forces
     rows = problem.spread
     residual = problem.own_stiffness @ homogeneous + rows.of(contact_load - load)
-    if problem.resting is not None:  # the moment of facets of round surfaces is distributed over the body
-        resting = rows.of(problem.resting)
-        residual = residual - resting @ rows.sum(resting.T @ residual)
+    if problem.kernel is not None:  # the moment of facets of round surfaces is distributed over the body
+        idle = rows.of(problem.kernel.idle)
+        residual = residual - idle @ rows.sum(idle.T @ residual)
     # K lift, the reaction to imposed displacements, is far larger than the forces on a body
     scale = max(norm(problem.external @ theta), norm(contact_load)) or norm(load)
     left = residual * rows.of(problem.free)

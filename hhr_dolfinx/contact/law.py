@@ -131,8 +131,8 @@ class ContactLaw:
         plugin: name of its plug-in, whose facets complete it; empty for unilateral contact.
         name: description in messages.
         remembers: whether answers depend on the path that leads to them.
-        floats: whether its increments solve for rigid motions that contact alone holds, ``contact.floating``; scenes
-            with such bodies are refused otherwise.
+        floats: whether its increments solve for the motions of bodies that contact alone holds; scenes with such
+            bodies are refused otherwise.
         reshapes: whether it holds where the shape of bodies, and with it areas, depends on parameters; scenes with
             such shapes are refused otherwise.
         fixed: indices of the parameters that are constant while loads grow in proportion.

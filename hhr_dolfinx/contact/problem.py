@@ -29,6 +29,7 @@ from hhr_dolfinx.parameters import ParameterSpace, PointLike
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
+    from hhr_dolfinx.contact.kernel import Kernel
     from hhr_dolfinx.formulas import Modulus, Scalar
 
 
@@ -147,12 +148,8 @@ class ContactProblem:
         amplitudes: θ as a function of the parameters.
         parameters: the box of the parameters.
         first: number of the first dof whose row is local.
-        rigid: orthonormal rigid motions of bodies that only contact holds, (N, r); None without such bodies.
-        resting: orthonormal rigid motions without loads and resistance, (N, l), which are removed from answers; None if
-            all bodies are held.
-        loose: description of the bodies that contact holds, with their motions.
+        kernel: motions on which K is singular; None if imposed displacements hold all bodies.
         whole_contact: B with the columns of imposed dofs, (N_lambda, N), for forces on them; None if it is unknown.
-        pins: as many dofs as there are rigid motions of both kinds, which fix them; None if all bodies are held.
         law: law of the contact conditions, those of pressures first.
         comm: ranks that have some rows each; None if all rows are local.
     """
@@ -176,22 +173,24 @@ class ContactProblem:
     moduli: tuple[Modulus, ...] = ()
     lift_terms: tuple[csc_matrix, ...] = ()
     reshaped: Any = None
-    rigid: np.ndarray | None = None
-    resting: np.ndarray | None = None
-    loose: str = ""
+    kernel: Kernel | None = None
     whole_contact: csr_matrix | None = None
-    pins: np.ndarray | None = None
     law: ContactLaw = UNILATERAL
     comm: Comm | None = None
 
     @property
     def held(self) -> np.ndarray:
-        """Dofs on which K is definite, (N,) bool: the free dofs except as many as there are rigid motions."""
-        if self.pins is None:
+        """Dofs on which K is definite, (N,) bool: the free dofs without those that fix its kernel."""
+        if self.kernel is None:
             return self.free
         mask = self.free.copy()
-        mask[self.pins] = False
+        mask[self.kernel.pins] = False
         return mask
+
+    @property
+    def held_by_contact(self) -> bool:
+        """True if contact alone resists motions of bodies."""
+        return self.kernel is not None and bool(self.kernel.motions.shape[1])
 
     @property
     def varies(self) -> bool:

@@ -158,7 +158,7 @@ class SparseStiffness(Stiffness):
 
     Args:
         matrix: local rows of K, (n, N); must not be modified.
-        problem: with the rows of B, and rigid motions without loads and resistance.
+        problem: with the rows of B, and the kernel of K.
         store: of its factors.
         components: local dofs of each connected component, by which K is scaled; None if it never is.
         response, schur: K^-1 B^T, (n, m), and S, (m, m), if they are known.
@@ -176,7 +176,7 @@ class SparseStiffness(Stiffness):
         self.symmetric = symmetric
         self._store = store
         self._spread = problem.spread
-        self._resting = None if problem.resting is None else problem.resting[problem.rows]
+        self._idle = None if problem.kernel is None else problem.kernel.idle[problem.rows]
         self._components = components
         self._response = response
         self._keeps = keeps
@@ -190,25 +190,25 @@ class SparseStiffness(Stiffness):
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """See :class:`Stiffness`."""
-        motions = self._resting
-        if motions is None:
+        idle = self._idle
+        if idle is None:
             return self._store.solve(self.matrix, rhs)
-        return self._at_rest(motions, self._store.solve(self.matrix, self._at_rest(motions, rhs)))
+        return self._without(idle, self._store.solve(self.matrix, self._without(idle, rhs)))
 
     def columns(self, rhs: spmatrix) -> np.ndarray:
         """See :class:`Stiffness`."""
         with self._store.of(self.matrix) as factors:
             found = factors.solve_columns(rhs)
-            motions = self._resting
-            if motions is None or not motions.shape[1]:
+            idle = self._idle
+            if idle is None or not idle.shape[1]:
                 return found
-            work = self._spread.sum(motions.T @ rhs)
-            drawn = np.stack([factors.solve(motion) for motion in motions.T], axis=1)
-        return self._at_rest(motions, found - drawn @ work)
+            work = self._spread.sum(idle.T @ rhs)
+            drawn = np.stack([factors.solve(motion) for motion in idle.T], axis=1)
+        return self._without(idle, found - drawn @ work)
 
-    def _at_rest(self, motions: np.ndarray, own: np.ndarray) -> np.ndarray:
-        """Fields with undetermined rigid motions removed."""
-        return own - motions @ self._spread.sum(motions.T @ own)
+    def _without(self, idle: np.ndarray, own: np.ndarray) -> np.ndarray:
+        """Fields, (n, ...), without motions that nothing resists, (n, l)."""
+        return own - idle @ self._spread.sum(idle.T @ own)
 
     def response_to_forces(self, forces: np.ndarray) -> np.ndarray:
         """See :class:`Stiffness`; takes one more solution if K^-1 B^T is not kept."""

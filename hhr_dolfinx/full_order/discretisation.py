@@ -7,6 +7,7 @@ points of bodies with laws, or nearly incompressible ones, are in ``gauss_points
 from __future__ import annotations
 
 from contextlib import AbstractContextManager, nullcontext
+from dataclasses import replace
 from functools import cached_property, partial
 from typing import TYPE_CHECKING, Any, NoReturn
 
@@ -18,18 +19,20 @@ from petsc4py import PETSc
 from scipy.sparse import csc_matrix, csr_matrix, vstack
 from ufl.core.expr import Expr
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.amplitudes import Amplitude, Amplitudes, bound
+from hhr_dolfinx.contact.kernel import kernels
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw, MeshArrays, PairLaw
 from hhr_dolfinx.contact.problem import ContactProblem, masked, strained
 from hhr_dolfinx.contact.rows import ContactRows, joined
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import NotSolvableError, SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.full_order.checks import (
     conditions_with_unknowns,
     warn_of_idle_parameters,
 )
 from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
-from hhr_dolfinx.full_order.motions import rigid_lifts, with_motions
+from hhr_dolfinx.full_order.free_bodies import described, free_bodies, rigid_lifts
 from hhr_dolfinx.full_order.stress import stress_in_cells
 from hhr_dolfinx.loads import Assembler, Term, checked_terms, first_load, parted, placed
 from hhr_dolfinx.pairings.surface import warn_of_straight_sides
@@ -188,16 +191,18 @@ class Discretisation(DiscreteSpace):
         return [term for part in parted(terms) for term in part]
 
     def checked(self, problem: ContactProblem) -> ContactProblem:
-        """The problem with its rigid motions; checks for errors that only the whole scene shows."""
+        """The problem with the kernel of K; checks for errors that only the whole scene shows."""
         bodies = np.concatenate(self.comm.allgather(self.cell_bodies()))
-        found = with_motions(self.scene, problem, bodies)
-        if found.rigid is not None and problem.law.plugin and not problem.law.floats:
-            raise SceneError(
-                f"contact alone holds bodies of scene '{self.scene.name}', {found.loose}, and its law, "
-                f"{problem.law.name}, does not solve for their motions: hold them by a displacement"
-            )
+        free = free_bodies(self.scene, problem.points, problem.cell_nodes, bodies, problem.free)
+        if free:
+            if "kernel" not in registry.named("tools"):
+                raise NotSolvableError(
+                    f"{free[0].name} can move freely: it {described(free[0], free[0].left)}, and no installed plug-in "
+                    "solves for motions. Impose displacements that hold every body without its contacts"
+                )
+            problem = replace(problem, kernel=kernels().of(self.scene, problem, free))
         warn_of_idle_parameters(self.scene, problem.amplitudes)
-        return found
+        return problem
 
     def stress(self, displacement: np.ndarray, point: np.ndarray) -> np.ndarray:
         """Stress of a displacement, (N,), at a parameter, (P,), see :func:`stress_in_cells`."""

@@ -152,8 +152,9 @@ class FullOrderModel(AnsweringModel, ModelFields):
         if self.keeps_columns:
             self.stiffness.response  # noqa: B018 (made before threads ask)
         self._pairs = Pairs.of(problem.contact_pairs)
-        adrift = f"hold it by a displacement, or push it: {problem.loose}"
-        self.advice = {**FULL_ORDER_ADVICE, Status.ADRIFT: adrift}
+        self.advice = dict(FULL_ORDER_ADVICE)
+        if problem.kernel is not None:
+            self.advice[Status.ADRIFT] = f"hold it by a displacement, or push it: {problem.kernel.described}"
 
     def _take_parts(self) -> None:
         """Make a user-defined system readable for reductors: K in the middle of the box, and parts of the problem."""
@@ -203,10 +204,10 @@ class FullOrderModel(AnsweringModel, ModelFields):
         return 8 * rows * self.conditions <= KEPT_BYTES
 
     def _has_room(self) -> bool:
-        """True if K^-1 B^T is kept: if it is small, for bodies with laws, and with undetermined rigid motions."""
+        """True if K^-1 B^T is kept: if it is small, for bodies with laws, and for a singular K."""
         problem = self.problem
         few = self.has_room(problem.free.size)
-        return few or bool(self.scene.reader) or problem.resting is not None
+        return few or bool(self.scene.reader) or problem.kernel is not None
 
     @property
     def per_force(self) -> np.ndarray:

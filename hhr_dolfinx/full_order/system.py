@@ -10,19 +10,18 @@ from abc import ABC, abstractmethod
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
 from hhr_dolfinx.contact.problem import ContactProblem, ScaledBodies
 from hhr_dolfinx.errors import SceneError
-from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Floating
+from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
     from hhr_dolfinx.amplitudes import Theta
-    from hhr_dolfinx.contact.floating import FloatingEqualities
     from hhr_dolfinx.contact.stiffness import SparseStiffness, Stiffness
     from hhr_dolfinx.formulas import Modulus
 
@@ -31,14 +30,6 @@ if TYPE_CHECKING:
 DIFFERENCE = 1e-5
 """Part of the box by which a mesh is displaced for finite differences: their error is its square, and for smaller ones
 round-off of the assembly dominates."""
-
-
-class Kernel(NamedTuple):
-    """Rigid motions R that only contact prevents, (N, r), G = B R, (m, r), and loads along them."""
-
-    motions: np.ndarray
-    contact_of_motions: np.ndarray
-    loads: np.ndarray  # (r, 1 + T), the same for every stiffness
 
 
 @dataclass(eq=False, slots=True)  # one for each query
@@ -72,9 +63,9 @@ class SystemAt:
             free = rows.whole(free)
             closed = rows.sum(closed)
             response = self._response
-        floating = None if problem.rigid is None else self._floating(problem.rigid)
+        kernel = None if problem.kernel is None else problem.kernel.condensed(self)
         changes = self._at_fixed_forces
-        return CondensedContact(stiffness.schur, self.gaps - closed, free, response, changes, True, floating, stiffness)
+        return CondensedContact(stiffness.schur, self.gaps - closed, free, response, changes, True, kernel, stiffness)
 
     def _response(self, forces: np.ndarray) -> np.ndarray:
         return self.problem.spread.whole(self.stiffness.response_to_forces(forces))
@@ -85,15 +76,6 @@ class SystemAt:
         with self.stiffness.held():
             found = np.stack([self.stiffness.solve(-column) for column in left.T], axis=1)
         return slack - self.problem.contact_rows_times(found), self.problem.spread.whole(found)
-
-    def _floating(self, motions: np.ndarray) -> Floating:
-        """The kernel at this point; lifts do not contribute, since rigid motions have no strain."""
-        kernel = self.system.kernel
-        assert kernel is not None
-        acting, slopes = self.problem.amplitudes.slopes_at(self.point)
-        driving = kernel.loads @ self.problem.amplitudes(self.point)
-        changes = kernel.loads[:, acting] @ slopes
-        return Floating(self.system.floating_on(self.stiffness), driving, motions, lambda *_: changes)
 
 
 class System(ABC):
@@ -123,7 +105,6 @@ class System(ABC):
         self.problem = problem
         self.middle = middle
         self.made = made
-        self._known_floating: tuple[Stiffness, FloatingEqualities] | None = None
 
     def at(self, point: np.ndarray) -> SystemAt:
         """Equations at a point, (P,).
@@ -161,28 +142,6 @@ class System(ABC):
         for modulus, part, lift in parts:
             left += np.outer(part @ unknown + lift[problem.rows] @ theta, modulus.derivative(point))
         return left, problem.gaps[:, acting] @ slopes
-
-    @cached_property
-    def kernel(self) -> Kernel | None:
-        """Rigid motions that only contact prevents; None without any."""
-        motions = self.problem.rigid
-        if motions is None:
-            return None
-        return Kernel(motions, self.problem.contact @ motions, (self.problem.loads.T @ motions).T)
-
-    def floating_on(self, stiffness: Stiffness) -> FloatingEqualities:
-        """Equality problems with the kernel on S; cached for the last stiffness."""
-        from hhr_dolfinx.contact.floating import FloatingEqualities
-
-        known = self._known_floating
-        if known is None or known[0] is not stiffness:
-            assert self.kernel is not None
-            # in one assignment: several threads may call this
-            self._known_floating = known = (
-                stiffness,
-                FloatingEqualities(stiffness.schur, self.kernel.contact_of_motions),
-            )
-        return known[1]
 
 
 class _OfParts(System):

@@ -72,7 +72,7 @@ def low_rank_of(block_size: int, dofs: int, *, anew: bool = False) -> float | No
 
 
 def singular_stiffness(scene: str) -> str:
-    """Message for a singular stiffness; ``full_order.motions`` has excluded bodies with rigid-body motions."""
+    """Message for a singular stiffness; ``full_order.free_bodies`` has excluded bodies with rigid motions."""
     return (
         f"the stiffness of scene '{scene}' is singular to round-off, though every body is held as a whole: look for "
         "parts that are connected only at single nodes or edges, E many powers of ten apart, nu next to 0.5, "

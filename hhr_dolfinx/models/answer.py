@@ -13,6 +13,7 @@ import numpy as np
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.contact.active_set import Status, Statuses
+from hhr_dolfinx.contact.kernel import kernels
 from hhr_dolfinx.errors import ConvergenceError, NotOfferedError, NotSolvableError
 from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.models.shown import Shown, counted, line, point_of, table
@@ -282,9 +283,7 @@ class Answer(NamedTuple):
         found = self.fields.estimate(self)
         if found is None or self.undetermined is None:
             return found
-        from hhr_dolfinx.models.undetermined import undetermined_outputs
-
-        open_ = undetermined_outputs(self)
+        open_ = kernels().undetermined_outputs(self)
         return found._replace(outputs={name: error for name, error in found.outputs.items() if name not in open_})
 
     def outputs(self) -> Outputs:

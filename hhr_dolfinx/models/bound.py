@@ -18,7 +18,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
     from hhr_dolfinx.models.functionals.functional import Functional, Functionals
     from hhr_dolfinx.models.gradient import Gradient
-    from hhr_dolfinx.models.reconstruct import Reconstruction
 
 ROUND_OFF = 1e-10
 """Part of an answer that is round-off of the exact one too: smaller errors are unknown."""
@@ -143,7 +142,7 @@ class Response(Protocol):
     @property
     def loading(self) -> Any: ...  # noqa: D102
 
-    def within(self, fields: Reconstruction) -> ResponseWithin:
+    def within(self, fields: Any) -> ResponseWithin:
         """The response in the columns of a model."""
 
 
@@ -171,7 +170,7 @@ class OutputBound(Protocol):
     def fits(self, functionals: Functionals) -> bool:
         """True if these can be estimates of some outputs."""
 
-    def errors(self, fields: Reconstruction, answer: Answer, forces: np.ndarray, exact: np.ndarray) -> dict[str, float]:
+    def errors(self, fields: Any, answer: Answer, forces: np.ndarray, exact: np.ndarray) -> dict[str, float]:
         """Errors of outputs by name, of an answer with these forces, (m,), and the exact ones, (m,)."""
 
 

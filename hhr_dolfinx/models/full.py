@@ -33,28 +33,12 @@ if TYPE_CHECKING:
     from hhr_dolfinx.parameters import ParameterSpace, PointLike, PointsLike
 
 
-class Kernel(Protocol):
-    """Rigid motions R that contact alone holds, r of them."""
-
-    @property
-    def contact_of_motions(self) -> np.ndarray:
-        """B R, (N_lambda, r)."""
-
-    @property
-    def loads(self) -> np.ndarray:
-        """Loads along the motions, (r, 1 + T), the same for every stiffness."""
-
-
 class Equations(Protocol):
     """Dependence of the equations on parameters."""
 
     @property
     def bodies(self) -> ScaledBodies | None:
         """Moduli of whole bodies, if nothing else of K varies; None otherwise."""
-
-    @property
-    def kernel(self) -> Kernel | None:
-        """Rigid motions that contact alone holds; None without any."""
 
     def stiffness(self, point: np.ndarray) -> Stiffness:
         """K at a point, (P,)."""

@@ -16,6 +16,7 @@ import numpy as np
 
 from hhr_dolfinx import registry
 from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.contact.kernel import kernels
 from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
 from hhr_dolfinx.errors import (
     NotOfferedError,
@@ -276,10 +277,8 @@ class AnsweringModel(Shown):
 
     def warn_undetermined(self, answer: Answer) -> None:
         """Warn of rigid motions of an answer that contact does not determine."""
-        from hhr_dolfinx.models.undetermined import described
-
         warn(
-            f"neither loads nor contact determine how far {described(answer)} at "
+            f"neither loads nor contact determine how far {kernels().undetermined_motions(answer)} at "
             f"{self.parameters.described(answer.parameter)}: the answer is that of least motion, and nothing bounds "
             "outputs that read it. For one answer hold the body by a displacement, or load it",
             UndeterminedWarning,

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, Protocol, Self
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
+from hhr_dolfinx.contact.kernel import kernels
 from hhr_dolfinx.errors import ReductionError, SingularError
 from hhr_dolfinx.linear.dense import Factorise, LapackLU, dense_factors
 from hhr_dolfinx.models.answer import Answer, CheckedStart, SeveralAnswers
@@ -173,11 +174,9 @@ class ReducedModel(KeptModel):
 def _elimination(
     problem: ReducedProblem, amplitudes: Amplitudes, parameters: ParameterSpace, factorise: Factorise
 ) -> Elimination:
-    """Elimination of gamma: constant, with rigid motions, or of a sum of parts."""
+    """Elimination of gamma: constant, of a sum of parts, or with the kernel of K."""
     if problem.motions:
-        from hhr_dolfinx.models.eliminations.floating import ReducedFloatingElimination
-
-        return ReducedFloatingElimination(problem, amplitudes)
+        return kernels().elimination(problem, amplitudes)
     if problem.terms is not None:
         from hhr_dolfinx.models.eliminations.block import BlockElimination
 

@@ -45,7 +45,6 @@ MODULES = {
     "models.eliminations.block": "BlockElimination",
     "models.eliminations.constant": "ConstantElimination",
     "models.eliminations.elimination": "Responses",
-    "models.eliminations.floating": "FloatingElimination",
     "models.eliminations.projected": "ReducedProblem ReducedTerms",
     "models.exact": "ExactFields SolvedFields",
     "models.functionals.cells": "CellRule Middles MovingCells",

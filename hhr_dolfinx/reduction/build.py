@@ -351,7 +351,7 @@ class HyperReduction(Reductor[Offline]):
         limits = self.limits
         found = compared(task, model, limits, self.remedy)
         if limits is not None and not model.law.remembers and model.equilibrium is None:
-            if task.full.problem.rigid is not None and model.fields.bound is not None:
+            if task.full.problem.held_by_contact and model.fields.bound is not None:
                 check_comparison(compare_on_s(model), limits)
             warn_unbounded(model.fields)
         return found

@@ -13,7 +13,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
-from hhr_dolfinx.models.eliminations.elimination import Responses
+from hhr_dolfinx.models.eliminations.elimination import Elimination, Responses
 from hhr_dolfinx.models.exact import ExactFields, SolvedFields
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.starts import KnownStatuses
@@ -41,8 +41,8 @@ class ExactCondensation(Reductor[Task]):
         return cls(bool(fields))
 
     def not_by_rows(self, task: Task) -> str:
-        """One rank must have all rigid motions."""
-        return "" if task.full.problem.rigid is None else "contact alone holds bodies"
+        """One rank must have the kernel of K."""
+        return "contact alone holds bodies" if task.full.problem.held_by_contact else ""
 
     def attempt(self, prepared: Task, level: int) -> tuple[CondensedModel, None]:
         """The model."""
@@ -79,7 +79,7 @@ def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = T
         field: compute the displacement with each answer; without it only when it is asked for, and a query costs less.
     """
     full.problem.require_parts("condensation")
-    if full.spread.comm is not None and full.problem.rigid is not None:
+    if full.spread.comm is not None and full.problem.held_by_contact:
         raise SceneError("contact alone holds bodies: give a full model on MPI.COMM_SELF, whose motions one rank knows")
     if full.equilibrium is not None:
         raise SceneError(
@@ -100,7 +100,7 @@ def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = T
     free = full.spread.whole(full.per_load)
     # only with the field is it known how far bodies moved that contact holds
     kept = full.keeps_columns and full.spread.comm is None
-    field = (field and kept) or problem.rigid is not None
+    field = (field and kept) or problem.held_by_contact
     responses = Responses(
         free_primal=free if field else free[:0],
         primal_per_force=full.per_force if field else np.zeros((0, conditions)),
@@ -108,16 +108,14 @@ def exact_condensation(full: FullModel, known: KnownStatuses, *, field: bool = T
         schur=full.schur,
     )
     outputs = plain_outputs(full)
-    floats = problem.rigid is not None
+    floats = problem.held_by_contact
     size = problem.block_size
     if not (kept or floats):
         fields: Any = _solved_fields(full, free)
     else:
         rest = free, size, floats, full.stress_of, outputs, full
         fields = ExactFields(problem.amplitudes, problem.lifts, full.per_force, *rest)
-    if problem.rigid is not None:
-        return _floating(problem, problem.rigid, responses, known, fields)
-    eliminated = ConstantElimination(responses, problem.amplitudes)
+    eliminated = _elimination(problem, responses)
     return CondensedModel(problem.parameters, eliminated, known, fields, problem.contact_pairs, law=problem.law)
 
 
@@ -133,16 +131,11 @@ def _solved_fields(full: FullModel, free: np.ndarray) -> SolvedFields:
     )  # fmt: skip
 
 
-def _floating(
-    problem: ContactProblem, rigid: np.ndarray, responses: Responses, known: KnownStatuses, fields: ExactFields
-) -> CondensedModel:
-    """The same with rigid motions, (N, r), that nothing but contact holds."""
-    from hhr_dolfinx.models.eliminations.floating import FloatingElimination
-
-    taken = problem.contact @ rigid
-    driving = rigid.T @ problem.loads
-    left = FloatingElimination(responses, taken, driving, rigid, problem.amplitudes)
-    return CondensedModel(problem.parameters, left, known, fields, problem.contact_pairs, law=problem.law)
+def _elimination(problem: ContactProblem, responses: Responses) -> Elimination:
+    """Elimination of everything but the contact forces, and the kernel of K."""
+    if problem.held_by_contact and problem.kernel is not None:
+        return problem.kernel.exact(problem, responses)
+    return ConstantElimination(responses, problem.amplitudes)
 
 
 def _known_statuses(full: FullModel) -> KnownStatuses:

@@ -9,7 +9,6 @@ are removed from A and become part of the interface (figure 5.3a).
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -23,8 +22,6 @@ PANEL = 16
 """Modes that K of a whole mesh is multiplied with at once."""
 COPIED = 20_000_000
 """Most numbers copied of the modes of one body, 160 MB, so that its part of K is not multiplied with other modes."""
-NO_WORK = 1e-9
-"""Part of the largest work of a unit force along a rigid motion below which a condition does not act on it."""
 
 
 def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> ReducedProblem:
@@ -50,10 +47,10 @@ def project(problem: ContactProblem, basis: np.ndarray, sets: IndexSets) -> Redu
         loads=loads,
         gaps=problem.gaps[sets.A_lambda] + 0.0,  # files keep zeros with a sign
         pairs=problem.contact_pairs[sets.A_lambda],
-        motions=0 if problem.rigid is None else problem.rigid.shape[1],
+        motions=0 if problem.kernel is None else problem.kernel.motions.shape[1],
         terms=terms,
     )
-    return reduced if problem.rigid is None else _balanced(problem, basis, sets, reduced)
+    return problem.kernel.balanced(problem, basis, sets, reduced) if reduced.motions and problem.kernel else reduced
 
 
 def _moved(problem: ContactProblem, rows: csr_matrix, basis: np.ndarray, dofs: np.ndarray) -> np.ndarray:
@@ -136,47 +133,9 @@ class _ModesOfRows:
         return self._rows.sum(np.ascontiguousarray((own.T @ self._test).T))
 
 
-def _balanced(problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem) -> ReducedProblem:
-    """Replace tests by rigid motions, the first modes, on A alone by the balance of whole bodies.
-
-    All conditions that hold the bodies are in the RID, so all of their forces are included; K does no work along rigid
-    motions. Cut off outside A, a motion would strain cells there, and forces would balance the projection error.
-    """
-    r = reduced.motions
-    motions = basis[:, : reduced.motions]
-    acting = np.setdiff1d(holding(problem), sets.A_lambda)
-    if acting.size:
-        raise ReductionError(
-            f"{acting.size} contact conditions that hold a body are outside the RID, e.g. the one at "
-            f"{problem.contact_points[acting[0]].tolist()}: nothing else holds it, so that all must be in it"
-        )
-    loads = problem.spread.sum(motions.T @ problem.spread.of(problem.loads.tocsr()))
-    stiffness = reduced.stiffness.copy()
-    test = reduced.contact_test.copy()
-    forces = reduced.loads.copy()
-    stiffness[:r] = 0.0
-    stiffness[:, :r] = 0.0
-    test[:, :r] = reduced.contact_trial[:, :r]
-    forces[:r] = loads
-    terms = reduced.terms
-    if terms is not None:
-        parts = terms.stiffness.copy()
-        lifts = terms.lifts.copy()
-        sums = terms.forces.copy()
-        parts[:, :r] = 0.0
-        parts[:, :, :r] = 0.0
-        lifts[:, :r] = 0.0
-        sums[:r] = loads
-        terms = replace(terms, stiffness=parts, lifts=lifts, forces=sums)
-    return replace(reduced, stiffness=stiffness, contact_test=test, loads=forces, terms=terms)
-
-
 def holding(problem: ContactProblem) -> np.ndarray:
-    """Numbers of the conditions that hold the bodies with rigid motions."""
-    if problem.rigid is None:
-        return np.zeros(0, dtype=np.int64)
-    work = np.abs(problem.contact @ problem.rigid)
-    return np.flatnonzero(work.max(axis=1) > NO_WORK * work.max())
+    """Numbers of the conditions that hold bodies which nothing else holds."""
+    return np.zeros(0, dtype=np.int64) if problem.kernel is None else problem.kernel.holding(problem)
 
 
 def _terms(problem: ContactProblem, modes: _Modes | _ModesOfRows, loads: np.ndarray) -> ReducedTerms:

@@ -429,12 +429,9 @@ def _plain(value: object) -> Any:
 
 
 def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.ndarray:
-    """Basis of a step, which may be user-defined, in the form of the equations; rigid motions come first."""
-    if problem.rigid is not None:
-        rigid = problem.spread.of(problem.rigid)
-        fields = snapshots.displacements
-        along = problem.spread.sum(rigid.T @ fields)
-        snapshots = replace(snapshots, displacements=fields - rigid @ along)
+    """Basis of a step, which may be user-defined, in the form of the equations; the kernel of K comes first."""
+    if problem.kernel is not None:
+        snapshots = replace(snapshots, displacements=problem.kernel.without(problem, snapshots.displacements))
     basis = np.asarray(step.modes(problem, snapshots))
     free = problem.spread.of(problem.free)
     shaped = basis.ndim == 2 and len(basis) == len(free) and 0 < basis.shape[1] <= len(problem.free)
@@ -445,10 +442,8 @@ def basis_of(step: Any, problem: ContactProblem, snapshots: SnapshotSet) -> np.n
     if not problem.spread.alike(basis.shape[1]):
         raise ReductionError(f"{step!r} returned other numbers of modes on other ranks: give rows of the same modes")
     check_basis(problem, basis, f"the basis of {step!r}")
-    if problem.rigid is not None:
-        along = problem.spread.sum(rigid.T @ basis)
-        others = problem.spread.orthonormal(np.hstack([rigid, basis - rigid @ along]))[0][:, rigid.shape[1] :]
-        basis = np.hstack([rigid, others])  # a QR may change the sign of the motions
+    if problem.kernel is not None:
+        basis = problem.kernel.first(problem, basis)
     return np.where(free[:, None], basis, 0.0)  # without the round-off that the check allows
 
 

@@ -419,7 +419,7 @@ def check_claim(name: str, full: FullModel, model: Any, known: SnapshotSet) -> N
         off = np.inf
         if answer is not None:
             off = _part(np.linalg.norm(problem.contact.T @ answer.forces() - loads[number]), loads)
-            if problem.rigid is None:
+            if not problem.held_by_contact:
                 off = max(off, _part(mass_norm(problem, answer.displacement() - displacement), sizes))
         if not off <= limit:
             raise ClaimError(

@@ -514,13 +514,13 @@ def _digest_of(full: FullModel) -> bytes:
 
     The bounds of the parameters are left out: a wider box finds the solutions of a narrower one. Non-affine amplitudes
     are left out too: each query has their values at its point. Formulas of laws enter here, since a step may be cut,
-    and the answers of such laws enter the queries. Rigid-body motions follow from the rest. Snapshots are solved again
+    and the answers of such laws enter the queries. The kernel follows from the rest. Snapshots are solved again
     on a machine that assembles other last digits, or with another distribution of rows over ranks.
     """
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
     problem: ContactProblem = full.problem
     problem.require_parts("a store of snapshots")
-    others = "amplitudes parameters moduli reshaped rigid resting pins loose whole_contact law comm".split()
+    others = "amplitudes parameters moduli reshaped kernel whole_contact law comm".split()
     others += [] if problem.comm is None else ["stiffness_terms", "node_mass", "first"]  # the same on all ranks
     parts = [getattr(problem, item.name) for item in fields(problem) if item.name not in others]
     parts += [] if problem.comm is None else _digests_of_rows(problem)

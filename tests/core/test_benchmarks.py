@@ -56,7 +56,7 @@ def test_orders_of_cells_of_second_order_on_a_curved_surface():
 def test_bodies_held_by_contact_are_in_balance_and_reduced_well(scene):
     training = hhr.train(scene, hhr.Sobol(64), comm=MPI.COMM_SELF, held_out=20)
     full, model = training.full_order, training.build()
-    assert full.problem.rigid.shape[1] == model.problem.motions == 2
+    assert full.problem.kernel.motions.shape[1] == model.problem.motions == 2
     off = []
     for point in full.parameters.random(20, seed=5):
         assert max(imbalance(one, full, point) for one in (full, model)) < 1e-10

@@ -254,7 +254,7 @@ def test_a_body_that_contact_holds_is_named_by_all_that_is_made_of_it(tmp_path, 
     assert contract.training("floating").build(checked=False).known_error.startswith("bound, proved")
     with caplog.at_level(logging.INFO, logger="hhr_dolfinx"):
         model = training.build(checked=False)
-    loose = training.full_order.problem.loose
+    loose = training.full_order.problem.kernel.described
     assert loose and model.known_error.startswith("none: contact alone holds bodies") and loose in model.known_error
     assert model.known_error in caplog.text
     hhr.save_model(tmp_path / "model.npz", model)

@@ -66,7 +66,7 @@ def test_a_body_that_only_contact_holds():
         warnings.filterwarnings("ignore", "body 2 .* moves along axis 0", SceneWarning)
         varying = hhr.FullOrderModel(lying_block(young="E", tilt=0.2, parameters=space))
         plain = hhr.FullOrderModel(lying_block(young=700.0, tilt=0.2))
-    assert varying.system.bodies is not None and varying.problem.rigid is not None
+    assert varying.system.bodies is not None and varying.problem.held_by_contact
     answer, other = varying.solve([4.0, 700.0]), plain.solve(4.0)
     assert largest_difference(answer.displacement(), other.displacement()) < 1e-10
     assert largest_difference(answer.forces(), other.forces()) < 1e-10

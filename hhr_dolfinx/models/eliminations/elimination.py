@@ -6,7 +6,7 @@ With K factored, the primal unknown of thesis (1.21) or (1.61) is
 
 and the contact conditions become slack = free_slack + S lambda with S = B K^-1 B^T, thesis (5.23). Eliminations return
 this :class:`CondensedContact` for a point. K may be constant, factored at each point, interpolated or of another shape;
-rigid motions of bodies held by contact alone stay unknowns. Active set, gradients and models need nothing else.
+the kernel of K stays an unknown. Active set, gradients and models need nothing else.
 """
 
 from __future__ import annotations
@@ -19,31 +19,14 @@ from typing import TYPE_CHECKING, Annotated, ClassVar, Protocol
 
 import numpy as np
 
-from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, active_set
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.linear.dense import Factor, LapackLU, solve_columns
 from hhr_dolfinx.models.answer import Answer, Fields, SeveralAnswers, found_as, one_by_one
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.contact.floating import FloatingEqualities
+    from hhr_dolfinx.contact.kernel import CondensedKernel
     from hhr_dolfinx.models.starts import KnownStatuses
-
-
-@dataclass(frozen=True, eq=False)
-class Floating:
-    """Rigid motions of bodies that contact alone holds; they stay unknowns after elimination (r motions).
-
-    Attributes:
-        equalities: equality problems on S with the motions.
-        driving: loads along the motions, (r,).
-        modes: the motions as primal unknowns, (n, r).
-        drift: maps forces and unknown to d(residual along the motions)/dμ at fixed forces and unknown, (r, P).
-    """
-
-    equalities: FloatingEqualities
-    driving: np.ndarray
-    modes: np.ndarray
-    drift: Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
 class HasEqualities(Protocol):
@@ -66,7 +49,7 @@ class CondensedContact:
         at_fixed_forces: maps forces and unknown to derivatives along the parameters at fixed forces: of the slack,
             (m, P), and of the unknown, (n, P).
         symmetric: whether S is symmetric.
-        floating: rigid motions of bodies that contact alone holds; None without any.
+        kernel: motions of bodies that contact alone holds, which stay unknowns; None without any.
         factored: stiffness that shares its equality problems on S with other points; None creates them on demand.
     """
 
@@ -76,7 +59,7 @@ class CondensedContact:
     pushed: Callable[[np.ndarray], np.ndarray]
     at_fixed_forces: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
     symmetric: bool = False
-    floating: Floating | None = None
+    kernel: CondensedKernel | None = None
     factored: HasEqualities | None = None
 
     def unknown(self, forces: np.ndarray) -> np.ndarray:
@@ -105,9 +88,11 @@ class Elimination(ABC):
 
     Attributes:
         shares_factors: whether points with the same statuses share all factors.
+        keeps_kernel: whether motions of bodies that contact alone holds stay unknowns.
     """
 
     shares_factors: ClassVar[bool] = False
+    keeps_kernel: ClassVar[bool] = False
 
     @abstractmethod
     def __call__(self, point: np.ndarray) -> CondensedContact:
@@ -142,8 +127,8 @@ def answer_of(
     """Solve the condensed contact problem from given statuses, or with None from those of the free slack."""
     free_slack = contact.free_slack
     start = free_slack < 0 if start is None else start
-    if contact.floating is not None:
-        return _floating_answer(contact, contact.floating, point, start, pairs, fields, gradient)
+    if contact.kernel is not None:
+        return contact.kernel.answer(contact, point, start, pairs, fields, gradient)
     found = active_set(contact.equalities, free_slack, start, pairs=pairs)
     answer = found_as(found, point, contact.unknown(found.forces), fields)
     return differentiated(contact, answer) if gradient else answer
@@ -161,44 +146,6 @@ def differentiated(contact: CondensedContact, answer: Answer) -> Answer:
     return answer._replace(
         gradient=gradient_of(contact.equalities, answer.active, forces, slack, fixed, contact.pushed)
     )
-
-
-def _floating_answer(
-    contact: CondensedContact,
-    floating: Floating,
-    point: np.ndarray,
-    start: np.ndarray,
-    pairs: Pairs | None,
-    fields: Fields,
-    gradient: bool,
-) -> Answer:
-    """Solve the condensed contact problem with rigid motions as unknowns."""
-    from hhr_dolfinx.contact.floating import floating_set, open_motions
-
-    equalities = floating.equalities
-    free_slack = contact.free_slack
-    found, motions = floating_set(equalities, free_slack, floating.driving, start, pairs)
-    unknown = contact.unknown(found.forces) + floating.modes @ motions
-    if found.status is not Status.CONVERGED:
-        return found_as(found, point, unknown, fields)
-    slack = free_slack + contact.schur @ found.forces - equalities.contact_of_motions @ motions
-    left = open_motions(equalities, found.forces, free_slack, slack, floating.modes.T @ unknown)
-    if left is None:
-        answer = found_as(found, point, unknown, fields)
-    else:
-        unknown = unknown + floating.modes @ left.shift
-        slack = slack - equalities.contact_of_motions @ left.shift
-        found = found._replace(active=found.active & ~left.opened)
-        answer = found_as(found, point, unknown, fields)._replace(undetermined=floating.modes @ left.ways)
-    if not gradient:
-        return answer
-    from hhr_dolfinx.models.gradient import Gradient, grazing
-
-    of_slack, of_unknown = contact.at_fixed_forces(found.forces, unknown)
-    driven = floating.drift(found.forces, unknown)
-    changes, opened, of_motions = equalities.several(found.active, of_slack, driven)
-    of_unknown = of_unknown - contact.pushed(changes) + floating.modes @ of_motions
-    return answer._replace(gradient=Gradient(of_unknown, changes, grazing(found.active, found.forces, slack), opened))
 
 
 @dataclass(frozen=True)

@@ -13,7 +13,7 @@ from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.rows import ContactRows
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.full_order.expected import expected_in_space
-from hhr_dolfinx.full_order.motions import described, free_bodies
+from hhr_dolfinx.full_order.free_bodies import described, free_bodies
 from hhr_dolfinx.full_order.with_laws import with_laws
 from hhr_dolfinx.loads import Load, checked_terms, parted, placed
 from hhr_dolfinx.pairings.surface import Surface

@@ -20,7 +20,7 @@ def _wanted(full: FullModel) -> bool:
 
 
 def _has_outputs(full: FullModel, recipe: object) -> bool:
-    return _wanted(full) and full.functionals is not None and full.problem.rigid is None
+    return _wanted(full) and full.functionals is not None and not full.problem.held_by_contact
 
 
 PLUGIN = Plugin(

@@ -9,7 +9,7 @@ would lose half of the digits.
 For bodies that only contact holds let R be their rigid motions, on which K is singular, and G = B R. K is factored with
 as many dofs pinned as there are motions. Forces that balance the loads, G^T λ = driving, have no reaction on the pins,
 so that S and the field of the pinned bodies are correct up to a motion R q, which the contact problem determines with
-Λ, see :mod:`hhr_dolfinx.contact.floating`. Energies and estimates do not depend on rigid motions.
+Λ, see :mod:`hhr_dolfinx.plugins.floating.statuses`. Energies and estimates do not depend on rigid motions.
 """
 
 from __future__ import annotations
@@ -23,7 +23,6 @@ import numpy as np
 from scipy.linalg import LinAlgError, cholesky, solve_triangular
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.floating import FloatingEqualities, floating_set
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.models.bound import CANCELLED, ROUND_OFF, ForceScale, Thetas, driven, estimates_of, lengths
 from hhr_dolfinx.models.estimates import Estimates
@@ -32,6 +31,7 @@ from hhr_dolfinx.plugins.differences.contact_response import ContactResponse, Ou
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.gradient import Gradient
+    from hhr_dolfinx.plugins.floating.statuses import FloatingEqualities
 
 SQUARES = 1e-14
 """Part of squares up to which their difference is round-off."""
@@ -133,6 +133,8 @@ class ExactDifference(Rebuilt):
     @cached_property
     def floating(self) -> FloatingEqualities:
         """Equality problems on S with the motions."""
+        from hhr_dolfinx.plugins.floating.statuses import FloatingEqualities
+
         return FloatingEqualities(self.schur, self.taken)
 
     @cached_property
@@ -212,6 +214,8 @@ class DifferenceThere(NamedTuple):
         if not owner.taken.shape[1]:
             found, settled = owner.response.settled(forces, self.free)
             return Exact(found, np.zeros((len(found), 0)), settled)
+        from hhr_dolfinx.plugins.floating.statuses import floating_set
+
         driving = owner.driving @ self.theta
         touching = forces[0] > 0
         statuses, motions = floating_set(owner.floating, self.free[0], driving, touching)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 from scipy.sparse import csc_matrix
@@ -81,5 +81,6 @@ class ResponseWithin:
     @cached_property
     def _along_motions(self) -> tuple[np.ndarray, np.ndarray]:
         """Components of columns and loads along the rigid motions, (r, c) and (r, k)."""
-        motions = self.fields.basis[:, -self.fields.bound.taken.shape[1] :].T
+        bound: Any = self.fields.bound
+        motions = self.fields.basis[:, -bound.taken.shape[1] :].T
         return motions @ self.fields.basis, motions @ self.response.loaded

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from scipy import linalg
@@ -83,7 +83,7 @@ def exact_arrays(full: FullModel, forces: np.ndarray | None) -> tuple[np.ndarray
         )
     schur = (full.schur + full.schur.T) / 2
     terms = full.per_load.shape[1]
-    kernel = full.system.kernel
+    kernel: Any = problem.kernel
     contact_of_motions = (
         np.zeros((len(schur), 0)) if kernel is None else np.ascontiguousarray(kernel.contact_of_motions)
     )
@@ -135,10 +135,10 @@ def check_hypotheses(full: FullModel, *, floating: bool = False) -> None:
     problem = full.problem
     if full.equilibrium is not None:
         raise BoundError("bodies have laws, and errors are of elastic ones: histories have signs of error")
-    if problem.pins is not None and not floating:
+    if problem.kernel is not None and not floating:
         raise BoundError(
             "contact alone holds bodies, and K, whose inverse is in all errors, is singular along their motions: "
-            + problem.loose
+            + problem.kernel.described
         )
     signs = np.random.default_rng(0).choice((-1.0, 1.0), size=(len(problem.free), 2))  # random vectors: no copies of K
     rows = problem.spread
@@ -220,8 +220,8 @@ def field_response(full: FullModel, forces: np.ndarray, most: int) -> Bounding:
     """
     lower, arrays = exact_arrays(full, forces)
     columns, own, onto = columns_of_forces(full, lower, forces, most)
-    if full.problem.rigid is not None:
-        columns = np.hstack([columns, full.problem.spread.of(full.problem.rigid)])
+    if full.problem.kernel is not None:
+        columns = np.hstack([columns, full.problem.spread.of(full.problem.kernel.motions)])
     difference = ExactDifference(**arrays, kept=np.asfortranarray(own))
     loaded, loading = load_response(full)
     response = FieldResponse(full.problem.spread.whole(loaded), loading, onto)

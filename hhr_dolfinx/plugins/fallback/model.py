@@ -324,7 +324,7 @@ def _check_same_scene(reduced: Any, bound: Any, full: FullOrderModel) -> None:
         gaps = problem.gaps @ problem.theta(point)
         found = bound.at(point[None], reduced.fields.amplitudes(point)).slack(answer.forces()[None])[0]
         slack = gaps - problem.contact @ answer.unknown
-        kernel = full.system.kernel
+        kernel: Any = full.problem.kernel
         if kernel is not None:  # S does not include rigid motions
             contact_of_motions = kernel.contact_of_motions
             slack = slack + contact_of_motions @ np.linalg.lstsq(contact_of_motions, found - slack, rcond=None)[0]

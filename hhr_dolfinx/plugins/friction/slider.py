@@ -122,12 +122,12 @@ class Slider:
         """Solve one increment; it may not converge."""
         time, point, weights = target
         contact = self._contact_at(point)
-        of_motions = None if contact.floating is None else contact.floating.equalities.contact_of_motions
+        of_motions = None if contact.kernel is None else contact.kernel.equalities.contact_of_motions
         if self._sliding is None or self._sliding.given is not contact.schur:
             self._sliding = SlidingContact(contact.schur, self.friction, of_motions)
         slack = contact.free_slack.copy()
         slack[self.friction.tangential] -= self.surface.position(before.slip)
-        driving = np.zeros(0) if contact.floating is None else contact.floating.driving
+        driving = np.zeros(0) if contact.kernel is None else contact.kernel.driving
         given = Increment(slack, *self.friction.bounds(point), driving)
         found = self._sliding.increment(given, before.forces, before.active)
         slip = self.surface.after(before.slip, given, found, partial(unknown_of, contact, found), point)
@@ -150,7 +150,7 @@ class Slider:
     ) -> Gradient:
         """Derivatives of an increment at fixed statuses, also of the increments before."""
         assert self._sliding is not None
-        floating = contact.floating
+        floating = contact.kernel
         unknown = unknown_of(contact, found)
         slack, of_unknown = (part * target.weights for part in contact.at_fixed_forces(found.forces, unknown))
         slack = slack.copy()
@@ -220,7 +220,7 @@ class Slider:
 
     def _undetermined(self, contact: CondensedContact, found: Sliding) -> np.ndarray | None:
         """Motions that neither closed nor sticking contacts hold, see :class:`Answer`; None if there are none."""
-        floating = contact.floating
+        floating = contact.kernel
         if floating is None or found.status is not Status.CONVERGED:
             return None
         rows = self.friction.tangential
@@ -235,4 +235,4 @@ class Slider:
 def unknown_of(contact: CondensedContact, found: Sliding) -> np.ndarray:
     """The primal unknown under the forces of an increment, (n,)."""
     unknown = contact.unknown(found.forces)
-    return unknown if contact.floating is None else unknown + contact.floating.modes @ found.motions
+    return unknown if contact.kernel is None else unknown + contact.kernel.modes @ found.motions

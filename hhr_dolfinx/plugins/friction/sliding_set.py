@@ -26,7 +26,6 @@ from typing import NamedTuple
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.floating import BALANCED, MOST_STEPS, NOTHING, WEAKNESS
 from hhr_dolfinx.errors import SingularError
 from hhr_dolfinx.plugins.friction.laws import Friction
 from hhr_dolfinx.plugins.friction.sliding_system import Rows, SlidingSystem, SlidingSystems, Statuses
@@ -452,6 +451,8 @@ class SlidingContact:
         """Compliances of springs that hold the bodies, (r,), and the contact problems with these springs."""
         push = (self.contact_of_motions**2).mean(axis=0)
         unit = np.abs(np.diag(self.schur)).mean() / np.where(push > 0, push, 1.0)
+        from hhr_dolfinx.plugins.floating.statuses import WEAKNESS
+
         every = (unit * weak for weak in WEAKNESS)
         return tuple(
             (
@@ -462,7 +463,9 @@ class SlidingContact:
         )
 
     def _by_springs(self, given: Increment, own: _Given, failed: Sliding) -> Sliding:
-        """Hold the bodies by weak springs, and update the ends of these, see :mod:`hhr_dolfinx.contact.floating`."""
+        """Hold the bodies by weak springs, and update the ends of these, as without friction."""
+        from hhr_dolfinx.plugins.floating.statuses import BALANCED, MOST_STEPS, NOTHING
+
         ends = np.zeros(given.driving.size)
         iterations = failed.iterations
         sweeps = 0

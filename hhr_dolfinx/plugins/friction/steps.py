@@ -56,7 +56,7 @@ class FrictionSteps(Steps):
 
         contact = model.contacts()(point)
         coefficient, _ = model.law.bounds(point)
-        return np.nan if contact.floating is not None else coupling(contact.schur, model.law, coefficient)
+        return np.nan if contact.kernel is not None else coupling(contact.schur, model.law, coefficient)
 
     def known_error(self, known: str) -> str:
         """The error is that of one of several answers."""

@@ -107,7 +107,7 @@ class ForceError:
     def prepared(self, full: FullOrderModel) -> Score:
         """See :class:`GreedyIndicator`."""
         _refuse_flow(full, "ForceError()")
-        if full.problem.varies and full.problem.pins is not None:
+        if full.problem.varies and full.problem.kernel is not None:
             raise StudyError(
                 f"contact alone holds bodies of scene '{full.scene.name}', and their elasticity depends on parameters: "
                 "nothing tells a greedy training how wrong its forces are there. Train on points of the whole box "

@@ -481,7 +481,7 @@ def _check_given(full: FullModel, snapshots: SnapshotSet | None) -> None:
             f"the stiffness of scene '{full.scene.name}' does not depend on parameters, or its bodies have laws: "
             "interpolated condensation is for elastic bodies that vary; take exact_condensation"
         )
-    if problem.pins is not None:
+    if problem.kernel is not None:
         raise NotOfferedError(
             f"contact alone holds bodies of scene '{full.scene.name}', and their elasticity depends on parameters: "
             "interpolated condensation is not built in for these. Take "

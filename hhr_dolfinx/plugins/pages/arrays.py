@@ -24,7 +24,6 @@ from hhr_dolfinx.formulas import Scalar
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.displacement import dense
 from hhr_dolfinx.models.eliminations.constant import ConstantElimination
-from hhr_dolfinx.models.eliminations.floating import FloatingElimination
 from hhr_dolfinx.models.exact import ExactFields
 from hhr_dolfinx.models.functionals.kinds import LOADED, Largest, Linear, Loaded
 from hhr_dolfinx.models.model import KeptModel
@@ -43,13 +42,14 @@ def check_model(model: object, what: str = "a page") -> None:
 
         check_flow(model, what)
         return
-    known = ConstantElimination | FloatingElimination
-    if not isinstance(model, CondensedModel) or not (isinstance(model.eliminated, known) or interpolates(model)):
+    if not isinstance(model, CondensedModel) or not (
+        isinstance(model.eliminated, ConstantElimination) or model.eliminated.keeps_kernel or interpolates(model)
+    ):
         raise NotOfferedError(
             f"{what} answers by all contact conditions, and {_kind(model)} does not: condense the scene, "
             "hhr.condense(scene) or hhr train SCENE --model condensed"
         )
-    if isinstance(model.eliminated, FloatingElimination) and model.law.plugin:
+    if model.eliminated.keeps_kernel and model.law.plugin:
         raise NotOfferedError(
             f"{what} knows bodies that contact alone holds without {model.law.name}: ask in Python, or hold them by a "
             "displacement"
@@ -199,10 +199,10 @@ def _amplitudes(amplitudes: Amplitudes, arrays: Packed) -> dict[str, Any]:
 
 def _eliminated(eliminated: Any, arrays: Packed) -> dict[str, Any]:
     """S and the free slack; also the rigid motions of bodies without supports."""
-    if isinstance(eliminated, ConstantElimination | FloatingElimination):
+    if isinstance(eliminated, ConstantElimination) or eliminated.keeps_kernel:
         responses = eliminated.responses
         return {
-            "floating": _floating(eliminated, arrays) if isinstance(eliminated, FloatingElimination) else None,
+            "floating": _floating(eliminated, arrays) if eliminated.keeps_kernel else None,
             "schur": arrays.put("schur", half(responses.schur)),
             "free_slack": arrays.put("free_slack", responses.free_slack),
             "parts": [],
@@ -212,7 +212,7 @@ def _eliminated(eliminated: Any, arrays: Packed) -> dict[str, Any]:
     return compliances_tree(eliminated, arrays)
 
 
-def _floating(eliminated: FloatingElimination, arrays: Packed) -> dict[str, Any]:
+def _floating(eliminated: Any, arrays: Packed) -> dict[str, Any]:
     """Contact rows of rigid motions, B R, and loads along the motions."""
     return {
         "taken": arrays.put("floating_taken", eliminated.taken),
@@ -258,7 +258,7 @@ def _linear(model: Any, item: Linear, number: int, arrays: Packed) -> dict[str, 
         own = {"moved": linear_of_flow(fields, item, number, arrays)}
     elif item.count:
         rows = item.matrix(fields.functionals.size)
-        if isinstance(model.eliminated, FloatingElimination):
+        if model.eliminated.keeps_kernel:
             of_motions = item.along @ (rows @ model.eliminated.modes)
             own = {"motions": arrays.put(f"output{number}_motions", of_motions)}
         of_forces -= item.along @ (rows @ fields.per_force)

@@ -52,7 +52,7 @@ def slide(scene: Scene, *, condensed: bool = True) -> SlidingModel:
         full = FullOrderModel(dataclasses.replace(scene, contacts=pairs), MPI.COMM_SELF)
     problem = full.problem
     warn_of_idle_parameters(scene, problem.amplitudes)
-    if problem.rigid is not None:
+    if problem.held_by_contact:
         raise SceneError(f"contact alone holds bodies of scene '{scene.name}', which slide: hold them")
     if condensed:
         problem.require_parts("condensation")

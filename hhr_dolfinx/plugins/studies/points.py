@@ -67,7 +67,7 @@ def measure_points(
         if forces_only.offline is not None:
             offline = {"offline_condensed": dict(forces_only.offline.log.times)}
     baselines = {}
-    if settings.naive and full.problem.pins is None:
+    if settings.naive and full.problem.kernel is None:
         baselines = {name: registry.load(place)(full) for name, (place, _) in registry.parts("baselines").items()}
     models |= baselines
     # timed points belong neither to training nor to tests
@@ -122,7 +122,7 @@ def _mesh_error(full: FullOrderModel, skipped: list[dict[str, str]]) -> Report:
 
 def _without_naive(full: FullOrderModel) -> str:
     """Reason why the naive full model is not measured."""
-    if full.problem.pins is not None:
+    if full.problem.kernel is not None:
         return "nothing but contact holds a body: without it K is singular, and the first program fails"
     if not registry.parts("baselines"):
         return "no plug-in of baselines is installed"

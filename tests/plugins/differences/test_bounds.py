@@ -13,10 +13,10 @@ from test_outputs import small_pellet
 from tubes import tube
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.plugins.differences.offline import energy_coordinates, exact_difference
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import BoundError, ModelFileError, ParameterError, ReductionError
 from hhr_dolfinx.plugins.differences import contact_response
+from hhr_dolfinx.plugins.differences.offline import energy_coordinates, exact_difference
 
 AS_IT_IS = hhr.Recipe().as_it_is()
 ERRORS = ("primal", "dual", "forces_euclid", "pressure")

@@ -12,8 +12,8 @@ from test_outputs import small_pellet
 import hhr_dolfinx as hhr
 from hhr_dolfinx.errors import ModelFileError, ParameterError
 from hhr_dolfinx.geometries import two_blocks
-from hhr_dolfinx.plugins.differences import outputs as output_difference
 from hhr_dolfinx.models.functionals.functional import Functional
+from hhr_dolfinx.plugins.differences import outputs as output_difference
 
 POOR = hhr.Recipe(cone=True).as_it_is()
 """Forces and displacements of training alone, so that errors are large."""

@@ -17,12 +17,12 @@ from test_mpi import launch
 
 import hhr_dolfinx as hhr
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.floating import FloatingEqualities, _nearest, floating_set
 from hhr_dolfinx.errors import NotOfferedError, NotSolvableError, SceneWarning, UndeterminedWarning
 from hhr_dolfinx.geometries import block
 from hhr_dolfinx.geometries import stacked_blocks as blocks
 from hhr_dolfinx.geometries.gmsh_model import mesh_of
 from hhr_dolfinx.geometries.two_blocks import side
+from hhr_dolfinx.plugins.floating.statuses import FloatingEqualities, _nearest, floating_set
 from hhr_dolfinx.reduction.exact import exact_condensation
 
 LOWER, UPPER = blocks.LOWER, blocks.UPPER
@@ -83,9 +83,9 @@ def test_forces_hold_the_body_and_nothing_else_does(bulge, tilt):
 
 def test_what_nothing_drives_stays_at_rest():
     full = hhr.FullOrderModel(scene(), MPI.COMM_SELF)
-    assert full.problem.resting.shape[1] == 1 and full.problem.rigid.shape[1] == 2
+    assert full.problem.kernel.idle.shape[1] == 1 and full.problem.kernel.motions.shape[1] == 2
     moved = full.solve(5.0).displacement().reshape(-1, 2)[full.problem.cell_nodes[-32:].ravel(), 0]
-    assert abs(full.problem.resting.T @ full.solve(5.0).displacement()).max() < 1e-12
+    assert abs(full.problem.kernel.idle.T @ full.solve(5.0).displacement()).max() < 1e-12
     assert np.abs(moved).max() < 0.1
 
 
@@ -96,7 +96,7 @@ def test_a_hold_that_carries_nothing_changes_nothing():
     held = dataclasses.replace(one, displacements=(*one.displacements, hhr.Displacement(side(UPPER, 0, True), 0)))
     # the side may move along itself: what it carries is what keeps it straight, a hundredth of the force
     close = hhr.FullOrderModel(held, MPI.COMM_SELF)
-    assert close.problem.rigid.shape[1] == 1 and close.problem.resting.shape[1] == 0
+    assert close.problem.kernel.motions.shape[1] == 1 and close.problem.kernel.idle.shape[1] == 0
     assert close.solve(3.0).forces().sum() == pytest.approx(free.solve(3.0).forces().sum(), rel=1e-10)
 
 
@@ -266,20 +266,20 @@ def test_a_ring_on_a_shaft_is_held_and_its_turn_left_at_rest(pairing):
     """
     with pytest.warns(SceneWarning, match="body ring .* turns, which .* no load drives: it is left at rest"):
         full = hhr.FullOrderModel(ring_on_shaft(pairing), MPI.COMM_SELF)
-    assert full.problem.rigid.shape[1] == 2 and full.problem.resting.shape[1] == 1
+    assert full.problem.kernel.motions.shape[1] == 2 and full.problem.kernel.idle.shape[1] == 1
     answer = full.solve((10.0, 0.0))
     pressure = answer.forces() / full.problem.contact_areas
     assert 7.5 < pressure.mean() < 10.0 and pressure.min() > 0.7 * pressure.mean()
     if pairing is hhr.Mortar:
         assert np.ptp(pressure) < 0.05 * pressure.mean()
     heavy = full.solve((5.0, 0.5))
-    normal = full.problem.contact @ full.problem.rigid
+    normal = full.problem.contact @ full.problem.kernel.motions
     assert residual_along(full, heavy, normal) < 1e-10
 
 
 def residual_along(full, answer, effects):
     """Balance along the motions that contact holds, over the largest part of it."""
-    driving = full.problem.rigid.T @ (full.problem.loads @ full.problem.amplitudes(answer.parameter))
+    driving = full.problem.kernel.motions.T @ (full.problem.loads @ full.problem.amplitudes(answer.parameter))
     held = effects.T @ answer.forces()
     return np.abs(driving - held).max() / (np.abs(effects).T @ answer.forces()).max()
 

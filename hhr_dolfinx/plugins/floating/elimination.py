@@ -1,8 +1,8 @@
 """Elimination for bodies with rigid motions: the primal unknown is eliminated, rigid motions are not.
 
 In a reduced model the first modes are rigid motions R, on which K~ has columns of zeros. The equations tested with
-them are the balance of whole bodies, see ``reduction.projection``. The other modes are eliminated as usual. What
-remains is G^T lambda = driving, see ``contact.floating``.
+them are the balance of whole bodies, see :meth:`RigidKernel.balanced`. The other modes are eliminated as usual. What
+remains is G^T lambda = driving, see ``statuses``.
 """
 
 from __future__ import annotations
@@ -10,17 +10,18 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 import numpy as np
 
 from hhr_dolfinx.amplitudes import Amplitudes
-from hhr_dolfinx.contact.floating import FloatingEqualities
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.linear.dense import LapackLU
-from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, Floating, Responses
+from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination, Responses
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.plain import Rebuilt
+from hhr_dolfinx.plugins.floating.condensed import Floating
+from hhr_dolfinx.plugins.floating.statuses import FloatingEqualities
 
 Changed = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]]
 
@@ -36,6 +37,8 @@ class FloatingElimination(Rebuilt, Elimination):
         modes: the motions as unknowns, (n, r).
         amplitudes: θ as a function of the parameters.
     """
+
+    keeps_kernel: ClassVar[bool] = True
 
     responses: Responses
     taken: Annotated[Floats, "m", "motions"]
@@ -64,7 +67,7 @@ class FloatingElimination(Rebuilt, Elimination):
         free = left.free_primal @ theta
         respond = partial(np.matmul, left.primal_per_force)
         return CondensedContact(
-            left.schur, slack, free, respond, lambda _, unknown: changes(unknown)[:2], floating=motions
+            left.schur, slack, free, respond, lambda _, unknown: changes(unknown)[:2], kernel=motions
         )
 
     def _changes(self, point: np.ndarray, _: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -98,7 +98,7 @@ def test_motions_are_of_one_body_each():
     problem = hhr.FullOrderModel(stack(), MPI.COMM_SELF).problem
     upper = problem.points[:, 1] > 1 + 1e-9
     lower = problem.points[:, 1] < 1 - 1e-9
-    moved = np.abs(problem.rigid).reshape(len(problem.points), 2, -1)
+    moved = np.abs(problem.kernel.motions).reshape(len(problem.points), 2, -1)
     sizes = [moved[which].max(axis=(0, 1)) for which in (upper, lower)]
     assert (np.minimum(*sizes) < 1e-12).all()
 

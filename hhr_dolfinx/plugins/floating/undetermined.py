@@ -1,4 +1,4 @@
-"""Answers with rigid motions that neither loads nor contact determine, see :mod:`hhr_dolfinx.contact.floating`."""
+"""Answers with rigid motions that neither loads nor contact determine, see :mod:`.statuses`."""
 
 from __future__ import annotations
 
@@ -30,7 +30,7 @@ def undetermined_outputs(answer: Any) -> set[str]:
     return found
 
 
-def described(answer: Any) -> str:
+def undetermined_motions(answer: Any) -> str:
     """Description of the undetermined motions of an answer: the nodes of the mesh that move, and how."""
     before = answer.displacement()
     words = []

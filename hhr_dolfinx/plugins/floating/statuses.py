@@ -191,7 +191,7 @@ def _nearest(rows: np.ndarray, limits: np.ndarray, target: np.ndarray) -> np.nda
     system = np.vstack([-rows.T, beyond])
     unit = np.zeros(len(system))
     unit[-1] = 1.0
-    # nnls of scipy 1.15 stops too early, as the examples of tests/core/test_floating.py show
+    # nnls of scipy 1.15 stops too early, as the examples of tests/plugins/floating/test_floating.py show
     shares = lsq_linear(system, unit, bounds=(0.0, np.inf), method="bvls", tol=1e-15).x
     acting = shares > ACTING * shares.max()
     # the residual of the least squares has half of the digits of the point; active rows give all of them

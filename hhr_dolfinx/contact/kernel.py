@@ -1,0 +1,119 @@
+"""Kernel of K: motions of bodies that imposed displacements do not hold.
+
+A plug-in with the tool ``kernel``, a :class:`Kernels`, solves for the motions that contact resists. Without one, scenes
+with such bodies are refused.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from hhr_dolfinx import registry
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.amplitudes import Amplitudes
+    from hhr_dolfinx.contact.active_set import Pairs
+    from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+
+
+class Kernel(Protocol):
+    """Motions of a problem on which K is singular (N dofs, r of them resisted by contact, l by nothing).
+
+    Attributes:
+        described: the bodies that contact holds, with their motions.
+        pins: dofs that fix all motions, (r + l,).
+        motions: orthonormal motions that contact resists, (N, r).
+        idle: orthonormal motions without loads and resistance, (N, l), which answers do not have.
+    """
+
+    @property
+    def described(self) -> str: ...  # noqa: D102
+
+    @property
+    def pins(self) -> np.ndarray: ...  # noqa: D102
+
+    @property
+    def motions(self) -> np.ndarray: ...  # noqa: D102
+
+    @property
+    def idle(self) -> np.ndarray: ...  # noqa: D102
+
+    def condensed(self, there: Any) -> CondensedKernel | None:
+        """The motions as unknowns of the contact problem at a point, a ``SystemAt``; None if contact resists none."""
+
+    def exact(self, problem: ContactProblem, responses: Any) -> Any:
+        """``Elimination`` at a constant stiffness, by the ``Responses`` of the pinned bodies."""
+
+    def holding(self, problem: ContactProblem) -> np.ndarray:
+        """Numbers of the conditions that resist the motions, (k,)."""
+
+    def without(self, problem: ContactProblem, fields: np.ndarray) -> np.ndarray:
+        """Displacements, (own, k), without the motions that contact resists."""
+
+    def first(self, problem: ContactProblem, basis: np.ndarray) -> np.ndarray:
+        """Basis, (own, ell), of these motions, the first r, and of a given one."""
+
+    def balanced(self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced: Any) -> Any:
+        """A ``ReducedProblem``: replace the equations tested with the first r modes by the balance of whole bodies."""
+
+
+class CondensedKernel(Protocol):
+    """Motions as unknowns of one condensed contact problem (n unknowns, m conditions).
+
+    Attributes:
+        equalities: equality problems on S with the motions.
+        driving: loads along the motions, (r,).
+        modes: the motions as primal unknowns, (n, r).
+        drift: maps forces and unknown to d(residual along the motions)/dμ at fixed forces and unknown, (r, P).
+    """
+
+    @property
+    def equalities(self) -> Any: ...  # noqa: D102
+
+    @property
+    def driving(self) -> np.ndarray: ...  # noqa: D102
+
+    @property
+    def modes(self) -> np.ndarray: ...  # noqa: D102
+
+    @property
+    def drift(self) -> Callable[[np.ndarray, np.ndarray], np.ndarray]: ...  # noqa: D102
+
+    def answer(
+        self, contact: Any, point: np.ndarray, start: np.ndarray, pairs: Pairs | None, fields: Any, gradient: bool
+    ) -> Any:  # fmt: skip
+        """Answer at a point, see :func:`~hhr_dolfinx.models.eliminations.elimination.answer_of`."""
+
+
+class Kernels(Protocol):
+    """The tool ``kernel``."""
+
+    def of(self, scene: Any, problem: ContactProblem, bodies: Sequence[Any]) -> Kernel:
+        """Kernel of a problem with these free bodies.
+
+        Raises:
+            NotSolvableError: for motions with loads that contact does not resist, and bodies that are not built in.
+            SceneError: if the law of the contacts does not solve for motions.
+        """
+
+    def elimination(self, problem: Any, amplitudes: Amplitudes) -> Any:
+        """``Elimination`` of a reduced problem whose first modes are motions."""
+
+    def undetermined_outputs(self, answer: Any) -> set[str]:
+        """Names of the outputs that an undetermined motion of an answer changes."""
+
+    def undetermined_motions(self, answer: Any) -> str:
+        """Description of the undetermined motions of an answer."""
+
+
+def kernels() -> Kernels:
+    """The tool.
+
+    Raises:
+        NotOfferedError: if no installed plug-in has it.
+    """
+    found: Any = registry.tool("kernel", "a body that contact alone holds")
+    return found

@@ -1,0 +1,152 @@
+"""Bodies that imposed displacements do not hold, and rigid motions of whole bodies as lifts.
+
+A body whose imposed displacements are those of a rigid motion is lifted as a whole, so that its lift has no strain. The
+lift of the thesis is nonzero on the imposed dofs alone (section 2.6), and K lift is a load. If K depends on
+parameters so does that load, and it is far larger than any force on the body: interpolated between parameters its
+terms cancel, and so do the energies in bounds. If the imposed values are those of a rigid motion, as for a block that
+is pressed down by its top, that motion of the whole body has these values too, and K is zero along it for any moduli.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.sparse import csc_matrix, csr_matrix, hstack
+from scipy.sparse.csgraph import connected_components
+
+from hhr_dolfinx.scene import Scene
+
+ALMOST_NONE = 1e-9
+"""Part of the largest effect of a motion, or of a load, up to which it is round-off."""
+
+
+@dataclass(frozen=True)
+class FreeBody:
+    """Connected components with rigid-body motions.
+
+    Attributes:
+        name: of its bodies, for messages.
+        nodes: its nodes.
+        motions: all of its rigid motions, (k, nodes, dim), see :func:`rigid_motions`.
+        left: motions compatible with imposed displacements, orthonormal combinations, (l, k).
+    """
+
+    name: str
+    nodes: np.ndarray
+    motions: np.ndarray
+    left: np.ndarray
+
+    def columns(self, count: int) -> np.ndarray:
+        """The remaining motions on all nodes, (nodes dim, l)."""
+        found = np.zeros((len(self.left), count, self.motions.shape[2]))
+        found[:, self.nodes] = np.tensordot(self.left, self.motions, 1)
+        return found.reshape(len(self.left), -1).T
+
+
+def free_bodies(
+    scene: Scene, points: np.ndarray, cell_nodes: np.ndarray, bodies: np.ndarray, free: np.ndarray
+) -> list[FreeBody]:
+    """Bodies with rigid-body motions: rigid motions that vanish on their imposed dofs.
+
+    Args:
+        scene: the scene.
+        points: coordinates of the nodes, (nodes, dim).
+        cell_nodes: nodes of each cell, (cells, n).
+        bodies: index in the scene of the body of each cell, (cells,).
+        free: dofs that are not imposed, (N,) bool.
+    """
+    count, dim = points.shape
+    part = components_of_nodes(count, cell_nodes)
+    imposed = ~free.reshape(count, dim)
+    found = []
+    for number in np.unique(part[cell_nodes[:, 0]]):
+        nodes = np.flatnonzero(part == number)
+        motions = rigid_motions(points[nodes], scene.hypothesis)
+        held = motions[:, imposed[nodes]].T
+        # free motions vanish on imposed dofs
+        _, sizes, ways = np.linalg.svd(np.vstack([held, np.zeros((len(motions), len(motions)))]), full_matrices=False)
+        left = ways[sizes <= ALMOST_NONE * np.sqrt(max(len(held), 1))]
+        if len(left):
+            tags = sorted({str(scene.bodies[k].tag) for k in bodies[part[cell_nodes[:, 0]] == number]})
+            name = f"body {', '.join(tags)} of scene '{scene.name}', around {points[nodes].mean(axis=0).tolist()},"
+            found.append(FreeBody(name, nodes, motions, left))
+    return found
+
+
+def components_of_nodes(count: int, cell_nodes: np.ndarray) -> np.ndarray:
+    """Connected component of each of so many nodes, by cells, (cells, n): (nodes,)."""
+    starts = np.repeat(cell_nodes[:, :1], cell_nodes.shape[1], axis=1)
+    graph = csr_matrix((np.ones(cell_nodes.size), (starts.ravel(), cell_nodes.ravel())), shape=(count, count))
+    return connected_components(graph, directed=False)[1]
+
+
+def rigid_motions(points: np.ndarray, hypothesis: str) -> np.ndarray:
+    """Motions without strain: translations, then rotations scaled by the size of the body, (motions, nodes, dim)."""
+    count, dim = points.shape
+    if hypothesis == "axisymmetric":
+        return np.broadcast_to(np.array([[[0.0, 1.0]]]), (1, count, 2))
+    motions = [np.broadcast_to(axis, (count, dim)) for axis in np.eye(dim)]
+    away = (points - points.mean(axis=0)) / (np.ptp(points, axis=0).max() or 1.0)
+    for first, second in ((0, 1),) if dim == 2 else ((1, 2), (2, 0), (0, 1)):
+        turn = np.zeros((count, dim))
+        turn[:, first] = -away[:, second]
+        turn[:, second] = away[:, first]
+        motions.append(turn)
+    return np.array(motions)
+
+
+def described(body: FreeBody, ways: np.ndarray) -> str:
+    """Description of combinations of motions of a body, (n, k): along axes, along directions, or rotations."""
+    dim = body.motions.shape[2]
+    if len(body.motions) == 1:
+        return "moves along axis 1"
+    shifts = dim
+    along = [axis for axis in range(shifts) if np.linalg.norm(ways[:, axis]) > 1 - 1e-6]
+    parts = [f"moves along axis {axis}" for axis in along]
+    if len(ways) > len(along):
+        turning = np.linalg.norm(ways[:, shifts:]) > 1e-6 * np.linalg.norm(ways)
+        parts.append("turns" if turning else f"moves along {np.round(ways[0, :shifts], 3).tolist()}")
+    return ", ".join(parts)
+
+
+ALIKE = 1e-10
+"""Relative difference from imposed values up to which a rigid motion has the same values."""
+
+
+def rigid_lifts(
+    scene: Scene, lifts: csc_matrix, free: np.ndarray, points: np.ndarray, cell_nodes: np.ndarray
+) -> csc_matrix:
+    """Replace lifts, (N, 1 + T), by rigid motions of whole bodies if these have the imposed values.
+
+    Each term is checked separately: in a body that it moves, the other imposed dofs stay zero. Inelastic bodies and
+    bodies with a variable shape keep their lifts.
+
+    Args:
+        scene: the scene.
+        lifts: nonzero on the imposed dofs alone, (N, 1 + T).
+        free: dofs that are not imposed, (N,) bool.
+        points: coordinates of the nodes, (nodes, dim).
+        cell_nodes: nodes of each cell, (cells, n).
+    """
+    if scene.shapes or scene.reader:
+        return lifts
+    part = components_of_nodes(len(points), cell_nodes)
+    found = [lifts[:, [term]] for term in range(lifts.shape[1])]
+    imposed = ~free.reshape(points.shape)
+    for term in np.flatnonzero(np.diff(lifts.indptr)):
+        values = found[term].toarray().reshape(points.shape)
+        moving = values.copy()
+        for number in np.unique(part[np.any(values, axis=1)]):
+            nodes = np.flatnonzero(part == number)
+            motions = rigid_motions(points[nodes], scene.hypothesis)
+            held = imposed[nodes]
+            wanted = values[nodes]
+            ways = np.linalg.lstsq(motions[:, held].T, wanted[held], rcond=ALIKE)[0]
+            rigid = np.tensordot(ways, motions, 1)
+            if np.abs(rigid - wanted)[held].max() > ALIKE * np.abs(wanted).max():
+                continue
+            rigid[held] = wanted[held]
+            moving[nodes] = np.where(np.abs(rigid) > ALIKE * np.abs(rigid).max(), rigid, 0.0)
+        found[term] = csc_matrix(moving.reshape(-1, 1))
+    return csc_matrix(hstack(found))

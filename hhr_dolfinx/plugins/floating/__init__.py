@@ -1,0 +1,13 @@
+"""Bodies that contact alone holds: their rigid motions, the kernel of K, are unknowns of the contact problem."""
+
+from __future__ import annotations
+
+from hhr_dolfinx.registry import Plugin
+
+_HERE = "hhr_dolfinx.plugins.floating"
+
+PLUGIN = Plugin(
+    name="floating",
+    classes={f"{_HERE}.elimination": "FloatingElimination"},
+    tools={"kernel": f"{_HERE}.kernel:RigidKernel"},
+)

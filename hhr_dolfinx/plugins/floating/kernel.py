@@ -1,0 +1,272 @@
+"""The kernel of K: rigid motions that contact prevents, and those that nothing prevents and no load drives.
+
+Motions that contact resists are unknowns of the active set, see :mod:`hhr_dolfinx.plugins.floating.statuses`. Motions
+without resistance of contact and without loads, such as the rotation of a round body without friction, are set to zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass, field, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy import linalg
+from scipy.sparse.csgraph import connected_components
+
+from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+from hhr_dolfinx.errors import NotSolvableError, ReductionError, SceneError, SceneWarning
+from hhr_dolfinx.full_order.free_bodies import ALMOST_NONE, FreeBody, described
+from hhr_dolfinx.plugins.floating.condensed import Floating
+from hhr_dolfinx.plugins.floating.elimination import FloatingElimination, ReducedFloatingElimination
+from hhr_dolfinx.plugins.floating.statuses import FloatingEqualities
+from hhr_dolfinx.plugins.floating.undetermined import undetermined_motions, undetermined_outputs
+from hhr_dolfinx.warn import warn
+
+if TYPE_CHECKING:
+    from hhr_dolfinx.contact.stiffness import Stiffness
+    from hhr_dolfinx.full_order.system import SystemAt
+    from hhr_dolfinx.models.eliminations.elimination import Responses
+    from hhr_dolfinx.models.eliminations.projected import ReducedProblem
+    from hhr_dolfinx.scene import Scene
+
+UNEVEN = 1e-3
+"""Part of the work of its nodal forces, without signs, that a load on a round surface may do on its rotation."""
+WEAK = 0.1
+"""Part of the effect of other motions up to which that of a rotation may come from the facets of a round surface."""
+NO_WORK = 1e-9
+"""Part of the largest work of a unit force along a rigid motion below which a condition does not act on it."""
+
+
+@dataclass(eq=False)
+class RigidKernel:
+    """See :class:`~hhr_dolfinx.contact.kernel.Kernel`; m conditions, 1 + T terms. The class is the tool ``kernel``.
+
+    Attributes:
+        motions, idle, pins, described: see there.
+        contact_of_motions: G = B R, (m, r).
+        loads: loads along the motions, (r, 1 + T), the same for every stiffness.
+    """
+
+    motions: np.ndarray
+    idle: np.ndarray
+    pins: np.ndarray
+    described: str
+    contact_of_motions: np.ndarray
+    loads: np.ndarray
+    _known: tuple[Stiffness, FloatingEqualities] | None = field(default=None, init=False)
+
+    @classmethod
+    def of(cls, scene: Scene, problem: ContactProblem, bodies: Sequence[FreeBody]) -> RigidKernel:
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernels`.
+
+        Warns:
+            SceneWarning: of motions without resistance and without loads.
+        """
+        remedy = "Impose displacements that hold every body without its contacts"
+        for body in bodies:
+            touched = np.abs(problem.contact @ _all_dofs(body, problem.block_size, len(problem.free))).max(initial=0.0)
+            if touched == 0.0 or scene.shapes or scene.reader:
+                only = ". Contact alone may hold a body where none has a law or changes its shape"
+                why = only if touched else ""
+                raise NotSolvableError(f"{body.name} can move freely: it {described(body, body.left)}{why}. {remedy}")
+        columns = [body.columns(len(problem.points)) for body in bodies]
+        # bodies have no common nodes
+        motions = np.hstack([np.linalg.qr(part)[0] for part in columns])
+        owner = np.repeat(np.arange(len(columns)), [part.shape[1] for part in columns])
+        effect = problem.contact @ motions
+        # appended zero rows give one singular value for each motion
+        _, sizes, ways = np.linalg.svd(np.vstack([effect, np.zeros((motions.shape[1],) * 2)]), full_matrices=False)
+        unresisted = sizes <= ALMOST_NONE * np.sqrt(len(effect)) * problem.contact_norm
+        idle = motions @ ways[unresisted].T
+        _check_idle(bodies, problem, idle)
+        pins = linalg.qr(motions.T * problem.free, mode="r", pivoting=True)[1][: motions.shape[1]]
+        rigid = motions @ _by_body(effect, ways[unresisted], owner)
+        round_ = _round_turns(bodies, problem, rigid)
+        if round_.any():
+            idle = np.hstack([idle, rigid[:, round_]])
+            rigid = rigid[:, ~round_]
+        loose = "; ".join(f"{body.name} {described(body, body.left)}" for body in bodies)
+        if rigid.shape[1] and problem.law.plugin and not problem.law.floats:
+            raise SceneError(
+                f"contact alone holds bodies of scene '{scene.name}', {loose}, and its law, {problem.law.name}, does "
+                "not solve for their motions: hold them by a displacement"
+            )
+        on_rows = problem.contact @ rigid, (problem.loads.T @ rigid).T
+        return cls(rigid, idle, np.sort(pins), loose, *on_rows)
+
+    elimination = staticmethod(ReducedFloatingElimination)
+    undetermined_outputs = staticmethod(undetermined_outputs)
+    undetermined_motions = staticmethod(undetermined_motions)
+
+    def condensed(self, there: SystemAt) -> Floating | None:
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`; lifts do not contribute: rigid motions have no strain."""
+        if not self.motions.shape[1]:
+            return None
+        amplitudes = there.problem.amplitudes
+        acting, slopes = amplitudes.slopes_at(there.point)
+        driving = self.loads @ amplitudes(there.point)
+        changes = self.loads[:, acting] @ slopes
+        return Floating(self._equalities_on(there.stiffness), driving, self.motions, lambda *_: changes)
+
+    def _equalities_on(self, stiffness: Stiffness) -> FloatingEqualities:
+        """Equality problems on S; cached for the last stiffness."""
+        known = self._known
+        if known is None or known[0] is not stiffness:
+            # in one assignment: several threads may call this
+            self._known = known = stiffness, FloatingEqualities(stiffness.schur, self.contact_of_motions)
+        return known[1]
+
+    def exact(self, problem: ContactProblem, responses: Responses) -> FloatingElimination:
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""
+        taken = problem.contact @ self.motions
+        driving = self.motions.T @ problem.loads
+        return FloatingElimination(responses, taken, driving, self.motions, problem.amplitudes)
+
+    def holding(self, problem: ContactProblem) -> np.ndarray:
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""
+        work = np.abs(problem.contact @ self.motions)
+        if not work.size:
+            return np.zeros(0, dtype=np.int64)
+        return np.flatnonzero(work.max(axis=1) > NO_WORK * work.max())
+
+    def without(self, problem: ContactProblem, fields: np.ndarray) -> np.ndarray:
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""
+        own = problem.spread.of(self.motions)
+        return fields - own @ problem.spread.sum(own.T @ fields)
+
+    def first(self, problem: ContactProblem, basis: np.ndarray) -> np.ndarray:
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""
+        own = problem.spread.of(self.motions)
+        if not own.shape[1]:
+            return basis
+        others = problem.spread.orthonormal(np.hstack([own, self.without(problem, basis)]))[0][:, own.shape[1] :]
+        return np.hstack([own, others])  # a QR may change the sign of the motions
+
+    def balanced(
+        self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced: ReducedProblem
+    ) -> ReducedProblem:
+        """See :class:`~hhr_dolfinx.contact.kernel.Kernel`.
+
+        All conditions that hold the bodies are in the RID, so all of their forces are included; K does no work along
+        rigid motions. Cut off outside A, a motion would strain cells there, and forces would balance the projection
+        error.
+        """
+        r = reduced.motions
+        motions = basis[:, :r]
+        acting = np.setdiff1d(self.holding(problem), sets.A_lambda)
+        if acting.size:
+            raise ReductionError(
+                f"{acting.size} contact conditions that hold a body are outside the RID, e.g. the one at "
+                f"{problem.contact_points[acting[0]].tolist()}: nothing else holds it, so that all must be in it"
+            )
+        loads = problem.spread.sum(motions.T @ problem.spread.of(problem.loads.tocsr()))
+        stiffness = reduced.stiffness.copy()
+        test = reduced.contact_test.copy()
+        forces = reduced.loads.copy()
+        stiffness[:r] = 0.0
+        stiffness[:, :r] = 0.0
+        test[:, :r] = reduced.contact_trial[:, :r]
+        forces[:r] = loads
+        terms = reduced.terms
+        if terms is not None:
+            parts = terms.stiffness.copy()
+            lifts = terms.lifts.copy()
+            sums = terms.forces.copy()
+            parts[:, :r] = 0.0
+            parts[:, :, :r] = 0.0
+            lifts[:, :r] = 0.0
+            sums[:r] = loads
+            terms = replace(terms, stiffness=parts, lifts=lifts, forces=sums)
+        return replace(reduced, stiffness=stiffness, contact_test=test, loads=forces, terms=terms)
+
+
+def _round_turns(found: Sequence[FreeBody], problem: ContactProblem, rigid: np.ndarray) -> np.ndarray:
+    """Mask of the motions, of (N, r), that only the facets of round surfaces resist, (r,) bool; it warns of them.
+
+    A large rotation of this kind opens every gap, unlike that of a round body. Without loads these rotations are set to
+    zero, and the moment of the facets' normals is distributed over the body.
+    """
+    effects = np.linalg.norm(problem.contact @ rigid, axis=0)
+    driven = _driven(problem, rigid)
+    found_round = np.zeros(rigid.shape[1], dtype=bool)
+    for body in found:
+        fields = rigid.reshape(len(problem.points), problem.block_size, rigid.shape[1])[body.nodes]
+        own = np.flatnonzero(np.abs(fields).max(axis=(0, 1)) > ALMOST_NONE)
+        for place in own:
+            turn = fields[:, :, place]
+            turning = np.abs(turn - turn.mean(axis=0)).max() > 0.5 * np.abs(turn).max()
+            if not turning or effects[place] >= WEAK * effects[own].max():
+                continue
+            found_round[place] = not driven[place]
+            what = "and no load drives: it is left at rest" if not driven[place] else "though loads drive it"
+            warn(
+                f"{body.name} turns, which contact resists {effects[place] / effects[own].max():.1g} times as much as "
+                f"other motions of it, {what}. If its surfaces are round only their facets do so, and turned far they "
+                "open every gap. Hold the turn by a displacement where that is not meant",
+                SceneWarning,
+                stacklevel=3,
+            )
+    return found_round
+
+
+def _driven(problem: ContactProblem, motions: np.ndarray) -> np.ndarray:
+    """Mask of the motions, of (N, r), along which loads do work beyond the discretisation error of a round body."""
+    work = np.abs(problem.loads.T @ motions)
+    sizes = np.asarray(abs(problem.loads).T @ np.abs(motions))
+    return (work > UNEVEN * sizes).any(axis=0)
+
+
+def _by_body(effect: np.ndarray, idle: np.ndarray, body: np.ndarray) -> np.ndarray:
+    """Orthonormal combinations, (k, r), of k motions with an effect, (m, k), and those without, (l, k).
+
+    Each is of one of the bodies, (k,), unless idle motions are of several at once: loads of a light body would be
+    lost in round-off of those of a heavy one. Combinations of one body have effects as different as possible.
+    """
+    projector = idle.T @ idle
+    _, group = connected_components((np.abs(projector) > ALMOST_NONE) | (body[:, None] == body), directed=False)
+    found = []
+    for number in np.unique(group):
+        own = np.flatnonzero(group == number)
+        kept = own.size - round(float(np.trace(projector[np.ix_(own, own)])))
+        part = np.zeros((len(body), kept))
+        # appended zero rows give one singular value for each motion
+        padded = np.vstack([effect[:, own], np.zeros((own.size, own.size))])
+        part[own] = np.linalg.svd(padded, full_matrices=False)[2][:kept].T
+        found.append(part)
+    return np.hstack(found)
+
+
+def _all_dofs(body: FreeBody, dim: int, count: int) -> np.ndarray:
+    """A vector without zeros on the dofs of a body, (N,), and without a preferred direction."""
+    vector = np.zeros((count // dim, dim))
+    vector[body.nodes] = np.random.default_rng(0).uniform(1.0, 2.0, (len(body.nodes), dim))
+    return vector.ravel()
+
+
+def _check_idle(found: Iterable[FreeBody], problem: ContactProblem, idle: np.ndarray) -> None:
+    """Refuse motions, (N, l), without resistance of contact and with loads; warn of those without loads."""
+    if not idle.shape[1]:
+        return
+    # each relative to its magnitude: a small load may have a large amplitude
+    loads = np.asarray(abs(problem.loads).sum(axis=0)).ravel()
+    for motion in idle.T:
+        texts = []
+        for body in found:
+            own = motion.reshape(len(problem.points), -1)[body.nodes]
+            if np.abs(own).max() > ALMOST_NONE * np.abs(motion).max():
+                flat = body.motions.reshape(len(body.motions), -1)
+                way = np.linalg.lstsq(flat.T, own.ravel(), rcond=None)[0]
+                texts.append(f"{body.name} {described(body, way[None] / np.linalg.norm(way))}")
+        text = " while ".join(texts)
+        if (np.abs(problem.loads.T @ motion) > ALMOST_NONE * loads * np.abs(motion).max()).any():
+            raise NotSolvableError(
+                f"{text}, which loads drive and no contact resists: there is no equilibrium. Hold it by a "
+                "displacement, or add the contact that does"
+            )
+        warn(
+            f"{text}, which no contact resists and no load drives: it is left at rest. Hold it by a displacement where "
+            "that is not meant",
+            SceneWarning,
+            stacklevel=2,
+        )
