@@ -16,7 +16,7 @@ from hhr_dolfinx import registry
 if TYPE_CHECKING:
     from hhr_dolfinx.amplitudes import Amplitudes
     from hhr_dolfinx.contact.active_set import Pairs
-    from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+    from hhr_dolfinx.linear.rows import Rows
 
 
 class Kernel(Protocol):
@@ -44,19 +44,19 @@ class Kernel(Protocol):
     def condensed(self, there: Any) -> CondensedKernel | None:
         """The motions as unknowns of the contact problem at a point, a ``SystemAt``; None if contact resists none."""
 
-    def exact(self, problem: ContactProblem, responses: Any) -> Any:
+    def exact(self, problem: Any, responses: Any) -> Any:
         """``Elimination`` at a constant stiffness, by the ``Responses`` of the pinned bodies."""
 
-    def holding(self, problem: ContactProblem) -> np.ndarray:
+    def holding(self) -> np.ndarray:
         """Numbers of the conditions that resist the motions, (k,)."""
 
-    def without(self, problem: ContactProblem, fields: np.ndarray) -> np.ndarray:
+    def without(self, rows: Rows, fields: np.ndarray) -> np.ndarray:
         """Displacements, (own, k), without the motions that contact resists."""
 
-    def first(self, problem: ContactProblem, basis: np.ndarray) -> np.ndarray:
+    def first(self, rows: Rows, basis: np.ndarray) -> np.ndarray:
         """Basis, (own, ell), of these motions, the first r, and of a given one."""
 
-    def balanced(self, problem: ContactProblem, basis: np.ndarray, sets: IndexSets, reduced: Any) -> Any:
+    def balanced(self, problem: Any, basis: np.ndarray, sets: Any, reduced: Any) -> Any:
         """A ``ReducedProblem``: replace the equations tested with the first r modes by the balance of whole bodies."""
 
 
@@ -91,7 +91,7 @@ class CondensedKernel(Protocol):
 class Kernels(Protocol):
     """The tool ``kernel``."""
 
-    def of(self, scene: Any, problem: ContactProblem, bodies: Sequence[Any]) -> Kernel:
+    def of(self, scene: Any, problem: Any, bodies: Sequence[Any]) -> Kernel:
         """Kernel of a problem with these free bodies.
 
         Raises:

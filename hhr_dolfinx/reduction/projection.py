@@ -135,7 +135,7 @@ class _ModesOfRows:
 
 def holding(problem: ContactProblem) -> np.ndarray:
     """Numbers of the conditions that hold bodies which nothing else holds."""
-    return np.zeros(0, dtype=np.int64) if problem.kernel is None else problem.kernel.holding(problem)
+    return np.zeros(0, dtype=np.int64) if problem.kernel is None else problem.kernel.holding()
 
 
 def _terms(problem: ContactProblem, modes: _Modes | _ModesOfRows, loads: np.ndarray) -> ReducedTerms:

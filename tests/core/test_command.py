@@ -85,6 +85,7 @@ def test_every_command_helps_with_examples():
     assert invoke("--version")[0] == 0
 
 
+@needs("differences")
 def test_training_says_each_thing_once(trained):
     folder, found = trained
     lines = found.stdout.splitlines()
@@ -122,7 +123,7 @@ def test_an_interrupted_training_keeps_its_answers(tmp_path):
     assert again.returncode == 0 and f"{kept} of 228 answers were read" in again.stdout, again.stdout + again.stderr
 
 
-@needs("tables")
+@needs("differences", "tables")
 def test_answers_do_not_replace_their_questions(trained, tmp_path):
     questions = tmp_path / "q.csv"
     questions.write_text("travel,lowered\n0.5,0.1\n")

@@ -90,7 +90,7 @@ def test_six_parameters(materials, condensed):
     assert (finer.max(axis=1) < 1e-3 * errors.max(axis=1)).all()
 
 
-@needs("moduli")
+@needs("differences", "moduli")
 def test_many_answers_say_what_single_ones_say(pellet, reduced, condensed):
     for model in (reduced, condensed):
         points = model.parameters.random(20, 3)

@@ -88,6 +88,7 @@ def check(pairing, size, young, conditions, forces):
         assert largest_difference(condensed.solve(point).forces(), exact.forces()) < 1e-10
 
 
+@needs("differences")
 @pytest.mark.parametrize("pairing", PAIRINGS)
 @pytest.mark.filterwarnings("ignore::hhr_dolfinx.errors.PairingWarning")
 @pytest.mark.filterwarnings("ignore:kappa:hhr_dolfinx.errors.StabilityWarning")

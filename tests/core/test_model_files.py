@@ -822,6 +822,7 @@ REFUSED = {
 }  # fmt: skip
 
 
+@needs("differences")
 @pytest.mark.parametrize(
     "kind, number",
     [

@@ -52,7 +52,7 @@ def test_training_condenses_neither(alone, training):
 
 def test_reduced_models_factor_at_each_point_and_have_no_bound(alone, training, tmp_path):
     """The same basis and RID as with the plug-in, so that answers are off by what the reduction leaves."""
-    with pytest.warns(NoBoundWarning, match="no installed plug-in bounds it"):
+    with pytest.warns(NoBoundWarning, match="no installed plug-in knows"):
         model = training.build()
     assert model.compliances is None and isinstance(model.eliminated.eliminated, BlockElimination)
     assert "depends on parameters" in model.fields.unbounded

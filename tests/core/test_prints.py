@@ -57,6 +57,7 @@ def test_notebooks_show_the_same_as_a_table(values):
         assert value._repr_html_().count("<tr>") == len(value.facts())
 
 
+@needs("differences")
 def test_lines_say_what_is_there(values, training):
     answer = values["answer of full"]
     touching = int(answer.active.sum())

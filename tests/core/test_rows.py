@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pytest
 from bare import SCENE_FOLDERS
-from needs import present
+from needs import needs, present
 from scipy.sparse import random_array
 from test_mpi import launch
 
@@ -17,7 +17,7 @@ import dataclasses, json, sys, warnings
 sys.path[:0] = {folders!r}
 import numpy as np
 from mpi4py import MPI
-import test_floating, test_rows, toy_basis, your_scene
+import test_rows, toy_basis, your_scene
 from needs import present
 import hhr_dolfinx as hhr
 warnings.simplefilter("ignore")
@@ -27,10 +27,10 @@ plain = your_scene.scene()
 spring, roller, stop = plain.bodies
 bodies = spring, dataclasses.replace(roller, young="E"), stop
 box = hhr.ParameterSpace(("travel", "lowered", "E"), (0.05, 0.0, 2e3), (1.0, 0.3, 5e3))
-scenes = {{
-    "contact alone holds": test_floating.scene(cells=(16, 8), tilt=0.2),
-    "outputs": plain,
-}}
+scenes = {{"outputs": plain}}
+if present("floating"):
+    import test_floating
+    scenes = {{"contact alone holds": test_floating.scene(cells=(16, 8), tilt=0.2), **scenes}}
 if present("moduli"):
     scenes = {{"moduli that vary": dataclasses.replace(plain, bodies=bodies, parameters=box), **scenes}}
 recipes = {{
@@ -175,7 +175,11 @@ def test_tables_of_ranks_are_those_of_numpy(found, ranks):
         assert len(values) == ranks and max(values) < 1e-13, name
 
 
-NAMES = (*(["moduli that vary"] if present("moduli") else []), "contact alone holds", "outputs")
+NAMES = (
+    *(["moduli that vary"] if present("moduli") else []),
+    *(["contact alone holds"] if present("floating") else []),
+    "outputs",
+)
 KINDS = ("usual", "cone", "energy", "L2", "by body")
 
 
@@ -199,6 +203,7 @@ def test_models_of_ranks_are_those_of_one(found, ranks, name):
         assert several == pytest.approx(one, rel=1e-8), kind
 
 
+@needs("differences")
 @pytest.mark.parametrize("ranks", [1, 2, THREE])
 def test_bounds_of_ranks_hold(found, ranks):
     """Where moduli vary that of the displacement is a difference of energies, which leaves half of the digits.

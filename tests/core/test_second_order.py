@@ -146,6 +146,7 @@ def second(scene):
     return dataclasses.replace(scene, order=2)
 
 
+@needs("differences")
 @pytest.fixture(scope="module")
 def training():
     return hhr.train(second(contract.blocks()), hhr.Sobol(24), held_out=20, comm=MPI.COMM_SELF)

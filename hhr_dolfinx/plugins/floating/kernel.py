@@ -26,6 +26,7 @@ from hhr_dolfinx.warn import warn
 if TYPE_CHECKING:
     from hhr_dolfinx.contact.stiffness import Stiffness
     from hhr_dolfinx.full_order.system import SystemAt
+    from hhr_dolfinx.linear.rows import Rows
     from hhr_dolfinx.models.eliminations.elimination import Responses
     from hhr_dolfinx.models.eliminations.projected import ReducedProblem
     from hhr_dolfinx.scene import Scene
@@ -123,24 +124,24 @@ class RigidKernel:
         driving = self.motions.T @ problem.loads
         return FloatingElimination(responses, taken, driving, self.motions, problem.amplitudes)
 
-    def holding(self, problem: ContactProblem) -> np.ndarray:
+    def holding(self) -> np.ndarray:
         """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""
-        work = np.abs(problem.contact @ self.motions)
+        work = np.abs(self.contact_of_motions)
         if not work.size:
             return np.zeros(0, dtype=np.int64)
         return np.flatnonzero(work.max(axis=1) > NO_WORK * work.max())
 
-    def without(self, problem: ContactProblem, fields: np.ndarray) -> np.ndarray:
+    def without(self, rows: Rows, fields: np.ndarray) -> np.ndarray:
         """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""
-        own = problem.spread.of(self.motions)
-        return fields - own @ problem.spread.sum(own.T @ fields)
+        own = rows.of(self.motions)
+        return fields - own @ rows.sum(own.T @ fields)
 
-    def first(self, problem: ContactProblem, basis: np.ndarray) -> np.ndarray:
+    def first(self, rows: Rows, basis: np.ndarray) -> np.ndarray:
         """See :class:`~hhr_dolfinx.contact.kernel.Kernel`."""
-        own = problem.spread.of(self.motions)
+        own = rows.of(self.motions)
         if not own.shape[1]:
             return basis
-        others = problem.spread.orthonormal(np.hstack([own, self.without(problem, basis)]))[0][:, own.shape[1] :]
+        others = rows.orthonormal(np.hstack([own, self.without(rows, basis)]))[0][:, own.shape[1] :]
         return np.hstack([own, others])  # a QR may change the sign of the motions
 
     def balanced(
@@ -154,7 +155,7 @@ class RigidKernel:
         """
         r = reduced.motions
         motions = basis[:, :r]
-        acting = np.setdiff1d(self.holding(problem), sets.A_lambda)
+        acting = np.setdiff1d(self.holding(), sets.A_lambda)
         if acting.size:
             raise ReductionError(
                 f"{acting.size} contact conditions that hold a body are outside the RID, e.g. the one at "
