@@ -19,7 +19,8 @@ from hhr_dolfinx.parameters import ParameterSpace
 WAIT = 1800
 """Seconds after which another process is held to hang; those of the tests take half a minute on an idle machine."""
 _ROOT = Path(__file__).parent.parent
-SCENE_FOLDERS = [
+_FOLDERS = "tests tests/core tests/plugins/floating demos benchmarks benchmarks/thesis".split()
+SCENE_FOLDERS = [str(_ROOT / name) for name in _FOLDERS]
     str(_ROOT / name)
     for name in ("tests", "tests/core", "tests/plugins/floating", "demos", "benchmarks", "benchmarks/thesis")
 ]
