@@ -146,12 +146,12 @@ def second(scene):
     return dataclasses.replace(scene, order=2)
 
 
-@needs("differences")
 @pytest.fixture(scope="module")
 def training():
     return hhr.train(second(contract.blocks()), hhr.Sobol(24), held_out=20, comm=MPI.COMM_SELF)
 
 
+@needs("differences")
 def test_reduced_models_are_as_good_as_of_first_order(training):
     """Condensation is exact; bounds hold and are those of the error; 1e-3 was measured as on first order."""
     full = training.full_order
