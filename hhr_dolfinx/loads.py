@@ -209,7 +209,6 @@ class PartialPressure:
 
 
 def _unit_pressure(assembler: Assembler, tag: Tag) -> np.ndarray:
-    """Nodal forces of the pressure 1, (N,)."""
     return assembler.vector(elasticity.pressure(assembler.test, assembler.hypothesis, assembler.ds(tag)))
 
 
@@ -218,8 +217,8 @@ def checked_terms(load: Load, assembler: Assembler) -> list[Term]:
     terms = load.terms(assembler)
     if not isinstance(terms, Sequence) or not all(isinstance(term, Term) for term in terms):
         raise SceneError(f"the terms of {load!r} must be a list of Term, and are {terms!r}")
-    terms = [Term(bound(term.amplitude, assembler.parameters), term.columns) for term in terms]
-    return [Term(term.amplitude, _checked_columns(load, term, assembler)) for term in terms]
+    given = [(bound(term.amplitude, assembler.parameters), term.columns) for term in terms]
+    return [Term(amplitude, _checked_columns(load, amplitude, columns, assembler)) for amplitude, columns in given]
 
 
 def parted(terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
@@ -245,10 +244,7 @@ def placed(terms: Sequence[Term], first: int, shape: tuple[int, int]) -> csc_mat
     return csc_matrix(hstack(parts))
 
 
-def _checked_columns(load, term, assembler) -> csc_matrix:
-    """Columns of a term, after a check of its amplitude and sizes."""
-    amplitude = term.amplitude
-    columns = term.columns
+def _checked_columns(load: Load, amplitude: Any, columns: Any, assembler: Assembler) -> csc_matrix:
     count = 1 if isinstance(amplitude, Amplitude) else checked_count(amplitude, assembler.parameters, load)
     if isinstance(columns, np.ndarray) and columns.ndim == 1:
         columns = columns[:, None]

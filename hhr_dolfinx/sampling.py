@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhr_dolfinx.errors import ParameterError
-from hhr_dolfinx.parameters import ParameterSpace, is_whole
+from hhr_dolfinx.parameters import ParameterSpace, check_count_and_seed, is_whole
 
 
 @dataclass(frozen=True)
@@ -25,13 +25,10 @@ class _Sampling:
     corners: bool = False
 
     def __post_init__(self) -> None:
-        if not is_whole(self.count, 1) or not is_whole(self.seed, 0):
-            raise ParameterError(
-                f"{type(self).__name__}({self.count!r}, seed={self.seed!r}): the count must be a positive integer, the "
-                "seed one that is not negative"
-            )
+        kind = type(self).__name__
+        check_count_and_seed(f"{kind}({self.count!r}, seed={self.seed!r})", self.count, self.seed)
         if not isinstance(self.corners, bool):
-            raise ParameterError(f"corners = {self.corners!r} of {type(self).__name__} must be True or False")
+            raise ParameterError(f"corners = {self.corners!r} of {kind} must be True or False")
 
     def points(self, space: ParameterSpace) -> np.ndarray:
         """The corners, if requested, followed by the points, (count, P).
@@ -92,13 +89,11 @@ class Lattice:
     seed: int = 1
 
     def __post_init__(self) -> None:
-        """Raise ParameterError for invalid counts."""
         levels = self.levels if isinstance(self.levels, tuple) else (self.levels,)
-        if not is_whole(self.count, 1) or not is_whole(self.seed, 0) or not all(is_whole(item, 2) for item in levels):
-            raise ParameterError(
-                f"Lattice({self.count!r}, levels={self.levels!r}, seed={self.seed!r}): the count must be a positive "
-                "integer, each of the levels one from 2, the seed one that is not negative"
-            )
+        what = f"Lattice({self.count!r}, levels={self.levels!r}, seed={self.seed!r})"
+        check_count_and_seed(what, self.count, self.seed)
+        if not all(is_whole(item, 2) for item in levels):
+            raise ParameterError(f"{what}: each of the levels must be an integer from 2")
 
     def points(self, space: ParameterSpace) -> np.ndarray:
         """The points, (n, P), with the corners of the box first if all of them fit.
