@@ -22,7 +22,7 @@ from hhr_dolfinx.parameters import ParameterSpace, described, is_number, is_whol
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
-    from hhr_dolfinx.formulas import Formula, Scalar
+    from hhr_dolfinx.formulas import Scalar
 
 
 @dataclass(frozen=True)
@@ -69,16 +69,21 @@ def check_amplitude(item: Any, what: str, *, formulas: bool = False) -> None:
         )
 
 
-def check_formula(amplitude: Formula, space: ParameterSpace, what: str) -> None:
-    """Raise SceneError for a formula of unknown parameters, or one that is not finite everywhere in the box."""
+EVERYWHERE = (-math.inf, math.inf)
+FINITE = "an amplitude must be finite everywhere in the box: change the formula, or narrow the box"
+
+
+def check_formula(
+    text: str, space: ParameterSpace, what: str, ends: tuple[float, float] = EVERYWHERE, remedy: str = FINITE
+) -> None:
+    """Raise SceneError for a formula of unknown parameters, or one that leaves an open interval in the box."""
     from hhr_dolfinx.formulas import Scalar, check_over_box
 
     try:
-        scalar = Scalar(amplitude.text, space.names)
+        scalar = Scalar(text, space.names)
     except SceneError as error:
         raise SceneError(f"{what}: {error}") from None
-    remedy = "an amplitude must be finite everywhere in the box: change the formula, or narrow the box"
-    check_over_box(scalar, space, what, -np.inf, np.inf, remedy)
+    check_over_box(scalar, space, what, *ends, remedy)
 
 
 def bound(amplitude: Any, space: ParameterSpace) -> Any:

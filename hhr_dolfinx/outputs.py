@@ -170,7 +170,7 @@ class OfContact(_Output):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check_pair_index(f"output '{self.name}': contact", self.contact)
+        check_pair_index(f"output '{self.name}': contact {self.contact!r}", self.contact)
 
 
 @dataclass(frozen=True)

@@ -61,7 +61,7 @@ def described(names: Sequence[str], point: np.ndarray) -> str:
 def check_pair_index(what: str, index: object) -> None:
     """Raise SceneError for an index that is none of a contact pair."""
     if not is_whole(index, 0):
-        raise SceneError(f"{what} {index!r} must be the place of a pair in Scene.contacts, 0 for the first")
+        raise SceneError(f"{what} must be the place of a pair in Scene.contacts, 0 for the first")
 
 
 def check_count_and_seed(what: str, count: object, seed: object) -> None:
