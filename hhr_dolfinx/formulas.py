@@ -241,7 +241,8 @@ class Modulus(Rebuilt):
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Derivatives along the parameters, (P,)."""
-        factor, rest = self.factor_scalar, self.rest_scalar
+        factor = self.factor_scalar
+        rest = self.rest_scalar
         return factor.value(point) * rest.derivative(point) + rest.value(point) * factor.derivative(point)
 
 

@@ -87,7 +87,11 @@ class ParameterSpace:
     def __post_init__(self):
         for part, kind, what in (("names", str, "names"), ("lower", Real, "numbers"), ("upper", Real, "numbers")):
             value = getattr(self, part)
-            items = as_tuple(f"{part} of a parameter space", value)
+            if isinstance(value, str) or not isinstance(value, Sequence | np.ndarray):
+                raise SceneError(
+                    f"{part} = {value!r} of a parameter space must be a tuple: for one parameter, ({value!r},)"
+                )
+            items = as_tuple(part, value)
             if not all(isinstance(item, kind) for item in items):
                 raise SceneError(f"{part} = {value!r} of a parameter space must hold {what}")
             object.__setattr__(self, part, items)

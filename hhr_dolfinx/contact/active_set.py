@@ -45,7 +45,7 @@ _Entry = tuple[np.ndarray, Factor | None, np.ndarray]
 
 
 class Status(Enum):
-    """Why the active set stopped; each value is a sentence for the user, whatever the model."""
+    """Why the active set stopped, in a sentence for the user."""
 
     CONVERGED = "the statuses satisfy all contact conditions"
     ITERATION_LIMIT = "the statuses still changed at the iteration limit: start from statuses nearer to the answer"
@@ -59,14 +59,9 @@ class Status(Enum):
 
 
 class Statuses(NamedTuple):
-    """Outcome of the active set.
+    """Outcome of the active set: forces, (m,), statuses, (m,) bool, equality problems solved, and why it stopped.
 
-    Attributes:
-        forces: multiplier of each condition, (m,).
-        active: status of each condition, (m,) bool.
-        iterations: equality problems solved.
-        status: why it stopped.
-        cycled: the plain rule of Alg. 1.1 cycled, or met a singular set, and the terminating rule took over.
+    ``cycled``: the plain rule of Alg. 1.1 cycled, or met a singular set, and the terminating rule took over.
     """
 
     forces: np.ndarray
@@ -77,11 +72,7 @@ class Statuses(NamedTuple):
 
 
 class Pairs:
-    """Conditions grouped by their contact pair, so that a strong pair does not loosen the tolerance of a weak one.
-
-    Args:
-        numbers: number of the contact pair of each condition, (m,).
-    """
+    """Conditions by their contact pair, (m,) numbers: a strong pair must not loosen the tolerance of a weak one."""
 
     def __init__(self, numbers: np.ndarray):
         _, self._group = np.unique(numbers, return_inverse=True)
@@ -114,13 +105,10 @@ def active_set(
         equalities: maps the statuses (m,) bool and ``free_slack`` to ``(forces, slack)``, both (m,): the
             solution with slack 0 where active and force 0 elsewhere. See :class:`SchurEqualities`.
         free_slack: D - B K^-1 F, the slack without contact forces, (m,), m >= 1.
-        active: statuses to start from, (m,) bool; not modified.
+        active: statuses to start from, (m,) bool; not modified. They are returned for a singular set, and for numbers
+            that are not finite.
         max_iterations: bound on the equality problems solved.
         pairs: contact pair of each condition; None takes all for one pair.
-
-    Returns:
-        The statuses; ``forces`` solve the contact problem only if ``status`` is ``CONVERGED``. Where a set is singular
-        or numbers are not finite, the statuses are those of the start.
     """
     seen: set[bytes] = set()
     start = active
@@ -187,10 +175,9 @@ def _one_at_a_time(
     *,
     singular: bool,
 ) -> Statuses:
-    """The least-index rule, which skips statuses that would make the set singular; see :func:`active_set`.
+    """The least-index rule, which skips statuses that would make the set singular, from a regular set.
 
-    ``active`` is not singular; ``iterations`` are those so far and their bound; ``singular``: a singular set was met
-    before.
+    ``iterations`` are those so far and their bound; ``singular``: a singular set was met before.
     """
     seen: set[bytes] = set()
     spent, limit = iterations
@@ -202,7 +189,7 @@ def _one_at_a_time(
         if not wrong.any():
             # a second copy of a row would split its force arbitrarily; that row has no slack then
             touching = active | (slack <= _noise(forces, free_slack, pairs)[1])
-            unique = not singular or _regular(equalities, free_slack, touching)
+            unique = not singular or _solved(equalities, touching, free_slack) is not None
             return Statuses(forces, active, spent, Status.CONVERGED if unique else Status.SINGULAR, True)
         key = active.tobytes()
         if key in seen:
@@ -213,44 +200,37 @@ def _one_at_a_time(
             trial = active.copy()
             trial[place] = not trial[place]
             spent += 1
-            try:
-                step = trial, *equalities(trial, free_slack)
+            step = _solved(equalities, trial, free_slack)
+            if step is not None:
                 break
-            except SingularError:
-                singular = True
+            singular = True
         if step is None:
             return Statuses(forces, active, spent, Status.SINGULAR, True)
-        active, forces, slack = step
+        active = trial
+        forces, slack = step
     return Statuses(forces, active, spent, Status.SINGULAR if singular else Status.ITERATION_LIMIT, True)
 
 
-def _regular(equalities: Equalities, free_slack: np.ndarray, active: np.ndarray) -> bool:
-    """True if the forces of a set of statuses are unique."""
+def _solved(equalities: Equalities, active: np.ndarray, free_slack: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Forces and slack of a set of statuses; None if it is singular."""
     try:
-        equalities(active, free_slack)
+        return equalities(active, free_slack)
     except SingularError:
-        return False
-    return True
+        return None
 
 
 class SchurEqualities:
     """Equality problems of the active set on the Schur complement: slack = free_slack + S lambda.
 
-    K is factored once. S = B K^-1 B^T and free_slack = D - B K^-1 F then determine the contact. A set of statuses costs
-    one dense LU of S[active, active]. The last factors of each size are kept, since neighbouring parameters often share
-    their statuses. A new block replaces the oldest one of its size. Factors made by :meth:`prepare` stay. All kept
-    factors take less than ``most_bytes``; the oldest are dropped first. Several threads may call an object; results are
-    new arrays.
+    S = B K^-1 B^T and free_slack = D - B K^-1 F determine the contact, and a set of statuses costs one dense LU of
+    S[active, active]. The last factors of each size are kept, since neighbouring parameters often share their statuses:
+    a new block replaces the oldest one of its size, and all of them take less than ``most_bytes``. Factors made by
+    :meth:`prepare` stay. Several threads may call an object; results are new arrays.
 
     Args:
         columns: maps indices (k,) to the columns of S that belong to them, as rows (k, m).
         size: m.
         factorise: factors a dense block.
-
-    Attributes:
-        size: m.
-        most_bytes: bound on the memory of the kept factors.
-        kept_bytes: memory of the kept factors.
     """
 
     KEPT_PER_SIZE = 2
@@ -290,10 +270,7 @@ class SchurEqualities:
         key = active.tobytes()
         # under the lock: another thread must not replace this block before it is used
         with self._lock:
-            entry = self._prepared.get(key) or self._entries.get(key)
-            if entry is None:
-                entry = self._factor(active.nonzero()[0], key)
-            index, factor, columns = entry
+            index, factor, columns = self._entry(active, key)
             local = None if factor is None else factor.solve(-free_slack[index])
         forces = np.zeros(free_slack.size)
         if local is None:
@@ -305,10 +282,8 @@ class SchurEqualities:
 
     def several(self, active: np.ndarray, free_slacks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solve for many free slacks at once, (m, k): forces and slacks, (m, k) each."""
-        key = active.tobytes()
         with self._lock:
-            entry = self._prepared.get(key) or self._entries.get(key) or self._factor(active.nonzero()[0], key)
-            index, factor, columns = entry
+            index, factor, columns = self._entry(active, active.tobytes())
             local = None if factor is None else solve_columns(factor, -free_slacks[index])
         forces = np.zeros(free_slacks.shape)
         if local is None:
@@ -319,10 +294,7 @@ class SchurEqualities:
         return forces, slack
 
     def prepare(self, statuses: np.ndarray, most_bytes: int) -> None:
-        """Factor the blocks of statuses that are expected, (n, m), as far as they fit into the given memory.
-
-        These factors stay when others are made. Singular blocks are left out.
-        """
+        """Factor the regular blocks of statuses that are expected, (n, m), as far as they fit into the given memory."""
         spent = 0
         for active in statuses:
             index = active.nonzero()[0]
@@ -335,6 +307,10 @@ class SchurEqualities:
             with suppress(SingularError):
                 factor = self._factorise(columns.take(index, axis=1).T) if index.size else None
                 self._prepared[active.tobytes()] = (index, factor, columns)
+
+    def _entry(self, active: np.ndarray, key: bytes) -> _Entry:
+        entry = self._prepared.get(key) or self._entries.get(key)
+        return self._factor(active.nonzero()[0], key) if entry is None else entry
 
     def _factor(self, index: np.ndarray, key: bytes) -> _Entry:
         factor: Factor | None
@@ -378,9 +354,8 @@ def settled(
 ) -> tuple[np.ndarray, np.ndarray, list[int]]:
     """Run Alg. 1.1 for many free slacks, (n, m), from statuses that are changed in place.
 
-    Returns:
-        The forces, (n, m); equality problems solved for each point, (n,); and the points that have not converged:
-        round-off and singular sets are left to the search of a single point.
+    Returns the forces, (n, m), equality problems solved for each point, (n,), and the points that have not converged:
+    round-off and singular sets are left to the search of a single point.
     """
     forces = np.zeros_like(free_slack)
     iterations = np.zeros(len(active), dtype=int)
@@ -414,11 +389,7 @@ def settled(
 
 
 class KeptFactors:
-    """Factors of blocks of S, (m, m), by statuses; the most recently used are kept, up to ``most_bytes``.
-
-    Attributes:
-        kept_bytes: memory of the kept factors.
-    """
+    """Factors of blocks of S, (m, m), by statuses; the most recently used are kept, up to ``most_bytes``."""
 
     most_bytes = 64 * 2**20
 
@@ -429,11 +400,7 @@ class KeptFactors:
         self._factors: dict[bytes, Factor] = {}  # the least recently used first
 
     def of(self, index: np.ndarray, key: bytes) -> Factor:
-        """Factors of the block of some conditions, (k,), whose statuses have this key.
-
-        Raises:
-            SingularError: if the block is singular.
-        """
+        """Factors of the block of some conditions, (k,), whose statuses have this key; SingularError if singular."""
         found = self._factors.pop(key, None)
         if found is None:
             found = self._factorise(self._schur[np.ix_(index, index)])

@@ -28,7 +28,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.rows import ContactRows
     from hhr_dolfinx.parameters import ParameterSpace
 
-_NO_PLACE = np.zeros(0, dtype=np.int64)
 LAW = MappingProxyType({"law": True})
 """Metadata of a field of a pairing that a plug-in reads as a law; a scene is refused if no plug-in reads it."""
 
@@ -41,29 +40,8 @@ class MeshArrays(NamedTuple):
     order: int
 
 
-class LawfulScene(Protocol):
-    """The scene, as laws read it."""
-
-    @property
-    def name(self) -> str: ...  # noqa: D102
-
-    @property
-    def parameters(self) -> ParameterSpace: ...  # noqa: D102
-
-    @property
-    def shapes(self) -> tuple[Any, ...]: ...  # noqa: D102
-
-    @property
-    def named(self) -> set[str]: ...  # noqa: D102
-
-
 class PairLaw(ABC):
-    """A law as a user gives it to a contact pair.
-
-    Attributes:
-        plugin: name of its plug-in.
-        remembers: see :class:`ContactLaw`.
-    """
+    """A law of the plug-in ``plugin`` as a user gives it to a contact pair."""
 
     plugin: ClassVar[str]
     remembers: ClassVar[bool] = False
@@ -79,15 +57,15 @@ class PairLaw(ABC):
         """Short description for the check of a scene."""
 
     @abstractmethod
-    def check(self, scene: LawfulScene, what: str) -> None:
-        """Raise SceneError if the scene, or its box, does not admit the law of ``what``, a contact."""
+    def check(self, scene: Any, what: str) -> None:
+        """Raise SceneError if a :class:`~hhr_dolfinx.scene.Scene` does not admit the law of ``what``, a contact."""
 
     @classmethod
     @abstractmethod
     def attached(
         cls,
         laws: Mapping[int, Any],
-        scene: LawfulScene,
+        scene: Any,
         rows: ContactRows,
         pairs: np.ndarray,
         free: np.ndarray,
@@ -203,37 +181,25 @@ class ContactLaw:
 class Unilateral(ContactLaw):
     """Forces push, surfaces do not overlap, and at each condition the force or the slack is zero: thesis (1.21)."""
 
-    fixed: ClassVar[np.ndarray] = _NO_PLACE  # type: ignore[misc]
+    fixed: ClassVar[np.ndarray] = np.zeros(0, dtype=np.int64)  # type: ignore[misc]
 
 
 UNILATERAL = Unilateral()
 
 
-class UnilateralStep:
-    """Contact problems of a step by the active set; see :class:`StepContact`."""
-
-    @staticmethod
-    def solved(
-        equalities: SchurEqualities, free_slack: np.ndarray, active: np.ndarray, pairs: Pairs | None
-    ) -> Statuses:
-        """See :class:`StepContact`."""
+class _UnilateralStep:
+    def solved(self, equalities: Any, free_slack: np.ndarray, active: np.ndarray, pairs: Pairs | None) -> Statuses:
         return active_set(equalities, free_slack, active, pairs=pairs)
 
-    @staticmethod
-    def memory(unknown: np.ndarray) -> Memory:
-        """Nothing."""
+    def memory(self, unknown: np.ndarray) -> Memory:
         return NO_MEMORY
 
 
-UNILATERAL_STEP = UnilateralStep()
+UNILATERAL_STEP: StepContact = _UnilateralStep()
 
 
 def pair_law(pair: object, what: str) -> PairLaw | None:
-    """Law of a contact pair in addition to unilateral contact; None without one.
-
-    Args:
-        pair: a pairing; fields of laws have the metadata :data:`LAW`.
-        what: the contact, for messages.
+    """Law of ``what``, a pairing, in addition to unilateral contact; None without one. Its fields have :data:`LAW`.
 
     Raises:
         SceneError: for an invalid law, two laws, or a law that no installed plug-in reads.

@@ -35,10 +35,7 @@ if TYPE_CHECKING:
 def dependence(
     moduli: Sequence[Modulus], others: tuple[int, ...], names: tuple[str, ...]
 ) -> tuple[Scalar | None, np.ndarray]:
-    """The factor that all parts of a stiffness share, if it varies, and the indices of the parameters of the rest.
-
-    ``others`` are indices of parameters that are always included.
-    """
+    """Factor that all parts of a stiffness share, if it varies; indices of the parameters of the rest, and others."""
     factor = None
     rests = [scalar for modulus in moduli for scalar in (modulus.factor_scalar, modulus.rest_scalar)]
     if len({modulus.factor for modulus in moduli}) == 1:
@@ -57,12 +54,7 @@ def moduli_of(problem: ContactProblem, body: np.ndarray) -> list[Modulus]:
 
 @dataclass(frozen=True)
 class ScaledBodies:
-    """The factors of the connected components.
-
-    Attributes:
-        problem: whose stiffness it is.
-        factors: modulus of each connected component of K, None for a constant one, in the order of ``problem.bodies``.
-    """
+    """Modulus of each connected component of K, in the order of ``problem.bodies``; None for a constant one."""
 
     problem: ContactProblem
     factors: tuple[Scalar | None, ...]
@@ -82,13 +74,14 @@ class ScaledBodies:
 
     def at(self, point: np.ndarray) -> np.ndarray:
         """s_c at a point, (P,), relative to the middle of the box, (C,)."""
-        values = (1.0 if factor is None else factor.value(point) for factor in self.factors)
-        return np.fromiter(values, dtype=float, count=len(self.factors)) / self._middle
+        return self._values(point) / self._middle
+
+    def _values(self, point: np.ndarray) -> np.ndarray:
+        return np.array([1.0 if factor is None else factor.value(point) for factor in self.factors])
 
     @cached_property
     def _middle(self) -> np.ndarray:
-        middle = self.problem.middle
-        return np.array([1.0 if factor is None else factor.value(middle) for factor in self.factors])
+        return self._values(self.problem.middle)
 
 
 DEPENDENT = 1e-13

@@ -27,13 +27,9 @@ if TYPE_CHECKING:
 
 
 class Stiffness(ABC):
-    """K at a point with the contact rows B there (n own dofs, m conditions).
+    """K at a point with the contact rows B there (n own dofs, m conditions)."""
 
-    Attributes:
-        symmetric: equality problems on S use its symmetry.
-    """
-
-    symmetric: bool = True
+    symmetric: bool = True  # equality problems on S use its symmetry
 
     @abstractmethod
     def solve(self, rhs: np.ndarray) -> np.ndarray:
@@ -63,14 +59,10 @@ class Stiffness(ABC):
 
 
 class FactorStore:
-    """Factors of a bounded number of matrices with one pattern.
+    """Factors, by ``make``, of at most ``most`` matrices with one pattern.
 
     A thread leases the factors of one matrix at a time, so that threads cannot deadlock. All ranks request factors in
     the same order.
-
-    Args:
-        make: factors a matrix.
-        most: number of matrices whose factors are kept.
     """
 
     def __init__(self, make: Callable[[csr_matrix], Factors], most: int = 1):
@@ -163,7 +155,7 @@ class SparseStiffness(Stiffness):
         components: local dofs of each connected component, by which K is scaled; None if it never is.
         response, schur: K^-1 B^T, (n, m), and S, (m, m), if they are known.
         keeps: K^-1 B^T fits into memory.
-        symmetric: see :class:`Stiffness`.
+        symmetric: equality problems on S use its symmetry.
     """
 
     def __init__(
@@ -323,15 +315,9 @@ class LazyStiffness(SparseStiffness):
 
 
 class ScaledStiffness(Stiffness):
-    """Stiffness with scaled connected components of another one: S = sum of S_c / s_c.
+    """Stiffness with connected components of another one, ``base``, scaled by s_c: S = sum of S_c / s_c.
 
-    Args:
-        base: the other stiffness.
-        scales: s_c, (C,).
-        own: s_c of each local dof, (n,).
-
-    Attributes:
-        own: the argument.
+    ``scales`` are s_c, (C,), and ``own`` s_c of each local dof, (n,).
     """
 
     def __init__(self, base: SparseStiffness, scales: np.ndarray, own: np.ndarray):

@@ -25,10 +25,6 @@ class SharedCholesky:
         own: factored rows of K of this rank, CSR, (own dofs, N).
         stiffness: K, CSR, (N, N), the same on all ranks.
         comm: ranks that share the factors.
-
-    Attributes:
-        rows: the argument.
-        lock, low_rank: see :class:`FreeCholesky`.
     """
 
     def __init__(self, factors: FreeCholesky, rows: slice, own: csr_matrix, stiffness: csr_matrix, comm: Comm):
@@ -45,18 +41,9 @@ class SharedCholesky:
         cls, stiffness: csr_matrix, free: np.ndarray, scene: str, comm: Comm, *, low_rank: float | None = None,
         last: np.ndarray | None = None, rows: slice | None = None,
     ) -> SharedCholesky:  # fmt: skip
-        """Factor a stiffness.
+        """Factor K, CSR, (N, N), the same on all ranks; see :class:`FreeCholesky` for the arguments and errors.
 
-        Args:
-            stiffness: K, CSR, (N, N), the same on all ranks.
-            free: dofs that are not imposed, (N,) bool.
-            scene: name of the scene, for messages and the prefix of PETSc options.
-            comm: ranks that share the factors.
-            low_rank, last: see :class:`FreeCholesky`.
-            rows: range of the rows of this rank, after those of the ranks before it; equal shares by default.
-
-        Raises:
-            NotSolvableError: if K is singular.
+        ``rows`` is the range of the rows of this rank, after those of the ranks before it; equal shares by default.
         """
         if rows is None:
             own = ranks.share(len(free), comm.rank, comm.size)

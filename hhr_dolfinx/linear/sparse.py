@@ -57,12 +57,9 @@ def ordering_of(block_size: int, plane: str) -> str:
 
 
 def low_rank_of(block_size: int, dofs: int, *, anew: bool = False) -> float | None:
-    """Tolerance of MUMPS' compression for a problem; None for whole factors.
+    """Tolerance of MUMPS' compression for a problem with these dofs of a node and in all; None for whole factors.
 
-    Args:
-        block_size: dofs of a node.
-        dofs: dofs of the problem.
-        anew: factors are made for every parameter.
+    ``anew``: factors are made for every parameter.
     """
     if ordering_of(block_size, "mumps") != "mumps" or block_size != 3:
         return None
@@ -83,28 +80,18 @@ def singular_stiffness(scene: str) -> str:
 class FreeCholesky:
     """Factors of a stiffness on its free dofs, on any number of ranks, each with its rows.
 
-    :meth:`refactor` replaces the factors for other values. If other users may do so meanwhile, hold ``lock`` and call
-    :meth:`refactor` before a solution.
+    :meth:`refactor` replaces the factors for other values. If other users may do so meanwhile, hold the reentrant
+    ``lock`` and call :meth:`refactor` before a solution. A singular K raises NotSolvableError.
 
     Args:
         stiffness: local rows of K, CSR, (own dofs, N).
         free: dofs that are not imposed, (N,) bool.
         rows: range of the dofs that this rank owns.
         scene: name of the scene, for messages and the prefix of PETSc options, ``hhr_<scene>_``.
-        ordering: ordering of PETSc's Cholesky; ``mumps`` selects MUMPS, which several ranks always need.
-        comm: ranks that share the rows.
-        low_rank: tolerance of MUMPS' compression of factors; None for whole factors. Solutions by compressed factors
-            are refined, those of blocks of columns only on request.
-        last: dofs between which K^-1 is needed, increasing, (n,). On several ranks each rank then eliminates its other
-            dofs by itself, see :class:`Substructures`.
-
-    Attributes:
-        low_rank: the argument; None also if MUMPS is not the solver.
-        last: free dofs of the argument; None if K^-1 between them has to be computed by solutions.
-        lock: reentrant lock, held while the factors are replaced or used.
-
-    Raises:
-        NotSolvableError: if K is singular.
+        ordering, comm, low_rank: see :class:`Factors`. Solutions by compressed factors are refined, those of blocks of
+            columns only on request.
+        last: dofs between which K^-1 is needed, increasing, (n,); as an attribute None if that takes solutions. On
+            several ranks each rank then eliminates its other dofs by itself, see :class:`Substructures`.
     """
 
     def __init__(
@@ -172,7 +159,6 @@ class FreeCholesky:
         return Pattern(inside.indptr, inside.indices, inside.data)
 
     def _known_pattern(self, stiffness: csr_matrix) -> Pattern:
-        """Pattern of the entries between free dofs, cached."""
         if self._pattern is None:
             self._pattern = self._pattern_of(stiffness)
         return self._pattern
@@ -202,7 +188,6 @@ class FreeCholesky:
             self._factored = stiffness
 
     def _check_there(self) -> None:
-        """Raise NotSolvableError if there are no factors."""
         if self._released:
             raise NotSolvableError(
                 f"the factors of scene '{self._scene}' were let go, or refused a stiffness: refactor() one, as "
@@ -229,11 +214,7 @@ class FreeCholesky:
         return solution
 
     def _refine(self, columns: csc_matrix, solutions: np.ndarray) -> None:
-        """Refine solutions by compressed factors iteratively, in place.
-
-        Raises:
-            NotSolvableError: if the residual stays above STALLED.
-        """
+        """Refine solutions by compressed factors in place; NotSolvableError if the residual stays above STALLED."""
         sizes = _norms(columns.multiply(columns).sum(axis=0), self._comm)
         image, change = (np.empty(solutions.shape, order="F") for _ in range(2))
         before = np.full(sizes.shape, np.inf)
@@ -263,15 +244,9 @@ class FreeCholesky:
     def solved_blocks(
         self, columns: spmatrix, dofs: np.ndarray | None = None, *, refined: bool = False
     ) -> Iterator[tuple[slice, np.ndarray]]:
-        """Solve for columns in blocks. Collective.
+        """Slices of columns, and their solutions at all local dofs or some, (own dofs or ``dofs``, k). Collective.
 
-        Args:
-            columns: see :meth:`solve_columns`.
-            dofs: local dofs at which solutions are returned; None for all.
-            refined: refine solutions by compressed factors.
-
-        Yields:
-            Slice of the columns, and their solutions, (own dofs or ``dofs``, k).
+        ``refined``: refine solutions by compressed factors.
         """
         columns = columns.tocsr()[self._free].tocsc()
         own, count = columns.shape
