@@ -102,13 +102,7 @@ def _items(node: ast.Subscript) -> list[ast.expr]:
 
 
 def fits(value: object, node: ast.expr, kinds: Mapping[str, type]) -> bool:
-    """True if a value has its declared type.
-
-    Args:
-        value: value of a field.
-        node: annotation of the field.
-        kinds: known classes by name; other names, of protocols and aliases, accept every value.
-    """
+    """True if the value of a field has its declared type; names not among the known classes accept every value."""
     return any(_fits(value, item, kinds) for item in _alternatives(node))
 
 
@@ -179,11 +173,7 @@ class Sizes:
         return part
 
     def claim(self, path: str, declared: DeclaredArray, value: Any) -> None:
-        """Record the sizes of an array, a tuple, or a number that is a size.
-
-        Raises:
-            FileContentError: for other dimensions, or sizes that differ from known ones.
-        """
+        """Record the sizes of an array, a tuple, or a number that is a size; FileContentError for others than known."""
         found = (value,) if isinstance(value, int) else (len(value),) if isinstance(value, tuple) else value.shape
         if len(found) != len(declared.sizes) or not all(
             self._agrees(path, label, size) for label, size in zip(declared.sizes, found, strict=True)
@@ -212,11 +202,7 @@ class Sizes:
         return None if None in known else math.prod(known)  # type: ignore[arg-type]
 
     def check_known(self, last: bool = False) -> None:
-        """Check products and indices whose sizes are known; at the end of a model all are.
-
-        Raises:
-            FileContentError: naming the array with indices outside their range, or with a wrong size.
-        """
+        """Raise FileContentError for wrong products or indices whose sizes are known; at the end of a model all are."""
         waiting = list(self._waiting)
         self._waiting[:] = []
         for sizes, path, label, found in waiting:

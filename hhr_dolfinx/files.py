@@ -40,7 +40,7 @@ MOST_BYTES = 16 * 2**30
 """Size beyond which a file is not read: a sparse file may claim any size without using the disk."""
 
 MAPPED = 2**20
-"""Bytes from which on arrays may be mapped from disk: smaller ones are not worth a page of memory and a mapping."""
+"""Bytes from which on arrays may be mapped from disk: smaller ones are not worth it."""
 _CHUNK = 2**20  # bytes read at once; the directories of a few dozen members take some kilobytes
 
 _LEFTOVER = re.compile(r".+\.[0-9a-f]{16}\.part")
@@ -55,11 +55,7 @@ _REMEDIES = {
 
 
 def make_folder(folder: str | Path) -> Path:
-    """Make a folder and its missing parents.
-
-    Raises:
-        FileError: if the folder cannot be made.
-    """
+    """Make a folder and its missing parents; FileError if that is impossible."""
     folder = _named(folder)
     with _explained(folder, "made"):
         folder.mkdir(parents=True, exist_ok=True)
@@ -115,13 +111,10 @@ def write_arrays(
 ) -> None:
     """Write arrays of finite numbers or booleans with a header and a checksum over both; see :func:`replacing`.
 
-    The header is JSON data with ``format`` and ``version``, by which :func:`read_arrays` identifies the file.
-
-    Raises:
-        FileError: if the file cannot be written.
-        FileContentError: if an array has another kind of numbers, or is not finite.
+    The header is JSON data with ``format`` and ``version``, by which :func:`read_arrays` identifies the file. Arrays of
+    other numbers raise FileContentError.
     """
-    whole = {name: array if _contiguous(array) else array.copy() for name, array in arrays.items()}
+    whole = {name: array if array.flags.forc else array.copy() for name, array in arrays.items()}
     try:
         for name, array in whole.items():
             _check_numbers(name, array)
@@ -190,13 +183,8 @@ def check_layout(
 ) -> dict[str, int]:
     """Check that arrays have a given layout with consistent sizes; return all sizes by name.
 
-    Args:
-        arrays: arrays by name.
-        layout: for each name the kind (``float``, ``int`` or ``bool``) and the names of the sizes.
-        sizes: known sizes.
-
-    Raises:
-        FileContentError: naming the array that is missing, unknown, or of another kind or shape.
+    The layout has, for each name, the kind (``float``, ``int`` or ``bool``) and the names of the sizes. The error names
+    the array that is missing, unknown, or of another kind or shape.
     """
     if arrays.keys() != layout.keys():
         missing = sorted(layout.keys() - arrays.keys())
@@ -282,7 +270,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 class _Damage(Exception):
-    """Fault of a file; :func:`_own_errors` adds the name of the file."""
+    """Fault of a file, whose name :func:`_own_errors` adds."""
 
 
 @contextmanager
@@ -363,10 +351,9 @@ def _bytes_of(whole: np.ndarray, info: zipfile.ZipInfo) -> np.ndarray:
 
 
 def _array(stream: io.BufferedIOBase, info: zipfile.ZipInfo, member: np.ndarray | None) -> np.ndarray:
-    """Read one array, whose description must match its size before anything is allocated.
+    """Read one array; ``member`` has the bytes of a mapped one.
 
-    The description is compared with the only form that numpy writes, and never evaluated. For a mapped array ``member``
-    has its bytes, (bytes,).
+    The description is compared with the only form that numpy writes, never evaluated, and must match the size.
     """
     start = stream.read(10)
     description = stream.read(int.from_bytes(start[8:], "little"))
@@ -396,10 +383,6 @@ def _fill(flat: np.ndarray, stream: io.BufferedIOBase, info: zipfile.ZipInfo) ->
     stream.read(1)  # at the end zipfile compares its checksum
 
 
-def _contiguous(array: np.ndarray) -> bool:
-    return array.flags.c_contiguous or array.flags.f_contiguous
-
-
 def _check_numbers(name: str, array: np.ndarray) -> None:
     """Raise for unsupported kinds of numbers, non-finite numbers, and booleans that are neither 0 nor 1."""
     if array.dtype.str not in _KIND_OF:
@@ -411,10 +394,7 @@ def _check_numbers(name: str, array: np.ndarray) -> None:
 
 
 def _checksum(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> str:
-    """Checksum of the header and every array with name, type, shape and order in memory.
-
-    The order is included since the last digits of sums depend on it.
-    """
+    """Checksum of the header and every array with name, type, shape and order, on which last digits of sums depend."""
     digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
     for name in sorted(arrays):
         array = arrays[name]

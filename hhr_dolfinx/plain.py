@@ -68,14 +68,10 @@ def rebuilt(kind: Any, arguments: Mapping[str, Any]) -> Any:
 
 
 def as_plain(value: object, known: Mapping[str, type] = _NO_KINDS) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """A value as a JSON tree, and its arrays by path.
+    """A value as a JSON tree, and its arrays by path: equal arrays once, sparse arrays without zeros.
 
-    The value is rebuilt once, as a check that the written data restore the same value. Equal arrays are stored once;
-    sparse arrays are stored without zeros.
-
-    Args:
-        value: value to store.
-        known: classes that every reader has, by name; no other class may have these names.
+    The value is rebuilt once, as a check that the written data restore the same value. Only the classes ``known`` to
+    every reader may have their names.
 
     Raises:
         ModelFileError: for two classes of the same name.
@@ -85,9 +81,8 @@ def as_plain(value: object, known: Mapping[str, type] = _NO_KINDS) -> tuple[dict
         raise FileContentError(f"{_shown(value)} cannot be kept: {_REMEDY}")
     writer = _Writer(known)
     tree = writer.tree(value, "", 0)
-    copies = {
-        path: array.copy(order="K") for path, array in writer.arrays.items()
-    }  # a __post_init__ may write into them
+    # a __post_init__ may write into them
+    copies = {path: array.copy(order="K") for path, array in writer.arrays.items()}
     again = _Writer(known)
     if again.tree(_Reader(copies, dict(writer.kinds)).whole(tree), "", 0) != tree or not _same(
         again.arrays, writer.arrays
@@ -113,12 +108,7 @@ def restored(tree: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
 
 
 def by_name(classes: Iterable[type]) -> dict[str, type]:
-    """Classes by name, for :func:`restored`.
-
-    Raises:
-        ModelFileError: for an object that is no dataclass, and for two classes of the same name, which a file cannot
-            distinguish.
-    """
+    """Classes by name, for :func:`restored`; ModelFileError for what is no class of values, or two of one name."""
     named: dict[str, type] = {}
     for kind in classes:
         if not _is_kind(kind):
@@ -128,11 +118,7 @@ def by_name(classes: Iterable[type]) -> dict[str, type]:
 
 
 def add_kind(named: dict[str, type], kind: type) -> None:
-    """Add a class to those that a file may contain.
-
-    Raises:
-        ModelFileError: if another class has its name.
-    """
+    """Add a class to those that a file may contain; ModelFileError if another one has its name."""
     if (other := named.setdefault(kind.__name__, kind)) is not kind:
         raise ModelFileError(
             f"two classes are called {kind.__name__}, in {other.__module__} and in {kind.__module__}: files know them "
@@ -336,12 +322,8 @@ class _Reader:
             raise FileContentError(f"{path} is no sparse matrix of floating-point numbers")
         values, indices, starts = parts
         # scipy checks only the last of the starts before it uses all of them
-        if not (
-            starts.size
-            and starts[0] == 0
-            and starts[-1] == indices.size == values.size
-            and (np.diff(starts) >= 0).all()
-        ):
+        whole = starts.size and starts[0] == 0 and starts[-1] == indices.size == values.size
+        if not whole or (np.diff(starts) < 0).any():
             raise FileContentError(f"the sparse matrix {path} has rows that do not follow each other")
         try:
             matrix = SPARSE[form](tuple(parts), shape=tuple(shape))
@@ -362,7 +344,6 @@ def _of_type(path: str, array: np.ndarray, declared: Any) -> np.ndarray:
 
 
 def _checked_array(path: str, array: np.ndarray) -> np.ndarray:
-    """An array, checked for use in a file."""
     if type(array) is not np.ndarray or array.dtype not in ARRAY_TYPES or not np.isfinite(array).all():
         kind = getattr(array, "dtype", type(array).__name__)
         raise FileContentError(f"{path} has the type {kind} or is not finite: {_REMEDY}")
@@ -370,7 +351,6 @@ def _checked_array(path: str, array: np.ndarray) -> np.ndarray:
 
 
 def _is_shape(shape: object) -> bool:
-    """True for a valid shape of an array."""
     return (
         isinstance(shape, list | tuple)
         and len(shape) <= MOST_DIMENSIONS
@@ -379,7 +359,6 @@ def _is_shape(shape: object) -> bool:
 
 
 def _check_depth(path: str, depth: int) -> None:
-    """Refuse values that are nested too deep."""
     if depth > DEEPEST:
         raise FileContentError(f"{path[:_SHOWN]} nests more than {DEEPEST} tuples or values")
 

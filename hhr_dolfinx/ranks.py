@@ -72,11 +72,7 @@ def each_for_itself(comm: Comm, task: str) -> Iterator[None]:
 
 
 def shared_out(comm: Comm, count: int, work: Callable[[int], Any], task: str) -> list[Any]:
-    """Distribute ``count`` tasks over the ranks and gather all results on every rank. Collective.
-
-    Raises:
-        HHRError: on all ranks, if a task failed on one of them, see :func:`each_for_itself`.
-    """
+    """Results of ``count`` tasks that the ranks share, on all of them; see :func:`each_for_itself`. Collective."""
     if comm.size == 1:
         return [work(number) for number in range(count)]
     with each_for_itself(comm, task):

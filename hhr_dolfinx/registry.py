@@ -14,13 +14,10 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from hhr_dolfinx.errors import NotOfferedError, PluginWarning, SceneError
 from hhr_dolfinx.warn import warn
-
-if TYPE_CHECKING:
-    from mpi4py.MPI import Comm
 
 GROUP = "hhr_dolfinx.plugins"
 """Group of entry points of plug-ins."""
@@ -28,12 +25,10 @@ NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 class Way(NamedTuple):
-    """A reductor in a manifest. It is loaded for the scenes that want it, and for no other.
+    """A reductor in a manifest: the place of its class, loaded for the scenes that want it, and for no other.
 
-    Attributes:
-        place: of its class; a value without arguments has the usual settings.
-        wanted: function of the full model.
-        condenses: whether its models keep all contact conditions; ``condense()`` takes the first such one.
+    The class without arguments has the usual settings, and ``wanted`` is a function of the full model. ``condense()``
+    takes the first one that ``condenses``: its models keep all contact conditions.
     """
 
     place: str
@@ -42,12 +37,10 @@ class Way(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """Bounds of the errors of hyper-reduced models, for some scenes; the core has those of constant stiffness.
+    """Bounds of the errors of hyper-reduced models, for the full models that ``wanted`` accepts.
 
-    Attributes:
-        place: of a function ``(full, basis, forces, *, announce) -> Bound``, with the basis, (own, ell), and the
-            training forces, (N_lambda, S); it raises BoundError with the hypothesis that fails.
-        wanted: function of the full model.
+    ``place`` is that of a function ``(full, basis, forces, *, announce) -> Bound``, with the basis, (own, ell), and the
+    training forces, (N_lambda, S); it raises BoundError with the hypothesis that fails.
     """
 
     place: str
@@ -55,12 +48,9 @@ class Bounds(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """A stage of the hyper-reduction, a function of a :class:`~hhr_dolfinx.reduction.build.Draft`.
+    """A stage of the hyper-reduction: the place of a function of a :class:`~hhr_dolfinx.reduction.build.Draft`.
 
-    Attributes:
-        place: of the function.
-        after: place of the stage that it follows.
-        wanted: function of the full model and the recipe.
+    It follows the stage at the place ``after``, if ``wanted`` accepts the full model and the recipe.
     """
 
     place: str
@@ -125,12 +115,7 @@ class Plugin:
 
 @functools.cache
 def installed() -> Mapping[str, Plugin]:
-    """Plug-ins by name; all that they need are installed.
-
-    Warns:
-        PluginWarning: for each plug-in that is left out: it cannot be loaded, is not a manifest, has the name of
-            another one, or needs a missing one.
-    """
+    """Plug-ins by name. A PluginWarning names each one that is left out, and the reason, such as a missing one."""
     found: dict[str, Plugin] = {}
     for point in importlib.metadata.entry_points(group=GROUP):
         try:
@@ -162,11 +147,7 @@ def load(place: str) -> Any:
 
 
 def named(what: str) -> dict[str, str]:
-    """Places by name in one mapping of the manifests of all plug-ins: ``public``, ``classes``, ``commands``, ...
-
-    Raises:
-        SceneError: for a name that two plug-ins have.
-    """
+    """Places by name in one mapping of all manifests, such as ``classes``; SceneError for a name of two plug-ins."""
     places: dict[str, str] = {}
     for plugin in installed().values():
         for name, place in places_in(getattr(plugin, what)):
@@ -215,15 +196,7 @@ _loaded = functools.cache(load)
 
 
 def reader_of(law: object, what: str) -> str:
-    """Name of the plug-in that reads a law of a body, by a method of the law.
-
-    Args:
-        law: the law.
-        what: what has it, for the message.
-
-    Raises:
-        SceneError: if no installed plug-in reads it: it would be ignored.
-    """
+    """Name of the plug-in that reads the law of ``what``, a body, by a method of the law; SceneError if none does."""
     methods = {method: plugin.name for plugin in installed().values() for method in plugin.materials}
     for method, name in methods.items():
         if not isinstance(law, type) and callable(getattr(law, method, None)):
@@ -235,12 +208,7 @@ def reader_of(law: object, what: str) -> str:
 
 @functools.cache
 def facet(plugin: str, word: str, what: str) -> Any:
-    """Facet of a plug-in: its part of one place of the core, for its laws.
-
-    Args:
-        plugin: name of the plug-in.
-        word: name of the facet.
-        what: what needs it, for the message.
+    """Facet of a plug-in by its ``word``: what one place of the core, ``what``, needs for the laws of the plug-in.
 
     Raises:
         NotOfferedError: if the plug-in is missing, or has no such facet: the law would be ignored.
@@ -268,11 +236,7 @@ class FieldsFile(Protocol):
 
 
 def tool(word: str, what: str) -> Any:
-    """Function that a plug-in offers by a word: ``drawing``, a :class:`Drawing`; ``fields``, a :class:`FieldsFile`.
-
-    Args:
-        word: name of the tool.
-        what: what needs it, for the message.
+    """Function for ``what`` that a plug-in offers by a word: ``drawing``, a :class:`Drawing`, or ``fields``.
 
     Raises:
         NotOfferedError: if no installed plug-in has it.
@@ -288,15 +252,7 @@ def listed(what: str) -> list[Any]:
     return [load(place) for plugin in installed().values() for place in getattr(plugin, what)]
 
 
-class ModelOnRanks(Protocol):
-    """A full model, whose ranks write together. The core does not say what else a companion reads of it."""
-
-    @property
-    def comm(self) -> Comm:
-        """Its ranks."""
-
-
-def write_companions(full: ModelOnRanks, folder: Path) -> None:
+def write_companions(full: Any, folder: Path) -> None:
     """Write the files of plug-ins next to a model in a folder. Collective over the ranks of the full model."""
     for write in listed("companions"):
         write(full, folder)

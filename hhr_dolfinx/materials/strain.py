@@ -126,12 +126,7 @@ class ElasticPart(NamedTuple):
 
 @dataclass(frozen=True)
 class SparsePattern:
-    """Sparsity of a CSR matrix, and the positions of the entries of each cell's matrix in its data.
-
-    Attributes:
-        indptr, indices: arrays of the CSR matrix.
-        position: index in the data for each entry, (cells, d, d).
-    """
+    """Sparsity of a CSR matrix, and the index in its data of each entry of the matrices of cells, (cells, d, d)."""
 
     indptr: np.ndarray
     indices: np.ndarray

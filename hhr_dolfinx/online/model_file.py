@@ -73,11 +73,7 @@ PLACES = {name: f"hhr_dolfinx.{module}:{name}" for module, names in MODULES.item
 
 
 class Kinds(Mapping[str, type]):
-    """Classes that a file may contain: of the core and of plug-ins, and user-defined ones.
-
-    Raises:
-        ModelFileError: for classes of the same name, which a file cannot distinguish.
-    """
+    """Classes that a file may contain: of the core and of plug-ins, and user-defined ones, of different names."""
 
     def __init__(self, known: Iterable[type] = ()):
         self._loaded: dict[str, type] = {}
@@ -88,7 +84,6 @@ class Kinds(Mapping[str, type]):
 
     @staticmethod
     def _place(name: str) -> str | None:
-        """Place of a class; plug-ins are looked through for what the core does not have."""
         return PLACES.get(name) or registry.named("classes").get(name)
 
     def __getitem__(self, name: str) -> type:
@@ -191,11 +186,7 @@ def _meant(folder: Path) -> str:
 
 
 def check_answers(model: KeptModel) -> None:
-    """Refuse a model that fails in the middle of its box. Models of bodies with laws need not have one there.
-
-    Raises:
-        FileContentError: with the failure.
-    """
+    """Raise FileContentError for a model that fails in the middle of its box; histories may have no answer there."""
     with ignored(Warning), np.errstate(all="ignore"):
         for member in model.members:
             try:
@@ -208,7 +199,6 @@ def check_answers(model: KeptModel) -> None:
 
 
 def _try(model: KeptModel, point: np.ndarray) -> None:
-    """Evaluate all quantities of a model's answer at a point."""
     answer = model.solve(point, outside="ignore", raise_on_failure=False)
     with suppress(NotOfferedError):  # a model of forces alone
         if answer.converged and not np.isfinite(answer.displacement()).all():

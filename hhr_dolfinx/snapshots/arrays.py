@@ -17,15 +17,10 @@ VERSION = 1
 
 
 class ArrayStore:
-    """Arrays by name, one file per key.
+    """Arrays by name, one file per key; FileError if the folder cannot be made.
 
-    Args:
-        folder: folder of the files.
-        problem: digest of the problem that they belong to, as
-            :attr:`~hhr_dolfinx.snapshots.store.SnapshotStore.problem_digest`: files of other problems are not read.
-
-    Raises:
-        FileError: if the folder cannot be made.
+    ``problem`` is the digest of the problem that they belong to, as
+    :attr:`~hhr_dolfinx.snapshots.store.SnapshotStore.problem_digest`: files of other problems are not read.
     """
 
     def __init__(self, folder: str | Path, problem: str):
@@ -46,11 +41,7 @@ class ArrayStore:
         return arrays if header == self._header(key) else None
 
     def save(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
-        """Store arrays of finite numbers under a key.
-
-        Raises:
-            FileError: if the file cannot be written.
-        """
+        """Store arrays of finite numbers under a key; FileError if the file cannot be written."""
         write_arrays(self._path(key), self._header(key), arrays, tidy=False)
 
     def _header(self, key: str) -> dict[str, str | int]:

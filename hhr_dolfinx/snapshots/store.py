@@ -56,7 +56,11 @@ def add_to(digest: Any, parts: list[Any]) -> None:
     for part in parts:
         for item in part if isinstance(part, tuple | list) else (part,):
             for array in _arrays(item):
-                digest.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
+                digest.update(_bytes_of(array))
+
+
+def _bytes_of(array: np.ndarray) -> bytes:
+    return f"{array.dtype.str}{array.shape}".encode() + array.tobytes()
 
 
 def digest_of_values(value: object, what: str) -> str:
@@ -64,14 +68,7 @@ def digest_of_values(value: object, what: str) -> str:
 
     The ``repr`` of an array leaves out its middle, and that of an object may be its address. User-defined functions and
     classes enter with the globals that they read and their class attributes, those of installed packages with their
-    names.
-
-    Args:
-        value: numbers, texts, arrays, functions, types, and dataclasses, collections and objects of these.
-        what: the value in words, for the message.
-
-    Raises:
-        StudyError: for an object whose values are not accessible.
+    names. StudyError, of ``what``, for an object whose values are not accessible.
     """
     digest = hashlib.sha256()
     for piece in _pieces(value, what, 0, {}):
@@ -99,7 +96,7 @@ def _pieces(value: object, what: str, depth: int, seen: dict[int, int]) -> Itera
         seen[id(value)] = len(seen)
     for part in _values_of(value, what):
         if isinstance(part, np.ndarray) and part.dtype != object:
-            yield f"{part.dtype.str}{part.shape}".encode() + np.ascontiguousarray(part).tobytes()
+            yield _bytes_of(part)
         else:
             yield from _pieces(part, what, depth + 1, seen)
     yield b"end"
@@ -215,9 +212,7 @@ SOLVED = 1e-2
 class StoredLaws(Protocol):
     """Memory of laws of bodies in files: the facet ``store`` of a plug-in, a function of a full equilibrium.
 
-    Attributes:
-        layout: types and sizes of the arrays of an answer, by name.
-        sizes: their values, by name.
+    ``layout`` has the types and sizes of the arrays of an answer, by name, and ``sizes`` the values of these sizes.
     """
 
     layout: Mapping[str, tuple[str, ...]]
@@ -236,7 +231,7 @@ class StoredLaws(Protocol):
         """Parts of the memory of an answer, by name."""
 
     def residual(self, answer: Answer, forces: float) -> float:
-        """Relative residual of an answer, see :meth:`SnapshotStore._residual`."""
+        """Largest relative residual; ``forces`` is their norm at previous steps, the scale for unloaded bodies."""
 
     def size(self, answer: Answer) -> float:
         """Norm of the forces of an answer, for the residual of later steps."""
@@ -311,10 +306,8 @@ class SnapshotStore:
         self._folder = make_folder(folder)
         clear_leftovers(self._folder)
         conditions, dofs = self._problem.contact.shape
-        self._sizes = {"N": dofs, "N_lambda": conditions}
         self._law = self._problem.law
-        self._sizes |= self._law.sizes
-        self._sizes |= self._laws.sizes
+        self._sizes = {"N": dofs, "N_lambda": conditions, **self._law.sizes, **self._laws.sizes}
         self.found = 0
 
     def load(self, point: np.ndarray) -> Answer | None:
@@ -370,7 +363,7 @@ class SnapshotStore:
         return [*point.tolist(), *numbers, *self._laws.query(point)]
 
     def _load(self, point: np.ndarray, query: list, forces: float = 0.0) -> Answer | None:
-        """Answer to a query, checked with ``forces`` as in :meth:`_residual`; None if it is not there."""
+        """Answer to a query, checked with ``forces`` as in :class:`StoredLaws`; None if it is not there."""
         with self._damage_reported(point, query):
             answer = self._read(point, query)
             if answer is not None:
@@ -401,8 +394,8 @@ class SnapshotStore:
         return self._answer(point, arrays)
 
     def _judge(self, answer: Answer, query: list, forces: float = 0.0) -> None:
-        """Raise FileContentError unless the answer is a solution, see :meth:`_residual`; count solutions."""
-        worst = self._residual(answer, forces)
+        """Raise FileContentError for an answer that is no solution, in spite of its checksum; count solutions."""
+        worst = self._laws.residual(answer, forces)
         if not worst <= SOLVED:
             raise FileContentError(f"{self._path(query)} holds no solution, residuals of {worst:.1g}")
         self.found += 1
@@ -424,10 +417,9 @@ class SnapshotStore:
         return layout | _PARTS | self._law.layout if self._law.remembers else layout
 
     def _answer(self, point: np.ndarray, arrays: dict[str, np.ndarray]) -> Answer:
-        memory = NO_MEMORY | self._laws.memory(arrays)
+        memory = NO_MEMORY | self._laws.memory(arrays) | self._law.restored(arrays)
         iterations = 0
         steps: dict[str, Any] = {}
-        memory |= self._law.restored(arrays)
         if "ends" in arrays:
             iterations = int(arrays["iterations"])
             known = float(arrays["time_error"])
@@ -435,15 +427,6 @@ class SnapshotStore:
         unknown, multipliers, active = (arrays[name] for name in _LAYOUT)
         how = iterations, Status.CONVERGED, False, self._full
         return Answer(point, unknown, multipliers, active, *how, memory=memory, **steps)
-
-    def _residual(self, answer: Answer, forces: float) -> float:
-        """Largest relative residual of an answer, since a checksum does not prove that a file holds a solution.
-
-        Args:
-            answer: answer to check.
-            forces: norm of the forces at previous steps, the scale of residuals for unloaded bodies.
-        """
-        return self._laws.residual(answer, forces)
 
     def _header(self, query: list) -> dict:
         return {"format": FORMAT, "version": VERSION, "problem": self._fingerprint.hex(), "point": query}
@@ -456,13 +439,7 @@ class SnapshotStore:
 
 
 class KeptSteps:
-    """Stored steps of one history.
-
-    Args:
-        store: store of the steps.
-        path: checked times and parameters.
-        settings: settings of the solution of the history.
-    """
+    """Stored steps of one history along a checked path, solved with some settings."""
 
     def __init__(self, store: SnapshotStore, path: History_path, settings: MarchSettings):
         self._store = store
@@ -500,11 +477,7 @@ class KeptSteps:
         return replace(history, answers=answers) if len(answers) == len(history.answers) else history
 
     def save(self, answer: Answer) -> None:
-        """Store the next step.
-
-        Raises:
-            FileError: if its file cannot be written.
-        """
+        """Store the next step; FileError if its file cannot be written."""
         self._count += 1
         self._store._save(answer, self._queries[self._count])
 
@@ -512,10 +485,10 @@ class KeptSteps:
 def _digest_of(full: FullModel) -> bytes:
     """Fingerprint of every bit of a problem and its laws, and of the version of the package that solves it.
 
-    The bounds of the parameters are left out: a wider box finds the solutions of a narrower one. Non-affine amplitudes
-    are left out too: each query has their values at its point. Formulas of laws enter here, since a step may be cut,
-    and the answers of such laws enter the queries. Rigid-body motions follow from the rest. Snapshots are solved again
-    on a machine that assembles other last digits, or with another distribution of rows over ranks.
+    The bounds of the parameters are left out: a wider box finds the solutions of a narrower one. So are non-affine
+    amplitudes: each query has their values at its point. Formulas of laws enter here, since a step may be cut, and the
+    answers of such laws enter the queries. Snapshots are solved again on a machine that assembles other last digits, or
+    with another distribution of rows over ranks.
     """
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
     problem: ContactProblem = full.problem
