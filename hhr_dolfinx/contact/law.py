@@ -72,19 +72,10 @@ class PairLaw(ABC):
         lifts: csc_matrix,
         mesh: MeshArrays,
     ) -> tuple[ContactRows, np.ndarray, ContactLaw]:
-        """Append the rows of the laws of some pairs to the conditions.
+        """Append the rows of laws to the conditions of pressures: all rows, the pair of each, and the law on them.
 
-        Args:
-            laws: of the pairs that have one, by their index in the scene.
-            scene: the scene.
-            rows: conditions of pressures.
-            pairs: contact pair of each, (n,).
-            free: dofs that are not imposed, (N,) bool.
-            lifts: imposed displacements, (N, 1 + T).
-            mesh: nodes and cells.
-
-        Returns:
-            All rows, the given ones first, the pair of each, and the law on them.
+        ``laws`` has those of pairs by their index in the scene, and ``pairs`` the pair of each condition, (n,). Dofs
+        are ``free`` if they are not imposed, (N,) bool; ``lifts`` are imposed displacements, (N, 1 + T).
         """
 
 
@@ -152,10 +143,7 @@ class ContactLaw:
         """Raise ParameterError for the points of a path, (n, P), along which the law has no meaning."""
 
     def opened(self, memory: Mapping[str, Any]) -> float | np.ndarray:
-        """Part of the gaps that a memory adds, (m,), as a worn depth does; 0 if it adds none.
-
-        The check of stored answers reads it. Outputs of gaps are those of the surfaces as meshed, without it.
-        """
+        """Part of the gaps that a memory adds, (m,), as a worn depth does, or 0; outputs of gaps are without it."""
         return 0.0
 
     @property

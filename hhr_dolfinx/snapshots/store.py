@@ -324,10 +324,7 @@ class SnapshotStore:
         return None
 
     def judged(self, answer: Answer, *, aloud: bool = True) -> Answer | None:
-        """The given answer if it is a solution, else None with a warning. Collective if rows are distributed.
-
-        Only one rank should warn ``aloud``.
-        """
+        """The given answer if it is a solution, else None, with a warning if ``aloud``. Collective."""
         query = self._query_at(answer.parameter)
         with self._damage_reported(answer.parameter, query, aloud):
             self._judge(answer, query)
