@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhr_dolfinx.outputs import ModelProbe
 from hhr_dolfinx.models.functionals.kinds import Linear
+from hhr_dolfinx.outputs import ModelProbe
 
 
 @dataclass(frozen=True)

@@ -7,23 +7,14 @@ with the settings of the solution: an interrupted history continues after its la
 
 from __future__ import annotations
 
-import dis
 import hashlib
 import math
-import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import astuple, fields, is_dataclass, replace
-from functools import cached_property, partial
+from dataclasses import astuple, fields, replace
 from pathlib import Path
 from types import (
-    BuiltinFunctionType,
-    CodeType,
-    FunctionType,
     MappingProxyType,
-    MemberDescriptorType,
-    MethodType,
-    ModuleType,
 )
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -33,7 +24,7 @@ from scipy.sparse import issparse
 from hhr_dolfinx.certify.accuracy import contact_residuals
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import FileContentError, SnapshotFileWarning, StudyError
+from hhr_dolfinx.errors import FileContentError, SnapshotFileWarning
 from hhr_dolfinx.files import check_layout, clear_leftovers, make_folder, read_arrays, write_arrays
 from hhr_dolfinx.memory import NO_MEMORY
 from hhr_dolfinx.models.answer import Answer, History
@@ -47,153 +38,28 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
 
 
-DEEPEST = 50
-"""Largest depth of nested values; deeper ones count as values that contain themselves."""
-
-
 def add_to(digest: Any, parts: list[Any]) -> None:
     """Update a digest with arrays, sparse or not, numbers and texts, and lists of these, to the last bit."""
     for part in parts:
         for item in part if isinstance(part, tuple | list) else (part,):
-            for array in _arrays(item):
-                digest.update(_bytes_of(array))
+            for array in arrays_of(item):
+                digest.update(bytes_of(array))
 
 
-def _bytes_of(array: np.ndarray) -> bytes:
+def bytes_of(array: np.ndarray) -> bytes:
+    """Type, shape and entries of an array."""
     return f"{array.dtype.str}{array.shape}".encode() + array.tobytes()
 
 
-def digest_of_values(value: object, what: str) -> str:
-    """Hexadecimal digest of settings: of their types, numbers, texts, arrays and functions, not of their ``repr``.
-
-    The ``repr`` of an array leaves out its middle, and that of an object may be its address. User-defined functions and
-    classes enter with the globals that they read and their class attributes, those of installed packages with their
-    names. StudyError, of ``what``, for an object whose values are not accessible.
-    """
-    digest = hashlib.sha256()
-    for piece in _pieces(value, what, 0, {}):
-        digest.update(len(piece).to_bytes(8, "little") + piece)
-    return digest.hexdigest()
-
-
-def _arrays(item: Any) -> tuple[np.ndarray, ...]:
+def arrays_of(item: Any) -> tuple[np.ndarray, ...]:
+    """Arrays of a sparse matrix, or a value as an array."""
     return (item.indptr, item.indices, item.data) if issparse(item) else (np.ascontiguousarray(item),)
-
-
-def _pieces(value: object, what: str, depth: int, seen: dict[int, int]) -> Iterator[bytes]:
-    """Bytes that identify a value uniquely; functions and classes that occur again enter with their number."""
-    if depth > DEEPEST:
-        raise StudyError(f"{what} holds values more than {DEEPEST} deep, or itself: no digest can be made of it")
-    kind = type(value)
-    yield f"{kind.__module__}.{kind.__qualname__}".encode()
-    if value is None or isinstance(value, bool | int | float | complex | str | bytes):
-        yield repr(value).encode()
-        return
-    if isinstance(value, FunctionType | type):
-        if id(value) in seen:
-            yield f"again {seen[id(value)]}".encode()
-            return
-        seen[id(value)] = len(seen)
-    for part in _values_of(value, what):
-        if isinstance(part, np.ndarray) and part.dtype != object:
-            yield _bytes_of(part)
-        else:
-            yield from _pieces(part, what, depth + 1, seen)
-    yield b"end"
-
-
-def _values_of(value: Any, what: str) -> list[Any]:
-    """Parts of a value that is neither number nor text."""
-    if issparse(value):
-        return [value.shape, *_arrays(value.tocsr())]
-    if isinstance(value, np.ndarray | np.generic):
-        array = np.asarray(value)
-        return [array] if array.dtype != object else array.tolist()
-    if isinstance(value, Mapping):
-        return [item for key in sorted(value, key=repr) for item in (key, value[key])]
-    if isinstance(value, set | frozenset):
-        return sorted(digest_of_values(item, what) for item in value)
-    if isinstance(value, list | tuple):
-        return list(value)
-    if isinstance(value, BuiltinFunctionType | np.ufunc):
-        return [getattr(value, "__module__", ""), getattr(value, "__qualname__", value.__name__)]
-    if isinstance(value, MethodType):
-        return [value.__func__, value.__self__]
-    if isinstance(value, FunctionType):
-        return _values_of_function(value)
-    if isinstance(value, CodeType):
-        return [value.co_code, value.co_consts, value.co_names]
-    if isinstance(value, partial):
-        return [value.func, value.args, value.keywords]
-    if isinstance(value, ModuleType):
-        return [value.__name__]
-    if isinstance(value, type):
-        return [value.__module__, value.__qualname__, *_class_attributes(value)]
-    if is_dataclass(value):
-        return [type(value), *((item.name, getattr(value, item.name)) for item in fields(value))]
-    if hasattr(value, "__dict__"):
-        return [type(value), vars(value)]
-    raise StudyError(
-        f"{what} holds {value!r}, of which no digest can be made that is the same in another run: write it as a frozen "
-        "dataclass of numbers, texts and arrays"
-    )
-
-
-def _installed(module: str) -> bool:
-    """True for a module of Python, of this package or of another installed one, that is, not user-defined code."""
-    first = module.partition(".")[0]
-    file = getattr(sys.modules.get(first), "__file__", None) or ""
-    if first in sys.stdlib_module_names or first == __name__.partition(".")[0]:
-        return True
-    return bool({"site-packages", "dist-packages"} & set(Path(file).parts))
-
-
-def _values_of_function(function: FunctionType) -> list[Any]:
-    """Code, defaults, closure and, for a user-defined function, the globals that its code reads."""
-    held = [cell.cell_contents for cell in function.__closure__ or ()]
-    names = [function.__module__, function.__qualname__]
-    known = [*names, function.__code__, function.__defaults__, function.__kwdefaults__, held]
-    if _installed(function.__module__ or ""):
-        return known
-    found: dict[str, Any] = {}
-    for code in _codes(function.__code__):
-        for name in {step.argval for step in dis.get_instructions(code) if step.opname == "LOAD_GLOBAL"}:
-            if name not in function.__globals__:
-                continue  # a built-in of Python
-            item = found[name] = function.__globals__[name]
-            if isinstance(item, ModuleType) and not _installed(item.__name__):
-                found |= {f"{name}.{part}": vars(item)[part] for part in code.co_names if part in vars(item)}
-    return [*known, found]
-
-
-def _codes(code: CodeType) -> Iterator[CodeType]:
-    """A code object and those of the functions defined in it."""
-    yield code
-    for part in code.co_consts:
-        if isinstance(part, CodeType):
-            yield from _codes(part)
-
-
-def _class_attributes(kind: type) -> list[Any]:
-    """Attributes and methods of a user-defined class and its user-defined bases, without those generated by Python."""
-    found: list[Any] = []
-    for base in kind.__mro__:
-        if _installed(base.__module__):
-            continue
-        for name, item in vars(base).items():
-            if isinstance(item, staticmethod | classmethod):
-                item = item.__func__
-            elif isinstance(item, property | cached_property):
-                item = item.fget if isinstance(item, property) else item.func
-            written = isinstance(item, FunctionType) and item.__code__.co_filename != "<string>"
-            plain = not name.startswith("__") and name != "_abc_impl" and not isinstance(item, FunctionType)
-            if written or (plain and not isinstance(item, MemberDescriptorType)):  # descriptors of __slots__
-                found.append((name, item))
-    return found
 
 
 FORMAT = "hhr_dolfinx snapshot"
 VERSION = 6
+ARRAYS = ("hhr_dolfinx arrays", 1)
+"""Format and version of the files of an :class:`ArrayStore`."""
 
 _LAYOUT: dict[str, tuple[str, ...]] = {
     "unknown": ("float", "N"),
@@ -433,6 +299,41 @@ class SnapshotStore:
 
     def _path(self, query: list) -> Path:
         return self._folder / f"{self._digest(query)}.npz"
+
+
+class ArrayStore:
+    """Arrays of long computations by name, one file per key; FileError if the folder cannot be made.
+
+    ``problem`` is the digest of the problem that they belong to, as :attr:`SnapshotStore.problem_digest`: files of
+    other problems are not read.
+    """
+
+    def __init__(self, folder: str | Path, problem: str):
+        self._folder = make_folder(folder)
+        clear_leftovers(self._folder)
+        self._problem = problem
+
+    def load(self, key: str) -> dict[str, np.ndarray] | None:
+        """Load the arrays of a key; None, with a warning for a damaged file, if they are not there."""
+        try:
+            header, arrays = read_arrays(self._path(key), *ARRAYS)
+        except FileNotFoundError:
+            return None
+        except FileContentError as error:
+            warn(f"{error}: it is solved for again and replaced", SnapshotFileWarning, stacklevel=3)
+            return None
+        return arrays if header == self._header(key) else None
+
+    def save(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
+        """Store arrays of finite numbers under a key; FileError if the file cannot be written."""
+        write_arrays(self._path(key), self._header(key), arrays, tidy=False)
+
+    def _header(self, key: str) -> dict[str, str | int]:
+        kind, version = ARRAYS
+        return {"format": kind, "version": version, "problem": self._problem, "key": key}
+
+    def _path(self, key: str) -> Path:
+        return self._folder / f"{hashlib.sha256(f'{self._problem} {key}'.encode()).hexdigest()[:40]}.npz"
 
 
 class KeptSteps:
