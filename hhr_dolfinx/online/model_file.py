@@ -40,7 +40,6 @@ MODULES = {
     "amplitudes": "Amplitudes Coverage Limits",
     "contact.law": "Unilateral",
     "formulas": "Formula Modulus Scalar",
-    "materials.strain": "StrainOperator",
     "models.bounds.difference": "ExactDifference",
     "models.bounds.output_difference": "OutputDifference",
     "models.condensed": "CondensedModel",

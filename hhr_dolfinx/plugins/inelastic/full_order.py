@@ -22,7 +22,6 @@ from hhr_dolfinx.contact.stiffness import FactorStore, LazyStiffness, ScaledStif
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.linear.rows import Rows
-from hhr_dolfinx.materials.strain import ElasticPart, SparsePattern, StrainOperator
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, StressOutput
 from hhr_dolfinx.plugins.inelastic.constants import check_law
@@ -34,6 +33,7 @@ from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
 from hhr_dolfinx.plugins.inelastic.points_of_ranks import PointsOfRanks
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.plugins.inelastic.strain import ElasticPart, SparsePattern, StrainOperator
 from hhr_dolfinx.plugins.inelastic.trained import Signs
 from hhr_dolfinx.plugins.inelastic.update import Material, Update
 from hhr_dolfinx.scene import Scene
