@@ -339,19 +339,14 @@ class Limits:
 
 @dataclass(frozen=True)
 class Amplitudes:
-    """All amplitudes of a scene: affine ones, constant + slopes @ mu, then non-affine ones, of several terms each.
+    """All amplitudes of a scene: affine ones, constant + slopes @ mu, then non-affine ones, of several terms each."""
 
-    Attributes:
-        constant, slopes: of the affine ones, (1 + T0,) and (1 + T0, P); the first is the 1 of the parameter-free part.
-        nonaffine: non-affine amplitudes in their order.
-        limits: elastic constants that are checked at each point at which theta is evaluated.
-        space: parameter box for differences of amplitudes without a derivative; None if all have one.
-    """
-
+    # constant, slopes: of the affine ones, (1 + T0,) and (1 + T0, P); the first is the 1 of the parameter-free part
     constant: Annotated[Floats, "affine"]
     slopes: Annotated[Floats, "affine", "P"]
-    nonaffine: tuple[NonAffine, ...] = ()
-    limits: tuple[Limits, ...] = ()
+    nonaffine: tuple[NonAffine, ...] = ()  # non-affine amplitudes in their order
+    limits: tuple[Limits, ...] = ()  # elastic constants that are checked at each point at which theta is evaluated
+    # parameter box for differences of amplitudes without a derivative; None if all have one
     space: ParameterSpace | None = None
 
     def faults_for(self, space: ParameterSpace, terms: int) -> Iterator[str]:

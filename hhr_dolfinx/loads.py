@@ -39,30 +39,21 @@ class Term:
 
 @dataclass(frozen=True)
 class Assembler:
-    """Interface of the finite element model for loads; calls are collective on several ranks.
+    """Interface of the finite element model for loads; calls are collective on several ranks."""
 
-    Attributes:
-        test: UFL test function v, a vector.
-        hypothesis: ``plane_strain``, ``plane_stress``, ``axisymmetric`` or ``solid``: forms in axisymmetry need the
-            weight :func:`hhr_dolfinx.forms.elasticity.volume_weight`.
-        parameters: box of the parameters.
-        size: N, number of dofs; those of node n are ``dim n`` to ``dim n + dim - 1``.
-        ds: measure of the outer facets with a tag; refuses missing tags and facets inside the mesh.
-        dx: measure of the cells with a tag.
-        vector: assembles a UFL form that is linear in v, (N,); refuses other forms.
-        surface: nodes of the facets with a tag, their coordinates and measures.
-        eigenstress: nodal forces of an eigenstrain, a UFL tensor 3x3, of the body with a tag: pairs of a modulus, which
-            is a formula of the parameters, and the forces for the modulus 1, (N,).
-    """
-
-    test: ufl.Argument
+    test: ufl.Argument  # UFL test function v, a vector
+    # ``plane_strain``, ``plane_stress``, ``axisymmetric`` or ``solid``: forms in axisymmetry need the weight
+    # :func:`hhr_dolfinx.forms.elasticity.volume_weight`
     hypothesis: str
-    parameters: ParameterSpace
-    size: int
+    parameters: ParameterSpace  # box of the parameters
+    size: int  # N, number of dofs; those of node n are ``dim n`` to ``dim n + dim - 1``
+    # measure of the outer facets with a tag; refuses missing tags and facets inside the mesh
     ds: Callable[[Tag], ufl.Measure]
-    dx: Callable[[Tag], ufl.Measure]
-    vector: Callable[[ufl.Form], np.ndarray]
-    surface: Callable[[Tag], Surface]
+    dx: Callable[[Tag], ufl.Measure]  # measure of the cells with a tag
+    vector: Callable[[ufl.Form], np.ndarray]  # assembles a UFL form that is linear in v, (N,); refuses other forms
+    surface: Callable[[Tag], Surface]  # nodes of the facets with a tag, their coordinates and measures
+    # nodal forces of an eigenstrain, a UFL tensor 3x3, of the body with a tag: pairs of a modulus, which is a formula
+    # of the parameters, and the forces for the modulus 1, (N,)
     eigenstress: Callable[[Tag, Any], Sequence[tuple[Formula, np.ndarray]]]
 
 

@@ -28,28 +28,19 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class ModelProbe:
-    """Interface of the finite element model to an output; calls are collective.
+    """Interface of the finite element model to an output; calls are collective."""
 
-    Attributes:
-        scene: the :class:`~hhr_dolfinx.scene.Scene`.
-        problem: the contact problem.
-        base: the problem on the mesh in which outputs find points and boxes: that of the middle of the box if a shape
-            depends on parameters, so that an output keeps its nodes and cells; otherwise ``problem``.
-        contact_rows: B with the columns of imposed dofs, (N_lambda, N).
-        assembler: interface of loads.
-        nodes: numbers of the nodes of a body, by its cell tag; refuses unknown tags.
-        mises: von Mises' stress of the cells of a body within a box, given by its corners or None.
-        energy: elastic energy.
-    """
-
-    scene: Any
-    problem: ContactProblem
+    scene: Any  # the :class:`~hhr_dolfinx.scene.Scene`
+    problem: ContactProblem  # the contact problem
+    # the problem on the mesh in which outputs find points and boxes: that of the middle of the box if a shape depends
+    # on parameters, so that an output keeps its nodes and cells; otherwise ``problem``
     base: ContactProblem
-    contact_rows: csr_matrix
-    assembler: Assembler
-    nodes: Callable[[Tag], np.ndarray]
+    contact_rows: csr_matrix  # B with the columns of imposed dofs, (N_lambda, N)
+    assembler: Assembler  # interface of loads
+    nodes: Callable[[Tag], np.ndarray]  # numbers of the nodes of a body, by its cell tag; refuses unknown tags
+    # von Mises' stress of the cells of a body within a box, given by its corners or None
     mises: Callable[[VonMises], Functional]
-    energy: Callable[[ElasticEnergy], Functional]
+    energy: Callable[[ElasticEnergy], Functional]  # elastic energy
 
     @property
     def dimension(self) -> int:
@@ -121,15 +112,10 @@ class ModelProbe:
 
 
 class Output(Protocol):
-    """Interface of an output.
+    """Interface of an output."""
 
-    Attributes:
-        name: name of the output.
-        unit: unit of its value, as text.
-    """
-
-    name: str
-    unit: str
+    name: str  # name of the output
+    unit: str  # unit of its value, as text
 
     def prepared(self, probe: object) -> Functional:
         """The output as plain data; SceneError if the model lacks a contact, a body or a node of it."""
@@ -160,13 +146,9 @@ class _Output:
 
 @dataclass(frozen=True)
 class OfContact(_Output):
-    """Base class of outputs of a contact.
+    """Base class of outputs of a contact."""
 
-    Attributes:
-        contact: index of the pair in ``Scene.contacts``.
-    """
-
-    contact: int
+    contact: int  # index of the pair in ``Scene.contacts``
 
     def __post_init__(self) -> None:
         super().__post_init__()

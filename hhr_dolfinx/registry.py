@@ -60,56 +60,46 @@ class Stage(NamedTuple):
 
 @dataclass(frozen=True)
 class Plugin:
-    """Manifest of a plug-in.
+    """Manifest of a plug-in."""
 
-    Attributes:
-        name: name of the plug-in, unique.
-        needs: names of the plug-ins that it requires.
-        public: names that it adds to ``hhr_dolfinx``: of each module its names, separated by blanks.
-        parts: what scenes may name: of each kind (``laws``, ``outputs``, ... of :mod:`hhr_dolfinx.by_name`) places by
-            name.
-        classes: classes that model files may hold: of each module their names, separated by blanks.
-        commands: places of the commands of ``hhr``, by name.
-        kinds: kinds of models that a training can build: places of functions ``(training, **options) -> model`` by the
-            name of the method of a :class:`~hhr_dolfinx.study.training.train.Training`, and of ``hhr train --model``.
-        methods: further methods of a training, which build no model that a file can keep.
-        trainings: ways to choose training points of ``hhr train``: places of objects with
-            ``options``, decorators of click, and ``training(given)``, by the option that selects them.
-        materials: methods by which a law of a body is one of this plug-in, see :func:`reader_of`.
-        pair_laws: places of functions ``(value, what) -> PairLaw`` by the field of a pairing whose value they read, see
-            :mod:`hhr_dolfinx.contact.law`.
-        recipes: places of functions ``(**changes) -> Recipe`` by their names as attributes of ``Recipe``.
-        reductors: ways to build a model by name, which ``hhr.reduce`` tries after those of the core.
-        stages: further stages of the hyper-reduction.
-        bounds: bounds of the errors of its models, which replace those of the core.
-        memory: names of the parts of :class:`~hhr_dolfinx.memory.Memory` that its laws keep in answers.
-        answers: what it adds to answers: places of functions of an answer, by the names of methods.
-        facets: places of objects that do for its laws what the core leaves to them, by words: each part of the core
-            that needs one documents its word and protocol, and refuses a law without it, see :func:`facet`.
-        tools: places of functions that the core calls by a word, of all plug-ins one for each word, see :func:`tool`.
-        companions: places of functions ``(full, folder) -> None`` that write further files next to a model;
-            collective over the ranks of the full model.
-    """
-
-    name: str
-    needs: tuple[str, ...] = ()
+    name: str  # name of the plug-in, unique
+    needs: tuple[str, ...] = ()  # names of the plug-ins that it requires
+    # names that it adds to ``hhr_dolfinx``: of each module its names, separated by blanks
     public: Mapping[str, str] = field(default=NOTHING)
+    # what scenes may name: of each kind (``laws``, ``outputs``, ... of :mod:`hhr_dolfinx.by_name`) places by name
     parts: Mapping[str, Mapping[str, str]] = field(default=NOTHING)
+    # classes that model files may hold: of each module their names, separated by blanks
     classes: Mapping[str, str] = field(default=NOTHING)
-    commands: Mapping[str, str] = field(default=NOTHING)
+    commands: Mapping[str, str] = field(default=NOTHING)  # places of the commands of ``hhr``, by name
+    # kinds of models that a training can build: places of functions ``(training, **options) -> model`` by the name of
+    # the method of a :class:`~hhr_dolfinx.study.training.train.Training`, and of ``hhr train --model``
     kinds: Mapping[str, str] = field(default=NOTHING)
+    # further methods of a training, which build no model that a file can keep
     methods: Mapping[str, str] = field(default=NOTHING)
+    # ways to choose training points of ``hhr train``: places of objects with ``options``, decorators of click, and
+    # ``training(given)``, by the option that selects them
     trainings: Mapping[str, str] = field(default=NOTHING)
-    materials: tuple[str, ...] = ()
+    materials: tuple[str, ...] = ()  # methods by which a law of a body is one of this plug-in, see :func:`reader_of`
+    # places of functions ``(value, what) -> PairLaw`` by the field of a pairing whose value they read, see
+    # :mod:`hhr_dolfinx.contact.law`
     pair_laws: Mapping[str, str] = field(default=NOTHING)
+    # places of functions ``(**changes) -> Recipe`` by their names as attributes of ``Recipe``
     recipes: Mapping[str, str] = field(default=NOTHING)
+    # ways to build a model by name, which ``hhr.reduce`` tries after those of the core
     reductors: Mapping[str, Way] = field(default=NOTHING)
-    stages: tuple[Stage, ...] = ()
-    bounds: tuple[Bounds, ...] = ()
+    stages: tuple[Stage, ...] = ()  # further stages of the hyper-reduction
+    bounds: tuple[Bounds, ...] = ()  # bounds of the errors of its models, which replace those of the core
+    # names of the parts of :class:`~hhr_dolfinx.memory.Memory` that its laws keep in answers
     memory: tuple[str, ...] = ()
+    # what it adds to answers: places of functions of an answer, by the names of methods
     answers: Mapping[str, str] = field(default=NOTHING)
+    # places of objects that do for its laws what the core leaves to them, by words: each part of the core that needs
+    # one documents its word and protocol, and refuses a law without it, see :func:`facet`
     facets: Mapping[str, str] = field(default=NOTHING)
+    # places of functions that the core calls by a word, of all plug-ins one for each word, see :func:`tool`
     tools: Mapping[str, str] = field(default=NOTHING)
+    # places of functions ``(full, folder) -> None`` that write further files next to a model; collective over the ranks
+    # of the full model
     companions: tuple[str, ...] = ()
 
 

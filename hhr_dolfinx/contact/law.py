@@ -95,25 +95,19 @@ class ContactLaw:
     """A law on the contact conditions of a problem, or on those that a model solves for.
 
     The methods here are those of unilateral contact.
-
-    Attributes:
-        plugin: name of its plug-in, whose facets complete it; empty for unilateral contact.
-        name: description in messages.
-        remembers: whether answers depend on the path that leads to them.
-        floats: whether its increments solve for rigid motions that contact alone holds, ``contact.floating``; scenes
-            with such bodies are refused otherwise.
-        reshapes: whether it holds where the shape of bodies, and with it areas, depends on parameters; scenes with
-            such shapes are refused otherwise.
-        fixed: indices of the parameters that are constant while loads grow in proportion.
     """
 
-    plugin: ClassVar[str] = ""
-    name: ClassVar[str] = "unilateral contact"
-    remembers: ClassVar[bool] = False
+    plugin: ClassVar[str] = ""  # name of its plug-in, whose facets complete it; empty for unilateral contact
+    name: ClassVar[str] = "unilateral contact"  # description in messages
+    remembers: ClassVar[bool] = False  # whether answers depend on the path that leads to them
+    # whether its increments solve for rigid motions that contact alone holds, ``contact.floating``; scenes with such
+    # bodies are refused otherwise
     floats: ClassVar[bool] = False
+    # whether it holds where the shape of bodies, and with it areas, depends on parameters; scenes with such shapes are
+    # refused otherwise
     reshapes: ClassVar[bool] = False
 
-    fixed: np.ndarray
+    fixed: np.ndarray  # indices of the parameters that are constant while loads grow in proportion
 
     def pressing(self, count: int) -> np.ndarray:
         """Conditions with the force of a pressure among so many, (count,) bool."""

@@ -32,17 +32,11 @@ if TYPE_CHECKING:
 
 
 class CellStrains(NamedTuple):
-    """Strain ε = G u at the Gauss points of some cells, Kelvin's notation.
+    """Strain ε = G u at the Gauss points of some cells, Kelvin's notation."""
 
-    Attributes:
-        gradients: matrix G of each cell, (cells, per_cell, components, dofs of a cell).
-        weights: quadrature weight times volume of each Gauss point, (cells, per_cell).
-        dofs: local number of each dof of a cell, (cells, dofs of a cell).
-    """
-
-    gradients: np.ndarray
-    weights: np.ndarray
-    dofs: np.ndarray
+    gradients: np.ndarray  # matrix G of each cell, (cells, per_cell, components, dofs of a cell)
+    weights: np.ndarray  # quadrature weight times volume of each Gauss point, (cells, per_cell)
+    dofs: np.ndarray  # local number of each dof of a cell, (cells, dofs of a cell)
 
     @property
     def per_cell(self) -> int:

@@ -38,21 +38,13 @@ class Part:
 
 @dataclass(frozen=True)
 class Border:
-    """Rows that no rank eliminates by itself; all but ``part_of`` is the same on all ranks.
+    """Rows that no rank eliminates by itself; all but ``part_of`` is the same on all ranks."""
 
-    Attributes:
-        numbers: row numbers in the matrix, in the order of the border, (b,).
-        place: index in this order of each row of the matrix; -1 outside of the border, (n,).
-        parts: connected components of the border.
-        inverted: indices in the border of the rows between which K^-1 is needed, by increasing row number.
-        part_of: part to which each local row outside of the border is connected; -1 for none.
-    """
-
-    numbers: np.ndarray
-    place: np.ndarray
-    parts: tuple[Part, ...]
-    inverted: np.ndarray
-    part_of: np.ndarray
+    numbers: np.ndarray  # row numbers in the matrix, in the order of the border, (b,)
+    place: np.ndarray  # index in this order of each row of the matrix; -1 outside of the border, (n,)
+    parts: tuple[Part, ...]  # connected components of the border
+    inverted: np.ndarray  # indices in the border of the rows between which K^-1 is needed, by increasing row number
+    part_of: np.ndarray  # part to which each local row outside of the border is connected; -1 for none
 
 
 def border_of(rows: csr_matrix, first: int, last: np.ndarray, comm: Comm) -> Border:

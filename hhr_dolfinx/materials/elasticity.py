@@ -31,21 +31,13 @@ def von_mises(stress: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Elastic:
-    """Elastic constants at room temperature.
+    """Elastic constants at room temperature."""
 
-    Attributes:
-        young: Young's modulus in Pa.
-        poisson: Poisson's ratio.
-        expansion: thermal expansion in 1/K.
-        density: density in kg/m^3.
-        source: source of the constants.
-    """
-
-    young: float
-    poisson: float
-    expansion: float
-    density: float
-    source: str
+    young: float  # Young's modulus in Pa
+    poisson: float  # Poisson's ratio
+    expansion: float  # thermal expansion in 1/K
+    density: float  # density in kg/m^3
+    source: str  # source of the constants
 
 
 MATERIALS = {

@@ -47,13 +47,9 @@ facets are flat."""
 
 @dataclass(frozen=True)
 class QuadraticFacets:
-    """Facets of second order of a surface whose ``facets`` are the flat parts of these (F facets, K nodes each).
+    """Facets of second order of a surface whose ``facets`` are the flat parts of these (F facets, K nodes each)."""
 
-    Attributes:
-        nodes: nodes of each facet, counted within the surface, (F, K).
-    """
-
-    nodes: Annotated[Integers, "whole facets", "facet nodes"]
+    nodes: Annotated[Integers, "whole facets", "facet nodes"]  # nodes of each facet, counted within the surface, (F, K)
 
     @property
     def corners(self) -> np.ndarray:

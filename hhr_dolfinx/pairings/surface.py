@@ -49,31 +49,22 @@ press fit of rings was off by 8 to 13 % at 0.14, by 30 to 34 % at 1.9 (by 100 % 
 
 @dataclass(frozen=True)
 class Surface:
-    """A tagged surface of n nodes and f facets of k nodes each: 2 in the plane, 3 or 4 in space.
+    """A tagged surface of n nodes and f facets of k nodes each: 2 in the plane, 3 or 4 in space."""
 
-    Attributes:
-        tag: facet tag, for messages.
-        nodes: node numbers in the mesh, (n,).
-        points: coordinates of the nodes, (n, dim).
-        facets: nodes of each facet, counted within the surface, (f, k); quadrilaterals in tensor order.
-        outward, sizes: unit outer normal of each facet, (f, dim), and its length or area without weight, (f,).
-        weights: weight of the surface measure at each node, 1 or 2 pi r, (n,).
-        areas: tributary area of each node, (n,).
-        depths: depth of the cell behind each facet, (f,): no body is thinner.
-        quadratic: facets of second order, of which ``facets`` are the flat parts; None for cells of first order.
-        free: components of the displacement of the nodes that are not imposed, (n, dim) bool; None if all are free.
-    """
-
-    tag: Tag
-    nodes: Annotated[Integers, "surface nodes"]
-    points: Annotated[Floats, "surface nodes", "dimension"]
+    tag: Tag  # facet tag, for messages
+    nodes: Annotated[Integers, "surface nodes"]  # node numbers in the mesh, (n,)
+    points: Annotated[Floats, "surface nodes", "dimension"]  # coordinates of the nodes, (n, dim)
+    # nodes of each facet, counted within the surface, (f, k); quadrilaterals in tensor order
     facets: Annotated[Integers, "facets", "corners", "< surface nodes"]
+    # outward, sizes: unit outer normal of each facet, (f, dim), and its length or area without weight, (f,)
     outward: Annotated[Floats, "facets", "dimension"]
     sizes: Annotated[Floats, "facets"]
-    weights: Annotated[Floats, "surface nodes"]
-    areas: Annotated[Floats, "surface nodes"]
-    depths: Annotated[Floats, "facets"]
+    weights: Annotated[Floats, "surface nodes"]  # weight of the surface measure at each node, 1 or 2 pi r, (n,)
+    areas: Annotated[Floats, "surface nodes"]  # tributary area of each node, (n,)
+    depths: Annotated[Floats, "facets"]  # depth of the cell behind each facet, (f,): no body is thinner
+    # facets of second order, of which ``facets`` are the flat parts; None for cells of first order
     quadratic: QuadraticFacets | None = None
+    # components of the displacement of the nodes that are not imposed, (n, dim) bool; None if all are free
     free: Annotated[Booleans, "surface nodes", "dimension"] | None = None
 
     @property
