@@ -57,7 +57,6 @@ _of_core, _, _names = lazy_loader.attach(__name__, submod_attrs={at: names.split
 
 
 def _of_plugins() -> dict[str, str]:
-    """Places of the public names of plug-ins."""
     return importlib.import_module("hhr_dolfinx.registry").named("public")
 
 

@@ -176,7 +176,6 @@ DIFFERENCE = 1e-5
 
 
 def _derivative(amplitude: NonAffine, point: np.ndarray, space: ParameterSpace | None) -> np.ndarray:
-    """Derivatives of the amplitudes that act at a point, (k, P), exact or by differences."""
     own = getattr(amplitude, "derivative", None)
     columns, values = amplitude(point)
     if own is not None:

@@ -13,14 +13,16 @@ import ast
 import dataclasses
 import inspect
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
+from types import MappingProxyType
 from typing import Any, NamedTuple, get_args
 
 import numpy as np
 from scipy.sparse import issparse
 
 from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.files import KINDS
 
 Floats = np.ndarray
 """Array of float64, in annotations."""
@@ -93,7 +95,6 @@ def _alternatives(node: ast.expr) -> Iterator[ast.expr]:
 
 
 def _name(node: ast.expr) -> str:
-    """Name of a class, without its module."""
     return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
 
 
@@ -155,12 +156,31 @@ def _has_sizes(kind: ast.expr) -> bool:
     return _name(kind) in (*TYPES, "ndarray", "Size")
 
 
+def check_layout(
+    arrays: Mapping[str, np.ndarray], layout: Mapping[str, Sequence[str]], sizes: Mapping[str, int]
+) -> None:
+    """Check that arrays have a given layout with consistent sizes, of which some are known.
+
+    The layout has, for each name, the kind (``float``, ``int`` or ``bool``) and the names of the sizes. The error names
+    the array that is missing, unknown, or of another kind or shape.
+    """
+    if arrays.keys() != layout.keys():
+        missing = sorted(layout.keys() - arrays.keys())
+        unknown = sorted(arrays.keys() - layout.keys())
+        raise FileContentError(f"arrays {missing} are missing and {unknown} are unknown")
+    found = Sizes(known=sizes)
+    for name, (kind, *labels) in layout.items():
+        if KINDS.get(arrays[name].dtype.str) != kind:
+            raise FileContentError(f"{name} has type {arrays[name].dtype}, it must be {kind}")
+        found.claim(name, DeclaredArray(kind, tuple(labels), ""), arrays[name])
+
+
 class Sizes:
     """Sizes by name, collected while the parts of a model are read; see :data:`SHARED`."""
 
-    def __init__(self, whole: bool = False):
-        self.shared: dict[str, int] = {}
-        self.own: dict[str, int] = {}
+    def __init__(self, whole: bool = False, known: Mapping[str, int] = MappingProxyType({})):
+        self.shared: dict[str, int] = dict(known)
+        self.own: dict[str, int] = dict(known)
         self._whole = whole
         self._waiting: list[tuple[Sizes, str, str, Any]] = []
 

@@ -22,7 +22,7 @@ import re
 import secrets
 import stat
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, cast
@@ -169,40 +169,14 @@ def read_arrays(
     return header, arrays
 
 
-_KIND_OF = {"<f8": "float", "<i8": "int", "<i4": "int", "|b1": "bool"}
+KINDS = {"<f8": "float", "<i8": "int", "<i4": "int", "|b1": "bool"}
+"""Kinds of numbers of arrays in files, by their names in numpy."""
 _UTF8 = 0x800
 """Flag of members of archives with names that are not ASCII."""
 _DESCRIPTION = re.compile(
     rb"\{'descr': '(<f8|<i8|<i4|\|b1|[<|][SU][0-9]{1,7})', 'fortran_order': (True|False), "
     rb"'shape': \(([0-9, ]{0,80})\), \} *\n"
 )
-
-
-def check_layout(
-    arrays: Mapping[str, np.ndarray], layout: Mapping[str, Sequence[str]], sizes: Mapping[str, int]
-) -> dict[str, int]:
-    """Check that arrays have a given layout with consistent sizes; return all sizes by name.
-
-    The layout has, for each name, the kind (``float``, ``int`` or ``bool``) and the names of the sizes. The error names
-    the array that is missing, unknown, or of another kind or shape.
-    """
-    if arrays.keys() != layout.keys():
-        missing = sorted(layout.keys() - arrays.keys())
-        unknown = sorted(arrays.keys() - layout.keys())
-        raise FileContentError(f"arrays {missing} are missing and {unknown} are unknown")
-    found = dict(sizes)
-    for name, (kind, *dimensions) in layout.items():
-        array = arrays[name]
-        if _KIND_OF.get(array.dtype.str) != kind:
-            raise FileContentError(f"{name} has type {array.dtype}, it must be {kind}")
-        # the first array with an unknown size sets it for the others
-        known = array.ndim == len(dimensions) and all(
-            found.setdefault(label, size) == size for label, size in zip(dimensions, array.shape, strict=True)
-        )
-        if not known:
-            expected = tuple(f"{label} = {found[label]}" if label in found else label for label in dimensions)
-            raise FileContentError(f"{name} has shape {array.shape}, it must be ({', '.join(expected)})")
-    return found
 
 
 @contextmanager
@@ -218,7 +192,6 @@ def _explained(path: Path, what: str) -> Iterator[None]:
 
 
 def _named(path: str | Path) -> Path:
-    """A path that is valid for the system; FileError for others."""
     if "\0" in str(path):
         raise FileError(f"{str(path)!r} has a zero byte, which no name may have: choose another name")
     return Path(path)
@@ -239,7 +212,6 @@ def _target(path: Path) -> Path:
 
 
 def _opened(temporary: Path, text: bool) -> IO[Any]:
-    """Open a new file that this process locks."""
     while True:
         file = open(temporary, "x", encoding="utf-8", newline="") if text else open(temporary, "xb")
         _lock(file, wait=True)
@@ -372,7 +344,6 @@ def _array(stream: io.BufferedIOBase, info: zipfile.ZipInfo, member: np.ndarray 
 
 
 def _fill(flat: np.ndarray, stream: io.BufferedIOBase, info: zipfile.ZipInfo) -> None:
-    """Read the rest of a member into an array."""
     raw = memoryview(flat.view(np.uint8)) if flat.nbytes else memoryview(b"")
     filled = 0
     while filled < len(raw):
@@ -385,7 +356,7 @@ def _fill(flat: np.ndarray, stream: io.BufferedIOBase, info: zipfile.ZipInfo) ->
 
 def _check_numbers(name: str, array: np.ndarray) -> None:
     """Raise for unsupported kinds of numbers, non-finite numbers, and booleans that are neither 0 nor 1."""
-    if array.dtype.str not in _KIND_OF:
+    if array.dtype.str not in KINDS:
         raise _Damage(f"{name} has type {array.dtype}")
     if array.dtype.kind == "f" and not np.isfinite(array).all():
         raise _Damage(f"{name} is not finite")

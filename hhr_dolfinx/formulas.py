@@ -33,7 +33,6 @@ DEEPEST = 400
 
 
 def _chosen(choose: Callable) -> Callable[..., Any]:
-    """Minimum or maximum by real parts."""
     return lambda x, y: np.where(choose(np.real(x), np.real(y)), x, y)
 
 
@@ -319,7 +318,6 @@ def _compiled(node: ast.expr, names: dict[str, None], what: str) -> _Evaluate:
 
 
 def _called(name: str, arguments: Sequence[ast.expr], names: dict[str, None], what: str) -> _Evaluate:
-    """A call of a known function or of a table."""
     inner = [_compiled(argument, names, what) for argument in arguments]
     if name == "table":
         return _table(inner, what)
@@ -336,7 +334,6 @@ def _called(name: str, arguments: Sequence[ast.expr], names: dict[str, None], wh
 
 
 def _table(inner: list[_Evaluate], what: str) -> _Evaluate:
-    """A table that is linear between given points."""
     try:
         with np.errstate(all="ignore"):
             numbers = [float(item({})) for item in inner[1:]]

@@ -88,7 +88,6 @@ class ModelProbe:
         return np.flatnonzero(distances <= distances[nearest] + 1e-6 * size)
 
     def _cell_size(self, point: np.ndarray) -> float:
-        """Length of the largest cell at the node nearest to a point."""
         cells = self.base.cell_nodes
         nodes = self.base.points
         nearest = np.linalg.norm(nodes - point, axis=1).argmin()

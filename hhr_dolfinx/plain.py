@@ -25,9 +25,8 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.declared import TYPES, Sizes, annotations_of, declared_array, fits, shown
 from hhr_dolfinx.errors import FileContentError, MissingPackageError, ModelFileError
+from hhr_dolfinx.files import KINDS
 
-ARRAY_TYPES = (np.dtype("<f8"), np.dtype("<i8"), np.dtype("<i4"), np.dtype("?"))
-"""Kinds of numbers of arrays in files."""
 DEEPEST = 16
 """Largest depth of nested tuples and values: damaged files must not exhaust the stack."""
 SPARSE = {"csc": csc_matrix, "csr": csr_matrix}
@@ -134,7 +133,6 @@ def _is_kind(kind: object) -> bool:
 
 
 def _same(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> bool:
-    """True if arrays are equal to the last bit."""
     return one.keys() == other.keys() and all(
         array.dtype == other[name].dtype and np.array_equal(array, other[name]) for name, array in one.items()
     )
@@ -233,7 +231,6 @@ class _Reader:
         raise FileContentError(f"{path or 'the value'} is {_shown(data)}, which must have a kind and fields")
 
     def _object(self, name: Any, given: Mapping, path: str, sizes: Sizes, depth: int) -> Any:
-        """Value of a class, from its fields."""
         kind = self._kind(name)
         whole = getattr(kind, "has_own_sizes", False)
         own = Sizes(whole=True) if whole else sizes.of_part()
@@ -272,7 +269,6 @@ class _Reader:
         return self.kinds[name]
 
     def _field(self, value: Any, name: str, path: str, node: Any, sizes: Sizes) -> Any:
-        """Value of a field, checked for its declared type, kind and size."""
         if not fits(value, node, self.kinds):
             formula = isinstance(value, str) and shown(node) == "float"
             remedy = ": declare it float | str, if it may be a formula" if formula else ""
@@ -334,7 +330,6 @@ class _Reader:
 
 
 def _of_type(path: str, array: np.ndarray, declared: Any) -> np.ndarray:
-    """An array converted to its declared kind."""
     wanted = TYPES.get(declared.kind) if declared is not None else None
     if wanted is None or array.dtype == wanted:
         return array
@@ -344,7 +339,7 @@ def _of_type(path: str, array: np.ndarray, declared: Any) -> np.ndarray:
 
 
 def _checked_array(path: str, array: np.ndarray) -> np.ndarray:
-    if type(array) is not np.ndarray or array.dtype not in ARRAY_TYPES or not np.isfinite(array).all():
+    if type(array) is not np.ndarray or array.dtype.str not in KINDS or not np.isfinite(array).all():
         kind = getattr(array, "dtype", type(array).__name__)
         raise FileContentError(f"{path} has the type {kind} or is not finite: {_REMEDY}")
     return array
@@ -374,7 +369,6 @@ def _scalar(path: str, value: object) -> bool | int | float | str | None:
 
 
 def _shown(value: object) -> str:
-    """Beginning of a value, for messages."""
     try:
         text = " ".join(repr(value).split())
     except Exception:  # a user-defined class, or too deep nesting

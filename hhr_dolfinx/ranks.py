@@ -126,7 +126,6 @@ def class_of(name: str) -> type[errors.HHRError]:
 
 
 def _text(error: BaseException) -> str:
-    """Message of an exception, or a substitute if the message itself fails."""
     try:
         return str(error)
     except Exception:

@@ -110,7 +110,6 @@ class Lattice:
         return lower + places / (levels - 1) * (upper - lower)
 
     def _places(self, levels: np.ndarray) -> np.ndarray:
-        """Numbers of the levels of each point, (n, P)."""
         if np.prod(levels.astype(float)) <= self.count:
             return np.indices(tuple(levels)).reshape(levels.size, -1).T
         corners = np.zeros((0, levels.size), dtype=np.int64)

@@ -338,7 +338,6 @@ class Scene:
                 )
 
     def _check_names(self) -> None:
-        """Raise SceneError for unknown names of parameters."""
         driven: tuple[Any, ...] = (*self.displacements, *self.openings, *self.loads)
         for item in driven:
             amplitude: Any = getattr(item, "amplitude", None)
@@ -354,7 +353,6 @@ class Scene:
 
 
 def _named_in_short(item: object) -> str:
-    """Kind and tag of a support, load or shape, as text."""
     tag = getattr(item, "tag", None)
     return type(item).__name__ if tag is None else f"{type(item).__name__} of {tag}"
 

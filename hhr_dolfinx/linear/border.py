@@ -183,7 +183,6 @@ def gathered(part: Part, reach: np.ndarray, left: np.ndarray, comm: Comm) -> np.
 
 
 def _blocks(count: int) -> list[slice]:
-    """Slices of rows of a triangle, one for each message."""
     height = max(SENT // max(count, 1), 1)
     return [slice(first, min(first + height, count)) for first in range(0, count, height)]
 

@@ -278,5 +278,4 @@ class FreeCholesky:
 
 
 def _norms(squares: np.ndarray, comm: Comm) -> np.ndarray:
-    """Norms from the sums of squares on each rank, (k,)."""
     return np.sqrt(comm.allreduce(np.asarray(squares).ravel()))

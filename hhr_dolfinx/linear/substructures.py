@@ -163,7 +163,6 @@ class Substructures:
         image[self._edge] = total[self._at]
 
     def _on_border(self, own: np.ndarray) -> np.ndarray:
-        """Table of all rows of the border with values in the local ones, (border, k)."""
         total = np.zeros((self._border.numbers.size, own.shape[1]))
         total[self._at] = own
         return total

@@ -6,7 +6,7 @@ One format holds all kinds of models: a tree of values in the header, and arrays
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -71,35 +71,28 @@ PLACES = {name: f"hhr_dolfinx.{module}:{name}" for module, names in MODULES.item
 """Their places by name."""
 
 
-class Kinds(Mapping[str, type]):
-    """Classes that a file may contain: of the core and of plug-ins, and user-defined ones, of different names."""
+class Kinds(dict[str, type]):
+    """Classes that a file may contain, loaded when they are needed: of the core, of plug-ins, and user-defined ones."""
 
     def __init__(self, known: Iterable[type] = ()):
-        self._loaded: dict[str, type] = {}
+        super().__init__()
         for kind in by_name(known).values():
             if (place := self._place(kind.__name__)) is not None:
-                add_kind(self._loaded, registry.load(place))
-            add_kind(self._loaded, kind)
+                add_kind(self, registry.load(place))
+            add_kind(self, kind)
 
     @staticmethod
-    def _place(name: str) -> str | None:
-        return PLACES.get(name) or registry.named("classes").get(name)
+    def _place(name: object) -> str | None:
+        return PLACES.get(str(name)) or registry.named("classes").get(str(name))
 
-    def __getitem__(self, name: str) -> type:
-        if name not in self._loaded:
-            if (place := self._place(name)) is None:
-                raise KeyError(name)
-            self._loaded[name] = registry.load(place)
-        return self._loaded[name]
+    def __missing__(self, name: str) -> type:
+        if (place := self._place(name)) is None:
+            raise KeyError(name)
+        self[name] = kind = registry.load(place)
+        return kind
 
     def __contains__(self, name: object) -> bool:
-        return name in self._loaded or (isinstance(name, str) and self._place(name) is not None)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter({*PLACES, *registry.named("classes"), *self._loaded})
-
-    def __len__(self) -> int:
-        return len(list(iter(self)))
+        return super().__contains__(name) or self._place(name) is not None
 
 
 def save_model(path: str | Path, model: KeptModel) -> None:
@@ -176,7 +169,6 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
 
 
 def _meant(folder: Path) -> str:
-    """Suggestion of models in a folder and its subfolders; empty without any."""
     try:
         near = sorted(path for pattern in ("*.npz", "*/*.npz") for path in folder.glob(pattern) if path.stem in NAMES)
     except OSError:

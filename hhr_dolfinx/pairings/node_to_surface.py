@@ -187,7 +187,6 @@ def _warn_of_coarse_slave(slave: Surface, master: Surface, weights: np.ndarray) 
 
 
 def _along(slave: Surface, master: Surface, normal: np.ndarray) -> _Partners:
-    """Project the slave nodes along a given normal."""
     check_facing(slave, normal, along=True)
     for surface in (slave, master):
         warn_of_tilt(surface, normal)

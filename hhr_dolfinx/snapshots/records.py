@@ -243,7 +243,6 @@ class SnapshotSet(Shown):
 
 
 def _concatenated(parts: Sequence[SnapshotSet]) -> SnapshotSet:
-    """Answers at single parameters of several sets."""
     unknown, forces, active = (
         np.concatenate(item, axis=1) for item in zip(*(part._columns() for part in parts), strict=True)
     )
@@ -277,7 +276,6 @@ def compute_snapshots(
 
 
 def _some(found: SnapshotSet | None, lost: Lost | None, count: int) -> SnapshotSet:
-    """Raise ConvergenceError if there is no answer."""
     if found is None:
         assert lost is not None
         label, why = lost.failures[0]
@@ -295,8 +293,6 @@ def _are_paths(queries: object) -> bool:
 
 @dataclass(frozen=True)
 class _Solver:
-    """Full model with the arguments of :func:`compute_snapshots`."""
-
     full: FullModel
     progress: Progress
     store: SnapshotStore | None

@@ -24,8 +24,9 @@ from scipy.sparse import issparse
 from hhr_dolfinx.certify.accuracy import contact_residuals
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.declared import check_layout
 from hhr_dolfinx.errors import FileContentError, SnapshotFileWarning
-from hhr_dolfinx.files import check_layout, clear_leftovers, make_folder, read_arrays, write_arrays
+from hhr_dolfinx.files import clear_leftovers, make_folder, read_arrays, write_arrays
 from hhr_dolfinx.memory import NO_MEMORY
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.answer import Path as History_path
@@ -245,7 +246,6 @@ class SnapshotStore:
                 warn(message, SnapshotFileWarning, stacklevel=5)
 
     def _read(self, point: np.ndarray, query: list) -> Answer | None:
-        """Answer in the file of a query; None without a file."""
         path = self._path(query)
         try:
             header, arrays = read_arrays(path, FORMAT, VERSION, mapped=True)
