@@ -18,7 +18,7 @@ from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
 from hhr_dolfinx.contact.law import UNILATERAL_STEP, StepContact
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.contact.stiffness import FactorStore, LazyStiffness, ScaledStiffness, Stiffness
+from hhr_dolfinx.contact.stiffness import FactorStore, ScaledStiffness, Stiffness
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.linear.rows import Rows
@@ -27,6 +27,7 @@ from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSetting
 from hhr_dolfinx.plugins.inelastic.constants import check_law
 from hhr_dolfinx.plugins.inelastic.equilibrium import Correction
 from hhr_dolfinx.plugins.inelastic.gauss_points import at_gauss_points, material_at, stiffness_parts, strain_operator
+from hhr_dolfinx.plugins.inelastic.lazy_stiffness import LazyStiffness
 from hhr_dolfinx.plugins.inelastic.linearised_step import PATIENCE, PATIENCE_IN_SPACE, LinearisedStepper
 from hhr_dolfinx.plugins.inelastic.march import Histories, march
 from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
