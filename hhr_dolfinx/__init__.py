@@ -39,7 +39,7 @@ PUBLIC = {
     "reduction.build": "build",
     "reduction.exact": "exact_condensation",
     "reduction.recipe": "Deim Enrich ForceDeim LoadNodes Pod Recipe Rid Tangents Zone",
-    "sampling": "LatinHypercube Lattice Sobol",
+    "sampling": "LatinHypercube Sobol",
     "scene": "Displacement Opening Scene",
     "shapes": "Shape",
     "snapshots.records": "SnapshotSet compute_snapshots spread_snapshots",

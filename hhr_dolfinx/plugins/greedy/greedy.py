@@ -28,9 +28,10 @@ from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.plugins.greedy.digest import digest_of_values
 from hhr_dolfinx.plugins.greedy.indicators import ForceError, GreedyIndicator, LargestEstimate, Score
+from hhr_dolfinx.plugins.greedy.lattice import Lattice
 from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Pod, Recipe
-from hhr_dolfinx.sampling import Lattice, Sobol
+from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet
 from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.warn import warn
