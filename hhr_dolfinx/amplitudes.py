@@ -50,10 +50,7 @@ class Amplitude:
 
 
 def check_amplitude(item: Any, what: str, *, formulas: bool = False) -> None:
-    """Convert the amplitude of a frozen item in place: a number to a constant one; SceneError if it is invalid.
-
-    A text becomes a :class:`~hhr_dolfinx.formulas.Formula` if the item accepts formulas.
-    """
+    """Convert the amplitude of a frozen item: a number to a constant one, a text to a Formula if it accepts these."""
     if is_number(item.amplitude):
         object.__setattr__(item, "amplitude", Amplitude(item.amplitude))
     if formulas and (isinstance(item.amplitude, str) or hasattr(item.amplitude, "variables")):
@@ -87,10 +84,7 @@ def check_formula(
 
 
 def bound(amplitude: Any, space: ParameterSpace) -> Any:
-    """Bind a formula to the parameters of a scene, as an amplitude; return anything else unchanged.
-
-    A single number or name becomes affine: models tabulate answers of affine scenes.
-    """
+    """Bind a formula to parameters; a single number or name becomes affine: answers of affine scenes are tabulated."""
     # a test of the attribute does not import the module of formulas
     if not hasattr(amplitude, "variables"):
         return amplitude
@@ -377,12 +371,7 @@ class Amplitudes:
         return np.cumsum([self.constant.size, *(amplitude.count for amplitude in self.nonaffine)]).tolist()
 
     def __call__(self, point: np.ndarray) -> Theta:
-        """Evaluate theta at a checked point.
-
-        Raises:
-            SceneError: if a non-affine amplitude returns columns of other amplitudes.
-            NotSolvableError: if an elastic constant is outside its interval there.
-        """
+        """Theta at a checked point; SceneError for columns of other amplitudes, NotSolvableError outside a limit."""
         for limit in self.limits:
             limit.check(point)
         affine = self.constant + self.slopes @ point

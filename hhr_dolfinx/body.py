@@ -102,11 +102,7 @@ class Body:
 
     @property
     def reader(self) -> str:
-        """Name of the plug-in that reads the law; empty for an elastic body.
-
-        Raises:
-            SceneError: if none does.
-        """
+        """Name of the plug-in that reads the law, empty for an elastic body; SceneError if none does."""
         return "" if self.law is None else registry.reader_of(self.law, f"body {self.tag}")
 
     @property

@@ -246,10 +246,7 @@ class Modulus(Rebuilt):
 
 
 def check_over_box(scalar: Scalar, space: ParameterSpace, what: str, low: float, high: float, remedy: str) -> None:
-    """Raise SceneError for a scalar that is not finite or leaves (low, high) anywhere in the box.
-
-    The check takes the corners, unless there are too many, 256 points between, and dense lines along its parameters.
-    """
+    """Raise SceneError for a scalar that is not in (low, high) at corners, 256 points between, and on dense lines."""
     for point in (*box_samples(space), *_doubtful(scalar, space, low, high)):
         try:
             value = scalar.value(point)

@@ -219,10 +219,7 @@ def parted(terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
 
 
 def first_load(scene: Any) -> int:
-    """Index in θ of the first load of a scene.
-
-    The order of θ is 1, affine displacements, openings, affine loads, other loads, other displacements.
-    """
+    """Index in θ of the first load: 1, affine displacements, openings, affine loads, other loads and displacements."""
     amplitudes = [bound(item.amplitude, scene.parameters) for item in scene.displacements]
     affine = sum(isinstance(amplitude, Amplitude) and amplitude != Amplitude() for amplitude in amplitudes)
     return 1 + affine + len(scene.openings)

@@ -82,10 +82,7 @@ def shared_out(comm: Comm, count: int, work: Callable[[int], Any], task: str) ->
 
 @contextmanager
 def together(comm: Comm, task: str) -> Iterator[None]:
-    """Run a collective block; if it fails on some ranks only, abort the run on all.
-
-    An error on every rank, for instance of a scene that cannot be built, is raised on every rank.
-    """
+    """Run a collective block; an error on every rank is raised on every rank, one on some ranks aborts the run."""
     if comm.size == 1:
         yield
         return

@@ -64,11 +64,7 @@ class Displacement:
             object.__setattr__(self, "field", formula_of(self.field, what))
 
     def at(self, points: np.ndarray, hypothesis: str) -> np.ndarray:
-        """Values of the field at points, (n, dim).
-
-        Raises:
-            SceneError: for a field of unknown coordinates, or one that is not finite somewhere.
-        """
+        """Values of the field at points, (n, dim); SceneError for unknown coordinates and values that are not finite."""
         assert self.field is not None
         from hhr_dolfinx.shapes import coordinate_names
 
@@ -262,11 +258,7 @@ class Scene:
 
     @cached_property
     def reader(self) -> str:
-        """Name of the plug-in that reads the laws of bodies; empty if all bodies are elastic.
-
-        Raises:
-            SceneError: for laws of several plug-ins, which no solver knows together.
-        """
+        """Name of the plug-in that reads the laws of bodies, empty if all are elastic; SceneError for several."""
         readers = sorted({body.reader for body in self.bodies} - {""})
         if len(readers) > 1:
             raise SceneError(f"scene '{self.name}' has laws of bodies of several plug-ins, {readers}: not built in")

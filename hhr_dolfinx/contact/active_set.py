@@ -1,17 +1,14 @@
 """Active set for unilateral contact, thesis Alg. 1.1, one function for full and reduced models.
 
-The rule of Alg. 1.1 switches every wrong status at once. It is fast, but it may cycle. When a set
-of statuses comes back, the least-index rule of Murty takes over: it switches only the first wrong
-status. For a P-matrix S = B K^-1 B^T (K positive definite and B of full rank) it reaches the
-solution in finitely many steps (K. G. Murty, "Note on a Bard-type scheme for solving the
-complementarity problem", Opsearch 11, 1974). If it comes back to a set of statuses too, S is no
+The rule of Alg. 1.1 switches every wrong status at once. It is fast, but it may cycle. When a set of statuses comes
+back, the least-index rule of Murty takes over, which switches only the first wrong status. For a P-matrix
+S = B K^-1 B^T (K positive definite and B of full rank) it ends in finitely many steps (K. G. Murty, "Note on a
+Bard-type scheme for solving the complementarity problem", Opsearch 11, 1974). If it comes back to a set of statuses too, S is no
 P-matrix, and the status reports this: an iterate is never returned as a solution.
 
-A set on the way may be singular although the problem has a solution, since S of a reduced model is
-neither symmetric nor definite by construction. Then the least-index rule starts from no contact, which
-is never singular, and passes over statuses that would make the set singular.
-
-``settled`` runs Alg. 1.1 for many free slacks at once: those with the same statuses share factors.
+A set on the way may be singular although the problem has a solution, since S of a reduced model is neither symmetric
+nor definite by construction. Then the least-index rule starts from no contact, which is never singular, and passes over
+statuses that would make the set singular.
 """
 
 from __future__ import annotations
@@ -33,13 +30,9 @@ TOLERANCE = 1e-11
 
 ROUND_OFF = 1e-15
 """Fraction of the largest force, or closed gap, of all pairs that reaches the other pairs as round-off."""
-
 MAX_ITERATIONS = 1000
-
 Equalities = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-
 _Size = float | np.floating | np.ndarray
-
 _Entry = tuple[np.ndarray, Factor | None, np.ndarray]
 """Active conditions (k,), the factors of their block (None if k = 0), columns of S as rows (k, m)."""
 
@@ -262,11 +255,7 @@ class SchurEqualities:
         return self._columns(np.arange(self.size)).T
 
     def __call__(self, active: np.ndarray, free_slack: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Solve with the given statuses; returns ``(forces, slack)``, both (m,).
-
-        Raises:
-            SingularError: if S[active, active] is singular.
-        """
+        """Forces and slack, (m,) each, for given statuses; SingularError if S[active, active] is singular."""
         key = active.tobytes()
         # under the lock: another thread must not replace this block before it is used
         with self._lock:

@@ -68,10 +68,7 @@ class FloatingEqualities:
     def __call__(
         self, active: np.ndarray, free_slack: np.ndarray, driving: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Forces and slack, (m,) each, and motions, (r,), for some statuses.
-
-        SingularError if the active conditions do not hold all bodies, or depend on each other.
-        """
+        """Forces and slack, (m,) each, and motions, (r,); SingularError if the statuses do not hold all bodies."""
         both = np.concatenate([active, np.ones(driving.size, dtype=bool)])
         right = np.concatenate([free_slack, -self._units * driving])
         found, slack = self._equalities(both, right)
@@ -118,10 +115,7 @@ class FloatingEqualities:
         return tuple(found)
 
     def several(self, active: np.ndarray, free_slacks: np.ndarray, drivings: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Solve for many right-hand sides, (m, k) and (r, k): forces, slacks (m, k) and motions (r, k).
-
-        If the set does not hold a body, its smallest motion is returned.
-        """
+        """Forces, slacks, (m, k), and motions, (r, k), the smallest ones, for many right-hand sides, (m, k), (r, k)."""
         both = np.concatenate([active, np.ones(len(drivings), dtype=bool)])
         right = np.concatenate([free_slacks, -self._units[:, None] * drivings])
         found = np.zeros_like(right)
@@ -188,10 +182,8 @@ def floating_set(
     start: np.ndarray,
     pairs: Pairs | None = None,
 ) -> tuple[Statuses, np.ndarray]:
-    """Statuses and forces, and the motions, (r,); see the docstring of the module, and :func:`active_set`.
-
-    ``driving`` are the loads along the motions, (r,). ``ADRIFT``: they drive a motion that no contact resists.
-    """
+    """Statuses, and the motions, (r,), see :func:`active_set`; ADRIFT if ``driving``, the loads along the motions,
+    (r,), drive one that no contact resists."""
     direct = _direct(equalities, free_slack, driving, start, pairs)
     if direct is not None:
         return direct

@@ -146,16 +146,10 @@ class Lease:
 
 
 class SparseStiffness(Stiffness):
-    """A sparse matrix and the store that factors it.
+    """Local rows of a sparse matrix, (n, N), which must not be modified, and the store that factors it.
 
-    Args:
-        matrix: local rows of K, (n, N); must not be modified.
-        problem: with the rows of B, and rigid motions without loads and resistance.
-        store: of its factors.
-        components: local dofs of each connected component, by which K is scaled; None if it never is.
-        response, schur: K^-1 B^T, (n, m), and S, (m, m), if they are known.
-        keeps: K^-1 B^T fits into memory.
-        symmetric: equality problems on S use its symmetry.
+    ``components`` are the local dofs of each connected component, by which K is scaled; None if it never is. K^-1 B^T,
+    (n, m), and S, (m, m), may be known; ``keeps``: the former fits into memory.
     """
 
     def __init__(
@@ -288,10 +282,7 @@ class SparseStiffness(Stiffness):
 
 
 class ScaledStiffness(Stiffness):
-    """Stiffness with connected components of another one, ``base``, scaled by s_c: S = sum of S_c / s_c.
-
-    ``scales`` are s_c, (C,), and ``own`` s_c of each local dof, (n,).
-    """
+    """Stiffness with components scaled by s_c, (C,), in ``own`` of each local dof, (n,): S = sum of S_c / s_c."""
 
     def __init__(self, base: SparseStiffness, scales: np.ndarray, own: np.ndarray):
         self.own = own

@@ -47,20 +47,15 @@ tolerance 1e-8; with 1,004,496 dofs tolerance 1e-10 took 19 GB. With 92,514 and 
 
 
 def ordering_of(block_size: int, plane: str) -> str:
-    """Ordering for :class:`FreeCholesky`: MUMPS in space, if PETSc has it, and the given one in the plane.
-
-    If the given one is MUMPS and it is missing, nested dissection replaces it, the fastest to factor.
-    """
+    """Ordering for :class:`FreeCholesky`: MUMPS in space, and the given one in the plane; without MUMPS, nested
+    dissection replaces it, the fastest to factor."""
     if not PETSc.Sys.hasExternalPackage("mumps"):
         return "nd" if plane == "mumps" else plane
     return "mumps" if block_size == 3 else plane
 
 
 def low_rank_of(block_size: int, dofs: int, *, anew: bool = False) -> float | None:
-    """Tolerance of MUMPS' compression for a problem with these dofs of a node and in all; None for whole factors.
-
-    ``anew``: factors are made for every parameter.
-    """
+    """Tolerance of MUMPS' compression, or None for whole factors; ``anew``: factors are made for every parameter."""
     if ordering_of(block_size, "mumps") != "mumps" or block_size != 3:
         return None
     (first, usual), *_ = LOW_RANK
@@ -111,8 +106,7 @@ class FreeCholesky:
         if self.last is not None and self.last.size in (0, self._columns.size):  # no row is last, or every row
             self.last = None
         self.lock = RLock()
-        self._released = False
-        self._factors: Factors | Substructures = self._made(stiffness)
+        self._factors: Factors | Substructures | None = self._made(stiffness)
         self.low_rank = self._factors.low_rank
         if not self._factors.factor():
             raise NotSolvableError(singular_stiffness(scene))
@@ -142,8 +136,7 @@ class FreeCholesky:
         if self.last is None or not np.isin(reached, self.last).all():
             return None
         with self.lock:
-            self._check_there()
-            return self._factors.between_last(csr_matrix(whole[:, self.last]))
+            return self._there().between_last(csr_matrix(whole[:, self.last]))
 
     def _pattern_of(self, stiffness: csr_matrix) -> Pattern:
         """Pattern of the entries between free dofs of a matrix; only the upper triangle for MUMPS on one rank."""
@@ -172,11 +165,10 @@ class FreeCholesky:
         with self.lock:
             if stiffness is self._factored:
                 return
-            if self._released:
+            self._factored = None
+            if self._factors is None:
                 self._factors = self._made(stiffness)
-                self._released = False
             else:
-                self._factored = None
                 self._factors.replace(stiffness.data, partial(self._known_pattern, stiffness))
             if not self._factors.factor():
                 self.release()  # after a failure it may refuse regular matrices too
@@ -187,21 +179,20 @@ class FreeCholesky:
                 )
             self._factored = stiffness
 
-    def _check_there(self) -> None:
-        if self._released:
+    def _there(self) -> Factors | Substructures:
+        if self._factors is None:
             raise NotSolvableError(
                 f"the factors of scene '{self._scene}' were let go, or refused a stiffness: refactor() one, as "
                 "solve() of a full model does"
             )
+        return self._factors
 
     def release(self) -> None:
         """Free the memory until the next :meth:`refactor`, which must precede further solutions. Collective."""
         with self.lock:
-            if not self._released:
+            if self._factors is not None:
                 self._factors.destroy()
-            self._factored = None
-            self._released = True
-            self._pattern = None
+            self._factors = self._factored = self._pattern = None
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solution on local dofs, zero on imposed ones, for local rows of a right-hand side, (own dofs,)."""
@@ -209,24 +200,23 @@ class FreeCholesky:
             return self.solve_columns(csc_matrix(rhs[:, None]))[:, 0]
         solution = np.zeros(self._own)
         with self.lock:
-            self._check_there()
-            solution[self._free] = self._factors.solve(rhs[self._free])
+            solution[self._free] = self._there().solve(rhs[self._free])
         return solution
 
-    def _refine(self, columns: csc_matrix, solutions: np.ndarray) -> None:
+    def _refine(self, factors: Factors | Substructures, columns: csc_matrix, solutions: np.ndarray) -> None:
         """Refine solutions by compressed factors in place; NotSolvableError if the residual stays above STALLED."""
         sizes = _norms(columns.multiply(columns).sum(axis=0), self._comm)
         image, change = (np.empty(solutions.shape, order="F") for _ in range(2))
         before = np.full(sizes.shape, np.inf)
         for steps in range(REFINED + 1):
-            self._factors.multiply(solutions, image)
+            factors.multiply(solutions, image)
             left = np.asfortranarray(columns - image)
             lengths = _norms((left * left).sum(axis=0), self._comm)
             gains = (lengths > PRECISE * sizes) & (lengths < HALF * before)
             if steps == REFINED or not gains.any():
                 break
             before = lengths
-            self._factors.solve_block(left, change)
+            factors.solve_block(left, change)
             solutions += change
         if not (lengths <= STALLED * sizes).all():
             raise NotSolvableError(
@@ -268,10 +258,10 @@ class FreeCholesky:
                 yield part, np.zeros((wanted.size, width), order="F")
                 continue
             with self.lock:
-                self._check_there()
-                self._factors.solve_block(some, solutions[:, :width])
+                factors = self._there()
+                factors.solve_block(some, solutions[:, :width])
                 if refining:
-                    self._refine(some, solutions[:, :width])
+                    self._refine(factors, some, solutions[:, :width])
             found = np.zeros((wanted.size, width), order="F")
             found[moving] = solutions[rows, :width]
             yield part, found

@@ -30,10 +30,7 @@ def looking(surface: Surface, normals: np.ndarray, least: float) -> tuple[np.nda
 
 
 def along_normal(surface: Surface, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes with a side that looks along one given normal, (dim,): numbers, (m,), and areas of all nodes, (n,).
-
-    A surface parallel to the normal returns all of its nodes: they may touch a body that lies along the normal.
-    """
+    """Nodes with a side that looks along a normal, (m,), and areas of all, (n,); all nodes of a parallel surface."""
     looks, areas = looking(surface, normal, GRAZING)
     if not looks.any():
         return np.arange(len(surface.nodes)), surface.areas
