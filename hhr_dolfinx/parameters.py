@@ -252,7 +252,7 @@ class ParameterSpace:
         return np.random.default_rng(seed).uniform(self.lower, self.upper, (count, len(self.names)))
 
     def lines(self, places: Sequence[int], count: int = 3) -> np.ndarray:
-        """Points, (n, P), on lines along some parameters, ``LINE`` on each: the first through the middle, others random."""
+        """Points on lines along parameters, ``LINE`` on each: the first through the middle, others random, (n, P)."""
         ends = np.array([self.lower, self.upper], dtype=float)
         middle = ends.mean(axis=0)
         bases = np.vstack([middle, self.random(count - 1, seed=1)]) if count > 1 else middle[None]

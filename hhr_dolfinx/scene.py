@@ -64,7 +64,7 @@ class Displacement:
             object.__setattr__(self, "field", formula_of(self.field, what))
 
     def at(self, points: np.ndarray, hypothesis: str) -> np.ndarray:
-        """Values of the field at points, (n, dim); SceneError for unknown coordinates and values that are not finite."""
+        """Values of the field at points, (n, dim); SceneError for unknown coordinates or values that are not finite."""
         assert self.field is not None
         from hhr_dolfinx.shapes import coordinate_names
 

@@ -3,8 +3,8 @@
 The rule of Alg. 1.1 switches every wrong status at once. It is fast, but it may cycle. When a set of statuses comes
 back, the least-index rule of Murty takes over, which switches only the first wrong status. For a P-matrix
 S = B K^-1 B^T (K positive definite and B of full rank) it ends in finitely many steps (K. G. Murty, "Note on a
-Bard-type scheme for solving the complementarity problem", Opsearch 11, 1974). If it comes back to a set of statuses too, S is no
-P-matrix, and the status reports this: an iterate is never returned as a solution.
+Bard-type scheme for solving the complementarity problem", Opsearch 11, 1974). If it comes back to a set of statuses
+too, S is no P-matrix, and the status reports this: an iterate is never returned as a solution.
 
 A set on the way may be singular although the problem has a solution, since S of a reduced model is neither symmetric
 nor definite by construction. Then the least-index rule starts from no contact, which is never singular, and passes over
