@@ -11,7 +11,6 @@ from petsc4py import PETSc
 from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.linear import schur
-from hhr_dolfinx.linear.border import add_between
 from hhr_dolfinx.linear.dense import factorised
 
 if TYPE_CHECKING:
@@ -21,6 +20,8 @@ ROOMS = (100, 400, 1600)
 NO_ROOM = (-8, -9, -14, -15)
 """Increases of MUMPS' workspace, ICNTL(14), in per cent, and its error codes for too little workspace: seen on three
 ranks with few dofs."""
+BLOCK_NUMBERS = 2_000_000
+"""Numbers in one block of a product, 16 MB."""
 _WRONG_ARGUMENT = 62  # PETSC_ERR_ARG_WRONG
 
 
@@ -229,3 +230,13 @@ def _matrix(pattern: Pattern, values: np.ndarray, half: bool, comm: Comm) -> PET
     matrix = made.createSBAIJ((sizes, sizes), 1, **how) if half else made.createAIJ((sizes, sizes), **how)
     matrix.setOption(PETSc.Mat.Option.SYMMETRIC, True)
     return matrix
+
+
+def add_between(rows: csr_matrix, inverse: np.ndarray, found: np.ndarray) -> None:
+    """Add rows K^-1 rows^T, with rows, (m, n), to an array, (m, m), in blocks: the product needs as much memory."""
+    used = np.flatnonzero(np.diff(rows.indptr))
+    own = csr_matrix(rows[used])
+    height = max(BLOCK_NUMBERS // max(inverse.shape[0], 1), 1)
+    for first in range(0, used.size, height):
+        block = slice(first, first + height)
+        found[np.ix_(used[block], used)] += (own @ (own[block] @ inverse).T).T

@@ -11,9 +11,9 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csc_matrix, csr_matrix, hstack, spmatrix, triu
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.linear.factors import Factors, Pattern
-from hhr_dolfinx.linear.substructures import Substructures
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -86,7 +86,7 @@ class FreeCholesky:
         ordering, comm, low_rank: see :class:`Factors`. Solutions by compressed factors are refined, those of blocks of
             columns only on request.
         last: dofs between which K^-1 is needed, increasing, (n,); as an attribute None if that takes solutions. On
-            several ranks each rank then eliminates its other dofs by itself, see :class:`Substructures`.
+            several ranks each rank then eliminates its other dofs by itself, by a plug-in.
     """
 
     def __init__(
@@ -106,19 +106,20 @@ class FreeCholesky:
         if self.last is not None and self.last.size in (0, self._columns.size):  # no row is last, or every row
             self.last = None
         self.lock = RLock()
-        self._factors: Factors | Substructures | None = self._made(stiffness)
+        self._factors: Factors | None = self._made(stiffness)
         self.low_rank = self._factors.low_rank
         if not self._factors.factor():
             raise NotSolvableError(singular_stiffness(scene))
         self._factored: csr_matrix | None = stiffness
 
-    def _made(self, stiffness: csr_matrix) -> Factors | Substructures:
+    def _made(self, stiffness: csr_matrix) -> Factors:
         """Factors of the pattern of a matrix; substructures if several ranks need K^-1 between last dofs."""
         prefix = f"hhr_{self._scene}_"
         pattern = self._pattern_of(stiffness)
-        if self._comm.size > 1 and self.last is not None and PETSc.Sys.hasExternalPackage("mumps"):
+        substructures = registry.offered("substructures") if self._comm.size > 1 and self.last is not None else None
+        if substructures is not None and PETSc.Sys.hasExternalPackage("mumps"):
             here = np.flatnonzero(np.isin(self._first + self._free, self.last))
-            shared = Substructures(pattern, stiffness.data, prefix, self._comm, here, low_rank=self.low_rank)
+            shared = substructures(pattern, stiffness.data, prefix, self._comm, here, low_rank=self.low_rank)
             if shared.possible:
                 return shared
         last = None if self.last is None else np.searchsorted(self._columns, self.last)
@@ -179,7 +180,7 @@ class FreeCholesky:
                 )
             self._factored = stiffness
 
-    def _there(self) -> Factors | Substructures:
+    def _there(self) -> Factors:
         if self._factors is None:
             raise NotSolvableError(
                 f"the factors of scene '{self._scene}' were let go, or refused a stiffness: refactor() one, as "
@@ -203,7 +204,7 @@ class FreeCholesky:
             solution[self._free] = self._there().solve(rhs[self._free])
         return solution
 
-    def _refine(self, factors: Factors | Substructures, columns: csc_matrix, solutions: np.ndarray) -> None:
+    def _refine(self, factors: Factors, columns: csc_matrix, solutions: np.ndarray) -> None:
         """Refine solutions by compressed factors in place; NotSolvableError if the residual stays above STALLED."""
         sizes = _norms(columns.multiply(columns).sum(axis=0), self._comm)
         image, change = (np.empty(solutions.shape, order="F") for _ in range(2))

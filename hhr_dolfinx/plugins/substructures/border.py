@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
 SENT = 2_000_000
-"""Numbers in one message between ranks, and in one product, 16 MB."""
+"""Numbers in one message between ranks, 16 MB."""
 
 
 @dataclass(frozen=True)
@@ -228,13 +228,3 @@ class DenseFactors:
         for row in range(len(found)):  # in place, since it may be large
             found[row, row + 1 :] = found[row + 1 :, row]
         return found
-
-
-def add_between(rows: csr_matrix, inverse: np.ndarray, found: np.ndarray) -> None:
-    """Add rows K^-1 rows^T, with rows, (m, n), to an array, (m, m), in blocks: the product needs as much memory."""
-    used = np.flatnonzero(np.diff(rows.indptr))
-    own = csr_matrix(rows[used])
-    height = max(SENT // max(inverse.shape[0], 1), 1)
-    for first in range(0, used.size, height):
-        block = slice(first, first + height)
-        found[np.ix_(used[block], used)] += (own @ (own[block] @ inverse).T).T

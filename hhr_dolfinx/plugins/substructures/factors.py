@@ -15,8 +15,8 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csc_matrix, csr_matrix, triu
 
-from hhr_dolfinx.linear.border import Border, DenseFactors, Part, add_between, border_of, gathered
-from hhr_dolfinx.linear.factors import Factors, Pattern
+from hhr_dolfinx.linear.factors import Factors, Pattern, add_between
+from hhr_dolfinx.plugins.substructures.border import Border, DenseFactors, Part, border_of, gathered
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
