@@ -96,10 +96,8 @@ def as_plain(value: object, known: Mapping[str, type] = _NO_KINDS) -> tuple[dict
 def restored(tree: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type]) -> Any:
     """Build a value from the result of :func:`as_plain`; tuples may have become lists, as in JSON.
 
-    Names in the tree are looked up in ``kinds`` only, the classes by name.
-
     Raises:
-        ModelFileError: if a class is unknown, with advice.
+        ModelFileError: for a class that is not in ``kinds``, with advice.
         FileContentError: for fields that are missing, unknown, of the wrong type or size, not finite, or refused by
             their class, and for arrays without a field.
     """

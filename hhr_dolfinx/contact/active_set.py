@@ -213,17 +213,12 @@ def _solved(equalities: Equalities, active: np.ndarray, free_slack: np.ndarray) 
 
 
 class SchurEqualities:
-    """Equality problems of the active set on the Schur complement: slack = free_slack + S lambda.
+    """Equality problems of the active set on S = B K^-1 B^T: slack = free_slack + S lambda.
 
-    S = B K^-1 B^T and free_slack = D - B K^-1 F determine the contact, and a set of statuses costs one dense LU of
-    S[active, active]. The last factors of each size are kept, since neighbouring parameters often share their statuses:
-    a new block replaces the oldest one of its size, and all of them take less than ``most_bytes``. Factors made by
+    ``columns`` maps indices (k,) to the columns of S that belong to them, as rows (k, m). A set of statuses costs one
+    dense LU of S[active, active]. The last factors of each size are kept, since neighbouring parameters often share
+    statuses: a new block replaces the oldest one of its size, and all take less than ``most_bytes``. Factors made by
     :meth:`prepare` stay. Several threads may call an object; results are new arrays.
-
-    Args:
-        columns: maps indices (k,) to the columns of S that belong to them, as rows (k, m).
-        size: m.
-        factorise: factors a dense block.
     """
 
     KEPT_PER_SIZE = 2
@@ -341,10 +336,10 @@ ROUNDS = 6
 def settled(
     schur: np.ndarray, free_slack: np.ndarray, active: np.ndarray, factorise: Factorise = LapackLU
 ) -> tuple[np.ndarray, np.ndarray, list[int]]:
-    """Run Alg. 1.1 for many free slacks, (n, m), from statuses that are changed in place.
+    """Run Alg. 1.1 for many free slacks, (n, m), from statuses that are changed in place; factors are shared.
 
-    Returns the forces, (n, m), equality problems solved for each point, (n,), and the points that have not converged:
-    round-off and singular sets are left to the search of a single point.
+    Returns forces, (n, m), equality problems solved for each, (n,), and the points that have not converged: round-off
+    and singular sets are left to the search of a single point.
     """
     forces = np.zeros_like(free_slack)
     iterations = np.zeros(len(active), dtype=int)

@@ -1,9 +1,8 @@
 """Laws of interfaces: which forces contact conditions may have, and what they remember.
 
-The core has one law, :class:`Unilateral`: forces push, surfaces do not overlap. A plug-in derives its own law from
-:class:`ContactLaw`. A law that remembers is answered along paths, by increments; its internal variables are parts of
-the :class:`~hhr_dolfinx.memory.Memory` of an answer. The core reads the attributes of a law and never asks which law it
-is. What a law needs of histories, reductors and reports are facets of its plug-in, see
+The core has one law, :class:`Unilateral`; a plug-in derives its own from :class:`ContactLaw`. A law that remembers is
+answered along paths, by increments; its internal variables are parts of the :class:`~hhr_dolfinx.memory.Memory` of an
+answer. What a law needs of histories, reductors and reports are facets of its plug-in, see
 :func:`hhr_dolfinx.registry.facet`; a facet that is missing refuses.
 """
 

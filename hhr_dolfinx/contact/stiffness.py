@@ -1,7 +1,6 @@
 """Stiffness at one point of the parameters: an immutable object that solves with its matrix.
 
-Factors are leased from a :class:`FactorStore`, which keeps few of them and factors dropped ones again. Factoring
-another matrix in between does not change the results of a :class:`Stiffness`.
+Factors are leased from a :class:`FactorStore`, which keeps few of them and factors dropped ones again.
 """
 
 from __future__ import annotations

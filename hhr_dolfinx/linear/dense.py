@@ -1,8 +1,7 @@
-"""Small dense systems, factored once and solved often.
+"""Small dense systems, factored once and solved often, by objects that several threads may use.
 
-Two backends with the same interface: a PETSc KSP (``preonly`` with LU), which takes options on the command line with
-the prefix ``hhr_dense_``, and LAPACK itself, the reference in tests and the fallback without PETSc. Objects share no
-factors, return new arrays, and may be used by several threads.
+A PETSc KSP (``preonly`` with LU) takes options on the command line with the prefix ``hhr_dense_``; LAPACK itself is the
+reference in tests and the fallback without PETSc.
 """
 
 from __future__ import annotations
@@ -43,12 +42,7 @@ class Factor(Protocol):
         """Solve for one right-hand side, (n,); the result is a new array."""
 
     def refactor(self, matrix: np.ndarray) -> None:
-        """Replace the factors by those of another matrix of the same size.
-
-        Raises:
-            SingularError: if the matrix is singular.
-            NotSolvableError: if the matrix is not finite.
-        """
+        """Factor another matrix of the same size; SingularError, or NotSolvableError if it is not finite."""
 
 
 Factorise = Callable[[np.ndarray], Factor]

@@ -85,8 +85,8 @@ class FreeCholesky:
         scene: name of the scene, for messages and the prefix of PETSc options, ``hhr_<scene>_``.
         ordering, comm, low_rank: see :class:`Factors`. Solutions by compressed factors are refined, those of blocks of
             columns only on request.
-        last: dofs between which K^-1 is needed, increasing, (n,); as an attribute None if that takes solutions. On
-            several ranks each rank then eliminates its other dofs by itself, by a plug-in.
+        last: dofs between which K^-1 is needed, increasing, (n,), on several ranks by a plug-in; as an attribute None
+            if that takes solutions.
     """
 
     def __init__(

@@ -33,8 +33,7 @@ GRAZING = 1e-3
 """Cosine as FACING, for a normal given by the user: a half-disc may be tagged up to where the normal is tangential."""
 LEAST_SAG = 1e-9
 LEAST_SAG_OF_CURVES = 1e-4
-"""Fractions of the size of a surface below which a sag counts as zero, of chords and of parabolas: bodies drawn in
-contact have no gap to compare it with."""
+"""Fractions of the size of a surface below which a sag counts as zero, of chords and of parabolas."""
 STRAIGHT = 1e-6
 """Angle between the flat parts of a facet of second order below which its sides are straight."""
 CURVED = 1e-4
@@ -42,9 +41,8 @@ CURVED = 1e-4
 ALIKE = 0.1
 """Sum of the sags of two surfaces over the larger one, below which they are curved alike."""
 SAG = 0.13
-"""Mean sag of facets over the mean gap above which the mesh, not the geometry, makes the gap. The mean pressure of a
-press fit of rings was off by 8 to 13 % at 0.14, by 30 to 34 % at 1.9 (by 100 % at single nodes), by 5 % at most below
-0.13."""
+"""Mean sag of facets over the mean gap above which the mesh makes the gap. The mean pressure of a press fit of rings
+was off by 8 to 13 % at 0.14, by 30 to 34 % at 1.9 (by 100 % at single nodes), by 5 % at most below 0.13."""
 
 
 @dataclass(frozen=True)
@@ -116,8 +114,8 @@ class Surface:
     def sag_shares(self) -> np.ndarray:
         """Deviation of facets from the smooth surface over that of flat facets with their normals, (f,); 1 at order 1.
 
-        Flat parts of a facet of second order with straight sides deviate four times as much: each is half of it. Gaps
-        of curved sides are those of parabolas, which deviate from an arc by the square of the angle between the parts.
+        Flat parts of a facet of second order with straight sides deviate four times as much: each is half of it. Curved
+        sides are parabolas, which deviate from an arc by the square of the angle between the parts.
         """
         if self.quadratic is None:
             return np.ones(len(self.facets))

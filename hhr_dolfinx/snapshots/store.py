@@ -199,11 +199,7 @@ class SnapshotStore:
         return None
 
     def save(self, answer: Answer) -> None:
-        """Store the answer at a parameter.
-
-        Raises:
-            FileError: if its file cannot be written.
-        """
+        """Store the answer at a parameter; FileError if its file cannot be written."""
         self._save(answer, self._query_at(answer.parameter))
 
     @property
