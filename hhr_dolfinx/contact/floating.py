@@ -182,8 +182,7 @@ def floating_set(
     start: np.ndarray,
     pairs: Pairs | None = None,
 ) -> tuple[Statuses, np.ndarray]:
-    """Statuses, and the motions, (r,), see :func:`active_set`; ADRIFT if ``driving``, the loads along the motions,
-    (r,), drive one that no contact resists."""
+    """Statuses, see :func:`active_set`, and motions, (r,); ADRIFT if ``driving``, loads along them, meet no contact."""
     direct = _direct(equalities, free_slack, driving, start, pairs)
     if direct is not None:
         return direct

@@ -47,8 +47,7 @@ tolerance 1e-8; with 1,004,496 dofs tolerance 1e-10 took 19 GB. With 92,514 and 
 
 
 def ordering_of(block_size: int, plane: str) -> str:
-    """Ordering for :class:`FreeCholesky`: MUMPS in space, and the given one in the plane; without MUMPS, nested
-    dissection replaces it, the fastest to factor."""
+    """Ordering for :class:`FreeCholesky`: MUMPS in space, else the given one; ``nd`` replaces a missing MUMPS."""
     if not PETSc.Sys.hasExternalPackage("mumps"):
         return "nd" if plane == "mumps" else plane
     return "mumps" if block_size == 3 else plane

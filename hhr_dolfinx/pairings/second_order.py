@@ -139,8 +139,7 @@ def _on_line(x: np.ndarray) -> np.ndarray:
 
 @cache
 def _rule(count: int, part: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Quadrature rule of q points on a flat part of the reference facet with ``count`` nodes: shape functions of the
-    part, (q, k), those of the facet, (q, K), their slopes, (q, K, d), and weights, (q,)."""
+    """Quadrature on a flat part: its functions, (q, k), those of the facet, (q, K), slopes, (q, K, d), and weights."""
     ends, weights = np.polynomial.legendre.leggauss(POINTS)
     x, w = (ends + 1) / 2, weights / 2
     local, weights = x[:, None], w

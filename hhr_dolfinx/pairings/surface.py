@@ -263,8 +263,7 @@ def make_surface(
 def _parted(
     facet_nodes: np.ndarray, inner_points: np.ndarray, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, QuadraticFacets | None]:
-    """Flat facets, (f, k), a point behind each, (f, dim), in an order that does not depend on the ranks, and, at second
-    order, the facets of which they are the parts."""
+    """Flat facets and a point behind each, in an order independent of ranks; facets of second order that they form."""
     middles = points[facet_nodes].mean(axis=1)
     order = np.lexsort(np.round(middles / (np.ptp(middles, axis=0).max() or 1.0), 9).T[::-1])
     facet_nodes = facet_nodes[order]

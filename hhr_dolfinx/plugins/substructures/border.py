@@ -23,8 +23,7 @@ SENT = 2_000_000
 
 @dataclass(frozen=True)
 class Part:
-    """A connected part of the border: its contiguous rows, first the ``common`` ones that ranks share, then those for
-    which K^-1 is needed, and the rank that factors it."""
+    """A connected part of the border, which ``owner`` factors: first its ``common`` rows, those that ranks share."""
 
     rows: slice
     common: int
