@@ -237,7 +237,7 @@ def tool(word: str, what: str) -> Any:
 
 
 def offered(word: str) -> Any | None:
-    """The same, or None without one, for what the core can do without: ``substructures``, quicker factors."""
+    """Object of a tool that the core can do without, such as quicker factors, ``substructures``; None without one."""
     place = named("tools").get(word)
     return None if place is None else load(place)
 
