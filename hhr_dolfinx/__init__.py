@@ -39,7 +39,7 @@ PUBLIC = {
     "reduction.build": "build",
     "reduction.exact": "exact_condensation",
     "reduction.recipe": "Deim Enrich ForceDeim LoadNodes Pod Recipe Rid Tangents Zone",
-    "sampling": "LatinHypercube Lattice Sobol",
+    "sampling": "LatinHypercube Sobol",
     "scene": "Displacement Opening Scene",
     "shapes": "Shape",
     "snapshots.records": "SnapshotSet compute_snapshots spread_snapshots",
@@ -57,7 +57,6 @@ _of_core, _, _names = lazy_loader.attach(__name__, submod_attrs={at: names.split
 
 
 def _of_plugins() -> dict[str, str]:
-    """Places of the public names of plug-ins."""
     return importlib.import_module("hhr_dolfinx.registry").named("public")
 
 

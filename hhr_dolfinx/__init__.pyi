@@ -50,6 +50,7 @@ from .plugins.greedy.indicators import Eta as Eta
 from .plugins.greedy.indicators import Eta2 as Eta2
 from .plugins.greedy.indicators import ForceError as ForceError
 from .plugins.greedy.indicators import LargestEstimate as LargestEstimate
+from .plugins.greedy.lattice import Lattice as Lattice
 from .plugins.inelastic.laws import Norton as Norton
 from .plugins.inelastic.laws import Plasticity as Plasticity
 from .plugins.inelastic.recipe import FlowDeim as FlowDeim
@@ -89,7 +90,6 @@ from .reduction.recipe import Rid as Rid
 from .reduction.recipe import Tangents as Tangents
 from .reduction.recipe import Zone as Zone
 from .sampling import LatinHypercube as LatinHypercube
-from .sampling import Lattice as Lattice
 from .sampling import Sobol as Sobol
 from .scene import Displacement as Displacement
 from .scene import Opening as Opening

@@ -17,12 +17,12 @@ import numpy as np
 
 from hhr_dolfinx.declared import Floats
 from hhr_dolfinx.errors import NotSolvableError, SceneError
-from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
+from hhr_dolfinx.parameters import ParameterSpace, described, is_number, is_whole
 
 if TYPE_CHECKING:
     from scipy.sparse import csc_matrix, csr_matrix
 
-    from hhr_dolfinx.formulas import Formula, Scalar
+    from hhr_dolfinx.formulas import Scalar
 
 
 @dataclass(frozen=True)
@@ -50,10 +50,7 @@ class Amplitude:
 
 
 def check_amplitude(item: Any, what: str, *, formulas: bool = False) -> None:
-    """Convert the amplitude of a frozen item in place: a number to a constant one; SceneError if it is invalid.
-
-    A text becomes a :class:`~hhr_dolfinx.formulas.Formula` if the item accepts formulas.
-    """
+    """Convert the amplitude of a frozen item: a number to a constant one, a text to a Formula if it accepts these."""
     if is_number(item.amplitude):
         object.__setattr__(item, "amplitude", Amplitude(item.amplitude))
     if formulas and (isinstance(item.amplitude, str) or hasattr(item.amplitude, "variables")):
@@ -69,23 +66,25 @@ def check_amplitude(item: Any, what: str, *, formulas: bool = False) -> None:
         )
 
 
-def check_formula(amplitude: Formula, space: ParameterSpace, what: str) -> None:
-    """Raise SceneError for a formula of unknown parameters, or one that is not finite everywhere in the box."""
+EVERYWHERE = (-math.inf, math.inf)
+FINITE = "an amplitude must be finite everywhere in the box: change the formula, or narrow the box"
+
+
+def check_formula(
+    text: str, space: ParameterSpace, what: str, ends: tuple[float, float] = EVERYWHERE, remedy: str = FINITE
+) -> None:
+    """Raise SceneError for a formula of unknown parameters, or one that leaves an open interval in the box."""
     from hhr_dolfinx.formulas import Scalar, check_over_box
 
     try:
-        scalar = Scalar(amplitude.text, space.names)
+        scalar = Scalar(text, space.names)
     except SceneError as error:
         raise SceneError(f"{what}: {error}") from None
-    remedy = "an amplitude must be finite everywhere in the box: change the formula, or narrow the box"
-    check_over_box(scalar, space, what, -np.inf, np.inf, remedy)
+    check_over_box(scalar, space, what, *ends, remedy)
 
 
 def bound(amplitude: Any, space: ParameterSpace) -> Any:
-    """Bind a formula to the parameters of a scene, as an amplitude; return anything else unchanged.
-
-    A single number or name becomes affine: models tabulate answers of affine scenes.
-    """
+    """Bind a formula to parameters; a single number or name becomes affine: answers of affine scenes are tabulated."""
     # a test of the attribute does not import the module of formulas
     if not hasattr(amplitude, "variables"):
         return amplitude
@@ -99,14 +98,11 @@ def bound(amplitude: Any, space: ParameterSpace) -> Any:
 
 
 class Theta:
-    """Amplitudes of all terms at one parameter, of which most may be zero.
+    """Amplitudes of all terms at one parameter, of which most may be zero: numbers of the given terms and ``values``.
 
-    ``matrix @ theta`` sums the columns of a matrix with one column per term, dense or sparse; it touches only the
-    columns of non-zero terms and is fastest on dense matrices in Fortran order and on sparse ones by columns (csc).
-
-    Attributes:
-        terms: numbers of the given terms, each once; a slice for all.
-        values: amplitudes of these terms.
+    ``matrix @ theta`` sums the columns of a matrix with one column per term, dense or sparse. It touches only columns
+    of given terms, and is fastest on dense matrices in Fortran order and on sparse ones by columns (csc). ``terms``
+    holds each number once; a slice is all.
     """
 
     __slots__ = ("terms", "values")
@@ -136,9 +132,6 @@ class NonAffine(Protocol):
     """Amplitudes of several columns of a load that are not affine in the parameters; a frozen dataclass of numbers.
 
     Files and fingerprints of problems identify it by its class and its fields.
-
-    Attributes:
-        count: number of columns.
     """
 
     @property
@@ -173,12 +166,10 @@ def checked_count(amplitude: object, space: ParameterSpace, owner: object) -> in
 
 
 DIFFERENCE = 1e-5
-"""Step over the size of the box in differences of amplitudes without a derivative: the truncation error is its square,
-1e-10, and that of round-off is 1e-11."""
+"""Step over the size of the box in differences of amplitudes: the truncation error is 1e-10, round-off 1e-11."""
 
 
 def _derivative(amplitude: NonAffine, point: np.ndarray, space: ParameterSpace | None) -> np.ndarray:
-    """Derivatives along the parameters of the amplitudes that act at a point, (k, P), exact or by differences."""
     own = getattr(amplitude, "derivative", None)
     columns, values = amplitude(point)
     if own is not None:
@@ -200,10 +191,7 @@ def _shapes(degree: int, s: float) -> tuple[float, ...]:
 
 
 def edge_integrals(degree: int, s: Any) -> tuple[Any, ...]:
-    """Integrals of the shape functions of an edge from 0 to s, a number or an array.
-
-    Numbers are not converted to arrays, since every query calls this.
-    """
+    """Integrals of the shape functions of an edge from 0 to s; every query calls this with a number: no arrays."""
     if degree == 1:
         return s - s * s / 2, s * s / 2
     cube = 2 * s * s * s / 3
@@ -212,19 +200,12 @@ def edge_integrals(degree: int, s: Any) -> tuple[Any, ...]:
 
 @dataclass(frozen=True)
 class Coverage:
-    """Amplitudes of a pressure on the part of a straight line up to a parameter, exact for cells of the given degree.
+    """Amplitudes of a pressure on a straight line up to the parameter ``extent``, exact for cells of degree 1 or 2.
 
-    A line of n nodes at increasing positions has E edges of 1 + degree nodes each. It has E columns for whole edges
-    from its start (column e is the load on all edges before edge e) and n columns for its nodes. If the pressure ends
-    in edge e, at the fraction s of its length L, the load is column e plus, for each node of the edge, L times the
-    integral of its shape function up to s.
-
-    Attributes:
-        positions: coordinates of the nodes along the line, increasing, (n,).
-        extent: index of the parameter up to which the pressure acts.
-        constant: amplitude at mu = 0.
-        slopes: slopes of the amplitude, (P,).
-        degree: degree of the cells; at second order every other node lies in the middle of an edge.
+    A line of n nodes at increasing ``positions``, (n,), has E edges of 1 + degree nodes each. It has E columns for
+    whole edges from its start (column e is the load on all edges before edge e) and n columns for its nodes. If the
+    pressure ``constant + slopes @ mu`` ends in edge e, at the fraction s of its length L, the load is column e plus,
+    for each node of the edge, L times the integral of its shape function up to s.
     """
 
     positions: Annotated[Floats, "nodes"]
@@ -250,7 +231,6 @@ class Coverage:
 
     @cached_property
     def _ends(self) -> np.ndarray:
-        """Ends of the edges, (E + 1,)."""
         return self.positions[:: self.degree]
 
     @property
@@ -263,12 +243,17 @@ class Coverage:
         """Number of columns."""
         return self.edges + len(self.positions)
 
-    def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:
-        """Numbers and amplitudes of the columns that act at a point."""
+    def _place(self, point: np.ndarray) -> tuple[int, float, float]:
+        """Edge at which the pressure ends, its length, and the fraction of it before the end, not clipped."""
         ends = self._ends
         edge = min(max(int(ends.searchsorted(point[self.extent])) - 1, 0), self.edges - 1)
         length = ends[edge + 1] - ends[edge]
-        s = min(max((point[self.extent] - ends[edge]) / length, 0.0), 1.0)
+        return edge, length, (point[self.extent] - ends[edge]) / length
+
+    def __call__(self, point: np.ndarray) -> tuple[list[int], list[float]]:
+        """Numbers and amplitudes of the columns that act at a point."""
+        edge, length, inside = self._place(point)
+        s = min(max(inside, 0.0), 1.0)
         amplitude = self.constant + self.slopes @ point
         weights = [amplitude, *(amplitude * length * part for part in edge_integrals(self.degree, s))]
         first = self.edges + self.degree * edge
@@ -287,10 +272,8 @@ class Coverage:
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Derivatives of the amplitudes along the parameters, (2 + degree, P); from the left at a node."""
-        (edge, *_), (amplitude, *_) = self(point)
-        ends = self._ends
-        length = ends[edge + 1] - ends[edge]
-        inside = (point[self.extent] - ends[edge]) / length
+        amplitude = self.constant + self.slopes @ point
+        _, length, inside = self._place(point)
         s = min(max(inside, 0.0), 1.0)
         found = np.outer(np.append(1.0, length * np.array(edge_integrals(self.degree, s))), self.slopes)
         if 0.0 <= inside <= 1.0:
@@ -300,18 +283,15 @@ class Coverage:
 
 RANGES = {"young": (0.0, math.inf), "poisson": (-1.0, 0.5)}
 """Open intervals of the constants of an isotropic elastic body, by name."""
+_MUST = {"young": ("the modulus", "be positive"), "poisson": ("Poisson's ratio", "lie in (-1, 0.5)")}
 
 
 @dataclass(frozen=True)
 class Limits:
-    """An elastic constant that is a formula, and must be in its interval at every point that is solved.
+    """An elastic constant, ``young`` or ``poisson``, that is a formula, and must be in its interval at every point.
 
     The box is checked at points only, and a model that interpolates between points never evaluates the formula.
-
-    Attributes:
-        constant: ``young`` or ``poisson``, see :data:`RANGES`.
-        text: the formula.
-        names: names of the parameters, in the order of a point.
+    ``names`` are those of the parameters, in the order of a point.
     """
 
     constant: str
@@ -322,11 +302,6 @@ class Limits:
         if self.constant not in RANGES:
             raise SceneError(f"{self.constant!r} is no elastic constant: {', '.join(RANGES)} are")
 
-    @property
-    def ends(self) -> tuple[float, float]:
-        """Open interval of the constant."""
-        return RANGES[self.constant]
-
     @cached_property
     def scalar(self) -> Scalar:
         """The formula, bound to the parameters."""
@@ -336,42 +311,35 @@ class Limits:
 
     def check(self, point: np.ndarray) -> None:
         """Raise NotSolvableError for a constant outside its interval at a point, (P,)."""
-        low, high = self.ends
+        low, high = RANGES[self.constant]
         value = self.scalar.value(point)
         if not low < value < high:
             raise NotSolvableError(self._refused(value, point))
 
     def check_many(self, points: np.ndarray) -> None:
         """Raise NotSolvableError for a constant outside its interval at any of many points, (n, P)."""
-        low, high = self.ends
+        low, high = RANGES[self.constant]
         values = self.scalar.values(points)
         bad = np.flatnonzero(~((values > low) & (values < high)))
         if bad.size:
             raise NotSolvableError(self._refused(values[bad[0]], points[bad[0]]))
 
     def _refused(self, value: float, point: np.ndarray) -> str:
-        what = {"young": "the modulus", "poisson": "Poisson's ratio"}[self.constant]
-        must = {"young": "be positive", "poisson": "lie in (-1, 0.5)"}[self.constant]
-        place = ", ".join(f"{name} = {number:g}" for name, number in zip(self.names, point.tolist(), strict=True))
+        what, must = _MUST[self.constant]
+        place = described(self.names, point)
         return f"{what} {self.text[:60]} is {value:g} at {place}, and must {must}: change it, or narrow the box"
 
 
 @dataclass(frozen=True)
 class Amplitudes:
-    """All amplitudes of a scene: affine ones, constant + slopes @ mu, then non-affine ones.
+    """All amplitudes of a scene: affine ones, constant + slopes @ mu, then non-affine ones, of several terms each."""
 
-    Attributes:
-        constant: constants of the affine ones, (1 + T0,); the first is the 1 of the parameter-free part.
-        slopes: slopes of the affine ones, (1 + T0, P).
-        nonaffine: non-affine amplitudes in their order, of several terms each.
-        limits: elastic constants that are checked at each point at which theta is evaluated.
-        space: parameter box for differences of amplitudes without a derivative; None if all have one.
-    """
-
+    # constant, slopes: of the affine ones, (1 + T0,) and (1 + T0, P); the first is the 1 of the parameter-free part
     constant: Annotated[Floats, "affine"]
     slopes: Annotated[Floats, "affine", "P"]
-    nonaffine: tuple[NonAffine, ...] = ()
-    limits: tuple[Limits, ...] = ()
+    nonaffine: tuple[NonAffine, ...] = ()  # non-affine amplitudes in their order
+    limits: tuple[Limits, ...] = ()  # elastic constants that are checked at each point at which theta is evaluated
+    # parameter box for differences of amplitudes without a derivative; None if all have one
     space: ParameterSpace | None = None
 
     def faults_for(self, space: ParameterSpace, terms: int) -> Iterator[str]:
@@ -387,12 +355,7 @@ class Amplitudes:
             yield f"the amplitudes are {self.constant.size} and {counts}, the loads {terms}"
 
     @classmethod
-    def collect(
-        cls,
-        amplitudes: Sequence[Amplitude | Formula | NonAffine],
-        space: ParameterSpace,
-        limits: tuple[Limits, ...] = (),
-    ) -> Amplitudes:
+    def collect(cls, amplitudes: Sequence[Any], space: ParameterSpace, limits: tuple[Limits, ...] = ()) -> Amplitudes:
         """Stack the leading constant 1, the affine amplitudes, and the non-affine ones, each in their order."""
         given = [bound(amplitude, space) for amplitude in amplitudes]
         affine = [amplitude for amplitude in given if isinstance(amplitude, Amplitude)]
@@ -408,12 +371,7 @@ class Amplitudes:
         return np.cumsum([self.constant.size, *(amplitude.count for amplitude in self.nonaffine)]).tolist()
 
     def __call__(self, point: np.ndarray) -> Theta:
-        """Evaluate theta at a checked point.
-
-        Raises:
-            SceneError: if a non-affine amplitude returns columns of other amplitudes.
-            NotSolvableError: if an elastic constant is outside its interval there.
-        """
+        """Theta at a checked point; SceneError for columns of other amplitudes, NotSolvableError outside a limit."""
         for limit in self.limits:
             limit.check(point)
         affine = self.constant + self.slopes @ point

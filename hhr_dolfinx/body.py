@@ -8,26 +8,10 @@ from numbers import Real
 from typing import Any, Protocol
 
 from hhr_dolfinx import registry
-from hhr_dolfinx.amplitudes import RANGES, Limits
+from hhr_dolfinx.amplitudes import RANGES, Limits, check_formula
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.parameters import ParameterSpace, Tag, check_tag, is_number
 from hhr_dolfinx.units import Units
-
-
-class SceneOfBodies(Protocol):
-    """A scene, as far as laws of bodies look at it."""
-
-    @property
-    def name(self) -> str:
-        """Its name."""
-
-    @property
-    def bodies(self) -> tuple[Body, ...]:
-        """Its bodies."""
-
-    @property
-    def shapes(self) -> tuple[Any, ...]:
-        """Shapes of bodies that depend on parameters."""
 
 
 class LawsOfScenes(Protocol):
@@ -36,8 +20,8 @@ class LawsOfScenes(Protocol):
     def check_body(self, body: Body) -> None:
         """Raise SceneError for a body whose law, elasticity or grading is not built in."""
 
-    def check_scene(self, scene: SceneOfBodies) -> None:
-        """Raise SceneError for a scene with such bodies that has other parts which are not built in."""
+    def check_scene(self, scene: Any) -> None:
+        """Raise SceneError for a :class:`~hhr_dolfinx.scene.Scene` with such bodies whose other parts do not fit."""
 
     def parameters_of(self, law: object) -> set[str]:
         """Names of the parameters on which a law depends."""
@@ -78,7 +62,8 @@ class Body:
                 f"body {self.tag} has a stress of its own, and a law, a grading or formulas besides: that is not built "
                 "in, write all of it into the stress"
             )
-        for name, value in (("young", self.young), ("poisson", self.poisson)):
+        for name in RANGES:
+            value = getattr(self, name)
             if isinstance(value, str):
                 from hhr_dolfinx.formulas import formula_of
 
@@ -91,13 +76,10 @@ class Body:
             raise SceneError(f"body {self.tag}: the grading {self.grading!r} must be a function of the coordinates")
         if self.reader:
             laws_of_scenes(self.reader).check_body(self)
-        young = self.young
-        poisson = self.poisson
-        fits = isinstance(young, str) or (is_number(young) and young > 0)
-        if not fits or not (isinstance(poisson, str) or -1 < poisson < 0.5):
+        if remedy := _remedy_of_constants(self.young, self.poisson):
             raise SceneError(
-                f"body {self.tag}: E = {self.young} must be positive and finite, and nu = {self.poisson} in (-1, 0.5)"
-                f"{_remedy_of_constants(young, poisson)}"
+                f"body {self.tag}: E = {self.young} must be positive and finite, and nu = {self.poisson} in (-1, 0.5). "
+                f"{remedy}"
             )
 
     @classmethod
@@ -120,11 +102,7 @@ class Body:
 
     @property
     def reader(self) -> str:
-        """Name of the plug-in that reads the law; empty for an elastic body.
-
-        Raises:
-            SceneError: if none does.
-        """
+        """Name of the plug-in that reads the law, empty for an elastic body; SceneError if none does."""
         return "" if self.law is None else registry.reader_of(self.law, f"body {self.tag}")
 
     @property
@@ -139,25 +117,16 @@ class Body:
 
     def limits(self, names: tuple[str, ...]) -> tuple[Limits, ...]:
         """Elastic constants that are formulas, bound to the names of the parameters."""
-        constants = {"young": self.young, "poisson": self.poisson}
-        return tuple(Limits(name, text, names) for name, text in constants.items() if isinstance(text, str))
+        return tuple(Limits(name, text, names) for name in RANGES if isinstance(text := getattr(self, name), str))
 
     def check(self, parameters: ParameterSpace) -> None:
         """Raise SceneError for a modulus or a ratio that is invalid somewhere in the box."""
-        from hhr_dolfinx.formulas import Scalar, check_over_box
-
-        ratio = "keep Poisson's ratio in (-1, 0.5), or narrow the box"
-        for name, value, (low, high), remedy in (
-            ("young", self.young, RANGES["young"], "Young's modulus must be positive everywhere in the box: narrow it"),
-            ("poisson", self.poisson, RANGES["poisson"], ratio),
+        for name, remedy in (
+            ("young", "Young's modulus must be positive everywhere in the box: narrow it"),
+            ("poisson", "keep Poisson's ratio in (-1, 0.5), or narrow the box"),
         ):
-            if isinstance(value, str):
-                what = f"{name} of body {self.tag}"
-                try:
-                    scalar = Scalar(value, parameters.names)
-                except SceneError as error:
-                    raise SceneError(f"{what}: {error}") from None
-                check_over_box(scalar, parameters, what, low, high, remedy)
+            if isinstance(value := getattr(self, name), str):
+                check_formula(value, parameters, f"{name} of body {self.tag}", RANGES[name], remedy)
 
 
 def laws_of_scenes(reader: str) -> LawsOfScenes:
@@ -167,11 +136,13 @@ def laws_of_scenes(reader: str) -> LawsOfScenes:
 
 
 def _remedy_of_constants(young: float | str, poisson: float | str) -> str:
-    """Advice for invalid elastic constants, for messages."""
+    """Advice for invalid elastic constants; empty for valid ones."""
     if not isinstance(young, str) and not (is_number(young) and young > 0):
-        return ". Give E in the unit of stress of the scene, 210e3 for steel in MPa"
-    if isinstance(poisson, str) or not poisson >= 0.5:
-        return ". Give nu as a ratio, 0.3 for steel"
+        return "Give E in the unit of stress of the scene, 210e3 for steel in MPa"
+    if isinstance(poisson, str) or -1 < poisson < 0.5:
+        return ""
+    if not poisson >= 0.5:
+        return "Give nu as a ratio, 0.3 for steel"
     if poisson > 1:
-        return f". Give nu as a ratio and not in percent: {poisson / 100:g}"
-    return ". Where the volume is kept, as in rubber, take nu = 0.499"
+        return f"Give nu as a ratio and not in percent: {poisson / 100:g}"
+    return "Where the volume is kept, as in rubber, take nu = 0.499"

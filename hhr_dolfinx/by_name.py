@@ -56,7 +56,7 @@ _MODULES: Mapping[str, Mapping[str, str]] = {
         ),
     },
     "samplings": {
-        "sampling": "Sobol LatinHypercube Lattice",
+        "sampling": "Sobol LatinHypercube",
     },
     "scenes": {},
 }

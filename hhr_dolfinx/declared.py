@@ -13,14 +13,16 @@ import ast
 import dataclasses
 import inspect
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from functools import cache
+from types import MappingProxyType
 from typing import Any, NamedTuple, get_args
 
 import numpy as np
 from scipy.sparse import issparse
 
 from hhr_dolfinx.errors import FileContentError
+from hhr_dolfinx.files import KINDS
 
 Floats = np.ndarray
 """Array of float64, in annotations."""
@@ -93,7 +95,6 @@ def _alternatives(node: ast.expr) -> Iterator[ast.expr]:
 
 
 def _name(node: ast.expr) -> str:
-    """Name of a class, without its module."""
     return node.attr if isinstance(node, ast.Attribute) else node.id if isinstance(node, ast.Name) else ""
 
 
@@ -102,13 +103,7 @@ def _items(node: ast.Subscript) -> list[ast.expr]:
 
 
 def fits(value: object, node: ast.expr, kinds: Mapping[str, type]) -> bool:
-    """True if a value has its declared type.
-
-    Args:
-        value: value of a field.
-        node: annotation of the field.
-        kinds: known classes by name; other names, of protocols and aliases, accept every value.
-    """
+    """True if the value of a field has its declared type; names not among the known classes accept every value."""
     return any(_fits(value, item, kinds) for item in _alternatives(node))
 
 
@@ -161,12 +156,31 @@ def _has_sizes(kind: ast.expr) -> bool:
     return _name(kind) in (*TYPES, "ndarray", "Size")
 
 
+def check_layout(
+    arrays: Mapping[str, np.ndarray], layout: Mapping[str, Sequence[str]], sizes: Mapping[str, int]
+) -> None:
+    """Check that arrays have a given layout with consistent sizes, of which some are known.
+
+    The layout has, for each name, the kind (``float``, ``int`` or ``bool``) and the names of the sizes. The error names
+    the array that is missing, unknown, or of another kind or shape.
+    """
+    if arrays.keys() != layout.keys():
+        missing = sorted(layout.keys() - arrays.keys())
+        unknown = sorted(arrays.keys() - layout.keys())
+        raise FileContentError(f"arrays {missing} are missing and {unknown} are unknown")
+    found = Sizes(known=sizes)
+    for name, (kind, *labels) in layout.items():
+        if KINDS.get(arrays[name].dtype.str) != kind:
+            raise FileContentError(f"{name} has type {arrays[name].dtype}, it must be {kind}")
+        found.claim(name, DeclaredArray(kind, tuple(labels), ""), arrays[name])
+
+
 class Sizes:
     """Sizes by name, collected while the parts of a model are read; see :data:`SHARED`."""
 
-    def __init__(self, whole: bool = False):
-        self.shared: dict[str, int] = {}
-        self.own: dict[str, int] = {}
+    def __init__(self, whole: bool = False, known: Mapping[str, int] = MappingProxyType({})):
+        self.shared: dict[str, int] = dict(known)
+        self.own: dict[str, int] = dict(known)
         self._whole = whole
         self._waiting: list[tuple[Sizes, str, str, Any]] = []
 
@@ -179,11 +193,7 @@ class Sizes:
         return part
 
     def claim(self, path: str, declared: DeclaredArray, value: Any) -> None:
-        """Record the sizes of an array, a tuple, or a number that is a size.
-
-        Raises:
-            FileContentError: for other dimensions, or sizes that differ from known ones.
-        """
+        """Record the sizes of an array, a tuple, or a number that is a size; FileContentError for others than known."""
         found = (value,) if isinstance(value, int) else (len(value),) if isinstance(value, tuple) else value.shape
         if len(found) != len(declared.sizes) or not all(
             self._agrees(path, label, size) for label, size in zip(declared.sizes, found, strict=True)
@@ -212,11 +222,7 @@ class Sizes:
         return None if None in known else math.prod(known)  # type: ignore[arg-type]
 
     def check_known(self, last: bool = False) -> None:
-        """Check products and indices whose sizes are known; at the end of a model all are.
-
-        Raises:
-            FileContentError: naming the array with indices outside their range, or with a wrong size.
-        """
+        """Raise FileContentError for wrong products or indices whose sizes are known; at the end of a model all are."""
         waiting = list(self._waiting)
         self._waiting[:] = []
         for sizes, path, label, found in waiting:

@@ -22,7 +22,7 @@ import re
 import secrets
 import stat
 import zipfile
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import IO, Any, cast
@@ -40,7 +40,7 @@ MOST_BYTES = 16 * 2**30
 """Size beyond which a file is not read: a sparse file may claim any size without using the disk."""
 
 MAPPED = 2**20
-"""Bytes from which on arrays may be mapped from disk: smaller ones are not worth a page of memory and a mapping."""
+"""Bytes from which on arrays may be mapped from disk: smaller ones are not worth it."""
 _CHUNK = 2**20  # bytes read at once; the directories of a few dozen members take some kilobytes
 
 _LEFTOVER = re.compile(r".+\.[0-9a-f]{16}\.part")
@@ -55,11 +55,7 @@ _REMEDIES = {
 
 
 def make_folder(folder: str | Path) -> Path:
-    """Make a folder and its missing parents.
-
-    Raises:
-        FileError: if the folder cannot be made.
-    """
+    """Make a folder and its missing parents; FileError if that is impossible."""
     folder = _named(folder)
     with _explained(folder, "made"):
         folder.mkdir(parents=True, exist_ok=True)
@@ -115,13 +111,10 @@ def write_arrays(
 ) -> None:
     """Write arrays of finite numbers or booleans with a header and a checksum over both; see :func:`replacing`.
 
-    The header is JSON data with ``format`` and ``version``, by which :func:`read_arrays` identifies the file.
-
-    Raises:
-        FileError: if the file cannot be written.
-        FileContentError: if an array has another kind of numbers, or is not finite.
+    The header is JSON data with ``format`` and ``version``, by which :func:`read_arrays` identifies the file. Arrays of
+    other numbers raise FileContentError.
     """
-    whole = {name: array if _contiguous(array) else array.copy() for name, array in arrays.items()}
+    whole = {name: array if array.flags.forc else array.copy() for name, array in arrays.items()}
     try:
         for name, array in whole.items():
             _check_numbers(name, array)
@@ -176,45 +169,14 @@ def read_arrays(
     return header, arrays
 
 
-_KIND_OF = {"<f8": "float", "<i8": "int", "<i4": "int", "|b1": "bool"}
+KINDS = {"<f8": "float", "<i8": "int", "<i4": "int", "|b1": "bool"}
+"""Kinds of numbers of arrays in files, by their names in numpy."""
 _UTF8 = 0x800
 """Flag of members of archives with names that are not ASCII."""
 _DESCRIPTION = re.compile(
     rb"\{'descr': '(<f8|<i8|<i4|\|b1|[<|][SU][0-9]{1,7})', 'fortran_order': (True|False), "
     rb"'shape': \(([0-9, ]{0,80})\), \} *\n"
 )
-
-
-def check_layout(
-    arrays: Mapping[str, np.ndarray], layout: Mapping[str, Sequence[str]], sizes: Mapping[str, int]
-) -> dict[str, int]:
-    """Check that arrays have a given layout with consistent sizes; return all sizes by name.
-
-    Args:
-        arrays: arrays by name.
-        layout: for each name the kind (``float``, ``int`` or ``bool``) and the names of the sizes.
-        sizes: known sizes.
-
-    Raises:
-        FileContentError: naming the array that is missing, unknown, or of another kind or shape.
-    """
-    if arrays.keys() != layout.keys():
-        missing = sorted(layout.keys() - arrays.keys())
-        unknown = sorted(arrays.keys() - layout.keys())
-        raise FileContentError(f"arrays {missing} are missing and {unknown} are unknown")
-    found = dict(sizes)
-    for name, (kind, *dimensions) in layout.items():
-        array = arrays[name]
-        if _KIND_OF.get(array.dtype.str) != kind:
-            raise FileContentError(f"{name} has type {array.dtype}, it must be {kind}")
-        # the first array with an unknown size sets it for the others
-        known = array.ndim == len(dimensions) and all(
-            found.setdefault(label, size) == size for label, size in zip(dimensions, array.shape, strict=True)
-        )
-        if not known:
-            expected = tuple(f"{label} = {found[label]}" if label in found else label for label in dimensions)
-            raise FileContentError(f"{name} has shape {array.shape}, it must be ({', '.join(expected)})")
-    return found
 
 
 @contextmanager
@@ -230,7 +192,6 @@ def _explained(path: Path, what: str) -> Iterator[None]:
 
 
 def _named(path: str | Path) -> Path:
-    """A path that is valid for the system; FileError for others."""
     if "\0" in str(path):
         raise FileError(f"{str(path)!r} has a zero byte, which no name may have: choose another name")
     return Path(path)
@@ -251,7 +212,6 @@ def _target(path: Path) -> Path:
 
 
 def _opened(temporary: Path, text: bool) -> IO[Any]:
-    """Open a new file that this process locks."""
     while True:
         file = open(temporary, "x", encoding="utf-8", newline="") if text else open(temporary, "xb")
         _lock(file, wait=True)
@@ -282,7 +242,7 @@ def _sync_folder(folder: Path) -> None:
 
 
 class _Damage(Exception):
-    """Fault of a file; :func:`_own_errors` adds the name of the file."""
+    """Fault of a file, whose name :func:`_own_errors` adds."""
 
 
 @contextmanager
@@ -363,10 +323,9 @@ def _bytes_of(whole: np.ndarray, info: zipfile.ZipInfo) -> np.ndarray:
 
 
 def _array(stream: io.BufferedIOBase, info: zipfile.ZipInfo, member: np.ndarray | None) -> np.ndarray:
-    """Read one array, whose description must match its size before anything is allocated.
+    """Read one array; ``member`` has the bytes of a mapped one.
 
-    The description is compared with the only form that numpy writes, and never evaluated. For a mapped array ``member``
-    has its bytes, (bytes,).
+    The description is compared with the only form that numpy writes, never evaluated, and must match the size.
     """
     start = stream.read(10)
     description = stream.read(int.from_bytes(start[8:], "little"))
@@ -385,7 +344,6 @@ def _array(stream: io.BufferedIOBase, info: zipfile.ZipInfo, member: np.ndarray 
 
 
 def _fill(flat: np.ndarray, stream: io.BufferedIOBase, info: zipfile.ZipInfo) -> None:
-    """Read the rest of a member into an array."""
     raw = memoryview(flat.view(np.uint8)) if flat.nbytes else memoryview(b"")
     filled = 0
     while filled < len(raw):
@@ -396,13 +354,9 @@ def _fill(flat: np.ndarray, stream: io.BufferedIOBase, info: zipfile.ZipInfo) ->
     stream.read(1)  # at the end zipfile compares its checksum
 
 
-def _contiguous(array: np.ndarray) -> bool:
-    return array.flags.c_contiguous or array.flags.f_contiguous
-
-
 def _check_numbers(name: str, array: np.ndarray) -> None:
     """Raise for unsupported kinds of numbers, non-finite numbers, and booleans that are neither 0 nor 1."""
-    if array.dtype.str not in _KIND_OF:
+    if array.dtype.str not in KINDS:
         raise _Damage(f"{name} has type {array.dtype}")
     if array.dtype.kind == "f" and not np.isfinite(array).all():
         raise _Damage(f"{name} is not finite")
@@ -411,10 +365,7 @@ def _check_numbers(name: str, array: np.ndarray) -> None:
 
 
 def _checksum(header: Mapping[str, Any], arrays: Mapping[str, np.ndarray]) -> str:
-    """Checksum of the header and every array with name, type, shape and order in memory.
-
-    The order is included since the last digits of sums depend on it.
-    """
+    """Checksum of the header and every array with name, type, shape and order, on which last digits of sums depend."""
     digest = hashlib.sha256(json.dumps(header, sort_keys=True).encode())
     for name in sorted(arrays):
         array = arrays[name]

@@ -32,19 +32,13 @@ DEEPEST = 400
 """Largest depth of nested operations, such as a sum of 400 terms: each takes a frame of Python, which allows 1000."""
 
 
-def _absolute(x: Any) -> Any:
-    """|x| with the derivative of the real part, which the modulus of complex numbers would lose."""
-    return np.where(np.real(x) < 0, -x, x)
-
-
 def _chosen(choose: Callable) -> Callable[..., Any]:
-    """Minimum or maximum by real parts."""
     return lambda x, y: np.where(choose(np.real(x), np.real(y)), x, y)
 
 
 FUNCTIONS: Mapping[str, tuple[int, Callable[..., Any]]] = {
     **{name: (1, getattr(np, name)) for name in ("sqrt", "exp", "log", "sin", "cos", "tan", "tanh")},
-    "abs": (1, _absolute),
+    "abs": (1, lambda x: np.where(np.real(x) < 0, -x, x)),  # the modulus of complex numbers would lose the derivative
     "min": (2, _chosen(np.less)),
     "max": (2, _chosen(np.greater)),
 }
@@ -52,10 +46,9 @@ FUNCTIONS: Mapping[str, tuple[int, Callable[..., Any]]] = {
 
 
 def _power(a: Any, b: Any) -> Any:
-    """Power a ** b.
+    """Power a ** b; NaN for the root of a negative number, of which Python returns a complex one.
 
-    Python returns a complex number for the root of a negative one, which has no value here. It also computes large
-    powers of complex numbers by their angle, which loses the derivative at a negative real part.
+    Python computes large powers of complex numbers by their angle, which loses the derivative at a negative real part.
     """
     if np.iscomplexobj(a) and not np.any(np.imag(b)):
         base = np.asarray(np.real(a))
@@ -103,23 +96,19 @@ class Formula(Rebuilt):
 
     @cached_property
     def _parsed(self) -> tuple[_Evaluate, tuple[str, ...]]:
+        what = f"the formula {self.text[:80]!r}"
         names: dict[str, None] = {}
         try:
             tree = ast.parse(self.text.strip(), mode="eval").body
             if _depth(tree) > DEEPEST:
-                raise SceneError(
-                    f"the formula {self.text[:80]!r} nests more than {DEEPEST} operations: put parts of a long sum in "
-                    "brackets"
-                )
-            return _compiled(tree, names, self.text), tuple(names)
+                raise SceneError(f"{what} nests more than {DEEPEST} operations: put parts of a long sum in brackets")
+            return _compiled(tree, names, what), tuple(names)
         except SceneError:
             raise
         except SyntaxError as error:
-            raise SceneError(
-                f"the formula {self.text[:80]!r} cannot be read: {error.msg}. Write numbers without units: '2 * E'"
-            ) from None
+            raise SceneError(f"{what} cannot be read: {error.msg}. Write numbers without units: '2 * E'") from None
         except (RecursionError, MemoryError, ValueError) as error:
-            raise SceneError(f"the formula {self.text[:80]!r} cannot be read: {error}") from None
+            raise SceneError(f"{what} cannot be read: {error}") from None
 
     @cached_property
     def _calls(self) -> bool:
@@ -168,12 +157,7 @@ def formula_of(value: Any, what: str) -> Formula:
 
 @dataclass(frozen=True)
 class Scalar(Rebuilt):
-    """A formula of the parameters of a scene: an amplitude of a single column, or a factor in K.
-
-    Attributes:
-        text: the formula.
-        names: names of the parameters, in the order of a point.
-    """
+    """A formula of the parameters of a scene, ``names``: an amplitude of a single column, or a factor in K."""
 
     text: str
     names: tuple[str, ...]
@@ -227,56 +211,42 @@ class Scalar(Rebuilt):
 
 @dataclass(frozen=True)
 class Modulus(Rebuilt):
-    """Amplitude of one part of a stiffness: a common factor of the body times a factor of this part.
-
-    Attributes:
-        factor: formula that all parts of a body share, its Young's modulus.
-        rest: formula of this part alone.
-        names: names of the parameters, in the order of a point.
-    """
+    """Amplitude of one part of a stiffness: the factor of the body, its Young's modulus, times that of this part."""
 
     factor: str
     rest: str
     names: tuple[str, ...]
 
     def __post_init__(self) -> None:
-        self._parts  # noqa: B018 (unknown names are reported where they are written)
+        self.factor_scalar, self.rest_scalar  # noqa: B018 (unknown names are reported where they are written)
 
     @cached_property
-    def _parts(self) -> tuple[Scalar, Scalar]:
-        return Scalar(self.factor, self.names), Scalar(self.rest, self.names)
-
-    @property
     def factor_scalar(self) -> Scalar:
         """The common factor, bound to the parameters."""
-        return self._parts[0]
+        return Scalar(self.factor, self.names)
 
-    @property
+    @cached_property
     def rest_scalar(self) -> Scalar:
         """The factor of this part, bound to the parameters."""
-        return self._parts[1]
+        return Scalar(self.rest, self.names)
 
     def value(self, point: np.ndarray) -> float:
         """Factor times rest at a point, (P,)."""
-        factor, rest = self._parts
-        return factor.value(point) * rest.value(point)
+        return self.factor_scalar.value(point) * self.rest_scalar.value(point)
 
     def values(self, points: np.ndarray) -> np.ndarray:
         """Factor times rest at many points, (n, P): (n,)."""
-        factor, rest = self._parts
-        return factor.values(points) * rest.values(points)
+        return self.factor_scalar.values(points) * self.rest_scalar.values(points)
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Derivatives along the parameters, (P,)."""
-        factor, rest = self._parts
+        factor = self.factor_scalar
+        rest = self.rest_scalar
         return factor.value(point) * rest.derivative(point) + rest.value(point) * factor.derivative(point)
 
 
 def check_over_box(scalar: Scalar, space: ParameterSpace, what: str, low: float, high: float, remedy: str) -> None:
-    """Raise SceneError for a scalar that is not finite or leaves (low, high) anywhere in the box.
-
-    The check takes the corners, unless there are too many, 256 points between, and dense lines along its parameters.
-    """
+    """Raise SceneError for a scalar that is not in (low, high) at corners, 256 points between, and on dense lines."""
     for point in (*box_samples(space), *_doubtful(scalar, space, low, high)):
         try:
             value = scalar.value(point)
@@ -317,8 +287,8 @@ def _depth(tree: ast.expr) -> int:
     return level
 
 
-def _compiled(node: ast.expr, names: dict[str, None], text: str) -> _Evaluate:
-    """A node as a function of values by name; SceneError for syntax that formulas do not have."""
+def _compiled(node: ast.expr, names: dict[str, None], what: str) -> _Evaluate:
+    """A node as a function of values by name; SceneError, of ``what``, for syntax that formulas do not have."""
     if isinstance(node, ast.Constant) and isinstance(node.value, int | float) and is_number(node.value):
         number = float(node.value)
         return lambda values: number
@@ -329,32 +299,30 @@ def _compiled(node: ast.expr, names: dict[str, None], text: str) -> _Evaluate:
         names[name] = None
         return lambda values: values[name]
     if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.USub | ast.UAdd):
-        inner = _compiled(node.operand, names, text)
+        inner = _compiled(node.operand, names, what)
         return (lambda values: -inner(values)) if isinstance(node.op, ast.USub) else inner
     if isinstance(node, ast.BinOp) and type(node.op) in _OPERATORS:
         operator = _OPERATORS[type(node.op)]
-        left = _compiled(node.left, names, text)
-        right = _compiled(node.right, names, text)
+        left = _compiled(node.left, names, what)
+        right = _compiled(node.right, names, what)
         return lambda values: operator(left(values), right(values))
     if isinstance(node, ast.Call) and isinstance(node.func, ast.Name) and not node.keywords:
-        return _called(node.func.id, node.args, names, text)
-    shown = ast.unparse(node) if isinstance(node, ast.AST) else repr(node)
+        return _called(node.func.id, node.args, names, what)
     raise SceneError(
-        f"the formula {text[:80]!r} holds {shown[:40]!r}, which is unknown: numbers, parameters, + - * / **, pi, table "
-        f"and {', '.join(FUNCTIONS)} are known"
+        f"{what} holds {ast.unparse(node)[:40]!r}, which is unknown: numbers, parameters, + - * / **, pi, table and "
+        f"{', '.join(FUNCTIONS)} are known"
     )
 
 
-def _called(name: str, arguments: Sequence[ast.expr], names: dict[str, None], text: str) -> _Evaluate:
-    """A call of a known function or of a table."""
-    inner = [_compiled(argument, names, text) for argument in arguments]
+def _called(name: str, arguments: Sequence[ast.expr], names: dict[str, None], what: str) -> _Evaluate:
+    inner = [_compiled(argument, names, what) for argument in arguments]
     if name == "table":
-        return _table(inner, text)
+        return _table(inner, what)
     if name not in FUNCTIONS:
-        raise SceneError(f"the formula {text[:80]!r} calls {name!r}: table and {', '.join(FUNCTIONS)} are known")
+        raise SceneError(f"{what} calls {name!r}: table and {', '.join(FUNCTIONS)} are known")
     count, function = FUNCTIONS[name]
     if len(inner) != count:
-        raise SceneError(f"the formula {text[:80]!r} gives {name} {len(inner)} arguments: it takes {count}")
+        raise SceneError(f"{what} gives {name} {len(inner)} arguments: it takes {count}")
     if count == 1:
         first = inner[0]
         return lambda values: function(first(values))
@@ -362,20 +330,19 @@ def _called(name: str, arguments: Sequence[ast.expr], names: dict[str, None], te
     return lambda values: function(first(values), second(values))
 
 
-def _table(inner: list[_Evaluate], text: str) -> _Evaluate:
-    """A table that is linear between given points."""
+def _table(inner: list[_Evaluate], what: str) -> _Evaluate:
     try:
         with np.errstate(all="ignore"):
             numbers = [float(item({})) for item in inner[1:]]
     except (KeyError, ArithmeticError):
-        raise SceneError(f"the table of the formula {text[:80]!r} must hold numbers behind its variable") from None
+        raise SceneError(f"the table of {what} must hold numbers behind its variable") from None
     at = np.array(numbers[::2])
     values = np.array(numbers[1::2])
     finite = np.isfinite(numbers).all()
     if len(at) < 2 or len(at) != len(values) or not finite or not (np.diff(at) > 0).all():
         raise SceneError(
-            f"the table of the formula {text[:80]!r} must be table(x, x0, y0, x1, y1, ...) with two points or more, "
-            "x0 < x1 < ..., all of them finite"
+            f"the table of {what} must be table(x, x0, y0, x1, y1, ...) with two points or more, x0 < x1 < ..., all of "
+            "them finite"
         )
     variable = inner[0]
     slopes = np.diff(values) / np.diff(at)

@@ -39,30 +39,21 @@ class Term:
 
 @dataclass(frozen=True)
 class Assembler:
-    """Interface of the finite element model for loads; calls are collective on several ranks.
+    """Interface of the finite element model for loads; calls are collective on several ranks."""
 
-    Attributes:
-        test: UFL test function v, a vector.
-        hypothesis: ``plane_strain``, ``plane_stress``, ``axisymmetric`` or ``solid``: forms in axisymmetry need the
-            weight :func:`hhr_dolfinx.forms.elasticity.volume_weight`.
-        parameters: box of the parameters.
-        size: N, number of dofs; those of node n are ``dim n`` to ``dim n + dim - 1``.
-        ds: measure of the outer facets with a tag; refuses missing tags and facets inside the mesh.
-        dx: measure of the cells with a tag.
-        vector: assembles a UFL form that is linear in v, (N,); refuses other forms.
-        surface: nodes of the facets with a tag, their coordinates and measures.
-        eigenstress: nodal forces of an eigenstrain, a UFL tensor 3x3, of the body with a tag: pairs of a modulus, which
-            is a formula of the parameters, and the forces for the modulus 1, (N,).
-    """
-
-    test: ufl.Argument
+    test: ufl.Argument  # UFL test function v, a vector
+    # ``plane_strain``, ``plane_stress``, ``axisymmetric`` or ``solid``: forms in axisymmetry need the weight
+    # :func:`hhr_dolfinx.forms.elasticity.volume_weight`
     hypothesis: str
-    parameters: ParameterSpace
-    size: int
+    parameters: ParameterSpace  # box of the parameters
+    size: int  # N, number of dofs; those of node n are ``dim n`` to ``dim n + dim - 1``
+    # measure of the outer facets with a tag; refuses missing tags and facets inside the mesh
     ds: Callable[[Tag], ufl.Measure]
-    dx: Callable[[Tag], ufl.Measure]
-    vector: Callable[[ufl.Form], np.ndarray]
-    surface: Callable[[Tag], Surface]
+    dx: Callable[[Tag], ufl.Measure]  # measure of the cells with a tag
+    vector: Callable[[ufl.Form], np.ndarray]  # assembles a UFL form that is linear in v, (N,); refuses other forms
+    surface: Callable[[Tag], Surface]  # nodes of the facets with a tag, their coordinates and measures
+    # nodal forces of an eigenstrain, a UFL tensor 3x3, of the body with a tag: pairs of a modulus, which is a formula
+    # of the parameters, and the forces for the modulus 1, (N,)
     eigenstress: Callable[[Tag, Any], Sequence[tuple[Formula, np.ndarray]]]
 
 
@@ -209,7 +200,6 @@ class PartialPressure:
 
 
 def _unit_pressure(assembler: Assembler, tag: Tag) -> np.ndarray:
-    """Nodal forces of the pressure 1, (N,)."""
     return assembler.vector(elasticity.pressure(assembler.test, assembler.hypothesis, assembler.ds(tag)))
 
 
@@ -218,8 +208,8 @@ def checked_terms(load: Load, assembler: Assembler) -> list[Term]:
     terms = load.terms(assembler)
     if not isinstance(terms, Sequence) or not all(isinstance(term, Term) for term in terms):
         raise SceneError(f"the terms of {load!r} must be a list of Term, and are {terms!r}")
-    terms = [Term(bound(term.amplitude, assembler.parameters), term.columns) for term in terms]
-    return [Term(term.amplitude, _checked_columns(load, term, assembler)) for term in terms]
+    given = [(bound(term.amplitude, assembler.parameters), term.columns) for term in terms]
+    return [Term(amplitude, _checked_columns(load, amplitude, columns, assembler)) for amplitude, columns in given]
 
 
 def parted(terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
@@ -229,10 +219,7 @@ def parted(terms: Sequence[Term]) -> tuple[list[Term], list[Term]]:
 
 
 def first_load(scene: Any) -> int:
-    """Index in θ of the first load of a scene.
-
-    The order of θ is 1, affine displacements, openings, affine loads, other loads, other displacements.
-    """
+    """Index in θ of the first load: 1, affine displacements, openings, affine loads, other loads and displacements."""
     amplitudes = [bound(item.amplitude, scene.parameters) for item in scene.displacements]
     affine = sum(isinstance(amplitude, Amplitude) and amplitude != Amplitude() for amplitude in amplitudes)
     return 1 + affine + len(scene.openings)
@@ -245,10 +232,7 @@ def placed(terms: Sequence[Term], first: int, shape: tuple[int, int]) -> csc_mat
     return csc_matrix(hstack(parts))
 
 
-def _checked_columns(load, term, assembler) -> csc_matrix:
-    """Columns of a term, after a check of its amplitude and sizes."""
-    amplitude = term.amplitude
-    columns = term.columns
+def _checked_columns(load: Load, amplitude: Any, columns: Any, assembler: Assembler) -> csc_matrix:
     count = 1 if isinstance(amplitude, Amplitude) else checked_count(amplitude, assembler.parameters, load)
     if isinstance(columns, np.ndarray) and columns.ndim == 1:
         columns = columns[:, None]

@@ -5,6 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from typing import Any
 
+from hhr_dolfinx.plain import rebuilt
+
 
 class Memory(Mapping[str, Any]):
     """Internal variables of an answer by the names that laws give them; nobody writes into their arrays."""
@@ -33,14 +35,10 @@ class Memory(Mapping[str, Any]):
         return {name: number for part in counts for name, number in part.items()}
 
     def __reduce__(self) -> tuple:
-        return _memory, (self._parts,)
+        return rebuilt, (Memory, self._parts)
 
     def __repr__(self) -> str:
         return f"Memory of {', '.join(self._parts) or 'nothing'}"
-
-
-def _memory(parts: dict[str, Any]) -> Memory:
-    return Memory(**parts)
 
 
 NO_MEMORY = Memory()

@@ -17,7 +17,7 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.functionals.functional import Functional
 from hhr_dolfinx.models.functionals.kinds import Largest, Linear, Loaded
-from hhr_dolfinx.parameters import Tag, as_tuple, check_tag, is_number, is_whole
+from hhr_dolfinx.parameters import Tag, as_tuple, check_pair_index, check_tag, is_number, is_whole
 
 if TYPE_CHECKING:
     import ufl
@@ -25,111 +25,96 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.problem import ContactProblem
     from hhr_dolfinx.loads import Assembler
 
-_NOWHERE = np.zeros(0, dtype=np.int64)
-_NOTHING = np.zeros(0)
 
+@dataclass(frozen=True)
+class ModelProbe:
+    """Interface of the finite element model to an output; calls are collective."""
 
-class TaggedBody(Protocol):
-    """A body of the scene."""
-
-    @property
-    def tag(self) -> Tag:
-        """Tag of its cells."""
-
-
-class ProbedScene(Protocol):
-    """The scene, as outputs read it."""
-
-    @property
-    def hypothesis(self) -> str:
-        """``plane_strain``, ``plane_stress``, ``axisymmetric`` or ``solid``."""
-
-    @property
-    def bodies(self) -> Sequence[TaggedBody]:
-        """Its bodies."""
-
-
-class ContactOutput(Protocol):
-    """An output of a contact: its name, and the index of the pair in ``Scene.contacts``."""
-
-    @property
-    def name(self) -> str: ...  # noqa: D102
-
-    @property
-    def contact(self) -> int: ...  # noqa: D102
-
-
-class PlacedOutput(Protocol):
-    """An output at a place: its name, and the coordinates of the place."""
-
-    @property
-    def name(self) -> str: ...  # noqa: D102
-
-    @property
-    def place(self) -> Sequence[float]: ...  # noqa: D102
-
-
-class ModelProbe(Protocol):
-    """Interface of the finite element model to an output: :class:`hhr_dolfinx.full_order.outputs.Probe`."""
-
-    @property
-    def scene(self) -> ProbedScene:
-        """The scene."""
-
-    @property
-    def problem(self) -> ContactProblem:
-        """The contact problem."""
-
-    @property
-    def base(self) -> ContactProblem:
-        """The same on the mesh in which outputs find places and boxes."""
-
-    @property
-    def assembler(self) -> Assembler:
-        """Assembler of forms, the one of loads."""
+    scene: Any  # the :class:`~hhr_dolfinx.scene.Scene`
+    problem: ContactProblem  # the contact problem
+    # the problem on the mesh in which outputs find points and boxes: that of the middle of the box if a shape depends
+    # on parameters, so that an output keeps its nodes and cells; otherwise ``problem``
+    base: ContactProblem
+    contact_rows: csr_matrix  # B with the columns of imposed dofs, (N_lambda, N)
+    assembler: Assembler  # interface of loads
+    nodes: Callable[[Tag], np.ndarray]  # numbers of the nodes of a body, by its cell tag; refuses unknown tags
+    # von Mises' stress of the cells of a body within a box, given by its corners or None
+    mises: Callable[[VonMises], Functional]
+    energy: Callable[[ElasticEnergy], Functional]  # elastic energy
 
     @property
     def dimension(self) -> int:
         """Components of a displacement."""
+        return self.problem.block_size
 
-    @property
-    def nodes(self) -> Callable[[Tag], np.ndarray]:
-        """Numbers of the nodes of a body, by its cell tag."""
+    def conditions(self, output: OfContact) -> np.ndarray:
+        """Numbers of the conditions of pressures of the contact of an output, (c,)."""
+        contacts = len(self.scene.contacts)
+        if output.contact >= contacts:
+            raise SceneError(
+                f"output '{output.name}' names contact {output.contact}, and the scene has {contacts}, counted from 0"
+            )
+        found = self.problem.pressing_of(output.contact)
+        if not found.size:
+            raise SceneError(
+                f"output '{output.name}' names contact {output.contact}, of which no condition moves: name another"
+            )
+        return found
 
-    @property
-    def mises(self) -> Callable[[VonMises], Functional]:
-        """Von Mises' stress of the cells of a body."""
+    def loaded(self, output: OfContact) -> tuple[np.ndarray, np.ndarray]:
+        """Conditions of a contact with a positive area, and their areas, (c,) each."""
+        conditions = self.conditions(output)
+        conditions = conditions[self.problem.contact_areas[conditions] > 0]
+        if not conditions.size:
+            raise SceneError(f"output '{output.name}': no condition of contact {output.contact} has an area")
+        return conditions, self.problem.contact_areas[conditions]
 
-    @property
-    def energy(self) -> Callable[[ElasticEnergy], Functional]:
-        """Elastic energy."""
+    def at_place(self, output: GapAt | DisplacementAt, points: np.ndarray) -> np.ndarray:
+        """Numbers of the points, (n, dim), of ``base`` nearest to the place of an output; several if they coincide.
 
-    def conditions(self, output: ContactOutput) -> np.ndarray:
-        """Conditions of pressures of the contact of an output, (c,)."""
+        Raises:
+            SceneError: for a place farther from all of them than the length of a cell.
+        """
+        if len(output.place) != self.dimension:
+            raise SceneError(f"output '{output.name}': the place {output.place} must have {self.dimension} coordinates")
+        distances = np.linalg.norm(points - np.array(output.place), axis=1)
+        nearest = int(distances.argmin())
+        size = self._cell_size(points[nearest])
+        if distances[nearest] > size:
+            raise SceneError(
+                f"output '{output.name}': the place {output.place} is {distances[nearest]:.4g} away from the nearest "
+                f"point at {points[nearest].tolist()}, and a cell there is {size:.4g} long: move it"
+            )
+        return np.flatnonzero(distances <= distances[nearest] + 1e-6 * size)
 
-    def loaded(self, output: ContactOutput) -> tuple[np.ndarray, np.ndarray]:
-        """Conditions of this contact that have an area, and their areas, (c,) each."""
-
-    def at_place(self, output: PlacedOutput, points: np.ndarray) -> np.ndarray:
-        """Numbers of the points, (n, dim), of ``base`` nearest to the place of an output."""
+    def _cell_size(self, point: np.ndarray) -> float:
+        cells = self.base.cell_nodes
+        nodes = self.base.points
+        nearest = np.linalg.norm(nodes - point, axis=1).argmin()
+        at_node = cells[(cells == nearest).any(axis=1)]
+        return float(np.linalg.norm(np.ptp(nodes[at_node], axis=1), axis=1).max(initial=0.0))
 
     def terms(self, entries: np.ndarray) -> np.ndarray:
-        """Terms of θ that have entries, (1 + T,)."""
+        """Terms of θ with entries, (1 + T,); all terms for variable shapes: others may have entries elsewhere."""
+        return np.arange(entries.size) if self.base.reshaped is not None else np.flatnonzero(entries)
 
-    def nodal_forces(self, output: ContactOutput) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
-        """Conditions, nodes and nodal forces of a contact: (c,), (n, dim), sparse (c, n dim)."""
+    def nodal_forces(self, output: OfContact) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
+        """Conditions of a contact, positions of the nodes of its first surface, and the forces on them.
+
+        These are -B^T λ on the body of the slave, including friction: (c,), (n, dim), sparse (c, n dim).
+        """
+        self.conditions(output)
+        conditions = np.flatnonzero(self.problem.contact_pairs == output.contact)
+        surface = self.assembler.surface(self.scene.contacts[output.contact].tags[0])
+        dofs = (surface.nodes[:, None] * self.dimension + np.arange(self.dimension)).ravel()
+        return conditions, surface.points, csr_matrix(-self.contact_rows[conditions][:, dofs])
 
 
 class Output(Protocol):
-    """Interface of an output.
+    """Interface of an output."""
 
-    Attributes:
-        name: name of the output.
-        unit: unit of its value, as text.
-    """
-
-    name: str
-    unit: str
+    name: str  # name of the output
+    unit: str  # unit of its value, as text
 
     def prepared(self, probe: object) -> Functional:
         """The output as plain data; SceneError if the model lacks a contact, a body or a node of it."""
@@ -137,13 +122,7 @@ class Output(Protocol):
 
 @dataclass(frozen=True)
 class _Output:
-    """Base class of outputs.
-
-    Attributes:
-        name: name of the output.
-        unit: unit of its value, as text.
-        vectors: names of fields with coordinates or components.
-    """
+    """Base class of outputs; ``vectors`` names the fields with coordinates or components."""
 
     vectors: ClassVar[tuple[str, ...]] = ()
 
@@ -166,20 +145,13 @@ class _Output:
 
 @dataclass(frozen=True)
 class OfContact(_Output):
-    """Base class of outputs of a contact.
+    """Base class of outputs of a contact."""
 
-    Attributes:
-        contact: index of the pair in ``Scene.contacts``.
-    """
-
-    contact: int
+    contact: int  # index of the pair in ``Scene.contacts``
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not is_whole(self.contact, 0):
-            raise SceneError(
-                f"output '{self.name}': contact {self.contact!r} must be the place of a pair in Scene.contacts, from 0"
-            )
+        check_pair_index(f"output '{self.name}': contact {self.contact!r}", self.contact)
 
 
 @dataclass(frozen=True)
@@ -427,4 +399,5 @@ def no_axis(output: Any) -> None:
 
 def no_rows() -> tuple[int, np.ndarray, np.ndarray, np.ndarray]:
     """Rows of an output that reads no displacement."""
-    return 0, _NOWHERE, _NOWHERE, _NOTHING
+    nowhere = np.zeros(0, dtype=np.int64)
+    return 0, nowhere, nowhere, np.zeros(0)

@@ -53,6 +53,23 @@ def check_tag(what: str, tag: object) -> None:
         raise SceneError(f"the tag {tag!r} of a {what} must be an integer or a name, as in the mesh")
 
 
+def described(names: Sequence[str], point: np.ndarray) -> str:
+    """Values of some parameters in words, for messages."""
+    return ", ".join(f"{name} = {value:g}" for name, value in zip(names, point, strict=True))
+
+
+def check_pair_index(what: str, index: object) -> None:
+    """Raise SceneError for an index that is none of a contact pair."""
+    if not is_whole(index, 0):
+        raise SceneError(f"{what} must be the place of a pair in Scene.contacts, 0 for the first")
+
+
+def check_count_and_seed(what: str, count: object, seed: object) -> None:
+    """Raise ParameterError for an invalid number of points, or an invalid seed."""
+    if not is_whole(count, 1) or not is_whole(seed, 0):
+        raise ParameterError(f"{what}: the count must be a positive integer, the seed an integer that is not negative")
+
+
 @dataclass(frozen=True)
 class ParameterSpace:
     """The box in which a scene is solved.
@@ -112,16 +129,10 @@ class ParameterSpace:
         part: float,
         axes: Iterable[int] | None = None,
     ) -> np.ndarray:
-        """Derivatives of (n,) values along the parameters by differences inside the box, (n, axes).
+        """Derivatives of a function of a point, (P,) -> (n,), along some or all parameters by differences, (n, axes).
 
-        They are central, or one-sided with three points if an end of the box is nearer than a step. The error of both
-        is of second order in the step.
-
-        Args:
-            value: function of a point, (P,), with (n,) values.
-            point: point of the box, (P,).
-            part: step over the size of the box.
-            axes: indices of the parameters; None for all.
+        ``part`` is the step over the size of the box. Differences are central, or one-sided with three points if an end
+        of the box is nearer than a step: the error of both is of second order in the step.
         """
         columns = []
         for place in range(point.size) if axes is None else axes:
@@ -135,7 +146,7 @@ class ParameterSpace:
         return np.stack(columns, axis=1)
 
     def _weights(self, here: float, step: float, place: int) -> tuple[tuple[float, float], ...]:
-        """Steps and weights of the derivative, at ``here``, of the parabola through points inside the box."""
+        """Steps and weights of the derivative at ``here`` of the parabola through points inside the box."""
         if here - step < self.lower[place]:
             return ((0, -1.5), (1, 2.0), (2, -0.5))
         if here + step > self.upper[place]:
@@ -171,34 +182,27 @@ class ParameterSpace:
         return point
 
     def _misnamed(self, given: Mapping) -> str:
-        """Message of missing and unknown names."""
         missing = [f"{name!r} is missing" for name in self.names if name not in given]
         unknown = [f"{name!r} is unknown" for name in sorted(given, key=str) if name not in self.names]
         faults = ", ".join(missing + unknown)
         return f"{faults}: the names do not match {self.names}: give each of these a value, and no other"
 
     def _complaint(self, point):
-        strange = [
-            f"{name} = {value:g}" for name, value in zip(self.names, point, strict=True) if not np.isfinite(value)
-        ]
+        found = list(zip(self.names, point, self.lower, self.upper, strict=True))
+        strange = [f"{name} = {value:g}" for name, value, *_ in found if not np.isfinite(value)]
         if strange:
-            return f"{', '.join(strange)} is not finite: give a number inside {self._bounds()}"
-        lines = [
+            box = ", ".join(f"{name} in [{low:g}, {high:g}]" for name, _, low, high in found)
+            return f"{', '.join(strange)} is not finite: give a number inside {box}"
+        outside = [
             f"{name} = {value:g} is outside [{low:g}, {high:g}]"
-            for name, value, low, high in zip(self.names, point, self.lower, self.upper, strict=True)
+            for name, value, low, high in found
             if not low <= value <= high
         ]
-        return "; ".join(lines) + ": widen the parameter space and train again, or choose a value inside"
-
-    def _bounds(self) -> str:
-        """The box in words."""
-        return ", ".join(
-            f"{name} in [{low:g}, {high:g}]" for name, low, high in zip(self.names, self.lower, self.upper, strict=True)
-        )
+        return "; ".join(outside) + ": widen the parameter space and train again, or choose a value inside"
 
     def described(self, point: np.ndarray) -> str:
         """A point in words, for messages."""
-        return ", ".join(f"{name} = {value:g}" for name, value in zip(self.names, point, strict=True))
+        return described(self.names, point)
 
     def points(self, table: PointsLike) -> np.ndarray:
         """Convert a table with one row per point to checked points, (S, P); with one parameter also (S,).
@@ -244,18 +248,11 @@ class ParameterSpace:
         Raises:
             ParameterError: if the count is not positive or the seed negative.
         """
-        if not is_whole(count, 1) or not is_whole(seed, 0):
-            raise ParameterError(
-                f"{count!r} random points from seed {seed!r}: the count must be a positive integer, "
-                "the seed an integer that is not negative"
-            )
+        check_count_and_seed(f"{count!r} random points from seed {seed!r}", count, seed)
         return np.random.default_rng(seed).uniform(self.lower, self.upper, (count, len(self.names)))
 
     def lines(self, places: Sequence[int], count: int = 3) -> np.ndarray:
-        """Points on lines along some parameters, at which formulas are checked, (n, P).
-
-        Each line has ``LINE`` points; the first of ``count`` lines runs through the middle, the others are random.
-        """
+        """Points on lines along parameters, ``LINE`` on each: the first through the middle, others random, (n, P)."""
         ends = np.array([self.lower, self.upper], dtype=float)
         middle = ends.mean(axis=0)
         bases = np.vstack([middle, self.random(count - 1, seed=1)]) if count > 1 else middle[None]

@@ -25,9 +25,8 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.declared import TYPES, Sizes, annotations_of, declared_array, fits, shown
 from hhr_dolfinx.errors import FileContentError, MissingPackageError, ModelFileError
+from hhr_dolfinx.files import KINDS
 
-ARRAY_TYPES = (np.dtype("<f8"), np.dtype("<i8"), np.dtype("<i4"), np.dtype("?"))
-"""Kinds of numbers of arrays in files."""
 DEEPEST = 16
 """Largest depth of nested tuples and values: damaged files must not exhaust the stack."""
 SPARSE = {"csc": csc_matrix, "csr": csr_matrix}
@@ -68,14 +67,10 @@ def rebuilt(kind: Any, arguments: Mapping[str, Any]) -> Any:
 
 
 def as_plain(value: object, known: Mapping[str, type] = _NO_KINDS) -> tuple[dict[str, Any], dict[str, np.ndarray]]:
-    """A value as a JSON tree, and its arrays by path.
+    """A value as a JSON tree, and its arrays by path: equal arrays once, sparse arrays without zeros.
 
-    The value is rebuilt once, as a check that the written data restore the same value. Equal arrays are stored once;
-    sparse arrays are stored without zeros.
-
-    Args:
-        value: value to store.
-        known: classes that every reader has, by name; no other class may have these names.
+    The value is rebuilt once, as a check that the written data restore the same value. Only the classes ``known`` to
+    every reader may have their names.
 
     Raises:
         ModelFileError: for two classes of the same name.
@@ -85,9 +80,8 @@ def as_plain(value: object, known: Mapping[str, type] = _NO_KINDS) -> tuple[dict
         raise FileContentError(f"{_shown(value)} cannot be kept: {_REMEDY}")
     writer = _Writer(known)
     tree = writer.tree(value, "", 0)
-    copies = {
-        path: array.copy(order="K") for path, array in writer.arrays.items()
-    }  # a __post_init__ may write into them
+    # a __post_init__ may write into them
+    copies = {path: array.copy(order="K") for path, array in writer.arrays.items()}
     again = _Writer(known)
     if again.tree(_Reader(copies, dict(writer.kinds)).whole(tree), "", 0) != tree or not _same(
         again.arrays, writer.arrays
@@ -102,10 +96,8 @@ def as_plain(value: object, known: Mapping[str, type] = _NO_KINDS) -> tuple[dict
 def restored(tree: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str, type]) -> Any:
     """Build a value from the result of :func:`as_plain`; tuples may have become lists, as in JSON.
 
-    Names in the tree are looked up in ``kinds`` only, the classes by name.
-
     Raises:
-        ModelFileError: if a class is unknown, with advice.
+        ModelFileError: for a class that is not in ``kinds``, with advice.
         FileContentError: for fields that are missing, unknown, of the wrong type or size, not finite, or refused by
             their class, and for arrays without a field.
     """
@@ -113,12 +105,7 @@ def restored(tree: object, arrays: Mapping[str, np.ndarray], kinds: Mapping[str,
 
 
 def by_name(classes: Iterable[type]) -> dict[str, type]:
-    """Classes by name, for :func:`restored`.
-
-    Raises:
-        ModelFileError: for an object that is no dataclass, and for two classes of the same name, which a file cannot
-            distinguish.
-    """
+    """Classes by name, for :func:`restored`; ModelFileError for what is no class of values, or two of one name."""
     named: dict[str, type] = {}
     for kind in classes:
         if not _is_kind(kind):
@@ -128,11 +115,7 @@ def by_name(classes: Iterable[type]) -> dict[str, type]:
 
 
 def add_kind(named: dict[str, type], kind: type) -> None:
-    """Add a class to those that a file may contain.
-
-    Raises:
-        ModelFileError: if another class has its name.
-    """
+    """Add a class to those that a file may contain; ModelFileError if another one has its name."""
     if (other := named.setdefault(kind.__name__, kind)) is not kind:
         raise ModelFileError(
             f"two classes are called {kind.__name__}, in {other.__module__} and in {kind.__module__}: files know them "
@@ -148,7 +131,6 @@ def _is_kind(kind: object) -> bool:
 
 
 def _same(one: Mapping[str, np.ndarray], other: Mapping[str, np.ndarray]) -> bool:
-    """True if arrays are equal to the last bit."""
     return one.keys() == other.keys() and all(
         array.dtype == other[name].dtype and np.array_equal(array, other[name]) for name, array in one.items()
     )
@@ -247,7 +229,6 @@ class _Reader:
         raise FileContentError(f"{path or 'the value'} is {_shown(data)}, which must have a kind and fields")
 
     def _object(self, name: Any, given: Mapping, path: str, sizes: Sizes, depth: int) -> Any:
-        """Value of a class, from its fields."""
         kind = self._kind(name)
         whole = getattr(kind, "has_own_sizes", False)
         own = Sizes(whole=True) if whole else sizes.of_part()
@@ -286,7 +267,6 @@ class _Reader:
         return self.kinds[name]
 
     def _field(self, value: Any, name: str, path: str, node: Any, sizes: Sizes) -> Any:
-        """Value of a field, checked for its declared type, kind and size."""
         if not fits(value, node, self.kinds):
             formula = isinstance(value, str) and shown(node) == "float"
             remedy = ": declare it float | str, if it may be a formula" if formula else ""
@@ -336,12 +316,8 @@ class _Reader:
             raise FileContentError(f"{path} is no sparse matrix of floating-point numbers")
         values, indices, starts = parts
         # scipy checks only the last of the starts before it uses all of them
-        if not (
-            starts.size
-            and starts[0] == 0
-            and starts[-1] == indices.size == values.size
-            and (np.diff(starts) >= 0).all()
-        ):
+        whole = starts.size and starts[0] == 0 and starts[-1] == indices.size == values.size
+        if not whole or (np.diff(starts) < 0).any():
             raise FileContentError(f"the sparse matrix {path} has rows that do not follow each other")
         try:
             matrix = SPARSE[form](tuple(parts), shape=tuple(shape))
@@ -352,7 +328,6 @@ class _Reader:
 
 
 def _of_type(path: str, array: np.ndarray, declared: Any) -> np.ndarray:
-    """An array converted to its declared kind."""
     wanted = TYPES.get(declared.kind) if declared is not None else None
     if wanted is None or array.dtype == wanted:
         return array
@@ -362,15 +337,13 @@ def _of_type(path: str, array: np.ndarray, declared: Any) -> np.ndarray:
 
 
 def _checked_array(path: str, array: np.ndarray) -> np.ndarray:
-    """An array, checked for use in a file."""
-    if type(array) is not np.ndarray or array.dtype not in ARRAY_TYPES or not np.isfinite(array).all():
+    if type(array) is not np.ndarray or array.dtype.str not in KINDS or not np.isfinite(array).all():
         kind = getattr(array, "dtype", type(array).__name__)
         raise FileContentError(f"{path} has the type {kind} or is not finite: {_REMEDY}")
     return array
 
 
 def _is_shape(shape: object) -> bool:
-    """True for a valid shape of an array."""
     return (
         isinstance(shape, list | tuple)
         and len(shape) <= MOST_DIMENSIONS
@@ -379,7 +352,6 @@ def _is_shape(shape: object) -> bool:
 
 
 def _check_depth(path: str, depth: int) -> None:
-    """Refuse values that are nested too deep."""
     if depth > DEEPEST:
         raise FileContentError(f"{path[:_SHOWN]} nests more than {DEEPEST} tuples or values")
 
@@ -395,7 +367,6 @@ def _scalar(path: str, value: object) -> bool | int | float | str | None:
 
 
 def _shown(value: object) -> str:
-    """Beginning of a value, for messages."""
     try:
         text = " ".join(repr(value).split())
     except Exception:  # a user-defined class, or too deep nesting

@@ -72,11 +72,7 @@ def each_for_itself(comm: Comm, task: str) -> Iterator[None]:
 
 
 def shared_out(comm: Comm, count: int, work: Callable[[int], Any], task: str) -> list[Any]:
-    """Distribute ``count`` tasks over the ranks and gather all results on every rank. Collective.
-
-    Raises:
-        HHRError: on all ranks, if a task failed on one of them, see :func:`each_for_itself`.
-    """
+    """Results of ``count`` tasks that the ranks share, on all of them; see :func:`each_for_itself`. Collective."""
     if comm.size == 1:
         return [work(number) for number in range(count)]
     with each_for_itself(comm, task):
@@ -86,10 +82,7 @@ def shared_out(comm: Comm, count: int, work: Callable[[int], Any], task: str) ->
 
 @contextmanager
 def together(comm: Comm, task: str) -> Iterator[None]:
-    """Run a collective block; if it fails on some ranks only, abort the run on all.
-
-    An error on every rank, for instance of a scene that cannot be built, is raised on every rank.
-    """
+    """Run a collective block; an error on every rank is raised on every rank, one on some ranks aborts the run."""
     if comm.size == 1:
         yield
         return
@@ -130,7 +123,6 @@ def class_of(name: str) -> type[errors.HHRError]:
 
 
 def _text(error: BaseException) -> str:
-    """Message of an exception, or a substitute if the message itself fails."""
     try:
         return str(error)
     except Exception:

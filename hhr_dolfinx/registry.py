@@ -14,13 +14,10 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from types import MappingProxyType
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol
 
 from hhr_dolfinx.errors import NotOfferedError, PluginWarning, SceneError
 from hhr_dolfinx.warn import warn
-
-if TYPE_CHECKING:
-    from mpi4py.MPI import Comm
 
 GROUP = "hhr_dolfinx.plugins"
 """Group of entry points of plug-ins."""
@@ -28,12 +25,10 @@ NOTHING: Mapping[str, Any] = MappingProxyType({})
 
 
 class Way(NamedTuple):
-    """A reductor in a manifest. It is loaded for the scenes that want it, and for no other.
+    """A reductor in a manifest: the place of its class, loaded for the scenes that want it, and for no other.
 
-    Attributes:
-        place: of its class; a value without arguments has the usual settings.
-        wanted: function of the full model.
-        condenses: whether its models keep all contact conditions; ``condense()`` takes the first such one.
+    The class without arguments has the usual settings, and ``wanted`` is a function of the full model. ``condense()``
+    takes the first one that ``condenses``: its models keep all contact conditions.
     """
 
     place: str
@@ -42,14 +37,11 @@ class Way(NamedTuple):
 
 
 class Bounds(NamedTuple):
-    """Errors of the answers of hyper-reduced models, for some scenes; the first that is wanted is taken.
+    """Errors of the answers of hyper-reduced models, for the full models that ``wanted`` accepts; the first is taken.
 
-    Attributes:
-        place: of a function ``(full, basis, forces, *, cone, announce) -> Bounding``, see
-            :class:`~hhr_dolfinx.models.bound.Bounding`, with the basis, (own, ell), and the training forces,
-            (N_lambda, S); ``cone`` if these complete the forces outside the RID. It raises BoundError with the
-            hypothesis that fails.
-        wanted: function of the full model.
+    ``place`` is that of a function ``(full, basis, forces, *, cone, announce) -> Bounding``, see
+    :class:`~hhr_dolfinx.models.bound.Bounding`, with the basis, (own, ell), and the training forces, (N_lambda, S);
+    ``cone`` if these complete the forces outside the RID. It raises BoundError with the hypothesis that fails.
     """
 
     place: str
@@ -57,12 +49,9 @@ class Bounds(NamedTuple):
 
 
 class Stage(NamedTuple):
-    """A stage of the hyper-reduction, a function of a :class:`~hhr_dolfinx.reduction.build.Draft`.
+    """A stage of the hyper-reduction: the place of a function of a :class:`~hhr_dolfinx.reduction.build.Draft`.
 
-    Attributes:
-        place: of the function.
-        after: place of the stage that it follows.
-        wanted: function of the full model and the recipe.
+    It follows the stage at the place ``after``, if ``wanted`` accepts the full model and the recipe.
     """
 
     place: str
@@ -72,67 +61,52 @@ class Stage(NamedTuple):
 
 @dataclass(frozen=True)
 class Plugin:
-    """Manifest of a plug-in.
+    """Manifest of a plug-in."""
 
-    Attributes:
-        name: name of the plug-in, unique.
-        needs: names of the plug-ins that it requires.
-        public: names that it adds to ``hhr_dolfinx``: of each module its names, separated by blanks.
-        parts: what scenes may name: of each kind (``laws``, ``outputs``, ... of :mod:`hhr_dolfinx.by_name`) places by
-            name.
-        classes: classes that model files may hold: of each module their names, separated by blanks.
-        commands: places of the commands of ``hhr``, by name.
-        kinds: kinds of models that a training can build: places of functions ``(training, **options) -> model`` by the
-            name of the method of a :class:`~hhr_dolfinx.study.training.train.Training`, and of ``hhr train --model``.
-        methods: further methods of a training, which build no model that a file can keep.
-        trainings: ways to choose training points of ``hhr train``: places of objects with
-            ``options``, decorators of click, and ``training(given)``, by the option that selects them.
-        materials: methods by which a law of a body is one of this plug-in, see :func:`reader_of`.
-        pair_laws: places of functions ``(value, what) -> PairLaw`` by the field of a pairing whose value they read, see
-            :mod:`hhr_dolfinx.contact.law`.
-        recipes: places of functions ``(**changes) -> Recipe`` by their names as attributes of ``Recipe``.
-        reductors: ways to build a model by name, which ``hhr.reduce`` tries after those of the core.
-        stages: further stages of the hyper-reduction.
-        bounds: errors of the answers of hyper-reduced models.
-        memory: names of the parts of :class:`~hhr_dolfinx.memory.Memory` that its laws keep in answers.
-        answers: what it adds to answers: places of functions of an answer, by the names of methods.
-        facets: places of objects that do for its laws what the core leaves to them, by words: each part of the core
-            that needs one documents its word and protocol, and refuses a law without it, see :func:`facet`.
-        tools: places of functions that the core calls by a word, of all plug-ins one for each word, see :func:`tool`.
-        companions: places of functions ``(full, folder) -> None`` that write further files next to a model;
-            collective over the ranks of the full model.
-    """
-
-    name: str
-    needs: tuple[str, ...] = ()
+    name: str  # name of the plug-in, unique
+    needs: tuple[str, ...] = ()  # names of the plug-ins that it requires
+    # names that it adds to ``hhr_dolfinx``: of each module its names, separated by blanks
     public: Mapping[str, str] = field(default=NOTHING)
+    # what scenes may name: of each kind (``laws``, ``outputs``, ... of :mod:`hhr_dolfinx.by_name`) places by name
     parts: Mapping[str, Mapping[str, str]] = field(default=NOTHING)
+    # classes that model files may hold: of each module their names, separated by blanks
     classes: Mapping[str, str] = field(default=NOTHING)
-    commands: Mapping[str, str] = field(default=NOTHING)
+    commands: Mapping[str, str] = field(default=NOTHING)  # places of the commands of ``hhr``, by name
+    # kinds of models that a training can build: places of functions ``(training, **options) -> model`` by the name of
+    # the method of a :class:`~hhr_dolfinx.study.training.train.Training`, and of ``hhr train --model``
     kinds: Mapping[str, str] = field(default=NOTHING)
+    # further methods of a training, which build no model that a file can keep
     methods: Mapping[str, str] = field(default=NOTHING)
+    # ways to choose training points of ``hhr train``: places of objects with ``options``, decorators of click, and
+    # ``training(given)``, by the option that selects them
     trainings: Mapping[str, str] = field(default=NOTHING)
-    materials: tuple[str, ...] = ()
+    materials: tuple[str, ...] = ()  # methods by which a law of a body is one of this plug-in, see :func:`reader_of`
+    # places of functions ``(value, what) -> PairLaw`` by the field of a pairing whose value they read, see
+    # :mod:`hhr_dolfinx.contact.law`
     pair_laws: Mapping[str, str] = field(default=NOTHING)
+    # places of functions ``(**changes) -> Recipe`` by their names as attributes of ``Recipe``
     recipes: Mapping[str, str] = field(default=NOTHING)
+    # ways to build a model by name, which ``hhr.reduce`` tries after those of the core
     reductors: Mapping[str, Way] = field(default=NOTHING)
-    stages: tuple[Stage, ...] = ()
-    bounds: tuple[Bounds, ...] = ()
+    stages: tuple[Stage, ...] = ()  # further stages of the hyper-reduction
+    bounds: tuple[Bounds, ...] = ()  # errors of the answers of hyper-reduced models
+    # names of the parts of :class:`~hhr_dolfinx.memory.Memory` that its laws keep in answers
     memory: tuple[str, ...] = ()
+    # what it adds to answers: places of functions of an answer, by the names of methods
     answers: Mapping[str, str] = field(default=NOTHING)
+    # places of objects that do for its laws what the core leaves to them, by words: each part of the core that needs
+    # one documents its word and protocol, and refuses a law without it, see :func:`facet`
     facets: Mapping[str, str] = field(default=NOTHING)
+    # places of functions that the core calls by a word, of all plug-ins one for each word, see :func:`tool`
     tools: Mapping[str, str] = field(default=NOTHING)
+    # places of functions ``(full, folder) -> None`` that write further files next to a model; collective over the ranks
+    # of the full model
     companions: tuple[str, ...] = ()
 
 
 @functools.cache
 def installed() -> Mapping[str, Plugin]:
-    """Plug-ins by name; all that they need are installed.
-
-    Warns:
-        PluginWarning: for each plug-in that is left out: it cannot be loaded, is not a manifest, has the name of
-            another one, or needs a missing one.
-    """
+    """Plug-ins by name. A PluginWarning names each one that is left out, and the reason, such as a missing one."""
     found: dict[str, Plugin] = {}
     for point in importlib.metadata.entry_points(group=GROUP):
         try:
@@ -164,11 +138,7 @@ def load(place: str) -> Any:
 
 
 def named(what: str) -> dict[str, str]:
-    """Places by name in one mapping of the manifests of all plug-ins: ``public``, ``classes``, ``commands``, ...
-
-    Raises:
-        SceneError: for a name that two plug-ins have.
-    """
+    """Places by name in one mapping of all manifests, such as ``classes``; SceneError for a name of two plug-ins."""
     places: dict[str, str] = {}
     for plugin in installed().values():
         for name, place in places_in(getattr(plugin, what)):
@@ -217,15 +187,7 @@ _loaded = functools.cache(load)
 
 
 def reader_of(law: object, what: str) -> str:
-    """Name of the plug-in that reads a law of a body, by a method of the law.
-
-    Args:
-        law: the law.
-        what: what has it, for the message.
-
-    Raises:
-        SceneError: if no installed plug-in reads it: it would be ignored.
-    """
+    """Name of the plug-in that reads the law of ``what``, a body, by a method of the law; SceneError if none does."""
     methods = {method: plugin.name for plugin in installed().values() for method in plugin.materials}
     for method, name in methods.items():
         if not isinstance(law, type) and callable(getattr(law, method, None)):
@@ -237,12 +199,7 @@ def reader_of(law: object, what: str) -> str:
 
 @functools.cache
 def facet(plugin: str, word: str, what: str) -> Any:
-    """Facet of a plug-in: its part of one place of the core, for its laws.
-
-    Args:
-        plugin: name of the plug-in.
-        word: name of the facet.
-        what: what needs it, for the message.
+    """Facet of a plug-in by its ``word``: what one place of the core, ``what``, needs for the laws of the plug-in.
 
     Raises:
         NotOfferedError: if the plug-in is missing, or has no such facet: the law would be ignored.
@@ -270,19 +227,20 @@ class FieldsFile(Protocol):
 
 
 def tool(word: str, what: str) -> Any:
-    """Function that a plug-in offers by a word: ``drawing``, a :class:`Drawing`; ``fields``, a :class:`FieldsFile`.
-
-    Args:
-        word: name of the tool.
-        what: what needs it, for the message.
+    """Function for ``what`` that a plug-in offers by a word: ``drawing``, a :class:`Drawing`, or ``fields``.
 
     Raises:
         NotOfferedError: if no installed plug-in has it.
     """
-    places = named("tools")
-    if word not in places:
+    if (found := offered(word)) is None:
         raise NotOfferedError(f"{what} needs a plug-in with the tool '{word}', and none is installed")
-    return load(places[word])
+    return found
+
+
+def offered(word: str) -> Any | None:
+    """Object of a tool that the core can do without, such as quicker factors, ``substructures``; None without one."""
+    place = named("tools").get(word)
+    return None if place is None else load(place)
 
 
 def listed(what: str) -> list[Any]:
@@ -290,15 +248,7 @@ def listed(what: str) -> list[Any]:
     return [load(place) for plugin in installed().values() for place in getattr(plugin, what)]
 
 
-class ModelOnRanks(Protocol):
-    """A full model, whose ranks write together. The core does not say what else a companion reads of it."""
-
-    @property
-    def comm(self) -> Comm:
-        """Its ranks."""
-
-
-def write_companions(full: ModelOnRanks, folder: Path) -> None:
+def write_companions(full: Any, folder: Path) -> None:
     """Write the files of plug-ins next to a model in a folder. Collective over the ranks of the full model."""
     for write in listed("companions"):
         write(full, folder)

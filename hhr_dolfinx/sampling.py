@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from hhr_dolfinx.errors import ParameterError
-from hhr_dolfinx.parameters import ParameterSpace, is_whole
+from hhr_dolfinx.parameters import ParameterSpace, check_count_and_seed
 
 
 @dataclass(frozen=True)
@@ -25,13 +25,10 @@ class _Sampling:
     corners: bool = False
 
     def __post_init__(self) -> None:
-        if not is_whole(self.count, 1) or not is_whole(self.seed, 0):
-            raise ParameterError(
-                f"{type(self).__name__}({self.count!r}, seed={self.seed!r}): the count must be a positive integer, the "
-                "seed one that is not negative"
-            )
+        kind = type(self).__name__
+        check_count_and_seed(f"{kind}({self.count!r}, seed={self.seed!r})", self.count, self.seed)
         if not isinstance(self.corners, bool):
-            raise ParameterError(f"corners = {self.corners!r} of {type(self).__name__} must be True or False")
+            raise ParameterError(f"corners = {self.corners!r} of {kind} must be True or False")
 
     def points(self, space: ParameterSpace) -> np.ndarray:
         """The corners, if requested, followed by the points, (count, P).
@@ -72,57 +69,3 @@ class LatinHypercube(_Sampling):
         from scipy.stats import qmc
 
         return qmc.LatinHypercube(dimension, seed=self.seed).random(self.count)
-
-
-@dataclass(frozen=True)
-class Lattice:
-    """Points drawn uniformly from a regular grid: they share coordinates, and many lie on the sides of the box.
-
-    Many answers then have the field of a load in common and differ by contact only. On the pellet 150 answers on a grid
-    span a space that takes 500 answers elsewhere, so that greedy trainings choose from such points.
-
-    Attributes:
-        count: number of points, or all of the grid if it has fewer.
-        levels: number of values of each parameter, including the bounds: one number for all, or one for each.
-        seed: seed of the drawing.
-    """
-
-    count: int
-    levels: int | tuple[int, ...] = 20
-    seed: int = 1
-
-    def __post_init__(self) -> None:
-        """Raise ParameterError for invalid counts."""
-        levels = self.levels if isinstance(self.levels, tuple) else (self.levels,)
-        if not is_whole(self.count, 1) or not is_whole(self.seed, 0) or not all(is_whole(item, 2) for item in levels):
-            raise ParameterError(
-                f"Lattice({self.count!r}, levels={self.levels!r}, seed={self.seed!r}): the count must be a positive "
-                "integer, each of the levels one from 2, the seed one that is not negative"
-            )
-
-    def points(self, space: ParameterSpace) -> np.ndarray:
-        """The points, (n, P), with the corners of the box first if all of them fit.
-
-        Raises:
-            ParameterError: if ``levels`` has another number of parameters.
-        """
-        size = len(space.names)
-        levels = np.array(self.levels if isinstance(self.levels, tuple) else (self.levels,) * size)
-        if levels.size != size:
-            raise ParameterError(f"levels = {self.levels} of a Lattice must be one for each of {space.names}")
-        places = self._places(levels)
-        lower, upper = np.array([space.lower, space.upper], dtype=float)
-        return lower + places / (levels - 1) * (upper - lower)
-
-    def _places(self, levels: np.ndarray) -> np.ndarray:
-        """Numbers of the levels of each point, (n, P)."""
-        if np.prod(levels.astype(float)) <= self.count:
-            return np.indices(tuple(levels)).reshape(levels.size, -1).T
-        corners = np.zeros((0, levels.size), dtype=np.int64)
-        if 2.0**levels.size <= self.count / 4:
-            corners = np.indices((2,) * levels.size).reshape(levels.size, -1).T * (levels - 1)
-        # more than needed, since some fall on the same point of the grid
-        unit = Sobol(4 * self.count, seed=self.seed)._unit(levels.size)
-        drawn = np.vstack([corners, np.minimum((unit * levels).astype(np.int64), levels - 1)])
-        _, first = np.unique(drawn, axis=0, return_index=True)
-        return drawn[np.sort(first)][: self.count]

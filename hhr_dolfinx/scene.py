@@ -6,6 +6,7 @@ import difflib
 import math
 import re
 from collections.abc import Callable, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -20,7 +21,7 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.forms import elasticity
 from hhr_dolfinx.loads import Load
 from hhr_dolfinx.pairings import Pairing
-from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_tag, is_whole
+from hhr_dolfinx.parameters import ParameterSpace, Tag, as_tuple, check_pair_index, check_tag, is_whole
 from hhr_dolfinx.units import Units
 
 if TYPE_CHECKING:
@@ -63,11 +64,7 @@ class Displacement:
             object.__setattr__(self, "field", formula_of(self.field, what))
 
     def at(self, points: np.ndarray, hypothesis: str) -> np.ndarray:
-        """Values of the field at points, (n, dim).
-
-        Raises:
-            SceneError: for a field of unknown coordinates, or one that is not finite somewhere.
-        """
+        """Values of the field at points, (n, dim); SceneError for unknown coordinates or values that are not finite."""
         assert self.field is not None
         from hhr_dolfinx.shapes import coordinate_names
 
@@ -102,10 +99,7 @@ class Opening:
     amplitude: Amplitude
 
     def __post_init__(self):
-        if not is_whole(self.contact, 0):
-            raise SceneError(
-                f"contact {self.contact!r} of an opening must be the place of a pair in Scene.contacts, 0 for the first"
-            )
+        check_pair_index(f"contact {self.contact!r} of an opening", self.contact)
         check_amplitude(self, f"the opening of contact {self.contact}")
 
 
@@ -201,7 +195,6 @@ class Scene:
                 law.check(self, f"contact {place} of scene '{self.name}'")
 
     def _check_parameter_units(self) -> None:
-        """Raise SceneError for units that are not texts, and for misspelt names."""
         given = self.parameter_units
         if not isinstance(given, Mapping) or not all(isinstance(unit, str) for unit in given.values()):
             raise SceneError(f"parameter_units = {given!r} must be texts by the names of parameters, {{'push': 'MPa'}}")
@@ -215,11 +208,11 @@ class Scene:
         """Text of several lines: bodies, contacts, supports, loads, parameters with their ranges, outputs."""
         units = "" if self.units is None else f", in {self.units.length} and {self.units.stress}"
         lines = [f"Scene '{self.name}', {self.hypothesis.replace('_', ' ')}{units}"]
-        lines += [
-            f"  body {body.tag}: young {body.young}, poisson {body.poisson}{_law_of(body)}" for body in self.bodies
-        ]
-        for place, pair in enumerate(self.contacts):
-            law = "" if (own := self.laws[place]) is None else f", {own.words}"
+        for body in self.bodies:
+            law = "" if body.law is None else f", {body.law!r}"
+            lines.append(f"  body {body.tag}: young {body.young}, poisson {body.poisson}{law}")
+        for place, (pair, own) in enumerate(zip(self.contacts, self.laws, strict=True)):
+            law = "" if own is None else f", {own.words}"
             lines.append(f"  contact {place}: {type(pair).__name__} of {', '.join(map(str, pair.tags))}{law}")
         for what, items in (("displacements", self.displacements), ("loads", self.loads), ("shapes", self.shapes)):
             if items:
@@ -255,8 +248,8 @@ class Scene:
         """Law of each contact pair in addition to unilateral contact; None without one."""
         from hhr_dolfinx.contact.law import pair_law
 
-        found = [pair_law(item, f"contact {place} of scene '{self.name}'") for place, item in enumerate(self.contacts)]
-        return tuple(found)
+        what = f"of scene '{self.name}'"
+        return tuple(pair_law(item, f"contact {place} {what}") for place, item in enumerate(self.contacts))
 
     @property
     def remembers(self) -> bool:
@@ -265,11 +258,7 @@ class Scene:
 
     @cached_property
     def reader(self) -> str:
-        """Name of the plug-in that reads the laws of bodies; empty if all bodies are elastic.
-
-        Raises:
-            SceneError: for laws of several plug-ins, which no solver knows together.
-        """
+        """Name of the plug-in that reads the laws of bodies, empty if all are elastic; SceneError for several."""
         readers = sorted({body.reader for body in self.bodies} - {""})
         if len(readers) > 1:
             raise SceneError(f"scene '{self.name}' has laws of bodies of several plug-ins, {readers}: not built in")
@@ -296,23 +285,23 @@ class Scene:
     @property
     def named(self) -> set[str]:
         """Parameters that bodies and laws of contacts name, in addition to those of loads."""
-        found: set[str] = set().union(*(shape.variables for shape in self.shapes))
+        parts: list[Any] = list(self.shapes)
         texts = [text for body in self.bodies for text in (body.young, body.poisson) if isinstance(text, str)]
         texts += [text for law in self.laws if law is not None for text in law.texts]
-        if not texts:
-            return found
-        from hhr_dolfinx.formulas import Formula
+        if texts:
+            from hhr_dolfinx.formulas import Formula
 
-        return found | {name for text in texts for name in Formula(text).variables}
+            parts += map(Formula, texts)
+        return {name for part in parts for name in part.variables}
 
-    def _check_places(self):
+    def _check_places(self) -> None:
         """Raise SceneError for duplicate items, and for openings of missing pairs."""
-        seen: dict[Tag, int] = {}
-        for place, body in enumerate(self.bodies):
-            if seen.setdefault(body.tag, place) != place:
+        tags = [body.tag for body in self.bodies]
+        for place, tag in enumerate(tags):
+            if (first := tags.index(tag)) != place:
                 raise SceneError(
-                    f"bodies {seen[body.tag]} and {place} have the same cell tag {body.tag}: their stiffness would "
-                    "add up. List each body once, and give each a tag of its own in the mesh"
+                    f"bodies {first} and {place} have the same cell tag {tag}: their stiffness would add up. List each "
+                    "body once, and give each a tag of its own in the mesh"
                 )
         for place, item in enumerate(self.contacts):
             for tag in item.tags:
@@ -340,8 +329,7 @@ class Scene:
                     f"{pairs}"
                 )
 
-    def _check_names(self):
-        """Raise SceneError for unknown names of parameters."""
+    def _check_names(self) -> None:
         driven: tuple[Any, ...] = (*self.displacements, *self.openings, *self.loads)
         for item in driven:
             amplitude: Any = getattr(item, "amplitude", None)
@@ -351,23 +339,17 @@ class Scene:
                 except SceneError as error:
                     raise SceneError(f"{item!r}: {error}") from None
             elif hasattr(amplitude, "variables"):
-                check_formula(amplitude, self.parameters, f"the amplitude of {item!r}")
+                check_formula(amplitude.text, self.parameters, f"the amplitude of {item!r}")
             if hasattr(item, "check"):
                 item.check(self.parameters)
 
 
-def _law_of(body: Body) -> str:
-    return "" if body.law is None else f", {body.law!r}"
-
-
 def _named_in_short(item: object) -> str:
-    """Kind and tag of a support, load or shape, as text."""
     tag = getattr(item, "tag", None)
     return type(item).__name__ if tag is None else f"{type(item).__name__} of {tag}"
 
 
-def _has(*names):
-    """Make a test for objects that are no classes and have some attributes."""
+def _has(*names: str) -> Callable[[Any], bool]:
     return lambda item: not isinstance(item, type) and all(hasattr(item, name) for name in names)
 
 
@@ -398,16 +380,11 @@ def _same_pair(one, other) -> bool:
         cosine = float(first @ second)
     if len(one.tags) == 1:
         # a corner between two obstacles is two pairs of one surface
-        return _equal(one, other) or (type(one) is type(other) and cosine > 1 - 1e-12)
+        with suppress(ValueError):  # a pairing with arrays
+            if one is other or one == other:
+                return True
+        return type(one) is type(other) and cosine > 1 - 1e-12
     return math.isnan(cosine) or abs(cosine) > 1 - 1e-12
-
-
-def _equal(one, other) -> bool:
-    """Equality that is safe for pairings with arrays."""
-    try:
-        return one is other or bool(one == other)
-    except ValueError:
-        return False
 
 
 def _direction(normal) -> np.ndarray | None:

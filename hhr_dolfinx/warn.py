@@ -16,13 +16,7 @@ from typing import NamedTuple
 
 
 class Warned(NamedTuple):
-    """A warning that was collected.
-
-    Attributes:
-        message: text of the warning.
-        category: class of the warning.
-        filename, lineno: line that is reported.
-    """
+    """A warning that was collected, and the line that is reported."""
 
     message: str
     category: type[Warning]
@@ -36,13 +30,7 @@ _HANDLERS: ContextVar[tuple[_Handler, ...]] = ContextVar("handlers of warnings",
 
 
 def warn(message: str, category: type[Warning], stacklevel: int = 1) -> None:
-    """Warn as ``warnings.warn``, unless an enclosing block ignores or collects the warning.
-
-    Args:
-        message: text of the warning.
-        category: class of the warning.
-        stacklevel: frames above this call to the reported line; 1 is the caller.
-    """
+    """Warn as ``warnings.warn``, unless an enclosing block ignores or collects the warning."""
     try:
         frame = sys._getframe(stacklevel)
     except ValueError:  # fewer frames than that

@@ -4,8 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from hhr_dolfinx.full_order.outputs import Probe
 from hhr_dolfinx.models.functionals.kinds import Linear
+from hhr_dolfinx.outputs import ModelProbe
 
 
 @dataclass(frozen=True)
@@ -16,7 +16,7 @@ class MeanPressure:
     contact: int
     unit: str = ""
 
-    def prepared(self, probe: Probe) -> Linear:
+    def prepared(self, probe: ModelProbe) -> Linear:
         """Weights of the forces; no rows of the displacement, and nothing that depends on the amplitudes."""
         conditions, areas = probe.loaded(self)
         weights = np.full(conditions.size, 1 / areas.sum())

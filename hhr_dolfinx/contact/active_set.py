@@ -1,17 +1,14 @@
 """Active set for unilateral contact, thesis Alg. 1.1, one function for full and reduced models.
 
-The rule of Alg. 1.1 switches every wrong status at once. It is fast, but it may cycle. When a set
-of statuses comes back, the least-index rule of Murty takes over: it switches only the first wrong
-status. For a P-matrix S = B K^-1 B^T (K positive definite and B of full rank) it reaches the
-solution in finitely many steps (K. G. Murty, "Note on a Bard-type scheme for solving the
-complementarity problem", Opsearch 11, 1974). If it comes back to a set of statuses too, S is no
-P-matrix, and the status reports this: an iterate is never returned as a solution.
+The rule of Alg. 1.1 switches every wrong status at once. It is fast, but it may cycle. When a set of statuses comes
+back, the least-index rule of Murty takes over, which switches only the first wrong status. For a P-matrix
+S = B K^-1 B^T (K positive definite and B of full rank) it ends in finitely many steps (K. G. Murty, "Note on a
+Bard-type scheme for solving the complementarity problem", Opsearch 11, 1974). If it comes back to a set of statuses
+too, S is no P-matrix, and the status reports this: an iterate is never returned as a solution.
 
-A set on the way may be singular although the problem has a solution, since S of a reduced model is
-neither symmetric nor definite by construction. Then the least-index rule starts from no contact, which
-is never singular, and passes over statuses that would make the set singular.
-
-``settled`` runs Alg. 1.1 for many free slacks at once: those with the same statuses share factors.
+A set on the way may be singular although the problem has a solution, since S of a reduced model is neither symmetric
+nor definite by construction. Then the least-index rule starts from no contact, which is never singular, and passes over
+statuses that would make the set singular.
 """
 
 from __future__ import annotations
@@ -33,19 +30,15 @@ TOLERANCE = 1e-11
 
 ROUND_OFF = 1e-15
 """Fraction of the largest force, or closed gap, of all pairs that reaches the other pairs as round-off."""
-
 MAX_ITERATIONS = 1000
-
 Equalities = Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]
-
 _Size = float | np.floating | np.ndarray
-
 _Entry = tuple[np.ndarray, Factor | None, np.ndarray]
 """Active conditions (k,), the factors of their block (None if k = 0), columns of S as rows (k, m)."""
 
 
 class Status(Enum):
-    """Why the active set stopped; each value is a sentence for the user, whatever the model."""
+    """Why the active set stopped, in a sentence for the user."""
 
     CONVERGED = "the statuses satisfy all contact conditions"
     ITERATION_LIMIT = "the statuses still changed at the iteration limit: start from statuses nearer to the answer"
@@ -59,14 +52,9 @@ class Status(Enum):
 
 
 class Statuses(NamedTuple):
-    """Outcome of the active set.
+    """Outcome of the active set: forces, (m,), statuses, (m,) bool, equality problems solved, and why it stopped.
 
-    Attributes:
-        forces: multiplier of each condition, (m,).
-        active: status of each condition, (m,) bool.
-        iterations: equality problems solved.
-        status: why it stopped.
-        cycled: the plain rule of Alg. 1.1 cycled, or met a singular set, and the terminating rule took over.
+    ``cycled``: the plain rule of Alg. 1.1 cycled, or met a singular set, and the terminating rule took over.
     """
 
     forces: np.ndarray
@@ -77,11 +65,7 @@ class Statuses(NamedTuple):
 
 
 class Pairs:
-    """Conditions grouped by their contact pair, so that a strong pair does not loosen the tolerance of a weak one.
-
-    Args:
-        numbers: number of the contact pair of each condition, (m,).
-    """
+    """Conditions by their contact pair, (m,) numbers: a strong pair must not loosen the tolerance of a weak one."""
 
     def __init__(self, numbers: np.ndarray):
         _, self._group = np.unique(numbers, return_inverse=True)
@@ -114,13 +98,10 @@ def active_set(
         equalities: maps the statuses (m,) bool and ``free_slack`` to ``(forces, slack)``, both (m,): the
             solution with slack 0 where active and force 0 elsewhere. See :class:`SchurEqualities`.
         free_slack: D - B K^-1 F, the slack without contact forces, (m,), m >= 1.
-        active: statuses to start from, (m,) bool; not modified.
+        active: statuses to start from, (m,) bool; not modified. They are returned for a singular set, and for numbers
+            that are not finite.
         max_iterations: bound on the equality problems solved.
         pairs: contact pair of each condition; None takes all for one pair.
-
-    Returns:
-        The statuses; ``forces`` solve the contact problem only if ``status`` is ``CONVERGED``. Where a set is singular
-        or numbers are not finite, the statuses are those of the start.
     """
     seen: set[bytes] = set()
     start = active
@@ -187,10 +168,9 @@ def _one_at_a_time(
     *,
     singular: bool,
 ) -> Statuses:
-    """The least-index rule, which skips statuses that would make the set singular; see :func:`active_set`.
+    """The least-index rule, which skips statuses that would make the set singular, from a regular set.
 
-    ``active`` is not singular; ``iterations`` are those so far and their bound; ``singular``: a singular set was met
-    before.
+    ``iterations`` are those so far and their bound; ``singular``: a singular set was met before.
     """
     seen: set[bytes] = set()
     spent, limit = iterations
@@ -202,7 +182,7 @@ def _one_at_a_time(
         if not wrong.any():
             # a second copy of a row would split its force arbitrarily; that row has no slack then
             touching = active | (slack <= _noise(forces, free_slack, pairs)[1])
-            unique = not singular or _regular(equalities, free_slack, touching)
+            unique = not singular or _solved(equalities, touching, free_slack) is not None
             return Statuses(forces, active, spent, Status.CONVERGED if unique else Status.SINGULAR, True)
         key = active.tobytes()
         if key in seen:
@@ -213,44 +193,32 @@ def _one_at_a_time(
             trial = active.copy()
             trial[place] = not trial[place]
             spent += 1
-            try:
-                step = trial, *equalities(trial, free_slack)
+            step = _solved(equalities, trial, free_slack)
+            if step is not None:
                 break
-            except SingularError:
-                singular = True
+            singular = True
         if step is None:
             return Statuses(forces, active, spent, Status.SINGULAR, True)
-        active, forces, slack = step
+        active = trial
+        forces, slack = step
     return Statuses(forces, active, spent, Status.SINGULAR if singular else Status.ITERATION_LIMIT, True)
 
 
-def _regular(equalities: Equalities, free_slack: np.ndarray, active: np.ndarray) -> bool:
-    """True if the forces of a set of statuses are unique."""
+def _solved(equalities: Equalities, active: np.ndarray, free_slack: np.ndarray) -> tuple[np.ndarray, np.ndarray] | None:
+    """Forces and slack of a set of statuses; None if it is singular."""
     try:
-        equalities(active, free_slack)
+        return equalities(active, free_slack)
     except SingularError:
-        return False
-    return True
+        return None
 
 
 class SchurEqualities:
-    """Equality problems of the active set on the Schur complement: slack = free_slack + S lambda.
+    """Equality problems of the active set on S = B K^-1 B^T: slack = free_slack + S lambda.
 
-    K is factored once. S = B K^-1 B^T and free_slack = D - B K^-1 F then determine the contact. A set of statuses costs
-    one dense LU of S[active, active]. The last factors of each size are kept, since neighbouring parameters often share
-    their statuses. A new block replaces the oldest one of its size. Factors made by :meth:`prepare` stay. All kept
-    factors take less than ``most_bytes``; the oldest are dropped first. Several threads may call an object; results are
-    new arrays.
-
-    Args:
-        columns: maps indices (k,) to the columns of S that belong to them, as rows (k, m).
-        size: m.
-        factorise: factors a dense block.
-
-    Attributes:
-        size: m.
-        most_bytes: bound on the memory of the kept factors.
-        kept_bytes: memory of the kept factors.
+    ``columns`` maps indices (k,) to the columns of S that belong to them, as rows (k, m). A set of statuses costs one
+    dense LU of S[active, active]. The last factors of each size are kept, since neighbouring parameters often share
+    statuses: a new block replaces the oldest one of its size, and all take less than ``most_bytes``. Factors made by
+    :meth:`prepare` stay. Several threads may call an object; results are new arrays.
     """
 
     KEPT_PER_SIZE = 2
@@ -282,18 +250,11 @@ class SchurEqualities:
         return self._columns(np.arange(self.size)).T
 
     def __call__(self, active: np.ndarray, free_slack: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Solve with the given statuses; returns ``(forces, slack)``, both (m,).
-
-        Raises:
-            SingularError: if S[active, active] is singular.
-        """
+        """Forces and slack, (m,) each, for given statuses; SingularError if S[active, active] is singular."""
         key = active.tobytes()
         # under the lock: another thread must not replace this block before it is used
         with self._lock:
-            entry = self._prepared.get(key) or self._entries.get(key)
-            if entry is None:
-                entry = self._factor(active.nonzero()[0], key)
-            index, factor, columns = entry
+            index, factor, columns = self._entry(active, key)
             local = None if factor is None else factor.solve(-free_slack[index])
         forces = np.zeros(free_slack.size)
         if local is None:
@@ -305,10 +266,8 @@ class SchurEqualities:
 
     def several(self, active: np.ndarray, free_slacks: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
         """Solve for many free slacks at once, (m, k): forces and slacks, (m, k) each."""
-        key = active.tobytes()
         with self._lock:
-            entry = self._prepared.get(key) or self._entries.get(key) or self._factor(active.nonzero()[0], key)
-            index, factor, columns = entry
+            index, factor, columns = self._entry(active, active.tobytes())
             local = None if factor is None else solve_columns(factor, -free_slacks[index])
         forces = np.zeros(free_slacks.shape)
         if local is None:
@@ -319,10 +278,7 @@ class SchurEqualities:
         return forces, slack
 
     def prepare(self, statuses: np.ndarray, most_bytes: int) -> None:
-        """Factor the blocks of statuses that are expected, (n, m), as far as they fit into the given memory.
-
-        These factors stay when others are made. Singular blocks are left out.
-        """
+        """Factor the regular blocks of statuses that are expected, (n, m), as far as they fit into the given memory."""
         spent = 0
         for active in statuses:
             index = active.nonzero()[0]
@@ -335,6 +291,10 @@ class SchurEqualities:
             with suppress(SingularError):
                 factor = self._factorise(columns.take(index, axis=1).T) if index.size else None
                 self._prepared[active.tobytes()] = (index, factor, columns)
+
+    def _entry(self, active: np.ndarray, key: bytes) -> _Entry:
+        entry = self._prepared.get(key) or self._entries.get(key)
+        return self._factor(active.nonzero()[0], key) if entry is None else entry
 
     def _factor(self, index: np.ndarray, key: bytes) -> _Entry:
         factor: Factor | None
@@ -376,11 +336,10 @@ ROUNDS = 6
 def settled(
     schur: np.ndarray, free_slack: np.ndarray, active: np.ndarray, factorise: Factorise = LapackLU
 ) -> tuple[np.ndarray, np.ndarray, list[int]]:
-    """Run Alg. 1.1 for many free slacks, (n, m), from statuses that are changed in place.
+    """Run Alg. 1.1 for many free slacks, (n, m), from statuses that are changed in place; factors are shared.
 
-    Returns:
-        The forces, (n, m); equality problems solved for each point, (n,); and the points that have not converged:
-        round-off and singular sets are left to the search of a single point.
+    Returns forces, (n, m), equality problems solved for each, (n,), and the points that have not converged: round-off
+    and singular sets are left to the search of a single point.
     """
     forces = np.zeros_like(free_slack)
     iterations = np.zeros(len(active), dtype=int)
@@ -414,11 +373,7 @@ def settled(
 
 
 class KeptFactors:
-    """Factors of blocks of S, (m, m), by statuses; the most recently used are kept, up to ``most_bytes``.
-
-    Attributes:
-        kept_bytes: memory of the kept factors.
-    """
+    """Factors of blocks of S, (m, m), by statuses; the most recently used are kept, up to ``most_bytes``."""
 
     most_bytes = 64 * 2**20
 
@@ -429,11 +384,7 @@ class KeptFactors:
         self._factors: dict[bytes, Factor] = {}  # the least recently used first
 
     def of(self, index: np.ndarray, key: bytes) -> Factor:
-        """Factors of the block of some conditions, (k,), whose statuses have this key.
-
-        Raises:
-            SingularError: if the block is singular.
-        """
+        """Factors of the block of some conditions, (k,), whose statuses have this key; SingularError if singular."""
         found = self._factors.pop(key, None)
         if found is None:
             found = self._factorise(self._schur[np.ix_(index, index)])

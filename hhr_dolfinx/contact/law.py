@@ -1,9 +1,8 @@
 """Laws of interfaces: which forces contact conditions may have, and what they remember.
 
-The core has one law, :class:`Unilateral`: forces push, surfaces do not overlap. A plug-in derives its own law from
-:class:`ContactLaw`. A law that remembers is answered along paths, by increments; its internal variables are parts of
-the :class:`~hhr_dolfinx.memory.Memory` of an answer. The core reads the attributes of a law and never asks which law it
-is. What a law needs of histories, reductors and reports are facets of its plug-in, see
+The core has one law, :class:`Unilateral`; a plug-in derives its own from :class:`ContactLaw`. A law that remembers is
+answered along paths, by increments; its internal variables are parts of the :class:`~hhr_dolfinx.memory.Memory` of an
+answer. What a law needs of histories, reductors and reports are facets of its plug-in, see
 :func:`hhr_dolfinx.registry.facet`; a facet that is missing refuses.
 """
 
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from hhr_dolfinx.contact.rows import ContactRows
     from hhr_dolfinx.parameters import ParameterSpace
 
-_NO_PLACE = np.zeros(0, dtype=np.int64)
 LAW = MappingProxyType({"law": True})
 """Metadata of a field of a pairing that a plug-in reads as a law; a scene is refused if no plug-in reads it."""
 
@@ -41,29 +39,8 @@ class MeshArrays(NamedTuple):
     order: int
 
 
-class LawfulScene(Protocol):
-    """The scene, as laws read it."""
-
-    @property
-    def name(self) -> str: ...  # noqa: D102
-
-    @property
-    def parameters(self) -> ParameterSpace: ...  # noqa: D102
-
-    @property
-    def shapes(self) -> tuple[Any, ...]: ...  # noqa: D102
-
-    @property
-    def named(self) -> set[str]: ...  # noqa: D102
-
-
 class PairLaw(ABC):
-    """A law as a user gives it to a contact pair.
-
-    Attributes:
-        plugin: name of its plug-in.
-        remembers: see :class:`ContactLaw`.
-    """
+    """A law of the plug-in ``plugin`` as a user gives it to a contact pair."""
 
     plugin: ClassVar[str]
     remembers: ClassVar[bool] = False
@@ -79,34 +56,25 @@ class PairLaw(ABC):
         """Short description for the check of a scene."""
 
     @abstractmethod
-    def check(self, scene: LawfulScene, what: str) -> None:
-        """Raise SceneError if the scene, or its box, does not admit the law of ``what``, a contact."""
+    def check(self, scene: Any, what: str) -> None:
+        """Raise SceneError if a :class:`~hhr_dolfinx.scene.Scene` does not admit the law of ``what``, a contact."""
 
     @classmethod
     @abstractmethod
     def attached(
         cls,
         laws: Mapping[int, Any],
-        scene: LawfulScene,
+        scene: Any,
         rows: ContactRows,
         pairs: np.ndarray,
         free: np.ndarray,
         lifts: csc_matrix,
         mesh: MeshArrays,
     ) -> tuple[ContactRows, np.ndarray, ContactLaw]:
-        """Append the rows of the laws of some pairs to the conditions.
+        """Append the rows of laws to the conditions of pressures: all rows, the pair of each, and the law on them.
 
-        Args:
-            laws: of the pairs that have one, by their index in the scene.
-            scene: the scene.
-            rows: conditions of pressures.
-            pairs: contact pair of each, (n,).
-            free: dofs that are not imposed, (N,) bool.
-            lifts: imposed displacements, (N, 1 + T).
-            mesh: nodes and cells.
-
-        Returns:
-            All rows, the given ones first, the pair of each, and the law on them.
+        ``laws`` has those of pairs by their index in the scene, and ``pairs`` the pair of each condition, (n,). Dofs
+        are ``free`` if they are not imposed, (N,) bool; ``lifts`` are imposed displacements, (N, 1 + T).
         """
 
 
@@ -126,25 +94,19 @@ class ContactLaw:
     """A law on the contact conditions of a problem, or on those that a model solves for.
 
     The methods here are those of unilateral contact.
-
-    Attributes:
-        plugin: name of its plug-in, whose facets complete it; empty for unilateral contact.
-        name: description in messages.
-        remembers: whether answers depend on the path that leads to them.
-        floats: whether its increments solve for the motions of bodies that contact alone holds; scenes with such
-            bodies are refused otherwise.
-        reshapes: whether it holds where the shape of bodies, and with it areas, depends on parameters; scenes with
-            such shapes are refused otherwise.
-        fixed: indices of the parameters that are constant while loads grow in proportion.
     """
 
-    plugin: ClassVar[str] = ""
-    name: ClassVar[str] = "unilateral contact"
-    remembers: ClassVar[bool] = False
+    plugin: ClassVar[str] = ""  # name of its plug-in, whose facets complete it; empty for unilateral contact
+    name: ClassVar[str] = "unilateral contact"  # description in messages
+    remembers: ClassVar[bool] = False  # whether answers depend on the path that leads to them
+    # whether its increments solve for the motions of bodies that contact alone holds; scenes with such bodies are
+    # refused otherwise
     floats: ClassVar[bool] = False
+    # whether it holds where the shape of bodies, and with it areas, depends on parameters; scenes with such shapes are
+    # refused otherwise
     reshapes: ClassVar[bool] = False
 
-    fixed: np.ndarray
+    fixed: np.ndarray  # indices of the parameters that are constant while loads grow in proportion
 
     def pressing(self, count: int) -> np.ndarray:
         """Conditions with the force of a pressure among so many, (count,) bool."""
@@ -174,10 +136,7 @@ class ContactLaw:
         """Raise ParameterError for the points of a path, (n, P), along which the law has no meaning."""
 
     def opened(self, memory: Mapping[str, Any]) -> float | np.ndarray:
-        """Part of the gaps that a memory adds, (m,), as a worn depth does; 0 if it adds none.
-
-        The check of stored answers reads it. Outputs of gaps are those of the surfaces as meshed, without it.
-        """
+        """Part of the gaps that a memory adds, (m,), as a worn depth does, or 0; outputs of gaps are without it."""
         return 0.0
 
     @property
@@ -203,37 +162,25 @@ class ContactLaw:
 class Unilateral(ContactLaw):
     """Forces push, surfaces do not overlap, and at each condition the force or the slack is zero: thesis (1.21)."""
 
-    fixed: ClassVar[np.ndarray] = _NO_PLACE  # type: ignore[misc]
+    fixed: ClassVar[np.ndarray] = np.zeros(0, dtype=np.int64)  # type: ignore[misc]
 
 
 UNILATERAL = Unilateral()
 
 
-class UnilateralStep:
-    """Contact problems of a step by the active set; see :class:`StepContact`."""
-
-    @staticmethod
-    def solved(
-        equalities: SchurEqualities, free_slack: np.ndarray, active: np.ndarray, pairs: Pairs | None
-    ) -> Statuses:
-        """See :class:`StepContact`."""
+class _UnilateralStep:
+    def solved(self, equalities: Any, free_slack: np.ndarray, active: np.ndarray, pairs: Pairs | None) -> Statuses:
         return active_set(equalities, free_slack, active, pairs=pairs)
 
-    @staticmethod
-    def memory(unknown: np.ndarray) -> Memory:
-        """Nothing."""
+    def memory(self, unknown: np.ndarray) -> Memory:
         return NO_MEMORY
 
 
-UNILATERAL_STEP = UnilateralStep()
+UNILATERAL_STEP: StepContact = _UnilateralStep()
 
 
 def pair_law(pair: object, what: str) -> PairLaw | None:
-    """Law of a contact pair in addition to unilateral contact; None without one.
-
-    Args:
-        pair: a pairing; fields of laws have the metadata :data:`LAW`.
-        what: the contact, for messages.
+    """Law of ``what``, a pairing, in addition to unilateral contact; None without one. Its fields have :data:`LAW`.
 
     Raises:
         SceneError: for an invalid law, two laws, or a law that no installed plug-in reads.

@@ -36,10 +36,7 @@ if TYPE_CHECKING:
 def dependence(
     moduli: Sequence[Modulus], others: tuple[int, ...], names: tuple[str, ...]
 ) -> tuple[Scalar | None, np.ndarray]:
-    """The factor that all parts of a stiffness share, if it varies, and the indices of the parameters of the rest.
-
-    ``others`` are indices of parameters that are always included.
-    """
+    """Factor that all parts of a stiffness share, if it varies; indices of the parameters of the rest, and others."""
     factor = None
     rests = [scalar for modulus in moduli for scalar in (modulus.factor_scalar, modulus.rest_scalar)]
     if len({modulus.factor for modulus in moduli}) == 1:
@@ -58,12 +55,7 @@ def moduli_of(problem: ContactProblem, body: np.ndarray) -> list[Modulus]:
 
 @dataclass(frozen=True)
 class ScaledBodies:
-    """The factors of the connected components.
-
-    Attributes:
-        problem: whose stiffness it is.
-        factors: modulus of each connected component of K, None for a constant one, in the order of ``problem.bodies``.
-    """
+    """Modulus of each connected component of K, in the order of ``problem.bodies``; None for a constant one."""
 
     problem: ContactProblem
     factors: tuple[Scalar | None, ...]
@@ -83,13 +75,14 @@ class ScaledBodies:
 
     def at(self, point: np.ndarray) -> np.ndarray:
         """s_c at a point, (P,), relative to the middle of the box, (C,)."""
-        values = (1.0 if factor is None else factor.value(point) for factor in self.factors)
-        return np.fromiter(values, dtype=float, count=len(self.factors)) / self._middle
+        return self._values(point) / self._middle
+
+    def _values(self, point: np.ndarray) -> np.ndarray:
+        return np.array([1.0 if factor is None else factor.value(point) for factor in self.factors])
 
     @cached_property
     def _middle(self) -> np.ndarray:
-        middle = self.problem.middle
-        return np.array([1.0 if factor is None else factor.value(middle) for factor in self.factors])
+        return self._values(self.problem.middle)
 
 
 DEPENDENT = 1e-13
@@ -123,60 +116,41 @@ class ContactProblem:
 
     The large matrices are distributed by rows: a rank has the rows of its dofs, one rank all of them. Everything else
     is the same on all ranks; it is sparse, or as large as the contact surface.
-
-    Attributes:
-        stiffness_terms: local rows of the parts of K, without boundary conditions, (own, N) each; empty if K is that of
-            a user-defined system without parts.
-        moduli: amplitude of each of these parts; empty if K is their sum and does not depend on parameters. Attributes
-            that depend on K without a given parameter refer to the middle of the box.
-        lift_terms: each part of K times the lifts, on free dofs, (N, 1 + T) each; empty if ``moduli`` is empty.
-        reshaped: maps a point, (P,), to the problem on the mesh there, with changed gaps, rows and loads, and has a
-            string ``described``; None if the mesh does not depend on parameters.
-        node_mass: local rows of the Gram matrix of the L2 product of one component, (own nodes, nodes).
-        free: dofs that are not imposed, (N,) bool.
-        loads: F - K lift without imposed dofs, thesis (1.22), sparse, (N, 1 + T).
-        lifts: imposed displacements, sparse, (N, 1 + T): nonzero on the imposed dofs alone (section 2.6) or, for bodies
-            whose stiffness depends on parameters, on whole bodies if they are rigid motions of these.
-        contact: B with zero columns at imposed dofs, (N_lambda, N).
-        gaps: D - B lift, (N_lambda, 1 + T).
-        contact_slaves: node that carries each condition and its multiplier, (N_lambda,).
-        contact_pairs: number of the contact pair of each condition, in the order of the scene, (N_lambda,).
-        contact_points: position of each condition, (N_lambda, dim).
-        contact_areas: tributary area of each condition, (N_lambda,).
-        cell_nodes: nodes of each cell, (cells, n).
-        points: coordinates of the nodes, (nodes, dim).
-        amplitudes: θ as a function of the parameters.
-        parameters: the box of the parameters.
-        first: number of the first dof whose row is local.
-        kernel: motions on which K is singular; None if imposed displacements hold all bodies.
-        whole_contact: B with the columns of imposed dofs, (N_lambda, N), for forces on them; None if it is unknown.
-        law: law of the contact conditions, those of pressures first.
-        comm: ranks that have some rows each; None if all rows are local.
     """
 
+    # local rows of the parts of K, without boundary conditions, (own, N) each; empty if K is that of a user-defined
+    # system without parts
     stiffness_terms: tuple[csr_matrix, ...]
-    node_mass: csr_matrix
-    free: np.ndarray
-    loads: csc_matrix
+    node_mass: csr_matrix  # local rows of the Gram matrix of the L2 product of one component, (own nodes, nodes)
+    free: np.ndarray  # dofs that are not imposed, (N,) bool
+    loads: csc_matrix  # F - K lift without imposed dofs, thesis (1.22), sparse, (N, 1 + T)
+    # imposed displacements, sparse, (N, 1 + T): nonzero on the imposed dofs alone (section 2.6) or, for bodies whose
+    # stiffness depends on parameters, on whole bodies if they are rigid motions of these
     lifts: csc_matrix
-    contact: csr_matrix
-    gaps: np.ndarray
-    contact_slaves: np.ndarray
-    contact_pairs: np.ndarray
-    contact_points: np.ndarray
-    contact_areas: np.ndarray
-    cell_nodes: np.ndarray
-    points: np.ndarray
-    amplitudes: Amplitudes
-    parameters: ParameterSpace
-    first: int = 0
+    contact: csr_matrix  # B with zero columns at imposed dofs, (N_lambda, N)
+    gaps: np.ndarray  # D - B lift, (N_lambda, 1 + T)
+    contact_slaves: np.ndarray  # node that carries each condition and its multiplier, (N_lambda,)
+    contact_pairs: np.ndarray  # number of the contact pair of each condition, in the order of the scene, (N_lambda,)
+    contact_points: np.ndarray  # position of each condition, (N_lambda, dim)
+    contact_areas: np.ndarray  # tributary area of each condition, (N_lambda,)
+    cell_nodes: np.ndarray  # nodes of each cell, (cells, n)
+    points: np.ndarray  # coordinates of the nodes, (nodes, dim)
+    amplitudes: Amplitudes  # θ as a function of the parameters
+    parameters: ParameterSpace  # the box of the parameters
+    first: int = 0  # number of the first dof whose row is local
+    # amplitude of each part of K; empty if K is their sum and does not depend on parameters. Attributes that depend on
+    # K without a given parameter refer to the middle of the box
     moduli: tuple[Modulus, ...] = ()
+    # each part of K times the lifts, on free dofs, (N, 1 + T) each; empty if ``moduli`` is empty
     lift_terms: tuple[csc_matrix, ...] = ()
+    # maps a point, (P,), to the problem on the mesh there, with changed gaps, rows and loads, and has a string
+    # ``described``; None if the mesh does not depend on parameters
     reshaped: Any = None
-    kernel: Kernel | None = None
+    kernel: Kernel | None = None  # motions on which K is singular; None if imposed displacements hold all bodies
+    # B with the columns of imposed dofs, (N_lambda, N), for forces on them; None if it is unknown
     whole_contact: csr_matrix | None = None
-    law: ContactLaw = UNILATERAL
-    comm: Comm | None = None
+    law: ContactLaw = UNILATERAL  # law of the contact conditions, those of pressures first
+    comm: Comm | None = None  # ranks that have some rows each; None if all rows are local
 
     @property
     def held(self) -> np.ndarray:
@@ -416,20 +390,12 @@ class ContactProblem:
 
 @dataclass(frozen=True)
 class IndexSets:
-    """Index sets of a RID, named as in the thesis.
+    """Index sets of a RID, named as in the thesis."""
 
-    Attributes:
-        cells: cells of Omega_A, (1.55).
-        A: free dofs not connected to the rest of the domain, (1.35), except the nodes removed to close the RID.
-        A_lambda: contact conditions whose slave node lies inside and which act on A, (1.36), (5.6).
-        A_c: dofs of A connected to A_lambda through B, (1.58), (5.20): where contact forces act.
-        A_c_tilde: all dofs connected to A_lambda through B, (5.20): where gaps are read.
-        I: dofs of the interface, connected to A through K but not in A, (1.59).
-    """
-
-    cells: np.ndarray
+    cells: np.ndarray  # cells of Omega_A, (1.55)
+    # free dofs not connected to the rest of the domain, (1.35), except the nodes removed to close the RID
     A: np.ndarray
-    A_lambda: np.ndarray
-    A_c: np.ndarray
-    A_c_tilde: np.ndarray
-    I: np.ndarray
+    A_lambda: np.ndarray  # contact conditions whose slave node lies inside and which act on A, (1.36), (5.6)
+    A_c: np.ndarray  # dofs of A connected to A_lambda through B, (1.58), (5.20): where contact forces act
+    A_c_tilde: np.ndarray  # all dofs connected to A_lambda through B, (5.20): where gaps are read
+    I: np.ndarray  # dofs of the interface, connected to A through K but not in A, (1.59)

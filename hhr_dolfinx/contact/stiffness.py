@@ -1,7 +1,6 @@
 """Stiffness at one point of the parameters: an immutable object that solves with its matrix.
 
-Factors are leased from a :class:`FactorStore`, which keeps few of them and factors dropped ones again. Factoring
-another matrix in between does not change the results of a :class:`Stiffness`.
+Factors are leased from a :class:`FactorStore`, which keeps few of them and factors dropped ones again.
 """
 
 from __future__ import annotations
@@ -27,13 +26,9 @@ if TYPE_CHECKING:
 
 
 class Stiffness(ABC):
-    """K at a point with the contact rows B there (n own dofs, m conditions).
+    """K at a point with the contact rows B there (n own dofs, m conditions)."""
 
-    Attributes:
-        symmetric: equality problems on S use its symmetry.
-    """
-
-    symmetric: bool = True
+    symmetric: bool = True  # equality problems on S use its symmetry
 
     @abstractmethod
     def solve(self, rhs: np.ndarray) -> np.ndarray:
@@ -63,14 +58,10 @@ class Stiffness(ABC):
 
 
 class FactorStore:
-    """Factors of a bounded number of matrices with one pattern.
+    """Factors, by ``make``, of at most ``most`` matrices with one pattern.
 
     A thread leases the factors of one matrix at a time, so that threads cannot deadlock. All ranks request factors in
     the same order.
-
-    Args:
-        make: factors a matrix.
-        most: number of matrices whose factors are kept.
     """
 
     def __init__(self, make: Callable[[csr_matrix], Factors], most: int = 1):
@@ -154,16 +145,10 @@ class Lease:
 
 
 class SparseStiffness(Stiffness):
-    """A sparse matrix and the store that factors it.
+    """Local rows of a sparse matrix, (n, N), which must not be modified, and the store that factors it.
 
-    Args:
-        matrix: local rows of K, (n, N); must not be modified.
-        problem: with the rows of B, and the kernel of K.
-        store: of its factors.
-        components: local dofs of each connected component, by which K is scaled; None if it never is.
-        response, schur: K^-1 B^T, (n, m), and S, (m, m), if they are known.
-        keeps: K^-1 B^T fits into memory.
-        symmetric: see :class:`Stiffness`.
+    ``components`` are the local dofs of each connected component, by which K is scaled; None if it never is. K^-1 B^T,
+    (n, m), and S, (m, m), may be known; ``keeps``: the former fits into memory.
     """
 
     def __init__(
@@ -295,44 +280,8 @@ class SparseStiffness(Stiffness):
         return ScaledStiffness(self, scales, own)
 
 
-class LazyStiffness(SparseStiffness):
-    """Stiffness whose columns of K^-1 B^T and S are solved for when their conditions first become active: tangents."""
-
-    @cached_property
-    def equalities(self) -> SchurEqualities:
-        """See :class:`Stiffness`."""
-        self._known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
-        return SchurEqualities(self._images, self.contact.shape[0])
-
-    def _images(self, index: np.ndarray) -> np.ndarray:
-        """Columns of S as rows, (k, m)."""
-        new = [k for k in index.tolist() if k not in self._known]
-        if new:
-            columns = self.columns(self.contact[new].T)
-            images = self.contact @ columns
-            for place, k in enumerate(new):
-                self._known[k] = columns[:, place], images[:, place]
-        return np.array([self._known[k][1] for k in index.tolist()]).reshape(index.size, self.contact.shape[0])
-
-    def response_to_forces(self, forces: np.ndarray) -> np.ndarray:
-        """K^-1 B^T times forces on conditions that have been active, (m,): (n,)."""
-        found = np.zeros(self.contact.shape[1])
-        for k in np.flatnonzero(forces).tolist():
-            found += forces[k] * self._known[k][0]
-        return found
-
-
 class ScaledStiffness(Stiffness):
-    """Stiffness with scaled connected components of another one: S = sum of S_c / s_c.
-
-    Args:
-        base: the other stiffness.
-        scales: s_c, (C,).
-        own: s_c of each local dof, (n,).
-
-    Attributes:
-        own: the argument.
-    """
+    """Stiffness with components scaled by s_c, (C,), in ``own`` of each local dof, (n,): S = sum of S_c / s_c."""
 
     def __init__(self, base: SparseStiffness, scales: np.ndarray, own: np.ndarray):
         self.own = own

@@ -24,12 +24,37 @@ from hhr_dolfinx.forms import elasticity, volume
 from hhr_dolfinx.forms.elasticity import strain_vector, volume_weight
 from hhr_dolfinx.formulas import Formula, Scalar
 from hhr_dolfinx.materials.elasticity import lame_parameters
-from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.scene import Scene
 
 if TYPE_CHECKING:
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
+
+
+class CellStrains(NamedTuple):
+    """Strain ε = G u at the Gauss points of some cells, Kelvin's notation."""
+
+    gradients: np.ndarray  # matrix G of each cell, (cells, per_cell, components, dofs of a cell)
+    weights: np.ndarray  # quadrature weight times volume of each Gauss point, (cells, per_cell)
+    dofs: np.ndarray  # local number of each dof of a cell, (cells, dofs of a cell)
+
+    @property
+    def per_cell(self) -> int:
+        """Gauss points of a cell."""
+        return self.weights.shape[1]
+
+    @property
+    def components(self) -> int:
+        """Components of a strain."""
+        return self.gradients.shape[2]
+
+    def element_stiffness(self, tangents: np.ndarray) -> np.ndarray:
+        """Element stiffness matrices, (cells, d, d), for tangents H, (gauss_points, components, components)."""
+        cells, per_cell, components, d = self.gradients.shape
+        moduli = tangents.reshape(cells, per_cell, components, components)
+        flux = moduli @ (self.weights[:, :, None, None] * self.gradients)
+        rows = per_cell * components
+        return self.gradients.reshape(cells, rows, d).transpose(0, 2, 1) @ flux.reshape(cells, rows, d)
 
 
 def add_stiffness(discretisation: DiscreteSpace, matrix: PETSc.Mat) -> None:
@@ -92,7 +117,7 @@ def _gradings(discretisation: DiscreteSpace, places: Iterable[int], cells: np.nd
     return found
 
 
-def tabulated(discretisation: DiscreteSpace, cells: np.ndarray) -> StrainOperator:
+def tabulated(discretisation: DiscreteSpace, cells: np.ndarray) -> CellStrains:
     """Strain at the Gauss points of some cells of this rank, with local numbers of the dofs; collective."""
     mesh = discretisation.mesh
     space = discretisation.space
@@ -111,7 +136,7 @@ def tabulated(discretisation: DiscreteSpace, cells: np.ndarray) -> StrainOperato
     gradients = np.ascontiguousarray(table.reshape(len(cells), len(weights), components, of_cell))
     mean = np.flatnonzero(np.array(discretisation.mean_dilatation)[discretisation.cell_bodies()[cells]])
     gradients[mean] = _with_mean_dilatation(gradients[mean], volumes[mean])
-    return StrainOperator(gradients, volumes, dofs, discretisation.size)
+    return CellStrains(gradients, volumes, dofs)
 
 
 def _with_mean_dilatation(gradients: np.ndarray, volumes: np.ndarray) -> np.ndarray:

@@ -2,8 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
-from dataclasses import dataclass, fields
+from dataclasses import fields
 from functools import lru_cache, partial
 from typing import TYPE_CHECKING
 
@@ -20,7 +19,7 @@ from hhr_dolfinx.forms.elasticity import strain_vector
 from hhr_dolfinx.models.functionals.cells import MovingCells
 from hhr_dolfinx.models.functionals.functional import Functional, Functionals
 from hhr_dolfinx.models.functionals.kinds import Energy, Mises, MovingMises
-from hhr_dolfinx.outputs import ContactOutput, ElasticEnergy, ModelProbe, Output, VonMises
+from hhr_dolfinx.outputs import ElasticEnergy, ModelProbe, Output, VonMises
 from hhr_dolfinx.parameters import Tag
 from hhr_dolfinx.shapes import coordinate_names
 
@@ -28,114 +27,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.body import Body
     from hhr_dolfinx.full_order.discrete_space import DiscreteSpace
     from hhr_dolfinx.full_order.with_laws import BodiesWithLaws
-    from hhr_dolfinx.loads import Assembler
     from hhr_dolfinx.models.histories.equilibrium import FullEquilibrium
-    from hhr_dolfinx.outputs import PlacedOutput
-    from hhr_dolfinx.scene import Scene
-
-
-@dataclass(frozen=True)
-class Probe:
-    """Interface of the finite element model for an output; calls are collective.
-
-    Attributes:
-        scene: the scene.
-        problem: the contact problem.
-        base: the problem on the mesh in which outputs find points and boxes: that of the middle of the box if a shape
-            depends on parameters, so that an output keeps its nodes and cells; otherwise ``problem``.
-        contact_rows: B with the columns of imposed dofs, (N_lambda, N).
-        assembler: interface of loads.
-        nodes: numbers of the nodes of a body, by its cell tag; refuses unknown tags.
-        mises: von Mises' stress of the cells of a body within a box, given by its corners or None.
-        energy: elastic energy.
-    """
-
-    scene: Scene
-    problem: ContactProblem
-    base: ContactProblem
-    contact_rows: csr_matrix
-    assembler: Assembler
-    nodes: Callable[[Tag], np.ndarray]
-    mises: Callable[[VonMises], Functional]
-    energy: Callable[[ElasticEnergy], Functional]
-
-    @property
-    def dimension(self) -> int:
-        """Components of a displacement."""
-        return self.problem.block_size
-
-    def conditions(self, output: ContactOutput) -> np.ndarray:
-        """Numbers of the conditions of pressures of the contact of an output."""
-        contacts = len(self.scene.contacts)
-        if output.contact >= contacts:
-            raise SceneError(
-                f"output '{output.name}' names contact {output.contact}, and the scene has {contacts}, counted from 0"
-            )
-        found = self.problem.pressing_of(output.contact)
-        if not found.size:
-            raise SceneError(
-                f"output '{output.name}' names contact {output.contact}, of which no condition moves: name another"
-            )
-        return found
-
-    def loaded(self, output: ContactOutput) -> tuple[np.ndarray, np.ndarray]:
-        """Conditions of a contact with a positive area, and their areas."""
-        conditions = self.conditions(output)
-        conditions = conditions[self.problem.contact_areas[conditions] > 0]
-        if not conditions.size:
-            raise SceneError(f"output '{output.name}': no condition of contact {output.contact} has an area")
-        return conditions, self.problem.contact_areas[conditions]
-
-    def at_place(self, output: PlacedOutput, points: np.ndarray) -> np.ndarray:
-        """Numbers of the points, (n, dim), of ``base`` nearest to the place of an output; several if they coincide.
-
-        Raises:
-            SceneError: for a place farther from all of them than the length of a cell.
-        """
-        dim = self.dimension
-        place = np.array(output.place, dtype=float)
-        if place.size != dim:
-            raise SceneError(f"output '{output.name}': the place {output.place} must have {dim} coordinates")
-        distances = np.linalg.norm(points - place, axis=1)
-        nearest = int(distances.argmin())
-        size = self._cell_size(points[nearest])
-        if distances[nearest] > size:
-            raise SceneError(
-                f"output '{output.name}': the place {output.place} is {distances[nearest]:.4g} away from the nearest "
-                f"point at {points[nearest].tolist()}, and a cell there is {size:.4g} long: move it"
-            )
-        return np.flatnonzero(distances <= distances[nearest] + 1e-6 * size)
-
-    def _cell_size(self, point: np.ndarray) -> float:
-        """Length of the largest cell at the node nearest to a point."""
-        cells = self.base.cell_nodes
-        nodes = self.base.points
-        nearest = np.linalg.norm(nodes - point, axis=1).argmin()
-        at_node = cells[(cells == nearest).any(axis=1)]
-        return float(np.linalg.norm(np.ptp(nodes[at_node], axis=1), axis=1).max(initial=0.0))
-
-    def terms(self, entries: np.ndarray) -> np.ndarray:
-        """Terms of θ with entries, (1 + T,); all terms for variable shapes: others may have entries elsewhere."""
-        return np.arange(entries.size) if self.base.reshaped is not None else np.flatnonzero(entries)
-
-    def nodal_forces(self, output: ContactOutput) -> tuple[np.ndarray, np.ndarray, csr_matrix]:
-        """Conditions of a contact, positions of its first surface's nodes, and the forces on them.
-
-        These are -B^T λ on the body of the first surface, the slave, including friction: (c,), (n, dim), sparse
-        (c, n dim).
-        """
-        self.conditions(output)
-        conditions = np.flatnonzero(self.problem.contact_pairs == output.contact)
-        surface = self.assembler.surface(self.scene.contacts[output.contact].tags[0])
-        dofs = (surface.nodes[:, None] * self.dimension + np.arange(self.dimension)).ravel()
-        return conditions, surface.points, csr_matrix(-self.contact_rows[conditions][:, dofs])
-
-
-if TYPE_CHECKING:
-
-    def _is_model_probe(probe: Probe) -> ModelProbe:
-        """Hold the class to the interface that outputs are written for."""
-        return probe
 
 
 SHAPES = 8
@@ -213,9 +105,9 @@ def probe_of(
     problem: ContactProblem,
     laws: FullEquilibrium | BodiesWithLaws | None,
     base: ContactProblem,
-) -> Probe:
+) -> ModelProbe:
     """Interface for one output; arguments as in :func:`prepared_outputs`, or bodies with laws without equilibrium."""
-    return Probe(
+    return ModelProbe(
         scene=discretisation.scene,
         problem=problem,
         base=base,

@@ -1,8 +1,7 @@
-"""Small dense systems, factored once and solved often.
+"""Small dense systems, factored once and solved often, by objects that several threads may use.
 
-Two backends with the same interface: a PETSc KSP (``preonly`` with LU), which takes options on the command line with
-the prefix ``hhr_dense_``, and LAPACK itself, the reference in tests and the fallback without PETSc. Objects share no
-factors, return new arrays, and may be used by several threads.
+A PETSc KSP (``preonly`` with LU) takes options on the command line with the prefix ``hhr_dense_``; LAPACK itself is the
+reference in tests and the fallback without PETSc.
 """
 
 from __future__ import annotations
@@ -33,7 +32,7 @@ def petsc() -> Any:
 
 
 class Factor(Protocol):
-    """LU factors of a dense matrix."""
+    """Factors of a dense matrix."""
 
     @property
     def nbytes(self) -> int:
@@ -43,19 +42,14 @@ class Factor(Protocol):
         """Solve for one right-hand side, (n,); the result is a new array."""
 
     def refactor(self, matrix: np.ndarray) -> None:
-        """Replace the factors by those of another matrix of the same size.
-
-        Raises:
-            SingularError: if the matrix is singular.
-            NotSolvableError: if the matrix is not finite.
-        """
+        """Factor another matrix of the same size; SingularError, or NotSolvableError if it is not finite."""
 
 
 Factorise = Callable[[np.ndarray], Factor]
 
 
 def dense_factors(matrix: np.ndarray) -> Factor:
-    """LU factors by PETSc, or by LAPACK on a machine without petsc4py; see :class:`PetscLU`."""
+    """LU factors by PETSc, or by LAPACK on a machine without petsc4py."""
     return LapackLU(matrix) if petsc() is None else PetscLU(matrix)
 
 
@@ -66,11 +60,7 @@ _OBJECTS = 22_000
 
 
 def factorised(ksp: PETSc.KSP) -> bool:
-    """Factor the matrix of a direct solver; False if it is singular.
-
-    Raises:
-        NotSolvableError: if PETSc was built without the package that should factor it.
-    """
+    """Factor the matrix of a direct solver; False if it is singular, NotSolvableError without the package for it."""
     try:
         ksp.setUp()
     except petsc().Error as error:
@@ -81,16 +71,7 @@ def factorised(ksp: PETSc.KSP) -> bool:
 
 
 class PetscLU:
-    """LU factors by LAPACK inside a PETSc KSP.
-
-    Args:
-        matrix: (n, n), need not be symmetric.
-
-    Raises:
-        SingularError: if the matrix is singular.
-        NotSolvableError: if the matrix is not finite.
-        HHRError: if petsc4py is not installed.
-    """
+    """LU factors by LAPACK inside a PETSc KSP; HHRError if petsc4py is not installed, else see :class:`Factor`."""
 
     def __init__(self, matrix: np.ndarray):
         PETSc = petsc()
@@ -124,7 +105,7 @@ class PetscLU:
             self._mat.assemble()
             self._ksp.setOperators(self._mat)
             if not factorised(self._ksp):
-                raise SingularError(_singular(matrix.shape[0]))
+                raise _singular(matrix.shape[0])
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solve for one right-hand side, (n,)."""
@@ -151,7 +132,7 @@ class LapackLU:
         _check_finite(matrix)
         factors, pivots, info = dgetrf(matrix)
         if info > 0:
-            raise SingularError(_singular(matrix.shape[0]))
+            raise _singular(matrix.shape[0])
         with self._lock:
             self._factors = factors, pivots
 
@@ -201,5 +182,5 @@ def _check_finite(matrix: np.ndarray) -> None:
         raise NotSolvableError(f"a dense block of size {matrix.shape[0]} is not finite: check materials and loads")
 
 
-def _singular(n: int) -> str:
-    return f"a dense block of size {n} is singular"
+def _singular(n: int) -> SingularError:
+    return SingularError(f"a dense block of size {n} is singular")

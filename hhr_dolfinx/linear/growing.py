@@ -6,11 +6,7 @@ import numpy as np
 
 
 class GrowingColumns:
-    """A matrix in Fortran order that gains columns at its end without a copy each time.
-
-    Args:
-        matrix: first columns, (N, k).
-    """
+    """A matrix in Fortran order, (N, k), that gains columns at its end without a copy each time."""
 
     def __init__(self, matrix: np.ndarray) -> None:
         self._held = np.asfortranarray(matrix)

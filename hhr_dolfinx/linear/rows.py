@@ -26,9 +26,6 @@ class Rows:
         own: range of the rows of this rank, which follow those of the ranks before it.
         count: number of rows of all ranks, N.
         comm: ranks that share the rows; None if all rows are local.
-
-    Attributes:
-        own, count, comm: the arguments.
     """
 
     def __init__(self, own: slice, count: int, comm: Comm | None = None) -> None:
@@ -122,12 +119,7 @@ class Rows:
 
 
 class MatrixOfRows:
-    """Local rows of a sparse matrix, (own, N), for products with distributed tables, (own, k) -> (own, k). Collective.
-
-    Args:
-        matrix: local rows of the matrix.
-        rows: distribution of the rows over the ranks.
-    """
+    """Local rows of a sparse matrix, (own, N), for products with distributed tables, (own, k). Collective."""
 
     def __init__(self, matrix: csr_matrix, rows: Rows) -> None:
         assert rows.comm is not None

@@ -19,16 +19,8 @@ if TYPE_CHECKING:
 class SharedCholesky:
     """A :class:`FreeCholesky` with whole vectors on all ranks. Calls are collective, with the same values on each rank.
 
-    Args:
-        factors: factors of the distributed rows, which other objects may use too.
-        rows: range of the rows of this rank.
-        own: factored rows of K of this rank, CSR, (own dofs, N).
-        stiffness: K, CSR, (N, N), the same on all ranks.
-        comm: ranks that share the factors.
-
-    Attributes:
-        rows: the argument.
-        lock, low_rank: see :class:`FreeCholesky`.
+    The rows of each rank, ``rows``, are those of its factored ones, ``own``, (own dofs, N), of K, CSR, (N, N). Other
+    objects may use the factors too.
     """
 
     def __init__(self, factors: FreeCholesky, rows: slice, own: csr_matrix, stiffness: csr_matrix, comm: Comm):
@@ -45,19 +37,7 @@ class SharedCholesky:
         cls, stiffness: csr_matrix, free: np.ndarray, scene: str, comm: Comm, *, low_rank: float | None = None,
         last: np.ndarray | None = None, rows: slice | None = None,
     ) -> SharedCholesky:  # fmt: skip
-        """Factor a stiffness.
-
-        Args:
-            stiffness: K, CSR, (N, N), the same on all ranks.
-            free: dofs that are not imposed, (N,) bool.
-            scene: name of the scene, for messages and the prefix of PETSc options.
-            comm: ranks that share the factors.
-            low_rank, last: see :class:`FreeCholesky`.
-            rows: range of the rows of this rank, after those of the ranks before it; equal shares by default.
-
-        Raises:
-            NotSolvableError: if K is singular.
-        """
+        """Factor K, CSR, (N, N), see :class:`FreeCholesky`; by default ranks have equal shares of rows."""
         if rows is None:
             own = ranks.share(len(free), comm.rank, comm.size)
             rows = slice(own.start, own.stop)

@@ -11,9 +11,9 @@ import numpy as np
 from petsc4py import PETSc
 from scipy.sparse import csc_matrix, csr_matrix, hstack, spmatrix, triu
 
+from hhr_dolfinx import registry
 from hhr_dolfinx.errors import NotSolvableError
 from hhr_dolfinx.linear.factors import Factors, Pattern
-from hhr_dolfinx.linear.substructures import Substructures
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -47,23 +47,14 @@ tolerance 1e-8; with 1,004,496 dofs tolerance 1e-10 took 19 GB. With 92,514 and 
 
 
 def ordering_of(block_size: int, plane: str) -> str:
-    """Ordering for :class:`FreeCholesky`: MUMPS in space, if PETSc has it, and the given one in the plane.
-
-    If the given one is MUMPS and it is missing, nested dissection replaces it, the fastest to factor.
-    """
+    """Ordering for :class:`FreeCholesky`: MUMPS in space, else the given one; ``nd`` replaces a missing MUMPS."""
     if not PETSc.Sys.hasExternalPackage("mumps"):
         return "nd" if plane == "mumps" else plane
     return "mumps" if block_size == 3 else plane
 
 
 def low_rank_of(block_size: int, dofs: int, *, anew: bool = False) -> float | None:
-    """Tolerance of MUMPS' compression for a problem; None for whole factors.
-
-    Args:
-        block_size: dofs of a node.
-        dofs: dofs of the problem.
-        anew: factors are made for every parameter.
-    """
+    """Tolerance of MUMPS' compression, or None for whole factors; ``anew``: factors are made for every parameter."""
     if ordering_of(block_size, "mumps") != "mumps" or block_size != 3:
         return None
     (first, usual), *_ = LOW_RANK
@@ -83,28 +74,18 @@ def singular_stiffness(scene: str) -> str:
 class FreeCholesky:
     """Factors of a stiffness on its free dofs, on any number of ranks, each with its rows.
 
-    :meth:`refactor` replaces the factors for other values. If other users may do so meanwhile, hold ``lock`` and call
-    :meth:`refactor` before a solution.
+    :meth:`refactor` replaces the factors for other values. If other users may do so meanwhile, hold the reentrant
+    ``lock`` and call :meth:`refactor` before a solution. A singular K raises NotSolvableError.
 
     Args:
         stiffness: local rows of K, CSR, (own dofs, N).
         free: dofs that are not imposed, (N,) bool.
         rows: range of the dofs that this rank owns.
         scene: name of the scene, for messages and the prefix of PETSc options, ``hhr_<scene>_``.
-        ordering: ordering of PETSc's Cholesky; ``mumps`` selects MUMPS, which several ranks always need.
-        comm: ranks that share the rows.
-        low_rank: tolerance of MUMPS' compression of factors; None for whole factors. Solutions by compressed factors
-            are refined, those of blocks of columns only on request.
-        last: dofs between which K^-1 is needed, increasing, (n,). On several ranks each rank then eliminates its other
-            dofs by itself, see :class:`Substructures`.
-
-    Attributes:
-        low_rank: the argument; None also if MUMPS is not the solver.
-        last: free dofs of the argument; None if K^-1 between them has to be computed by solutions.
-        lock: reentrant lock, held while the factors are replaced or used.
-
-    Raises:
-        NotSolvableError: if K is singular.
+        ordering, comm, low_rank: see :class:`Factors`. Solutions by compressed factors are refined, those of blocks of
+            columns only on request.
+        last: dofs between which K^-1 is needed, increasing, (n,), on several ranks by a plug-in; as an attribute None
+            if that takes solutions.
     """
 
     def __init__(
@@ -124,20 +105,20 @@ class FreeCholesky:
         if self.last is not None and self.last.size in (0, self._columns.size):  # no row is last, or every row
             self.last = None
         self.lock = RLock()
-        self._released = False
-        self._factors: Factors | Substructures = self._made(stiffness)
+        self._factors: Factors | None = self._made(stiffness)
         self.low_rank = self._factors.low_rank
         if not self._factors.factor():
             raise NotSolvableError(singular_stiffness(scene))
         self._factored: csr_matrix | None = stiffness
 
-    def _made(self, stiffness: csr_matrix) -> Factors | Substructures:
+    def _made(self, stiffness: csr_matrix) -> Factors:
         """Factors of the pattern of a matrix; substructures if several ranks need K^-1 between last dofs."""
         prefix = f"hhr_{self._scene}_"
         pattern = self._pattern_of(stiffness)
-        if self._comm.size > 1 and self.last is not None and PETSc.Sys.hasExternalPackage("mumps"):
+        substructures = registry.offered("substructures") if self._comm.size > 1 and self.last is not None else None
+        if substructures is not None and PETSc.Sys.hasExternalPackage("mumps"):
             here = np.flatnonzero(np.isin(self._first + self._free, self.last))
-            shared = Substructures(pattern, stiffness.data, prefix, self._comm, here, low_rank=self.low_rank)
+            shared = substructures(pattern, stiffness.data, prefix, self._comm, here, low_rank=self.low_rank)
             if shared.possible:
                 return shared
         last = None if self.last is None else np.searchsorted(self._columns, self.last)
@@ -155,8 +136,7 @@ class FreeCholesky:
         if self.last is None or not np.isin(reached, self.last).all():
             return None
         with self.lock:
-            self._check_there()
-            return self._factors.between_last(csr_matrix(whole[:, self.last]))
+            return self._there().between_last(csr_matrix(whole[:, self.last]))
 
     def _pattern_of(self, stiffness: csr_matrix) -> Pattern:
         """Pattern of the entries between free dofs of a matrix; only the upper triangle for MUMPS on one rank."""
@@ -172,7 +152,6 @@ class FreeCholesky:
         return Pattern(inside.indptr, inside.indices, inside.data)
 
     def _known_pattern(self, stiffness: csr_matrix) -> Pattern:
-        """Pattern of the entries between free dofs, cached."""
         if self._pattern is None:
             self._pattern = self._pattern_of(stiffness)
         return self._pattern
@@ -186,11 +165,10 @@ class FreeCholesky:
         with self.lock:
             if stiffness is self._factored:
                 return
-            if self._released:
+            self._factored = None
+            if self._factors is None:
                 self._factors = self._made(stiffness)
-                self._released = False
             else:
-                self._factored = None
                 self._factors.replace(stiffness.data, partial(self._known_pattern, stiffness))
             if not self._factors.factor():
                 self.release()  # after a failure it may refuse regular matrices too
@@ -201,22 +179,20 @@ class FreeCholesky:
                 )
             self._factored = stiffness
 
-    def _check_there(self) -> None:
-        """Raise NotSolvableError if there are no factors."""
-        if self._released:
+    def _there(self) -> Factors:
+        if self._factors is None:
             raise NotSolvableError(
                 f"the factors of scene '{self._scene}' were let go, or refused a stiffness: refactor() one, as "
                 "solve() of a full model does"
             )
+        return self._factors
 
     def release(self) -> None:
         """Free the memory until the next :meth:`refactor`, which must precede further solutions. Collective."""
         with self.lock:
-            if not self._released:
+            if self._factors is not None:
                 self._factors.destroy()
-            self._factored = None
-            self._released = True
-            self._pattern = None
+            self._factors = self._factored = self._pattern = None
 
     def solve(self, rhs: np.ndarray) -> np.ndarray:
         """Solution on local dofs, zero on imposed ones, for local rows of a right-hand side, (own dofs,)."""
@@ -224,28 +200,23 @@ class FreeCholesky:
             return self.solve_columns(csc_matrix(rhs[:, None]))[:, 0]
         solution = np.zeros(self._own)
         with self.lock:
-            self._check_there()
-            solution[self._free] = self._factors.solve(rhs[self._free])
+            solution[self._free] = self._there().solve(rhs[self._free])
         return solution
 
-    def _refine(self, columns: csc_matrix, solutions: np.ndarray) -> None:
-        """Refine solutions by compressed factors iteratively, in place.
-
-        Raises:
-            NotSolvableError: if the residual stays above STALLED.
-        """
+    def _refine(self, factors: Factors, columns: csc_matrix, solutions: np.ndarray) -> None:
+        """Refine solutions by compressed factors in place; NotSolvableError if the residual stays above STALLED."""
         sizes = _norms(columns.multiply(columns).sum(axis=0), self._comm)
         image, change = (np.empty(solutions.shape, order="F") for _ in range(2))
         before = np.full(sizes.shape, np.inf)
         for steps in range(REFINED + 1):
-            self._factors.multiply(solutions, image)
+            factors.multiply(solutions, image)
             left = np.asfortranarray(columns - image)
             lengths = _norms((left * left).sum(axis=0), self._comm)
             gains = (lengths > PRECISE * sizes) & (lengths < HALF * before)
             if steps == REFINED or not gains.any():
                 break
             before = lengths
-            self._factors.solve_block(left, change)
+            factors.solve_block(left, change)
             solutions += change
         if not (lengths <= STALLED * sizes).all():
             raise NotSolvableError(
@@ -263,15 +234,9 @@ class FreeCholesky:
     def solved_blocks(
         self, columns: spmatrix, dofs: np.ndarray | None = None, *, refined: bool = False
     ) -> Iterator[tuple[slice, np.ndarray]]:
-        """Solve for columns in blocks. Collective.
+        """Slices of columns, and their solutions at all local dofs or some, (own dofs or ``dofs``, k). Collective.
 
-        Args:
-            columns: see :meth:`solve_columns`.
-            dofs: local dofs at which solutions are returned; None for all.
-            refined: refine solutions by compressed factors.
-
-        Yields:
-            Slice of the columns, and their solutions, (own dofs or ``dofs``, k).
+        ``refined``: refine solutions by compressed factors.
         """
         columns = columns.tocsr()[self._free].tocsc()
         own, count = columns.shape
@@ -293,15 +258,14 @@ class FreeCholesky:
                 yield part, np.zeros((wanted.size, width), order="F")
                 continue
             with self.lock:
-                self._check_there()
-                self._factors.solve_block(some, solutions[:, :width])
+                factors = self._there()
+                factors.solve_block(some, solutions[:, :width])
                 if refining:
-                    self._refine(some, solutions[:, :width])
+                    self._refine(factors, some, solutions[:, :width])
             found = np.zeros((wanted.size, width), order="F")
             found[moving] = solutions[rows, :width]
             yield part, found
 
 
 def _norms(squares: np.ndarray, comm: Comm) -> np.ndarray:
-    """Norms from the sums of squares on each rank, (k,)."""
     return np.sqrt(comm.allreduce(np.asarray(squares).ravel()))

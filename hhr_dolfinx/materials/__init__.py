@@ -1,1 +1,1 @@
-"""Materials as numbers: elastic constants, and strain at Gauss points. No UFL."""
+"""Materials as numbers: elastic constants. No UFL."""

@@ -12,11 +12,7 @@ from hhr_dolfinx.errors import SceneError
 
 
 def lame_parameters(young: float, poisson: float) -> tuple[float, float]:
-    """Lamé parameters (λ, μ) from Young's modulus E and Poisson's ratio ν, in the unit of E.
-
-    Raises:
-        SceneError: for constants whose elastic energy is not positive.
-    """
+    """Lamé parameters (λ, μ) from E and ν, in the unit of E; SceneError if the elastic energy is not positive."""
     if not (0 < young < math.inf and -1 < poisson < 0.5):
         raise SceneError(f"E = {young} must be positive and finite, and nu = {poisson} in (-1, 0.5)")
     return young * poisson / ((1 + poisson) * (1 - 2 * poisson)), young / (2 * (1 + poisson))
@@ -31,21 +27,13 @@ def von_mises(stress: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Elastic:
-    """Elastic constants at room temperature.
+    """Elastic constants at room temperature."""
 
-    Attributes:
-        young: Young's modulus in Pa.
-        poisson: Poisson's ratio.
-        expansion: thermal expansion in 1/K.
-        density: density in kg/m^3.
-        source: source of the constants.
-    """
-
-    young: float
-    poisson: float
-    expansion: float
-    density: float
-    source: str
+    young: float  # Young's modulus in Pa
+    poisson: float  # Poisson's ratio
+    expansion: float  # thermal expansion in 1/K
+    density: float  # density in kg/m^3
+    source: str  # source of the constants
 
 
 MATERIALS = {

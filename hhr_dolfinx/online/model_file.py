@@ -6,7 +6,7 @@ One format holds all kinds of models: a tree of values in the header, and arrays
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -40,7 +40,6 @@ MODULES = {
     "amplitudes": "Amplitudes Coverage Limits",
     "contact.law": "Unilateral",
     "formulas": "Formula Modulus Scalar",
-    "materials.strain": "StrainOperator",
     "models.condensed": "CondensedModel",
     "models.eliminations.block": "BlockElimination",
     "models.eliminations.constant": "ConstantElimination",
@@ -68,40 +67,28 @@ PLACES = {name: f"hhr_dolfinx.{module}:{name}" for module, names in MODULES.item
 """Their places by name."""
 
 
-class Kinds(Mapping[str, type]):
-    """Classes that a file may contain: of the core and of plug-ins, and user-defined ones.
-
-    Raises:
-        ModelFileError: for classes of the same name, which a file cannot distinguish.
-    """
+class Kinds(dict[str, type]):
+    """Classes that a file may contain, loaded when they are needed: of the core, of plug-ins, and user-defined ones."""
 
     def __init__(self, known: Iterable[type] = ()):
-        self._loaded: dict[str, type] = {}
+        super().__init__()
         for kind in by_name(known).values():
             if (place := self._place(kind.__name__)) is not None:
-                add_kind(self._loaded, registry.load(place))
-            add_kind(self._loaded, kind)
+                add_kind(self, registry.load(place))
+            add_kind(self, kind)
 
     @staticmethod
-    def _place(name: str) -> str | None:
-        """Place of a class; plug-ins are looked through for what the core does not have."""
-        return PLACES.get(name) or registry.named("classes").get(name)
+    def _place(name: object) -> str | None:
+        return PLACES.get(str(name)) or registry.named("classes").get(str(name))
 
-    def __getitem__(self, name: str) -> type:
-        if name not in self._loaded:
-            if (place := self._place(name)) is None:
-                raise KeyError(name)
-            self._loaded[name] = registry.load(place)
-        return self._loaded[name]
+    def __missing__(self, name: str) -> type:
+        if (place := self._place(name)) is None:
+            raise KeyError(name)
+        self[name] = kind = registry.load(place)
+        return kind
 
     def __contains__(self, name: object) -> bool:
-        return name in self._loaded or (isinstance(name, str) and self._place(name) is not None)
-
-    def __iter__(self) -> Iterator[str]:
-        return iter({*PLACES, *registry.named("classes"), *self._loaded})
-
-    def __len__(self) -> int:
-        return len(list(iter(self)))
+        return super().__contains__(name) or self._place(name) is not None
 
 
 def save_model(path: str | Path, model: KeptModel) -> None:
@@ -178,7 +165,6 @@ def load_model(path: str | Path, known: Iterable[type] = ()) -> Any:
 
 
 def _meant(folder: Path) -> str:
-    """Suggestion of models in a folder and its subfolders; empty without any."""
     try:
         near = sorted(path for pattern in ("*.npz", "*/*.npz") for path in folder.glob(pattern) if path.stem in NAMES)
     except OSError:
@@ -187,11 +173,7 @@ def _meant(folder: Path) -> str:
 
 
 def check_answers(model: KeptModel) -> None:
-    """Refuse a model that fails in the middle of its box. Models of bodies with laws need not have one there.
-
-    Raises:
-        FileContentError: with the failure.
-    """
+    """Raise FileContentError for a model that fails in the middle of its box; histories may have no answer there."""
     with ignored(Warning), np.errstate(all="ignore"):
         for member in model.members:
             try:
@@ -204,7 +186,6 @@ def check_answers(model: KeptModel) -> None:
 
 
 def _try(model: KeptModel, point: np.ndarray) -> None:
-    """Evaluate all quantities of a model's answer at a point."""
     answer = model.solve(point, outside="ignore", raise_on_failure=False)
     with suppress(NotOfferedError):  # a model of forces alone
         if answer.converged and not np.isfinite(answer.displacement()).all():

@@ -21,25 +21,17 @@ BEYOND = 1e-6
 
 
 class Opposed(NamedTuple):
-    """Partners of the nodes of one surface on another (n nodes).
+    """Partners of the n nodes of one surface on another; masks are (n,) bool."""
 
-    Attributes:
-        closest: closest points on the facets that look against a side of the node; on any facet if none does.
-        normals: unit normals from the node to its partner, smoothed over the facets of the other surface, (n, dim).
-        facing: nodes with a side that looks along the normal, (n,) bool.
-        behind: nodes that lie behind their partner, deeper than a cell, as back sides do, (n,) bool.
-        beyond: nodes that lie beyond the edge on which their partner lies, and not below or above it, (n,) bool.
-        overhanging: nodes beyond the edge that look at the other body, past its edge, (n,) bool.
-        depth: overlap of each node with its partner, negative of a gap, (n,).
-    """
-
+    # closest points on the facets that look against a side of the node; on any facet if none does
     closest: ClosestPoints
+    # unit normals from the node to its partner, smoothed over the facets of the other surface, (n, dim)
     normals: np.ndarray
-    facing: np.ndarray
-    behind: np.ndarray
-    beyond: np.ndarray
-    overhanging: np.ndarray
-    depth: np.ndarray
+    facing: np.ndarray  # nodes with a side that looks along the normal
+    behind: np.ndarray  # nodes that lie behind their partner, deeper than a cell, as back sides do
+    beyond: np.ndarray  # nodes that lie beyond the edge on which their partner lies, and not below or above it
+    overhanging: np.ndarray  # nodes beyond the edge that look at the other body, past its edge
+    depth: np.ndarray  # overlap of each node with its partner, negative of a gap, (n,)
 
     @property
     def meets(self) -> np.ndarray:
@@ -48,12 +40,7 @@ class Opposed(NamedTuple):
 
 
 def opposed(slave: Surface, master: Surface, overlap: float) -> Opposed:
-    """Find the closest points of the slave nodes on master facets that look against a side of the node.
-
-    Args:
-        slave, master: surfaces.
-        overlap: length by which bodies may overlap beyond a cell.
-    """
+    """Partners of the slave nodes; bodies may overlap by the length ``overlap`` beyond a cell."""
     closest = closest_points(slave.points, master.corners)
     normals = _towards(master, closest)
     facing = looking(slave, normals, FACING)[0]
@@ -77,8 +64,7 @@ def opposed(slave: Surface, master: Surface, overlap: float) -> Opposed:
 def _beyond(master: Surface, closest: ClosestPoints) -> np.ndarray:
     """Points that lie beyond an edge of the master, so that the closest point is not below them, (m,) bool.
 
-    On a curved surface the normal of a facet differs from the true one, by at most twice the angle to the averages over
-    its neighbours.
+    On a curved surface the normal of a facet is off by at most twice the angle to the averages over its neighbours.
     """
     outward = master.outward[closest.facets]
     height = np.einsum("md,md->m", closest.offsets, outward)

@@ -46,14 +46,7 @@ POOR_INF_SUP = 0.02
 
 
 class _Partners(NamedTuple):
-    """Partners of the n slave nodes.
-
-    Attributes:
-        kept: slave nodes that have a condition, (m,).
-        closest: closest points of all nodes, (n,).
-        normals: normals of all nodes, (n, dim).
-        areas: tributary areas of all nodes, of the side that looks along the normal, (n,).
-    """
+    """Slave nodes that have a condition, (m,); closest points, normals, and areas along the normal of all n nodes."""
 
     kept: np.ndarray
     closest: ClosestPoints
@@ -99,10 +92,7 @@ class NodeToSurface:
         return slave.averaged(rows)
 
     def rows_of_deformed(self, surfaces: Sequence[Surface], dofs: int, overlap: float) -> ContactRows:
-        """Rows of deformed surfaces, as :meth:`rows`, without warnings about their mesh.
-
-        The surfaces may overlap by the length ``overlap`` beyond a cell.
-        """
+        """Rows of deformed surfaces without warnings; they may overlap by the length ``overlap`` beyond a cell."""
         slave, master = surfaces
         return slave.averaged(self._paired(slave, master, dofs, overlap)[0])
 
@@ -120,13 +110,9 @@ class NodeToSurface:
         master_points = np.einsum("mk,mkd->md", weights[order], master.points[nodes[order]])
         together = np.column_stack([slave.nodes[order], master.nodes[nodes[order]]])
         both = np.column_stack([np.ones(order.size), -weights[order]])
-        rows = ContactRows(
-            matrix=nodal_rows(together, normals[order], both, dofs),
-            gap=np.einsum("md,md->m", master_points - points, normals[order]),
-            slaves=slave.nodes[order],
-            points=points,
-            areas=areas[order],
-        )
+        matrix = nodal_rows(together, normals[order], both, dofs)
+        gap = np.einsum("md,md->m", master_points - points, normals[order])
+        rows = ContactRows(matrix, gap, slave.nodes[order], points, areas[order])
         return rows, closest.facets[order], closest.weights[order]
 
 
@@ -187,10 +173,10 @@ class DoublePass:
 
 
 def _warn_of_coarse_slave(slave: Surface, master: Surface, weights: np.ndarray) -> None:
-    """Warn of non-matching cells of second order unless the slave is far finer, since conditions belong to its nodes.
+    """Warn of non-matching cells of second order unless the slave is far finer: conditions belong to its nodes.
 
-    With three slave facets against four, single nodes received 7 to 175 % of a constant pressure; with ten against
-    three, 99.7 to 100.1 %.
+    Single nodes received 7 to 175 % of a constant pressure with three slave facets on four, 99.7 to 100.1 % with ten on
+    three.
     """
     matching = (weights.max(axis=1) > 1 - BEYOND).all()
     if slave.quadratic is not None and not matching and slave.lengths().mean() > FINER * master.lengths().mean():
@@ -201,7 +187,6 @@ def _warn_of_coarse_slave(slave: Surface, master: Surface, weights: np.ndarray) 
 
 
 def _along(slave: Surface, master: Surface, normal: np.ndarray) -> _Partners:
-    """Project the slave nodes along a given normal."""
     check_facing(slave, normal, along=True)
     for surface in (slave, master):
         warn_of_tilt(surface, normal)
@@ -223,10 +208,7 @@ def _along(slave: Surface, master: Surface, normal: np.ndarray) -> _Partners:
 
 
 def _closest(slave: Surface, master: Surface, allowed: float) -> _Partners:
-    """Project the slave nodes on the closest points of facets that look against them.
-
-    Bodies may overlap by a cell plus the length ``allowed``.
-    """
+    """Project the slave nodes on facets that look against them; bodies may overlap by a cell plus ``allowed``."""
     found = opposed(slave, master, allowed)
     closest = found.closest
     if not found.facing.any():

@@ -20,12 +20,9 @@ AT_ONCE = 1000
 
 
 class ClosestPoints(NamedTuple):
-    """Closest points of a surface.
+    """Closest points of a surface: their facets, (m,), shape functions there, (m, k), and offsets, (m, dim).
 
-    Attributes:
-        facets: facet of each closest point, (m,).
-        weights: values of the facet's shape functions there, (m, k).
-        offsets: vectors from the closest point to the given point, (m, dim).
+    Offsets are vectors from the closest to the given point.
     """
 
     facets: np.ndarray
@@ -34,12 +31,7 @@ class ClosestPoints(NamedTuple):
 
 
 def closest_points(points: np.ndarray, corners: np.ndarray) -> ClosestPoints:
-    """Closest points on facets given by their corners; among equally near facets the smallest number counts.
-
-    Args:
-        points: (m, dim).
-        corners: (f, k, dim).
-    """
+    """Closest points of (m, dim) on facets by their corners, (f, k, dim); among equally near ones the first counts."""
     middles = corners.mean(axis=1)
     radius = np.linalg.norm(corners - middles[:, None], axis=2).max()
     # the closest point is no farther than the nearest corner or middle
@@ -77,14 +69,9 @@ def closest_of(
 
 
 def near_pairs(first: np.ndarray, second: np.ndarray, reach: float) -> tuple[np.ndarray, np.ndarray]:
-    """Pairs of facets whose bounding boxes meet, those of the first surface enlarged by the length ``reach``.
+    """Pairs of facets, (p,) each, whose bounding boxes meet, those of the first enlarged by the length ``reach``.
 
-    Args:
-        first, second: corners of the facets, (f, k, dim) and (g, l, dim).
-        reach: length.
-
-    Returns:
-        Facets of the first and of the second surface, (p,) each.
+    Facets are given by their corners, (f, k, dim) and (g, l, dim).
     """
     boxes = [(corners.min(axis=1), corners.max(axis=1)) for corners in (first, second)]
     (middle, half), (others, other_half) = (((low + high) / 2, (high - low) / 2) for low, high in boxes)
@@ -105,12 +92,7 @@ def _within(
 
 
 def project(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Shape functions at the closest point of one facet for each point, (m, k).
-
-    Args:
-        points: (m, dim).
-        corners: corners of the facet of each point, (m, k, dim).
-    """
+    """Shape functions, (m, k), at the closest point of one facet, (m, k, dim), for each point, (m, dim)."""
     k = corners.shape[1]
     if k == 2:
         return _on_segment(points, corners)
@@ -130,10 +112,7 @@ def project(points: np.ndarray, corners: np.ndarray) -> np.ndarray:
 
 
 def shape_functions(local: np.ndarray, k: int) -> tuple[np.ndarray, np.ndarray]:
-    """Shape functions of triangles (k = 3) or tensor-ordered quadrilaterals (k = 4), (m, k), and slopes, (m, k, 2).
-
-    ``local`` holds reference coordinates in the unit triangle or square, (m, 2).
-    """
+    """Shape functions, (m, k), and slopes, (m, k, 2), of the unit triangle (k = 3) or tensor-ordered square, (m, 2)."""
     x, y = local.T
     one = np.ones_like(x)
     if k == 3:

@@ -47,13 +47,9 @@ facets are flat."""
 
 @dataclass(frozen=True)
 class QuadraticFacets:
-    """Facets of second order of a surface whose ``facets`` are the flat parts of these (F facets, K nodes each).
+    """Facets of second order of a surface whose ``facets`` are the flat parts of these (F facets, K nodes each)."""
 
-    Attributes:
-        nodes: nodes of each facet, counted within the surface, (F, K).
-    """
-
-    nodes: Annotated[Integers, "whole facets", "facet nodes"]
+    nodes: Annotated[Integers, "whole facets", "facet nodes"]  # nodes of each facet, counted within the surface, (F, K)
 
     @property
     def corners(self) -> np.ndarray:
@@ -66,26 +62,16 @@ class QuadraticFacets:
         return len(PARTS[self.nodes.shape[1]])
 
     def functions(self, flat: np.ndarray, values: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Facets of points in flat parts, (q,), and the values of their shape functions, (q, K).
-
-        Args:
-            flat: flat part of each point, (q,).
-            values: its shape functions there, (q, k).
-        """
+        """Facets, (q,), and shape functions, (q, K), of points in flat parts, by the functions of these, (q, k)."""
         count = self.nodes.shape[1]
         facet, part = np.divmod(flat, self.parts)
         local = np.einsum("qk,qkd->qd", values, PLACES[count][np.array(PARTS[count])][part])
         return facet, quadratic(local, count)
 
     def integrals(self, points: np.ndarray, weights: np.ndarray, covered: np.ndarray) -> csr_matrix:
-        """Integrals ∫ psi_i phi_j over facets whose nodes are all covered, and over such flat parts of others, (n, n).
+        """Integrals ∫ psi_i phi_j over facets whose nodes all have conditions, ``covered``, (n,) bool: (n, n).
 
-        Over these flat parts phi_j are linear, as psi_i.
-
-        Args:
-            points: coordinates of the nodes, (n, dim).
-            weights: weights of the measure at the nodes, (n,).
-            covered: nodes that have conditions, (n,) bool.
+        Over such flat parts of other facets phi_j are linear, as psi_i. ``weights`` are those of the measure, (n,).
         """
         whole = covered[self.nodes].all(axis=1)
         found = csr_matrix((len(points), len(points)))
@@ -101,14 +87,7 @@ class QuadraticFacets:
 def _integrated(
     points: np.ndarray, weights: np.ndarray, nodes: np.ndarray, part: tuple[int, ...], *, linearly: bool
 ) -> csr_matrix:
-    """Integrals ∫ psi_i phi_j over one flat part of facets, (n, n).
-
-    Args:
-        points, weights: coordinates of all nodes, (n, dim), and weights of the measure there, (n,).
-        nodes: nodes of the facets, (f, K).
-        part: nodes of the flat part within a facet.
-        linearly: phi_j are linear on the part.
-    """
+    """Integrals ∫ psi_i phi_j over one flat part of facets with nodes (f, K), (n, n); ``linearly``: of linear phi_j."""
     values, functions, slopes, shares = _rule(nodes.shape[1], part)
     along = np.einsum("qjd,fjx->fqdx", slopes, points[nodes])
     if along.shape[2] == 1:
@@ -160,11 +139,7 @@ def _on_line(x: np.ndarray) -> np.ndarray:
 
 @cache
 def _rule(count: int, part: tuple[int, ...]) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """Quadrature rule of q points on a flat part of the reference facet with ``count`` nodes.
-
-    Returns:
-        Shape functions of the part, (q, k), those of the facet, (q, K), their slopes, (q, K, d), and weights, (q,).
-    """
+    """Quadrature on a flat part: its functions, (q, k), those of the facet, (q, K), slopes, (q, K, d), and weights."""
     ends, weights = np.polynomial.legendre.leggauss(POINTS)
     x, w = (ends + 1) / 2, weights / 2
     local, weights = x[:, None], w

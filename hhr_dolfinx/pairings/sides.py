@@ -14,12 +14,7 @@ from hhr_dolfinx.pairings.surface import GRAZING, Surface
 def looking(surface: Surface, normals: np.ndarray, least: float) -> tuple[np.ndarray, np.ndarray]:
     """Nodes with a side that looks along a normal, (n,) bool, and the tributary area of that side, (n,).
 
-    A side is a group of facets at a node that meet smoothly. Off edges there is one, with the area of the node.
-
-    Args:
-        surface: n nodes.
-        normals: unit normal at each node, (n, dim), or one for all, (dim,).
-        least: cosine between a side and the normal above which it looks along it.
+    Unit normals are (n, dim), or one for all, (dim,). The cosine of such a side is above ``least``.
     """
     k = surface.facets.shape[1]
     along = np.broadcast_to(normals, surface.points.shape)[surface.facets]
@@ -35,10 +30,7 @@ def looking(surface: Surface, normals: np.ndarray, least: float) -> tuple[np.nda
 
 
 def along_normal(surface: Surface, normal: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Nodes with a side that looks along one given normal, (dim,): numbers, (m,), and areas of all nodes, (n,).
-
-    A surface parallel to the normal returns all of its nodes: they may touch a body that lies along the normal.
-    """
+    """Nodes with a side that looks along a normal, (m,), and areas of all, (n,); all nodes of a parallel surface."""
     looks, areas = looking(surface, normal, GRAZING)
     if not looks.any():
         return np.arange(len(surface.nodes)), surface.areas

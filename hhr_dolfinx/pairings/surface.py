@@ -33,8 +33,7 @@ GRAZING = 1e-3
 """Cosine as FACING, for a normal given by the user: a half-disc may be tagged up to where the normal is tangential."""
 LEAST_SAG = 1e-9
 LEAST_SAG_OF_CURVES = 1e-4
-"""Fractions of the size of a surface below which a sag counts as zero, of chords and of parabolas: bodies drawn in
-contact have no gap to compare it with."""
+"""Fractions of the size of a surface below which a sag counts as zero, of chords and of parabolas."""
 STRAIGHT = 1e-6
 """Angle between the flat parts of a facet of second order below which its sides are straight."""
 CURVED = 1e-4
@@ -42,40 +41,28 @@ CURVED = 1e-4
 ALIKE = 0.1
 """Sum of the sags of two surfaces over the larger one, below which they are curved alike."""
 SAG = 0.13
-"""Mean sag of facets over the mean gap above which the mesh, not the geometry, makes the gap. The mean pressure of a
-press fit of rings was off by 8 to 13 % at 0.14, by 30 to 34 % at 1.9 (by 100 % at single nodes), by 5 % at most below
-0.13."""
+"""Mean sag of facets over the mean gap above which the mesh makes the gap. The mean pressure of a press fit of rings
+was off by 8 to 13 % at 0.14, by 30 to 34 % at 1.9 (by 100 % at single nodes), by 5 % at most below 0.13."""
 
 
 @dataclass(frozen=True)
 class Surface:
-    """A tagged surface: its facets, and measures of them.
+    """A tagged surface of n nodes and f facets of k nodes each: 2 in the plane, 3 or 4 in space."""
 
-    Attributes:
-        tag: facet tag, for messages.
-        nodes: node numbers in the mesh, (n,).
-        points: coordinates of the nodes, (n, dim).
-        facets: nodes of each facet, counted within the surface, (f, k); k is 2 in the plane, 3 or 4 in space,
-            quadrilaterals in tensor order.
-        outward: unit outer normal of each facet, (f, dim).
-        sizes: length or area of each facet, without weight, (f,).
-        weights: weight of the surface measure at each node, 1 or 2 pi r, (n,).
-        areas: tributary area of each node, (n,).
-        depths: depth of the cell behind each facet, (f,): no body is thinner.
-        quadratic: facets of second order, of which ``facets`` are the flat parts; None for cells of first order.
-        free: components of the displacement of the nodes that are not imposed, (n, dim) bool; None if all are free.
-    """
-
-    tag: Tag
-    nodes: Annotated[Integers, "surface nodes"]
-    points: Annotated[Floats, "surface nodes", "dimension"]
+    tag: Tag  # facet tag, for messages
+    nodes: Annotated[Integers, "surface nodes"]  # node numbers in the mesh, (n,)
+    points: Annotated[Floats, "surface nodes", "dimension"]  # coordinates of the nodes, (n, dim)
+    # nodes of each facet, counted within the surface, (f, k); quadrilaterals in tensor order
     facets: Annotated[Integers, "facets", "corners", "< surface nodes"]
+    # outward, sizes: unit outer normal of each facet, (f, dim), and its length or area without weight, (f,)
     outward: Annotated[Floats, "facets", "dimension"]
     sizes: Annotated[Floats, "facets"]
-    weights: Annotated[Floats, "surface nodes"]
-    areas: Annotated[Floats, "surface nodes"]
-    depths: Annotated[Floats, "facets"]
+    weights: Annotated[Floats, "surface nodes"]  # weight of the surface measure at each node, 1 or 2 pi r, (n,)
+    areas: Annotated[Floats, "surface nodes"]  # tributary area of each node, (n,)
+    depths: Annotated[Floats, "facets"]  # depth of the cell behind each facet, (f,): no body is thinner
+    # facets of second order, of which ``facets`` are the flat parts; None for cells of first order
     quadratic: QuadraticFacets | None = None
+    # components of the displacement of the nodes that are not imposed, (n, dim) bool; None if all are free
     free: Annotated[Booleans, "surface nodes", "dimension"] | None = None
 
     @property
@@ -92,15 +79,10 @@ class Surface:
 
     @cached_property
     def corner_normals(self) -> np.ndarray:
-        """Unit outer normals at the corners of each facet, (f, k, dim), averaged up to edges of the surface.
-
-        On a smooth surface they are the normals of its nodes; at an edge each side has its normal.
-        """
+        """Unit outer normals at the corners of each facet, (f, k, dim), averaged up to edges of the surface."""
         count, k = self.facets.shape
-        touches = csr_matrix(
-            (np.ones(count * k), (np.repeat(np.arange(count), k), self.facets.ravel())), shape=(count, len(self.nodes))
-        )
-        at_node = touches.tocsc()
+        pairs = np.repeat(np.arange(count), k), self.facets.ravel()
+        at_node = csr_matrix((np.ones(count * k), pairs), shape=(count, len(self.nodes))).tocsc()
         normals = np.empty((count, k, self.points.shape[1]))
         for j in range(k):
             here, other = touches_of(at_node, self.facets[:, j])
@@ -113,15 +95,11 @@ class Surface:
         return normals
 
     def bulges(self, facets: np.ndarray, weights: np.ndarray) -> np.ndarray:
-        """Height of the smooth surface above the flat facets that approximate it, (m,), positive if convex.
+        """Height of the smooth surface above points of flat facets, (m,), by their shape functions, (m, k).
 
         The smooth surface has the averaged normals at the corners. With corners x and normals n it lies
         (sum w n·x - (sum w n)·(sum w x)) / 2 above the point sum w x, exactly so if its curvature is constant. In the
         middle of an edge of length h whose normals differ by an angle, this is h times the angle over 8.
-
-        Args:
-            facets: facet of each point, (m,).
-            weights: values of its shape functions at the point, (m, k).
         """
         corners = self.corners
         normals = self.corner_normals
@@ -136,8 +114,8 @@ class Surface:
     def sag_shares(self) -> np.ndarray:
         """Deviation of facets from the smooth surface over that of flat facets with their normals, (f,); 1 at order 1.
 
-        Flat parts of a facet of second order with straight sides deviate four times as much: each is half of it. Gaps
-        of curved sides are those of parabolas, which deviate from an arc by the square of the angle between the parts.
+        Flat parts of a facet of second order with straight sides deviate four times as much: each is half of it. Curved
+        sides are parabolas, which deviate from an arc by the square of the angle between the parts.
         """
         if self.quadratic is None:
             return np.ones(len(self.facets))
@@ -147,13 +125,9 @@ class Surface:
         return np.where(angles < STRAIGHT, 4.0, angles**2)
 
     def displaced(self, facets: np.ndarray, weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Nodes of the functions of the displacement at some points, (m, K), and their values, (m, K).
+        """Nodes of the functions of the displacement, and their values, (m, K) each, at points of facets, (m, k).
 
         On facets of second order these functions are not those of the flat parts on which the points were found.
-
-        Args:
-            facets: facet of each point, (m,).
-            weights: values of its shape functions there, (m, k).
         """
         if self.quadratic is None:
             return self.facets[facets], weights
@@ -161,13 +135,10 @@ class Surface:
         return self.quadratic.nodes[whole], values
 
     def averaged(self, rows: ContactRows) -> ContactRows:
-        """Average conditions of single nodes of this slave surface; on facets of first order return them unchanged.
+        """Average conditions of single nodes of this slave surface, on facets of second order alone.
 
         Nodes beyond the edge of a master have no condition. A facet that lies there in part contributes the flat parts
         with conditions at all nodes, as facets of first order. See :mod:`hhr_dolfinx.pairings.second_order`.
-
-        Raises:
-            SceneError: if no flat part has a condition at all of its nodes.
         """
         if self.quadratic is None:
             return rows
@@ -200,11 +171,7 @@ class Surface:
         """Matrix that shares the functions psi_j of nodes with imposed displacements among their neighbours, (n, n).
 
         With one function for each node conditions would be dependent if some displacements are imposed, as at the end
-        of a mortar surface. The matrix is the identity if all nodes are free, or none is, as on a rigid slave.
-
-        Args:
-            normals: normals of the nodes, (n, dim).
-            nodes: nodes that have conditions.
+        of a mortar surface. The matrix is the identity if all ``nodes`` with conditions are free, or none is.
         """
         count = len(self.nodes)
         held = np.zeros(count, dtype=bool)
@@ -257,16 +224,10 @@ def make_surface(
     weights: np.ndarray,
     areas: np.ndarray,
 ) -> Surface:
-    """Make a surface from its facets.
+    """Make a surface from the nodes of its facets, (f, k) or (f, K), with points, weights and areas of all nodes.
 
-    Args:
-        tag: facet tag.
-        facet_nodes: nodes of each facet in the mesh, (f, k), or of second order (f, K).
-        inner_points: middle of the far side of the cell behind each facet, (f, dim), from which the outer side and the
-            depth of the cell follow.
-        points: coordinates of all nodes of the mesh.
-        weights: weight of the surface measure at all nodes.
-        areas: tributary area at all nodes.
+    ``inner_points`` are the middles of the far sides of the cells behind the facets, (f, dim), from which outer sides
+    and depths follow.
     """
     if len(facet_nodes) == 0:
         raise SceneError(f"contact surface {tag} has no facets: the contact pair is empty")
@@ -294,27 +255,15 @@ def make_surface(
     if quadratic is not None:  # areas of shape functions of second order are zero at some nodes
         shares = sizes[:, None] * weights[facet_nodes] / facet_nodes.shape[1]
         areas = np.bincount(facet_nodes.ravel(), shares.ravel(), len(points))
-    return Surface(
-        tag=tag,
-        nodes=nodes,
-        points=points[nodes],
-        facets=local.reshape(facet_nodes.shape),
-        outward=outward,
-        sizes=sizes,
-        weights=weights[nodes],
-        areas=areas[nodes],
-        depths=np.abs(heights),
-        quadratic=quadratic,
-    )
+    local = local.reshape(facet_nodes.shape)
+    measures = outward, sizes, weights[nodes], areas[nodes], np.abs(heights)
+    return Surface(tag, nodes, points[nodes], local, *measures, quadratic)
 
 
 def _parted(
     facet_nodes: np.ndarray, inner_points: np.ndarray, points: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, QuadraticFacets | None]:
-    """Flat facets, (f, k), and a point behind each, (f, dim), in an order that does not depend on the ranks.
-
-    Facets of second order are cut into their flat parts; they are the third value, which is None at first order.
-    """
+    """Flat facets and a point behind each, in an order independent of ranks; facets of second order that they form."""
     middles = points[facet_nodes].mean(axis=1)
     order = np.lexsort(np.round(middles / (np.ptp(middles, axis=0).max() or 1.0), 9).T[::-1])
     facet_nodes = facet_nodes[order]
@@ -374,10 +323,7 @@ def check_facing(surface: Surface, normal: np.ndarray, along: bool, *, upright: 
 
 
 def warn_of_tilt(surface: Surface, normal: np.ndarray) -> None:
-    """Warn if a flat surface looks neither along nor against a given unit normal: forces would act along the normal.
-
-    A surface parallel to the normal faces nothing; the search for its partner refuses it.
-    """
+    """Warn if a flat surface looks neither along nor against a unit normal; one parallel to it is refused later."""
     mean = surface.sizes @ surface.outward / surface.sizes.sum()
     length = np.linalg.norm(mean)
     cosine = abs(mean @ normal) / length if length > 0 else 1.0
@@ -419,10 +365,7 @@ def warn_of_overlap(surface: Surface, rows: ContactRows) -> None:
 
 
 def warn_of_sag(slave: Surface, master: Surface, rows: ContactRows, sag: float) -> None:
-    """Warn if the mesh rather than the curved surfaces makes the gap.
-
-    ``sag`` is the mean of the sum of :meth:`Surface.bulges` of both surfaces over the parts that face each other.
-    """
+    """Warn if the mesh makes the gap, by the mean of :meth:`Surface.bulges` over the parts that face each other."""
     gap = float(rows.areas @ np.abs(rows.gap) / rows.areas.sum())
     least = LEAST_SAG if slave.quadratic is None else LEAST_SAG_OF_CURVES
     if sag > SAG * gap and sag > least * np.ptp(slave.points):
@@ -435,10 +378,7 @@ def warn_of_sag(slave: Surface, master: Surface, rows: ContactRows, sag: float) 
 
 
 def warn_of_straight_sides(surfaces: Sequence[Surface]) -> None:
-    """Warn of a curved surface with straight sides if displacements are of second order.
-
-    The sags of surfaces that are curved alike, as those of nested rings, cancel in the gap; see :func:`warn_of_sag`.
-    """
+    """Warn of a curved surface with straight sides at second order; sags of surfaces curved alike cancel in the gap."""
     sags = [_straight_sag(surface) for surface in surfaces]
     place = int(np.abs(sags).argmax())
     worst = surfaces[place]
@@ -492,14 +432,7 @@ def tangential_order(points: np.ndarray, normal: np.ndarray) -> np.ndarray:
 
 
 def nodal_rows(nodes: np.ndarray, normals: np.ndarray, weights: np.ndarray, dofs: int) -> csr_matrix:
-    """Rows sum_k weights_k n·u(nodes_k), (m, N).
-
-    Args:
-        nodes: nodes of each row, (m, k).
-        normals: normal of each row, (m, dim).
-        weights: weight of each node, (m, k).
-        dofs: N, number of columns.
-    """
+    """Rows sum_k weights_k n·u(nodes_k), (m, N), for nodes and weights, (m, k), and the normal of each, (m, dim)."""
     m, dim = normals.shape
     columns = nodes[:, :, None] * dim + np.arange(dim)
     values = weights[:, :, None] * normals[:, None, :]

@@ -40,7 +40,7 @@ from hhr_dolfinx.warn import Warned, collected, repeat
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.snapshots.arrays import ArrayStore
+    from hhr_dolfinx.snapshots.store import ArrayStore
 
 
 MOST_TRAINING_COMPARED = 50

@@ -40,11 +40,7 @@ NAMED = 5
 
 @dataclass
 class Lost:
-    """Queries without an answer, for example beyond a limit load.
-
-    Attributes:
-        failures: label of each of these queries, and the reason.
-    """
+    """Queries without an answer, for example beyond a limit load: the label of each, and the reason."""
 
     failures: list[tuple[str, str]] = field(default_factory=list)
 
@@ -57,14 +53,7 @@ class Lost:
             self.failures.append((label, str(error)))
 
     def warn(self, count: int, least: int, kind: str) -> None:
-        """Report the failures among ``count`` queries.
-
-        Raises:
-            ConvergenceError: if fewer than ``least`` are left.
-
-        Warns:
-            TrainingWarning: with the first of them and the reasons.
-        """
+        """Warn of the first failures among ``count`` queries; ConvergenceError if fewer than ``least`` are left."""
         if not self.failures:
             return
         named = "; ".join(f"{label}: {why}" for label, why in self.failures[:NAMED])
@@ -80,22 +69,16 @@ class Lost:
 
 
 HELD_OUT_SEED = 2000
+"""Offset of the seed for held-out points to that of a training."""
 GRAZING_SHARE = 0.2
-"""Offset of the seed for held-out points to that of a training; fraction of held-out points drawn near light contact,
-and fraction of the training solutions that count as light contact.
+"""Fraction of held-out points drawn near light contact, and of the training solutions that count as light contact.
 
 Errors of forces are largest if only a few nodes touch. On the pellet-cladding scene this happens in a corner of 1 % of
 the parameter box: for every second seed 100 random points missed it, and models with errors of 70 % were accepted."""
 
 
 def uniform_points(space: ParameterSpace, number: int, seed: int) -> np.ndarray:
-    """Held-out points that do not depend on training answers: four fifths of ``number``, (k, P).
-
-    Args:
-        space: parameter box.
-        number: number of all held-out points.
-        seed: seed of the training.
-    """
+    """Held-out points that depend only on the seed of a training: four fifths of ``number``, (k, P)."""
     return space.random(number - int(GRAZING_SHARE * number), seed + HELD_OUT_SEED)
 
 
@@ -116,8 +99,7 @@ def held_out_points(problem: ContactProblem, training: SnapshotSet, number: int,
     weakest = touching[np.argsort(sizes[touching], kind="stable")]
     centres = training.points[weakest[: int(np.ceil(GRAZING_SHARE * touching.size))]]
     centres = centres[np.arange(aimed) % len(centres)]
-    lower = np.array(space.lower)
-    upper = np.array(space.upper)
+    lower, upper = np.array([space.lower, space.upper])
     step = (upper - lower) / np.maximum(_counts(training.points) - 1, 1)
     # a separate generator, so that the uniform points of a seed do not change
     draw = np.random.default_rng([seed, aimed])
@@ -244,9 +226,7 @@ class SnapshotSet(Shown):
             )
         if self.histories:
             return SnapshotSet.of_histories([*self.histories, *others.histories])
-        pairs = zip(self._columns(), others._columns(), strict=True)
-        unknown, forces, active = (np.concatenate(pair, axis=1) for pair in pairs)
-        return SnapshotSet(np.vstack([self.points, others.points]), unknown, forces, active)
+        return _concatenated([self, others])
 
     def known_statuses(self, conditions: Any = slice(None)) -> KnownStatuses:
         """Statuses of some conditions as initial statuses of further queries."""
@@ -260,6 +240,13 @@ class SnapshotSet(Shown):
 
     def _columns(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return self.displacements, self.forces, self.active
+
+
+def _concatenated(parts: Sequence[SnapshotSet]) -> SnapshotSet:
+    unknown, forces, active = (
+        np.concatenate(item, axis=1) for item in zip(*(part._columns() for part in parts), strict=True)
+    )
+    return SnapshotSet(np.concatenate([part.points for part in parts]), unknown, forces, active)
 
 
 def compute_snapshots(
@@ -285,43 +272,15 @@ def compute_snapshots(
         ParameterError: if a point or a path is invalid.
         ConvergenceError, NotSolvableError: if a query has no answer; with ``lost``, if no query has one.
     """
-    found = _solved(full, queries, progress, store, settings, lost)
-    return _some(found, lost, len(queries))
-
-
-def _solved(
-    full: FullModel,
-    queries: Any,
-    progress: Progress,
-    store: SnapshotStore | None,
-    settings: MarchSettings,
-    lost: Lost | None,
-) -> SnapshotSet | None:
-    """Answers to the queries; None if none has an answer."""
-    if not _are_paths(queries):
-        full.problem.require_no_memory("a set of snapshots at single parameters")
-    with ranks.together(full.comm, "solving for snapshots"):
-        if not _are_paths(queries):
-            own = full.problem.spread.of
-            found = _answers(full, full.parameters.points(queries), progress, store, lost)
-            answers = [answer._replace(unknown=own(answer.unknown)) for answer in found]
-            return SnapshotSet.of_answers(answers) if answers else None
-        with told_once("histories"), first_alone():
-            histories = list(_histories(full, queries, progress, store, settings, lost))
-        return None if lost is not None and not histories else SnapshotSet.of_histories(histories)
+    return _some(_Solver(full, progress, store, settings, lost).solved(queries), lost, len(queries))
 
 
 def _some(found: SnapshotSet | None, lost: Lost | None, count: int) -> SnapshotSet:
-    """Raise ConvergenceError if there is no answer."""
     if found is None:
         assert lost is not None
         label, why = lost.failures[0]
         raise ConvergenceError(f"none of {count} queries has an answer; the first, {label}: {why}")
     return found
-
-
-def _recording(lost: Lost | None, label: str) -> AbstractContextManager[None]:
-    return nullcontext() if lost is None else lost.recorded(label)
 
 
 def _are_paths(queries: object) -> bool:
@@ -332,70 +291,81 @@ def _are_paths(queries: object) -> bool:
         return True
 
 
-def _answers(
-    full: FullModel, points: np.ndarray, progress: Progress, store: SnapshotStore | None, lost: Lost | None
-) -> Iterator[Answer]:
-    """Answers at some points."""
-    start: str | np.ndarray = "nearest"
-    for point in progress(points):
-        answer = _stored(full, store, point)
-        if answer is None:
-            with _recording(lost, full.parameters.described(point)):
-                answer = full.solve(point, start=start)
+@dataclass(frozen=True)
+class _Solver:
+    full: FullModel
+    progress: Progress
+    store: SnapshotStore | None
+    settings: MarchSettings
+    lost: Lost | None
+
+    def solved(self, queries: Any) -> SnapshotSet | None:
+        """Answers to the queries; None if none has an answer."""
+        full = self.full
+        if not _are_paths(queries):
+            full.problem.require_no_memory("a set of snapshots at single parameters")
+        with ranks.together(full.comm, "solving for snapshots"):
+            if not _are_paths(queries):
+                own = full.problem.spread.of
+                found = self._answers(full.parameters.points(queries))
+                answers = [answer._replace(unknown=own(answer.unknown)) for answer in found]
+                return SnapshotSet.of_answers(answers) if answers else None
+            with told_once("histories"), first_alone():
+                histories = list(self._histories(queries))
+            return None if self.lost is not None and not histories else SnapshotSet.of_histories(histories)
+
+    def _recording(self, label: str) -> AbstractContextManager[None]:
+        return nullcontext() if self.lost is None else self.lost.recorded(label)
+
+    def _answers(self, points: np.ndarray) -> Iterator[Answer]:
+        start: str | np.ndarray = "nearest"
+        for point in self.progress(points):
+            answer = self._stored(point)
             if answer is None:
-                continue
-            if store is not None and full.comm.rank == 0:
-                store.save(answer)
-        start = answer.active
-        yield answer
-        _log.debug("answer at %s: %d iterations", point, answer.iterations)
+                with self._recording(self.full.parameters.described(point)):
+                    answer = self.full.solve(point, start=start)
+                if answer is None:
+                    continue
+                if self.store is not None and self.full.comm.rank == 0:
+                    self.store.save(answer)
+            start = answer.active
+            yield answer
+            _log.debug("answer at %s: %d iterations", point, answer.iterations)
 
+    def _stored(self, point: np.ndarray) -> Answer | None:
+        """Stored answer at a point, or None; one rank reads it, and all ranks check its residual."""
+        comm = self.full.comm
+        if self.store is None:
+            return None
+        if comm.size == 1:
+            return self.store.load(point)
+        answer = self.store.read(point) if comm.rank == 0 else None
+        answer = comm.bcast(None if answer is None else answer._replace(fields=NOWHERE))
+        return None if answer is None else self.store.judged(answer._replace(fields=self.full), aloud=comm.rank == 0)
 
-def _stored(full: FullModel, store: SnapshotStore | None, point: np.ndarray) -> Answer | None:
-    """Stored answer at a point, or None; one rank reads it, and all ranks check its residual."""
-    if store is None:
-        return None
-    if full.comm.size == 1:
-        return store.load(point)
-    answer = store.read(point) if full.comm.rank == 0 else None
-    answer = full.comm.bcast(None if answer is None else answer._replace(fields=NOWHERE))
-    return None if answer is None else store.judged(answer._replace(fields=full), aloud=full.comm.rank == 0)
+    def _histories(self, paths: Sequence[Path]) -> Iterator[History]:
+        parameters = self.full.parameters
+        for number, path in enumerate(self.progress(paths), start=1):
+            _log.info("history %d of %d, %d steps", number, len(paths), len(path) - 1)
+            end = parameters.described(parameters.point(path[-1][1]))
+            history = None
+            with self._recording(getattr(path, "name", "") or f"a path that ends at {end}"):
+                history = self._history(path)
+            if history is not None:
+                yield history
 
-
-def _histories(
-    full: FullModel,
-    paths: Sequence[Path],
-    progress: Progress,
-    store: SnapshotStore | None,
-    settings: MarchSettings,
-    lost: Lost | None,
-) -> Iterator[History]:
-    """Histories along some paths, continued after the stored steps."""
-    for number, path in enumerate(progress(paths), start=1):
-        _log.info("history %d of %d, %d steps", number, len(paths), len(path) - 1)
-        history = None
-        label = (
-            getattr(path, "name", "")
-            or f"a path that ends at {full.parameters.described(full.parameters.point(path[-1][1]))}"
-        )
-        with _recording(lost, label):
-            if store is None:
-                history = full.march(path, settings)
-            else:
-                history = _kept_history(full, path, store, settings)
-        if history is not None:
-            yield history
-
-
-def _kept_history(full: FullModel, path: Path, store: SnapshotStore, settings: MarchSettings) -> History:
-    """History continued after its stored steps; if several ranks solve it, one of them reads and writes these."""
-    kept = store.steps(path, settings)
-    if full.comm.size == 1:
-        return kept.on_disk(full.march(path, settings, known=kept.load(), keep=kept.save))
-    first = full.comm.rank == 0
-    known = full.comm.bcast([answer._replace(fields=NOWHERE) for answer in kept.load()] if first else [])
-    keep = kept.save if first else lambda answer: None
-    return full.march(path, settings, known=[answer._replace(fields=full) for answer in known], keep=keep)
+    def _history(self, path: Path) -> History:
+        """History continued after its stored steps; if several ranks solve it, one of them reads and writes these."""
+        full = self.full
+        if self.store is None:
+            return full.march(path, self.settings)
+        kept = self.store.steps(path, self.settings)
+        if full.comm.size == 1:
+            return kept.on_disk(full.march(path, self.settings, known=kept.load(), keep=kept.save))
+        first = full.comm.rank == 0
+        known = full.comm.bcast([answer._replace(fields=NOWHERE) for answer in kept.load()] if first else [])
+        keep = kept.save if first else lambda answer: None
+        return full.march(path, self.settings, known=[answer._replace(fields=full) for answer in known], keep=keep)
 
 
 def spread_snapshots(
@@ -421,7 +391,7 @@ def spread_snapshots(
         # consecutive queries on one rank, so that each one starts from a near solution
         mine = ranks.share(len(queries), comm.rank, comm.size)
         if mine:
-            own = _solved(full, [queries[k] for k in mine], progress, store, settings, lost)
+            own = _Solver(full, progress, store, settings, lost).solved([queries[k] for k in mine])
     if comm.size == 1:
         return _some(own, lost, len(queries))
     if lost is not None:
@@ -429,11 +399,7 @@ def spread_snapshots(
     if not any(comm.allgather(own is not None)):
         return _some(None, lost, len(queries))
     if not _are_paths(queries):
-        parts = [part for part in comm.allgather(own) if part is not None]
-        columns: list[Any] = [
-            np.concatenate(item, axis=1) for item in zip(*(part._columns() for part in parts), strict=True)
-        ]
-        return SnapshotSet(np.concatenate([part.points for part in parts]), *columns)
+        return _concatenated([part for part in comm.allgather(own) if part is not None])
     # an answer refers to its model, which cannot be sent to another rank
     sent = () if own is None else [with_fields(history, NOWHERE) for history in own.histories]
     return SnapshotSet.of_histories(with_fields(item, full) for part in comm.allgather(sent) for item in part)

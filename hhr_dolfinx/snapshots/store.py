@@ -7,23 +7,14 @@ with the settings of the solution: an interrupted history continues after its la
 
 from __future__ import annotations
 
-import dis
 import hashlib
 import math
-import sys
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import astuple, fields, is_dataclass, replace
-from functools import cached_property, partial
+from dataclasses import astuple, fields, replace
 from pathlib import Path
 from types import (
-    BuiltinFunctionType,
-    CodeType,
-    FunctionType,
     MappingProxyType,
-    MemberDescriptorType,
-    MethodType,
-    ModuleType,
 )
 from typing import TYPE_CHECKING, Any, Protocol
 
@@ -33,8 +24,9 @@ from scipy.sparse import issparse
 from hhr_dolfinx.certify.accuracy import contact_residuals
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import FileContentError, SnapshotFileWarning, StudyError
-from hhr_dolfinx.files import check_layout, clear_leftovers, make_folder, read_arrays, write_arrays
+from hhr_dolfinx.declared import check_layout
+from hhr_dolfinx.errors import FileContentError, SnapshotFileWarning
+from hhr_dolfinx.files import clear_leftovers, make_folder, read_arrays, write_arrays
 from hhr_dolfinx.memory import NO_MEMORY
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.answer import Path as History_path
@@ -47,156 +39,28 @@ if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
 
 
-DEEPEST = 50
-"""Largest depth of nested values; deeper ones count as values that contain themselves."""
-
-
 def add_to(digest: Any, parts: list[Any]) -> None:
     """Update a digest with arrays, sparse or not, numbers and texts, and lists of these, to the last bit."""
     for part in parts:
         for item in part if isinstance(part, tuple | list) else (part,):
-            for array in _arrays(item):
-                digest.update(f"{array.dtype.str}{array.shape}".encode() + array.tobytes())
+            for array in arrays_of(item):
+                digest.update(bytes_of(array))
 
 
-def digest_of_values(value: object, what: str) -> str:
-    """Hexadecimal digest of settings: of their types, numbers, texts, arrays and functions, not of their ``repr``.
-
-    The ``repr`` of an array leaves out its middle, and that of an object may be its address. User-defined functions and
-    classes enter with the globals that they read and their class attributes, those of installed packages with their
-    names.
-
-    Args:
-        value: numbers, texts, arrays, functions, types, and dataclasses, collections and objects of these.
-        what: the value in words, for the message.
-
-    Raises:
-        StudyError: for an object whose values are not accessible.
-    """
-    digest = hashlib.sha256()
-    for piece in _pieces(value, what, 0, {}):
-        digest.update(len(piece).to_bytes(8, "little") + piece)
-    return digest.hexdigest()
+def bytes_of(array: np.ndarray) -> bytes:
+    """Type, shape and entries of an array."""
+    return f"{array.dtype.str}{array.shape}".encode() + array.tobytes()
 
 
-def _arrays(item: Any) -> tuple[np.ndarray, ...]:
+def arrays_of(item: Any) -> tuple[np.ndarray, ...]:
+    """Arrays of a sparse matrix, or a value as an array."""
     return (item.indptr, item.indices, item.data) if issparse(item) else (np.ascontiguousarray(item),)
-
-
-def _pieces(value: object, what: str, depth: int, seen: dict[int, int]) -> Iterator[bytes]:
-    """Bytes that identify a value uniquely; functions and classes that occur again enter with their number."""
-    if depth > DEEPEST:
-        raise StudyError(f"{what} holds values more than {DEEPEST} deep, or itself: no digest can be made of it")
-    kind = type(value)
-    yield f"{kind.__module__}.{kind.__qualname__}".encode()
-    if value is None or isinstance(value, bool | int | float | complex | str | bytes):
-        yield repr(value).encode()
-        return
-    if isinstance(value, FunctionType | type):
-        if id(value) in seen:
-            yield f"again {seen[id(value)]}".encode()
-            return
-        seen[id(value)] = len(seen)
-    for part in _values_of(value, what):
-        if isinstance(part, np.ndarray) and part.dtype != object:
-            yield f"{part.dtype.str}{part.shape}".encode() + np.ascontiguousarray(part).tobytes()
-        else:
-            yield from _pieces(part, what, depth + 1, seen)
-    yield b"end"
-
-
-def _values_of(value: Any, what: str) -> list[Any]:
-    """Parts of a value that is neither number nor text."""
-    if issparse(value):
-        return [value.shape, *_arrays(value.tocsr())]
-    if isinstance(value, np.ndarray | np.generic):
-        array = np.asarray(value)
-        return [array] if array.dtype != object else array.tolist()
-    if isinstance(value, Mapping):
-        return [item for key in sorted(value, key=repr) for item in (key, value[key])]
-    if isinstance(value, set | frozenset):
-        return sorted(digest_of_values(item, what) for item in value)
-    if isinstance(value, list | tuple):
-        return list(value)
-    if isinstance(value, BuiltinFunctionType | np.ufunc):
-        return [getattr(value, "__module__", ""), getattr(value, "__qualname__", value.__name__)]
-    if isinstance(value, MethodType):
-        return [value.__func__, value.__self__]
-    if isinstance(value, FunctionType):
-        return _values_of_function(value)
-    if isinstance(value, CodeType):
-        return [value.co_code, value.co_consts, value.co_names]
-    if isinstance(value, partial):
-        return [value.func, value.args, value.keywords]
-    if isinstance(value, ModuleType):
-        return [value.__name__]
-    if isinstance(value, type):
-        return [value.__module__, value.__qualname__, *_class_attributes(value)]
-    if is_dataclass(value):
-        return [type(value), *((item.name, getattr(value, item.name)) for item in fields(value))]
-    if hasattr(value, "__dict__"):
-        return [type(value), vars(value)]
-    raise StudyError(
-        f"{what} holds {value!r}, of which no digest can be made that is the same in another run: write it as a frozen "
-        "dataclass of numbers, texts and arrays"
-    )
-
-
-def _installed(module: str) -> bool:
-    """True for a module of Python, of this package or of another installed one, that is, not user-defined code."""
-    first = module.partition(".")[0]
-    file = getattr(sys.modules.get(first), "__file__", None) or ""
-    if first in sys.stdlib_module_names or first == __name__.partition(".")[0]:
-        return True
-    return bool({"site-packages", "dist-packages"} & set(Path(file).parts))
-
-
-def _values_of_function(function: FunctionType) -> list[Any]:
-    """Code, defaults, closure and, for a user-defined function, the globals that its code reads."""
-    held = [cell.cell_contents for cell in function.__closure__ or ()]
-    names = [function.__module__, function.__qualname__]
-    known = [*names, function.__code__, function.__defaults__, function.__kwdefaults__, held]
-    if _installed(function.__module__ or ""):
-        return known
-    found: dict[str, Any] = {}
-    for code in _codes(function.__code__):
-        for name in {step.argval for step in dis.get_instructions(code) if step.opname == "LOAD_GLOBAL"}:
-            if name not in function.__globals__:
-                continue  # a built-in of Python
-            item = found[name] = function.__globals__[name]
-            if isinstance(item, ModuleType) and not _installed(item.__name__):
-                found |= {f"{name}.{part}": vars(item)[part] for part in code.co_names if part in vars(item)}
-    return [*known, found]
-
-
-def _codes(code: CodeType) -> Iterator[CodeType]:
-    """A code object and those of the functions defined in it."""
-    yield code
-    for part in code.co_consts:
-        if isinstance(part, CodeType):
-            yield from _codes(part)
-
-
-def _class_attributes(kind: type) -> list[Any]:
-    """Attributes and methods of a user-defined class and its user-defined bases, without those generated by Python."""
-    found: list[Any] = []
-    for base in kind.__mro__:
-        if _installed(base.__module__):
-            continue
-        for name, item in vars(base).items():
-            if isinstance(item, staticmethod | classmethod):
-                item = item.__func__
-            elif isinstance(item, property | cached_property):
-                item = item.fget if isinstance(item, property) else item.func
-            written = isinstance(item, FunctionType) and item.__code__.co_filename != "<string>"
-            plain = not name.startswith("__") and name != "_abc_impl" and not isinstance(item, FunctionType)
-            if written or (plain and not isinstance(item, MemberDescriptorType)):  # descriptors of __slots__
-                found.append((name, item))
-    return found
 
 
 FORMAT = "hhr_dolfinx snapshot"
 VERSION = 6
+ARRAYS = ("hhr_dolfinx arrays", 1)
+"""Format and version of the files of an :class:`ArrayStore`."""
 
 _LAYOUT: dict[str, tuple[str, ...]] = {
     "unknown": ("float", "N"),
@@ -215,9 +79,7 @@ SOLVED = 1e-2
 class StoredLaws(Protocol):
     """Memory of laws of bodies in files: the facet ``store`` of a plug-in, a function of a full equilibrium.
 
-    Attributes:
-        layout: types and sizes of the arrays of an answer, by name.
-        sizes: their values, by name.
+    ``layout`` has the types and sizes of the arrays of an answer, by name, and ``sizes`` the values of these sizes.
     """
 
     layout: Mapping[str, tuple[str, ...]]
@@ -236,7 +98,7 @@ class StoredLaws(Protocol):
         """Parts of the memory of an answer, by name."""
 
     def residual(self, answer: Answer, forces: float) -> float:
-        """Relative residual of an answer, see :meth:`SnapshotStore._residual`."""
+        """Largest relative residual; ``forces`` is their norm at previous steps, the scale for unloaded bodies."""
 
     def size(self, answer: Answer) -> float:
         """Norm of the forces of an answer, for the residual of later steps."""
@@ -311,10 +173,8 @@ class SnapshotStore:
         self._folder = make_folder(folder)
         clear_leftovers(self._folder)
         conditions, dofs = self._problem.contact.shape
-        self._sizes = {"N": dofs, "N_lambda": conditions}
         self._law = self._problem.law
-        self._sizes |= self._law.sizes
-        self._sizes |= self._laws.sizes
+        self._sizes = {"N": dofs, "N_lambda": conditions, **self._law.sizes, **self._laws.sizes}
         self.found = 0
 
     def load(self, point: np.ndarray) -> Answer | None:
@@ -331,10 +191,7 @@ class SnapshotStore:
         return None
 
     def judged(self, answer: Answer, *, aloud: bool = True) -> Answer | None:
-        """The given answer if it is a solution, else None with a warning. Collective if rows are distributed.
-
-        Only one rank should warn ``aloud``.
-        """
+        """The given answer if it is a solution, else None, with a warning if ``aloud``. Collective."""
         query = self._query_at(answer.parameter)
         with self._damage_reported(answer.parameter, query, aloud):
             self._judge(answer, query)
@@ -342,11 +199,7 @@ class SnapshotStore:
         return None
 
     def save(self, answer: Answer) -> None:
-        """Store the answer at a parameter.
-
-        Raises:
-            FileError: if its file cannot be written.
-        """
+        """Store the answer at a parameter; FileError if its file cannot be written."""
         self._save(answer, self._query_at(answer.parameter))
 
     @property
@@ -370,7 +223,7 @@ class SnapshotStore:
         return [*point.tolist(), *numbers, *self._laws.query(point)]
 
     def _load(self, point: np.ndarray, query: list, forces: float = 0.0) -> Answer | None:
-        """Answer to a query, checked with ``forces`` as in :meth:`_residual`; None if it is not there."""
+        """Answer to a query, checked with ``forces`` as in :class:`StoredLaws`; None if it is not there."""
         with self._damage_reported(point, query):
             answer = self._read(point, query)
             if answer is not None:
@@ -389,7 +242,6 @@ class SnapshotStore:
                 warn(message, SnapshotFileWarning, stacklevel=5)
 
     def _read(self, point: np.ndarray, query: list) -> Answer | None:
-        """Answer in the file of a query; None without a file."""
         path = self._path(query)
         try:
             header, arrays = read_arrays(path, FORMAT, VERSION, mapped=True)
@@ -401,8 +253,8 @@ class SnapshotStore:
         return self._answer(point, arrays)
 
     def _judge(self, answer: Answer, query: list, forces: float = 0.0) -> None:
-        """Raise FileContentError unless the answer is a solution, see :meth:`_residual`; count solutions."""
-        worst = self._residual(answer, forces)
+        """Raise FileContentError for an answer that is no solution, in spite of its checksum; count solutions."""
+        worst = self._laws.residual(answer, forces)
         if not worst <= SOLVED:
             raise FileContentError(f"{self._path(query)} holds no solution, residuals of {worst:.1g}")
         self.found += 1
@@ -424,10 +276,9 @@ class SnapshotStore:
         return layout | _PARTS | self._law.layout if self._law.remembers else layout
 
     def _answer(self, point: np.ndarray, arrays: dict[str, np.ndarray]) -> Answer:
-        memory = NO_MEMORY | self._laws.memory(arrays)
+        memory = NO_MEMORY | self._laws.memory(arrays) | self._law.restored(arrays)
         iterations = 0
         steps: dict[str, Any] = {}
-        memory |= self._law.restored(arrays)
         if "ends" in arrays:
             iterations = int(arrays["iterations"])
             known = float(arrays["time_error"])
@@ -435,15 +286,6 @@ class SnapshotStore:
         unknown, multipliers, active = (arrays[name] for name in _LAYOUT)
         how = iterations, Status.CONVERGED, False, self._full
         return Answer(point, unknown, multipliers, active, *how, memory=memory, **steps)
-
-    def _residual(self, answer: Answer, forces: float) -> float:
-        """Largest relative residual of an answer, since a checksum does not prove that a file holds a solution.
-
-        Args:
-            answer: answer to check.
-            forces: norm of the forces at previous steps, the scale of residuals for unloaded bodies.
-        """
-        return self._laws.residual(answer, forces)
 
     def _header(self, query: list) -> dict:
         return {"format": FORMAT, "version": VERSION, "problem": self._fingerprint.hex(), "point": query}
@@ -455,14 +297,43 @@ class SnapshotStore:
         return self._folder / f"{self._digest(query)}.npz"
 
 
-class KeptSteps:
-    """Stored steps of one history.
+class ArrayStore:
+    """Arrays of long computations by name, one file per key; FileError if the folder cannot be made.
 
-    Args:
-        store: store of the steps.
-        path: checked times and parameters.
-        settings: settings of the solution of the history.
+    ``problem`` is the digest of the problem that they belong to, as :attr:`SnapshotStore.problem_digest`: files of
+    other problems are not read.
     """
+
+    def __init__(self, folder: str | Path, problem: str):
+        self._folder = make_folder(folder)
+        clear_leftovers(self._folder)
+        self._problem = problem
+
+    def load(self, key: str) -> dict[str, np.ndarray] | None:
+        """Load the arrays of a key; None, with a warning for a damaged file, if they are not there."""
+        try:
+            header, arrays = read_arrays(self._path(key), *ARRAYS)
+        except FileNotFoundError:
+            return None
+        except FileContentError as error:
+            warn(f"{error}: it is solved for again and replaced", SnapshotFileWarning, stacklevel=3)
+            return None
+        return arrays if header == self._header(key) else None
+
+    def save(self, key: str, arrays: Mapping[str, np.ndarray]) -> None:
+        """Store arrays of finite numbers under a key; FileError if the file cannot be written."""
+        write_arrays(self._path(key), self._header(key), arrays, tidy=False)
+
+    def _header(self, key: str) -> dict[str, str | int]:
+        kind, version = ARRAYS
+        return {"format": kind, "version": version, "problem": self._problem, "key": key}
+
+    def _path(self, key: str) -> Path:
+        return self._folder / f"{hashlib.sha256(f'{self._problem} {key}'.encode()).hexdigest()[:40]}.npz"
+
+
+class KeptSteps:
+    """Stored steps of one history along a checked path, solved with some settings."""
 
     def __init__(self, store: SnapshotStore, path: History_path, settings: MarchSettings):
         self._store = store
@@ -500,11 +371,7 @@ class KeptSteps:
         return replace(history, answers=answers) if len(answers) == len(history.answers) else history
 
     def save(self, answer: Answer) -> None:
-        """Store the next step.
-
-        Raises:
-            FileError: if its file cannot be written.
-        """
+        """Store the next step; FileError if its file cannot be written."""
         self._count += 1
         self._store._save(answer, self._queries[self._count])
 
@@ -512,10 +379,10 @@ class KeptSteps:
 def _digest_of(full: FullModel) -> bytes:
     """Fingerprint of every bit of a problem and its laws, and of the version of the package that solves it.
 
-    The bounds of the parameters are left out: a wider box finds the solutions of a narrower one. Non-affine amplitudes
-    are left out too: each query has their values at its point. Formulas of laws enter here, since a step may be cut,
-    and the answers of such laws enter the queries. The kernel follows from the rest. Snapshots are solved again
-    on a machine that assembles other last digits, or with another distribution of rows over ranks.
+    The bounds of the parameters are left out: a wider box finds the solutions of a narrower one. So are non-affine
+    amplitudes: each query has their values at its point. Formulas of laws enter here, since a step may be cut, and the
+    answers of such laws enter the queries. Snapshots are solved again on a machine that assembles other last digits, or
+    with another distribution of rows over ranks.
     """
     digest = hashlib.sha256(f"{FORMAT} {VERSION} of hhr_dolfinx {__version__}\0".encode())
     problem: ContactProblem = full.problem

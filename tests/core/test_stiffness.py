@@ -2,11 +2,12 @@
 
 import numpy as np
 import pytest
+from needs import needs
 from scenes import pressed_pair
 from threads import THREADS, at_once
 
 import hhr_dolfinx as hhr
-from hhr_dolfinx.contact.stiffness import FactorStore, LazyStiffness, SparseStiffness
+from hhr_dolfinx.contact.stiffness import FactorStore, SparseStiffness
 from hhr_dolfinx.errors import NotSolvableError
 
 pytestmark = pytest.mark.usefixtures("restless")
@@ -122,8 +123,11 @@ def test_components_are_scaled_without_factors(full, matrices):
             assert np.abs(mine - other).max() <= 1e-12 * np.abs(other).max()
 
 
+@needs("inelastic")
 def test_lazy_columns_are_those_of_s(full, matrices):
     """Of the conditions that were active; forces elsewhere are none."""
+    from hhr_dolfinx.plugins.inelastic.lazy_stiffness import LazyStiffness
+
     store = FactorStore(counting(full)[0])
     lazy = stiffness(full, matrices[0][0], store, LazyStiffness)
     active = np.arange(full.conditions) < 3

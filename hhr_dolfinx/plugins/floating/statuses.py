@@ -50,12 +50,7 @@ SINGULAR = 1e-8
 
 
 class FloatingEqualities:
-    """Equality problems on S with rigid motions.
-
-    Args:
-        schur: S, (m, m).
-        contact_of_motions: G = B R, effect of the motions on the contact rows, (m, r).
-    """
+    """Equality problems on S, (m, m), with rigid motions, whose effect on the contact rows is G = B R, (m, r)."""
 
     def __init__(self, schur: np.ndarray, contact_of_motions: np.ndarray):
         self.schur = schur
@@ -73,11 +68,7 @@ class FloatingEqualities:
     def __call__(
         self, active: np.ndarray, free_slack: np.ndarray, driving: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Forces and slack, (m,) each, and motions, (r,), for some statuses.
-
-        Raises:
-            SingularError: if the active conditions do not hold all bodies, or depend on each other.
-        """
+        """Forces and slack, (m,) each, and motions, (r,); SingularError if the statuses do not hold all bodies."""
         both = np.concatenate([active, np.ones(driving.size, dtype=bool)])
         right = np.concatenate([free_slack, -self._units * driving])
         found, slack = self._equalities(both, right)
@@ -105,8 +96,7 @@ class FloatingEqualities:
     def balanced(self, forces: np.ndarray, driving: np.ndarray, nothing: float = 0.0) -> np.ndarray:
         """True for each motion along which forces, (m,), balance the loads, (r,), up to round-off: (r,) bool.
 
-        Round-off is measured by the loads along that motion, and by all loads: those along one motion may be far below
-        those along a motion of a heavier body.
+        Round-off is measured by all loads too: those along a motion may be far below those of a heavier body.
         """
         units = self._units
         left = units * np.abs(driving - forces @ self.contact_of_motions)
@@ -118,20 +108,14 @@ class FloatingEqualities:
         """Compliances of springs along each motion, 1 / k, (r,), and equality problems of bodies on them."""
         push = (self.contact_of_motions**2).mean(axis=0)
         unit = self._size / np.where(push > 0, push, 1.0)
-        every = (unit * weak for weak in WEAKNESS)
-        return tuple(
-            (
-                one,
-                SchurEqualities.of(self.schur + (self.contact_of_motions * one) @ self.contact_of_motions.T, LapackLU),
-            )
-            for one in every
-        )
+        found = []
+        for compliance in (unit * weak for weak in WEAKNESS):
+            held = self.schur + (self.contact_of_motions * compliance) @ self.contact_of_motions.T
+            found.append((compliance, SchurEqualities.of(held, LapackLU)))
+        return tuple(found)
 
     def several(self, active: np.ndarray, free_slacks: np.ndarray, drivings: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Solve for many right-hand sides, (m, k) and (r, k): forces, slacks (m, k) and motions (r, k).
-
-        If the set does not hold a body, its smallest motion is returned.
-        """
+        """Forces, slacks, (m, k), and motions, (r, k), the smallest ones, for many right-hand sides, (m, k), (r, k)."""
         both = np.concatenate([active, np.ones(len(drivings), dtype=bool)])
         right = np.concatenate([free_slacks, -self._units[:, None] * drivings])
         found = np.zeros_like(right)
@@ -143,12 +127,10 @@ class FloatingEqualities:
 
 
 class OpenMotions(NamedTuple):
-    """Rigid motions that contact forces leave undetermined.
+    """Rigid motions that contact forces leave undetermined: orthonormal ones, ``ways``, (r, d), d >= 1.
 
-    Attributes:
-        ways: orthonormal motions, (r, d), d >= 1.
-        shift: difference between the motions of least norm and those that were found, (r,).
-        opened: conditions without force that were closed and are open after the shift, (m,) bool.
+    ``shift`` is the difference between the motions of least norm and those that were found, (r,), and ``opened`` are
+    the conditions without force that were closed and are open after the shift, (m,) bool.
     """
 
     ways: np.ndarray
@@ -161,12 +143,7 @@ def open_motions(
 ) -> OpenMotions | None:
     """Motions that no bearing condition resists; None if the forces determine all of them.
 
-    Args:
-        equalities: on S with the motions, which are orthonormal.
-        forces: of a solution, (m,).
-        free_slack: slack without forces and motions, (m,).
-        slack: that of the solution, (m,).
-        motions: amplitudes of the motions of the solution, (r,).
+    Forces, slack, (m,), and amplitudes of the orthonormal motions, (r,), are those of a solution.
     """
     bearing = equalities.bearing(forces, free_slack)
     ways = equalities.left_open(bearing)
@@ -205,19 +182,7 @@ def floating_set(
     start: np.ndarray,
     pairs: Pairs | None = None,
 ) -> tuple[Statuses, np.ndarray]:
-    """Statuses and forces, and the motions, (r,); see the docstring of the module.
-
-    Args:
-        equalities: on S with the motions.
-        free_slack: slack without contact forces and motions, (m,).
-        driving: loads along the motions, (r,).
-        start: statuses to start from, (m,) bool.
-        pairs: contact pair of each condition.
-
-    Returns:
-        Forces solve the contact problem if the status is ``CONVERGED``; ``ADRIFT``: loads drive a motion that no
-        contact resists.
-    """
+    """Statuses, see :func:`active_set`, and motions, (r,); ADRIFT if ``driving``, loads along them, meet no contact."""
     direct = _direct(equalities, free_slack, driving, start, pairs)
     if direct is not None:
         return direct

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
-from hhr_dolfinx.contact.law import LawfulScene, MeshArrays, PairLaw
+from hhr_dolfinx.contact.law import MeshArrays, PairLaw
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.formulas import formula_of
 from hhr_dolfinx.plugins.friction.laws import Friction, FrictionLaw
@@ -39,7 +39,7 @@ class _Tangential(PairLaw):
         parts += [] if self.limit is None else [f"shear stress up to {self.limit}"]
         return ", ".join(parts)
 
-    def check(self, scene: LawfulScene, what: str) -> None:
+    def check(self, scene: Any, what: str) -> None:
         """See :class:`PairLaw`."""
         FrictionLaw.of(self, scene.parameters, what)
         if scene.shapes and self.limit is not None:
@@ -52,7 +52,7 @@ class _Tangential(PairLaw):
     def attached(
         cls,
         laws: Mapping[int, Law],
-        scene: LawfulScene,
+        scene: Any,
         rows: ContactRows,
         pairs: np.ndarray,
         free: np.ndarray,

@@ -8,6 +8,8 @@ PLUGIN = Plugin(
     public={
         "hhr_dolfinx.plugins.greedy.greedy": "Greedy",
         "hhr_dolfinx.plugins.greedy.indicators": "Eta Eta2 ForceError LargestEstimate",
+        "hhr_dolfinx.plugins.greedy.lattice": "Lattice",
     },
+    parts={"samplings": {"Lattice": "hhr_dolfinx.plugins.greedy.lattice:Lattice"}},
     trainings={"greedy": "hhr_dolfinx.plugins.greedy.commands:Chosen"},
 )

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 
 from hhr_dolfinx import ranks
+from hhr_dolfinx.declared import check_layout
 from hhr_dolfinx.errors import (
     BudgetWarning,
     ConvergenceError,
@@ -23,14 +24,16 @@ from hhr_dolfinx.errors import (
     NotSolvableError,
     StudyError,
 )
-from hhr_dolfinx.files import check_layout, read_arrays, write_arrays
+from hhr_dolfinx.files import read_arrays, write_arrays
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
+from hhr_dolfinx.plugins.greedy.digest import digest_of_values
 from hhr_dolfinx.plugins.greedy.indicators import ForceError, GreedyIndicator, LargestEstimate, Score
+from hhr_dolfinx.plugins.greedy.lattice import Lattice
 from hhr_dolfinx.reduction.build import build, usual_recipe
 from hhr_dolfinx.reduction.recipe import Pod, Recipe
-from hhr_dolfinx.sampling import Lattice, Sobol
+from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet
-from hhr_dolfinx.snapshots.store import SnapshotStore, digest_of_values
+from hhr_dolfinx.snapshots.store import SnapshotStore
 from hhr_dolfinx.warn import warn
 
 if TYPE_CHECKING:

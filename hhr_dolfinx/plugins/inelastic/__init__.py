@@ -37,6 +37,7 @@ PLUGIN = Plugin(
         f"{_HERE}.laws": "Norton Plasticity",
         f"{_HERE}.outputs": "FlowMises",
         f"{_HERE}.reduced_flow": "ReducedFlow",
+        f"{_HERE}.strain": "StrainOperator",
         f"{_HERE}.trained": "TrainedPaths",
         f"{_HERE}.update": "Group Material",
     },

@@ -21,7 +21,6 @@ from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.certify.trust import TrustLimits, warn_of_training
 from hhr_dolfinx.contact.active_set import active_set
 from hhr_dolfinx.errors import ConvergenceError, HHRError, NotSolvableError, ReductionError, UnstableModelError
-from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.models.full import FullModel, plain_outputs
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.parameters import is_number, is_whole
@@ -35,6 +34,7 @@ from hhr_dolfinx.plugins.inelastic.modes import correction_modes
 from hhr_dolfinx.plugins.inelastic.state import flowed as any_flowed
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.state import states_of
+from hhr_dolfinx.plugins.inelastic.strain import StrainOperator
 from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.reduction.modes import state_modes
 from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task

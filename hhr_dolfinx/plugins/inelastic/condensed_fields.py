@@ -20,7 +20,6 @@ from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.formulas import Modulus, check_over_box
 from hhr_dolfinx.linear.layout import lay_out
-from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.models.answer import Answer, Meshed, ModelFields
 from hhr_dolfinx.models.estimates import STRESS, Estimate
 from hhr_dolfinx.parameters import ParameterSpace
@@ -28,6 +27,7 @@ from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 from hhr_dolfinx.plugins.inelastic.completion import KNOWN_ERROR, GappyField
 from hhr_dolfinx.plugins.inelastic.state import state
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.plugins.inelastic.strain import StrainOperator
 from hhr_dolfinx.plugins.inelastic.trained import share_of_stress
 
 if TYPE_CHECKING:

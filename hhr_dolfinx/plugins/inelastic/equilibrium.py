@@ -28,9 +28,9 @@ if TYPE_CHECKING:
 
     from hhr_dolfinx.contact.active_set import SchurEqualities
     from hhr_dolfinx.contact.problem import ContactProblem
-    from hhr_dolfinx.materials.strain import StrainOperator
     from hhr_dolfinx.models.full import FullModel
     from hhr_dolfinx.plugins.inelastic.points import Points
+    from hhr_dolfinx.plugins.inelastic.strain import StrainOperator
     from hhr_dolfinx.plugins.inelastic.update import Material, Update
 
 

@@ -25,10 +25,10 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx.amplitudes import Amplitudes
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Status, active_set
 from hhr_dolfinx.errors import NotSolvableError, ReductionError
-from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.plain import Rebuilt
 from hhr_dolfinx.plugins.inelastic.condensed_fields import PartFactors
+from hhr_dolfinx.plugins.inelastic.strain import StrainOperator
 from hhr_dolfinx.plugins.inelastic.update import Material
 
 

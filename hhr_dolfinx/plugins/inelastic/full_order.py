@@ -18,22 +18,23 @@ from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
 from hhr_dolfinx.contact.law import UNILATERAL_STEP, StepContact
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.contact.stiffness import FactorStore, LazyStiffness, ScaledStiffness, Stiffness
+from hhr_dolfinx.contact.stiffness import FactorStore, ScaledStiffness, Stiffness
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.linear.rows import Rows
-from hhr_dolfinx.materials.strain import ElasticPart, SparsePattern, StrainOperator
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, StressOutput
 from hhr_dolfinx.plugins.inelastic.constants import check_law
 from hhr_dolfinx.plugins.inelastic.equilibrium import Correction
 from hhr_dolfinx.plugins.inelastic.gauss_points import at_gauss_points, material_at, stiffness_parts, strain_operator
+from hhr_dolfinx.plugins.inelastic.lazy_stiffness import LazyStiffness
 from hhr_dolfinx.plugins.inelastic.linearised_step import PATIENCE, PATIENCE_IN_SPACE, LinearisedStepper
 from hhr_dolfinx.plugins.inelastic.march import Histories, march
 from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
 from hhr_dolfinx.plugins.inelastic.points_of_ranks import PointsOfRanks
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.plugins.inelastic.strain import ElasticPart, SparsePattern, StrainOperator
 from hhr_dolfinx.plugins.inelastic.trained import Signs
 from hhr_dolfinx.plugins.inelastic.update import Material, Update
 from hhr_dolfinx.scene import Scene

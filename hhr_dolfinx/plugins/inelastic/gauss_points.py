@@ -15,7 +15,7 @@ from hhr_dolfinx.forms.elasticity import kelvin
 from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.full_order.gauss_points import averaged, tabulated
 from hhr_dolfinx.loads import checked_terms, first_load
-from hhr_dolfinx.materials.strain import SparsePattern, StrainOperator
+from hhr_dolfinx.plugins.inelastic.strain import SparsePattern, StrainOperator
 from hhr_dolfinx.plugins.inelastic.update import Group, Material
 from hhr_dolfinx.scene import Scene
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 
 def strain_operator(discretisation: DiscreteSpace) -> StrainOperator:
     """Strain at the Gauss points of all cells, for inelastic bodies, of which each rank has the whole mesh."""
-    return tabulated(discretisation, np.arange(discretisation.cell_bodies().size))
+    return StrainOperator(*tabulated(discretisation, np.arange(discretisation.cell_bodies().size)), discretisation.size)
 
 
 def material_at(scene: Scene, bodies: np.ndarray, operator: StrainOperator) -> Material:

@@ -15,11 +15,11 @@ import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
-from hhr_dolfinx.linear.anderson import Anderson
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer, found_as
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.steps import steps_of
+from hhr_dolfinx.plugins.inelastic.anderson import Anderson
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal, Linearisation, extrapolated
 from hhr_dolfinx.plugins.inelastic.points import Points
 from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains

@@ -17,7 +17,6 @@ from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
 from hhr_dolfinx.contact.law import UNILATERAL, UNILATERAL_STEP, ContactLaw, StepContact
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.linear.dense import LapackLU
-from hhr_dolfinx.materials.strain import ElasticPart, StrainOperator
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
@@ -29,6 +28,7 @@ from hhr_dolfinx.plugins.inelastic.march import Histories
 from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.plugins.inelastic.strain import ElasticPart, StrainOperator
 from hhr_dolfinx.plugins.inelastic.trained import Signs, TrainedPaths
 from hhr_dolfinx.plugins.inelastic.update import Material, Update
 from hhr_dolfinx.trained import Trained

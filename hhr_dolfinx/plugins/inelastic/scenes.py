@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.plugins.inelastic import constants
 
 if TYPE_CHECKING:
-    from hhr_dolfinx.body import Body, SceneOfBodies
+    from hhr_dolfinx.body import Body
 
 
 class _LawsOfScenes:
@@ -21,7 +21,7 @@ class _LawsOfScenes:
                 "each of its values, and no grading"
             )
 
-    def check_scene(self, scene: SceneOfBodies) -> None:
+    def check_scene(self, scene: Any) -> None:
         """Raise SceneError for other bodies of such elasticity, and for shapes."""
         others = [body.tag for body in scene.bodies if body.uneven]
         if others:

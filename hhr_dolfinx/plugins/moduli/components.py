@@ -19,7 +19,7 @@ from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, Part, compliance_of, grown
 from hhr_dolfinx.plugins.moduli.interpolated import Compliances
 from hhr_dolfinx.plugins.moduli.interpolation import FIRST_LEVELS, GrownGrid
-from hhr_dolfinx.snapshots.arrays import ArrayStore
+from hhr_dolfinx.snapshots.store import ArrayStore
 from hhr_dolfinx.timing import Announce, unannounced
 
 if TYPE_CHECKING:

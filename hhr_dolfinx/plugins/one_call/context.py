@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from hhr_dolfinx.full_order.full import FullOrderModel
     from hhr_dolfinx.models.model import AnsweringModel
     from hhr_dolfinx.plugins.paths.path_families import PathFamily
-    from hhr_dolfinx.snapshots.arrays import ArrayStore
+    from hhr_dolfinx.snapshots.store import ArrayStore
 
 FRESH_SEED = 7000
 """Offset of the seed for points of checks, which then differ from those of any training."""

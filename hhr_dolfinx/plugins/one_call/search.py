@@ -53,8 +53,7 @@ from hhr_dolfinx.plugins.one_call.target import DISPLACEMENT, Budget, Exact, Tar
 from hhr_dolfinx.plugins.one_call.workers import Workers
 from hhr_dolfinx.reduction.reductor import Outcome, Proposal, outcomes
 from hhr_dolfinx.scene import Scene
-from hhr_dolfinx.snapshots.arrays import ArrayStore
-from hhr_dolfinx.snapshots.store import SnapshotStore
+from hhr_dolfinx.snapshots.store import ArrayStore, SnapshotStore
 from hhr_dolfinx.study.training.counts import check_counts
 from hhr_dolfinx.study.training.train import checked_folder
 from hhr_dolfinx.timing import WARM_UP, Announce, ShareLines, Stopwatch, median_time, timed

@@ -24,10 +24,10 @@ from hhr_dolfinx.errors import ParameterError, ReductionError, SceneWarning, Stu
 from hhr_dolfinx.full_order.cell_stiffness import CellStiffness
 from hhr_dolfinx.plugins.greedy import greedy as module
 from hhr_dolfinx.plugins.greedy import indicators
+from hhr_dolfinx.plugins.greedy.digest import digest_of_values
 from hhr_dolfinx.plugins.greedy.greedy import Greedy, KeptChoice, independent
 from hhr_dolfinx.plugins.greedy.indicators import _Domain
 from hhr_dolfinx.reduction.recipe import Recipe
-from hhr_dolfinx.snapshots.store import digest_of_values
 from hhr_dolfinx.study.training.train import train
 
 QUICK = hhr.Greedy(tolerance=1e-9, budget=30, start=hhr.Sobol(4), candidates=hhr.Lattice(100, levels=10), together=6)

@@ -15,7 +15,7 @@ from hhr_dolfinx.plugins.moduli.known_forces import DiagonalBlock, KnownForces
 from hhr_dolfinx.plugins.moduli.shaped import ReshapedElimination
 from hhr_dolfinx.reduction.reductor import Task, made
 from hhr_dolfinx.shapes import coordinate_names
-from hhr_dolfinx.snapshots.arrays import ArrayStore
+from hhr_dolfinx.snapshots.store import ArrayStore
 
 MATERIALS = {"E1": (1.0, 6.0), "nu1": (0.1, 0.49), "E2": (2.0, 90.0), "c": (0.0, 1.0)}
 OUTPUTS = hhr.LargestPressure("peak", 0), hhr.ContactForce("force", 0, (0.0, 1.0))

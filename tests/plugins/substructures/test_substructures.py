@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from hhr_dolfinx.geometries.partition import shares
-from hhr_dolfinx.linear.border import DenseFactors, _add, _blocks, _cover, _owners
+from hhr_dolfinx.plugins.substructures.border import DenseFactors, _add, _blocks, _cover, _owners
 
 EDGES = st.lists(st.tuples(st.integers(0, 5), st.integers(10, 15)), max_size=14)
 
@@ -69,7 +69,7 @@ def test_work_of_ranks_differs_by_no_more_than_a_part():
 
 def test_triangles_are_added_where_they_belong(monkeypatch):
     """In blocks of rows, at places that are not all neighbours; what is below the diagonal does not count."""
-    monkeypatch.setattr("hhr_dolfinx.linear.border.SENT", 12)
+    monkeypatch.setattr("hhr_dolfinx.plugins.substructures.border.SENT", 12)
     rng = np.random.default_rng(0)
     places = np.array([0, 1, 2, 5, 6, 9])
     left = rng.standard_normal((6, 6))

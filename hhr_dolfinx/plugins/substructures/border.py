@@ -18,18 +18,12 @@ if TYPE_CHECKING:
     from mpi4py.MPI import Comm
 
 SENT = 2_000_000
-"""Numbers in one message between ranks, and in one product, 16 MB."""
+"""Numbers in one message between ranks, 16 MB."""
 
 
 @dataclass(frozen=True)
 class Part:
-    """A connected part of the border.
-
-    Attributes:
-        rows: contiguous rows of the part: first the rows that ranks share, then those for which K^-1 is needed.
-        common: number of shared rows.
-        owner: rank that factors the part.
-    """
+    """A connected part of the border, which ``owner`` factors: first its ``common`` rows, those that ranks share."""
 
     rows: slice
     common: int
@@ -43,31 +37,19 @@ class Part:
 
 @dataclass(frozen=True)
 class Border:
-    """Rows that no rank eliminates by itself; all but ``part_of`` is the same on all ranks.
+    """Rows that no rank eliminates by itself; all but ``part_of`` is the same on all ranks."""
 
-    Attributes:
-        numbers: row numbers in the matrix, in the order of the border, (b,).
-        place: index in this order of each row of the matrix; -1 outside of the border, (n,).
-        parts: connected components of the border.
-        inverted: indices in the border of the rows between which K^-1 is needed, by increasing row number.
-        part_of: part to which each local row outside of the border is connected; -1 for none.
-    """
-
-    numbers: np.ndarray
-    place: np.ndarray
-    parts: tuple[Part, ...]
-    inverted: np.ndarray
-    part_of: np.ndarray
+    numbers: np.ndarray  # row numbers in the matrix, in the order of the border, (b,)
+    place: np.ndarray  # index in this order of each row of the matrix; -1 outside of the border, (n,)
+    parts: tuple[Part, ...]  # connected components of the border
+    inverted: np.ndarray  # indices in the border of the rows between which K^-1 is needed, by increasing row number
+    part_of: np.ndarray  # part to which each local row outside of the border is connected; -1 for none
 
 
 def border_of(rows: csr_matrix, first: int, last: np.ndarray, comm: Comm) -> Border:
-    """Find the border of a matrix whose rows are distributed over ranks. Collective.
+    """Border of a matrix with distributed rows, (own, n), the first of which has the number ``first``. Collective.
 
-    Args:
-        rows: local rows, (own, n).
-        first: number of the first local row.
-        last: local rows, increasing, between which K^-1 is needed.
-        comm: communicator of the ranks.
+    K^-1 is needed between the local rows ``last``, increasing.
     """
     common = np.setdiff1d(_coupled(rows, first, comm), last)
     ends = np.concatenate(comm.allgather(first + last))
@@ -178,15 +160,9 @@ def _cover(one: np.ndarray, other: np.ndarray) -> np.ndarray:
 
 
 def gathered(part: Part, reach: np.ndarray, left: np.ndarray, comm: Comm) -> np.ndarray | None:
-    """Sum the Schur complements of all ranks on a part, (size, size); None on ranks that do not own it. Collective.
+    """Sum of the Schur complements of all ranks on a part, (size, size); None on ranks that do not own it. Collective.
 
-    Only values on and above the diagonal are valid.
-
-    Args:
-        part: part of the border.
-        reach: indices in the part that this rank reaches, increasing, (r,).
-        left: Schur complement of this rank there, (r, r); only the upper triangle is read.
-        comm: communicator of the ranks.
+    ``left`` is that of this rank, (r, r), at increasing indices in the part, ``reach``. Only upper triangles are valid.
     """
     reaches = comm.gather(reach, part.owner)
     if reaches is None:
@@ -196,22 +172,18 @@ def gathered(part: Part, reach: np.ndarray, left: np.ndarray, comm: Comm) -> np.
     total = np.zeros((part.size, part.size))
     for rank, places in enumerate(reaches):
         for block in _blocks(places.size):
-            given = left[block, block.start :] if rank == comm.rank else np.empty(_shape(block, places.size))
-            if rank != comm.rank:
+            if rank == comm.rank:
+                given = left[block, block.start :]
+            else:
+                given = np.empty((block.stop - block.start, places.size - block.start))
                 comm.Recv(given, rank)
             _add(total, places, block, given)
     return total
 
 
 def _blocks(count: int) -> list[slice]:
-    """Slices of rows of a triangle, one for each message."""
     height = max(SENT // max(count, 1), 1)
     return [slice(first, min(first + height, count)) for first in range(0, count, height)]
-
-
-def _shape(block: slice, count: int) -> tuple[int, int]:
-    """Shape of a block of rows from the diagonal on."""
-    return block.stop - block.start, count - block.start
 
 
 def _add(total: np.ndarray, places: np.ndarray, block: slice, given: np.ndarray) -> None:
@@ -230,19 +202,13 @@ def _add(total: np.ndarray, places: np.ndarray, block: slice, given: np.ndarray)
 
 
 def _span(numbers: np.ndarray) -> slice:
-    """Slice of consecutive numbers."""
     return slice(int(numbers[0]), int(numbers[-1]) + 1)
 
 
 class DenseFactors:
-    """Cholesky factors of the Schur complement on a part of the border.
+    """Cholesky factors of the Schur complement on a part of the border, by its upper triangle, which is overwritten.
 
-    Args:
-        upper: matrix on and above the diagonal, (size, size), in C order; it is overwritten.
-        common: number of rows before those between which the inverse is needed.
-
-    Attributes:
-        definite: the matrix is positive definite; otherwise no method may be called.
+    The inverse is needed after the first ``common`` rows. Unless the matrix is ``definite``, no method may be called.
     """
 
     def __init__(self, upper: np.ndarray, common: int):
@@ -261,19 +227,3 @@ class DenseFactors:
         for row in range(len(found)):  # in place, since it may be large
             found[row, row + 1 :] = found[row + 1 :, row]
         return found
-
-
-def add_between(rows: csr_matrix, inverse: np.ndarray, found: np.ndarray) -> None:
-    """Add rows K^-1 rows^T to an array in blocks of rows: the whole product would need as much memory as the array.
-
-    Args:
-        rows: (m, n).
-        inverse: K^-1, symmetric, (n, n).
-        found: array that the product is added to, (m, m).
-    """
-    used = np.flatnonzero(np.diff(rows.indptr))
-    own = csr_matrix(rows[used])
-    height = max(SENT // max(inverse.shape[0], 1), 1)
-    for first in range(0, used.size, height):
-        block = slice(first, first + height)
-        found[np.ix_(used[block], used)] += (own @ (own[block] @ inverse).T).T

@@ -15,8 +15,8 @@ import numpy as np
 from mpi4py import MPI
 from scipy.sparse import csc_matrix, csr_matrix, triu
 
-from hhr_dolfinx.linear.border import Border, DenseFactors, Part, add_between, border_of, gathered
-from hhr_dolfinx.linear.factors import Factors, Pattern
+from hhr_dolfinx.linear.factors import Factors, Pattern, add_between
+from hhr_dolfinx.plugins.substructures.border import Border, DenseFactors, Part, border_of, gathered
 
 if TYPE_CHECKING:
     from mpi4py.MPI import Comm
@@ -30,18 +30,8 @@ SMALL = 1000
 class Substructures:
     """Factors by substructuring, with the interface of :class:`Factors`.
 
-    Args:
-        pattern: whole local rows, (own, n), numbered from rank to rank.
-        values: data to which the indices of the pattern refer.
-        prefix: prefix of PETSc options, for the factors of each rank.
-        comm: communicator of the ranks.
-        last: local rows, increasing, between which K^-1 is needed.
-        low_rank: see :class:`Factors`.
-
-    Attributes:
-        low_rank: the argument.
-        possible: MUMPS returns Schur complements here, and the border is small enough; otherwise no method may be
-            called.
+    The pattern has whole local rows, (own, n), numbered from rank to rank, and ``last`` local ones. Unless they are
+    ``possible``, by MUMPS and the size of the border, no method may be called.
     """
 
     def __init__(
@@ -136,8 +126,7 @@ class Substructures:
     def solve_block(self, columns: csc_matrix | np.ndarray, solutions: np.ndarray) -> None:
         """Write solutions for some columns, (own, k), sparse or dense, into an array in Fortran order. Collective.
 
-        The interior is solved with a fixed border; the remaining loads displace the border, and the interior is
-        corrected for that displacement.
+        The interior is solved with a fixed border, whose displacement by the remaining loads then corrects it.
         """
         edge = columns[self._edge]
         loads = self._on_border(edge if isinstance(edge, np.ndarray) else edge.toarray())
@@ -174,29 +163,16 @@ class Substructures:
         image[self._edge] = total[self._at]
 
     def _on_border(self, own: np.ndarray) -> np.ndarray:
-        """Table of all rows of the border with values in the local ones, (border, k)."""
         total = np.zeros((self._border.numbers.size, own.shape[1]))
         total[self._at] = own
         return total
 
 
 class _Inside:
-    """Interior rows of this rank, and their Schur complement on the border.
+    """Factors of interior rows of this rank, (k,), with their Schur complement on the border, if that is ``possible``.
 
-    Args:
-        marks: index of each entry in the pattern plus one, CSR, (own, n).
-        places: indices of these entries in the data of the matrix.
-        values: data of the matrix.
-        first: number of the first local row.
-        rows: interior rows, among the local ones, (k,).
-        border: rows of the border.
-        prefix, low_rank: see :class:`Factors`.
-
-    Attributes:
-        rows: the argument.
-        reach: indices in the border of the rows that the interior is coupled with, increasing, (r,).
-        factors: factors of the interior, with the Schur complement on the border.
-        possible: MUMPS returns this Schur complement.
+    ``marks`` holds the index of each entry in the pattern plus one, CSR, (own, n), and ``places`` their indices in the
+    values. ``reach`` are the indices in the border of the rows that the interior is coupled with, increasing, (r,).
     """
 
     def __init__(
@@ -247,9 +223,9 @@ class _Inside:
 
 
 def _groups(inside: np.ndarray, border: Border) -> list[np.ndarray]:
-    """Group the interior rows by the part of the border that they are connected to; small parts form one group.
+    """Interior rows by the part of the border that they are connected to, which avoids Schur complements with zeros.
 
-    A group for each large part avoids a Schur complement with zero blocks between parts.
+    Small parts form one group.
     """
     sizes = np.array([part.size for part in border.parts] + [0])
     label = np.where(sizes[border.part_of] < SMALL, -1, border.part_of)

@@ -94,14 +94,6 @@ class StrainOperator:
         indptr = np.searchsorted(keys, np.arange(self.size + 1) * self.size).astype(np.int32)
         return SparsePattern(indptr, (keys % self.size).astype(np.int32), position.reshape(-1, d, d))
 
-    def element_stiffness(self, tangents: np.ndarray) -> np.ndarray:
-        """Element stiffness matrices, (cells, d, d), for tangents H, (gauss_points, components, components)."""
-        cells, per_cell, components, d = self.gradients.shape
-        moduli = tangents.reshape(cells, per_cell, components, components)
-        flux = moduli @ (self.weights[:, :, None, None] * self.gradients)
-        rows = per_cell * components
-        return self.gradients.reshape(cells, rows, d).transpose(0, 2, 1) @ flux.reshape(cells, rows, d)
-
     def stiffness(self, tangents: np.ndarray, pattern: SparsePattern, elastic: ElasticPart | None = None) -> csr_matrix:
         """Stiffness ∫ ε(v) : H : ε(u) of tangents H (gauss_points, components, components), (size, size).
 
@@ -126,12 +118,7 @@ class ElasticPart(NamedTuple):
 
 @dataclass(frozen=True)
 class SparsePattern:
-    """Sparsity of a CSR matrix, and the positions of the entries of each cell's matrix in its data.
-
-    Attributes:
-        indptr, indices: arrays of the CSR matrix.
-        position: index in the data for each entry, (cells, d, d).
-    """
+    """Sparsity of a CSR matrix, and the index in its data of each entry of the matrices of cells, (cells, d, d)."""
 
     indptr: np.ndarray
     indices: np.ndarray

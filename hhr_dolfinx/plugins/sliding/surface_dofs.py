@@ -15,11 +15,7 @@ from hhr_dolfinx.parameters import Tag
 
 @dataclass(frozen=True)
 class SurfaceDofs:
-    """Rows of the identity at the nodes of two surfaces, component by component, which span all contact conditions.
-
-    Attributes:
-        slave, master: facet tags.
-    """
+    """Rows of the identity at the nodes of two surfaces, component by component, which span all contact conditions."""
 
     slave: Tag
     master: Tag

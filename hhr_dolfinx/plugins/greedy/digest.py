@@ -1,0 +1,147 @@
+"""Digests of settings that are the same in another run: of numbers, texts, arrays, functions and classes."""
+
+from __future__ import annotations
+
+import dis
+import hashlib
+import sys
+from collections.abc import Iterator, Mapping
+from dataclasses import fields, is_dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from types import BuiltinFunctionType, CodeType, FunctionType, MemberDescriptorType, MethodType, ModuleType
+from typing import Any
+
+import numpy as np
+from scipy.sparse import issparse
+
+from hhr_dolfinx.errors import StudyError
+from hhr_dolfinx.snapshots.store import arrays_of, bytes_of
+
+DEEPEST = 50
+"""Largest depth of nested values; deeper ones count as values that contain themselves."""
+
+
+def digest_of_values(value: object, what: str) -> str:
+    """Hexadecimal digest of settings: of their types, numbers, texts, arrays and functions, not of their ``repr``.
+
+    The ``repr`` of an array leaves out its middle, and that of an object may be its address. User-defined functions and
+    classes enter with the globals that they read and their class attributes, those of installed packages with their
+    names. StudyError, of ``what``, for an object whose values are not accessible.
+    """
+    digest = hashlib.sha256()
+    for piece in _pieces(value, what, 0, {}):
+        digest.update(len(piece).to_bytes(8, "little") + piece)
+    return digest.hexdigest()
+
+
+def _pieces(value: object, what: str, depth: int, seen: dict[int, int]) -> Iterator[bytes]:
+    """Bytes that identify a value uniquely; functions and classes that occur again enter with their number."""
+    if depth > DEEPEST:
+        raise StudyError(f"{what} holds values more than {DEEPEST} deep, or itself: no digest can be made of it")
+    kind = type(value)
+    yield f"{kind.__module__}.{kind.__qualname__}".encode()
+    if value is None or isinstance(value, bool | int | float | complex | str | bytes):
+        yield repr(value).encode()
+        return
+    if isinstance(value, FunctionType | type):
+        if id(value) in seen:
+            yield f"again {seen[id(value)]}".encode()
+            return
+        seen[id(value)] = len(seen)
+    for part in _values_of(value, what):
+        if isinstance(part, np.ndarray) and part.dtype != object:
+            yield bytes_of(part)
+        else:
+            yield from _pieces(part, what, depth + 1, seen)
+    yield b"end"
+
+
+def _values_of(value: Any, what: str) -> list[Any]:
+    """Parts of a value that is neither number nor text."""
+    if issparse(value):
+        return [value.shape, *arrays_of(value.tocsr())]
+    if isinstance(value, np.ndarray | np.generic):
+        array = np.asarray(value)
+        return [array] if array.dtype != object else array.tolist()
+    if isinstance(value, Mapping):
+        return [item for key in sorted(value, key=repr) for item in (key, value[key])]
+    if isinstance(value, set | frozenset):
+        return sorted(digest_of_values(item, what) for item in value)
+    if isinstance(value, list | tuple):
+        return list(value)
+    if isinstance(value, BuiltinFunctionType | np.ufunc):
+        return [getattr(value, "__module__", ""), getattr(value, "__qualname__", value.__name__)]
+    if isinstance(value, MethodType):
+        return [value.__func__, value.__self__]
+    if isinstance(value, FunctionType):
+        return _values_of_function(value)
+    if isinstance(value, CodeType):
+        return [value.co_code, value.co_consts, value.co_names]
+    if isinstance(value, partial):
+        return [value.func, value.args, value.keywords]
+    if isinstance(value, ModuleType):
+        return [value.__name__]
+    if isinstance(value, type):
+        return [value.__module__, value.__qualname__, *_class_attributes(value)]
+    if is_dataclass(value):
+        return [type(value), *((item.name, getattr(value, item.name)) for item in fields(value))]
+    if hasattr(value, "__dict__"):
+        return [type(value), vars(value)]
+    raise StudyError(
+        f"{what} holds {value!r}, of which no digest can be made that is the same in another run: write it as a frozen "
+        "dataclass of numbers, texts and arrays"
+    )
+
+
+def _installed(module: str) -> bool:
+    """True for a module of Python, of this package or of another installed one, that is, not user-defined code."""
+    first = module.partition(".")[0]
+    file = getattr(sys.modules.get(first), "__file__", None) or ""
+    if first in sys.stdlib_module_names or first == __name__.partition(".")[0]:
+        return True
+    return bool({"site-packages", "dist-packages"} & set(Path(file).parts))
+
+
+def _values_of_function(function: FunctionType) -> list[Any]:
+    """Code, defaults, closure and, for a user-defined function, the globals that its code reads."""
+    held = [cell.cell_contents for cell in function.__closure__ or ()]
+    names = [function.__module__, function.__qualname__]
+    known = [*names, function.__code__, function.__defaults__, function.__kwdefaults__, held]
+    if _installed(function.__module__ or ""):
+        return known
+    found: dict[str, Any] = {}
+    for code in _codes(function.__code__):
+        for name in {step.argval for step in dis.get_instructions(code) if step.opname == "LOAD_GLOBAL"}:
+            if name not in function.__globals__:
+                continue  # a built-in of Python
+            item = found[name] = function.__globals__[name]
+            if isinstance(item, ModuleType) and not _installed(item.__name__):
+                found |= {f"{name}.{part}": vars(item)[part] for part in code.co_names if part in vars(item)}
+    return [*known, found]
+
+
+def _codes(code: CodeType) -> Iterator[CodeType]:
+    """A code object and those of the functions defined in it."""
+    yield code
+    for part in code.co_consts:
+        if isinstance(part, CodeType):
+            yield from _codes(part)
+
+
+def _class_attributes(kind: type) -> list[Any]:
+    """Attributes and methods of a user-defined class and its user-defined bases, without those generated by Python."""
+    found: list[Any] = []
+    for base in kind.__mro__:
+        if _installed(base.__module__):
+            continue
+        for name, item in vars(base).items():
+            if isinstance(item, staticmethod | classmethod):
+                item = item.__func__
+            elif isinstance(item, property | cached_property):
+                item = item.fget if isinstance(item, property) else item.func
+            written = isinstance(item, FunctionType) and item.__code__.co_filename != "<string>"
+            plain = not name.startswith("__") and name != "_abc_impl" and not isinstance(item, FunctionType)
+            if written or (plain and not isinstance(item, MemberDescriptorType)):  # descriptors of __slots__
+                found.append((name, item))
+    return found
