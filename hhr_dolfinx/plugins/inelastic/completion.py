@@ -23,14 +23,10 @@ KNOWN_ERROR = "indicator of the stress: the part of it that no training explains
 
 @dataclass(frozen=True, eq=False)
 class GappyField:
-    """A field of the Gauss points from its values in the RID (gappy POD, section 6.2.3).
+    """A field of the Gauss points from its values in the RID (gappy POD, section 6.2.3)."""
 
-    Attributes:
-        modes: POD modes of training states, (values everywhere, modes).
-        fit: amplitudes of the modes per value in the RID, (modes, values in the RID).
-    """
-
-    modes: Annotated[Floats, "values", "modes"]
+    modes: Annotated[Floats, "values", "modes"]  # POD modes of training states, (values everywhere, modes)
+    # amplitudes of the modes per value in the RID, (modes, values in the RID)
     fit: Annotated[Floats, "modes", "known values"]
 
     def __post_init__(self) -> None:
@@ -49,22 +45,15 @@ class GappyField:
 
 @dataclass(frozen=True, eq=False)
 class FlowFields:
-    """Reconstruction of stress and plastic strain of inelastic bodies.
-
-    Attributes:
-        points: numbers of the Gauss points of the RID in the full model.
-        stress: reconstruction of the stress, with adjacent components of each point.
-        cumulated: reconstruction of the cumulated plastic strain; None if it was zero in training.
-        gauss_points: number of Gauss points of the full model.
-    """
+    """Reconstruction of stress and plastic strain of inelastic bodies."""
 
     kind: ClassVar[str] = STRESS
     known_error: ClassVar[str] = KNOWN_ERROR
 
-    points: Annotated[Integers, "points", "< gauss points"]
-    stress: GappyField
-    cumulated: GappyField | None
-    gauss_points: Annotated[Size, "gauss points"]
+    points: Annotated[Integers, "points", "< gauss points"]  # numbers of the Gauss points of the RID in the full model
+    stress: GappyField  # reconstruction of the stress, with adjacent components of each point
+    cumulated: GappyField | None  # reconstruction of the cumulated plastic strain; None if it was zero in training
+    gauss_points: Annotated[Size, "gauss points"]  # number of Gauss points of the full model
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Modes of other points."""

@@ -76,17 +76,11 @@ def correction_strain(
 
 @dataclass(frozen=True)
 class FlowingDomain:
-    """Gauss points with plastic strain in training: the candidates of a cubature.
+    """Gauss points with plastic strain in training: the candidates of a cubature."""
 
-    Attributes:
-        points: their numbers, (p,).
-        weights: quadrature weight times 2 μ in the middle of the box, (p,).
-        deviators: of the strain of the modes, (p, c, ell).
-    """
-
-    points: np.ndarray
-    weights: np.ndarray
-    deviators: np.ndarray
+    points: np.ndarray  # their numbers, (p,)
+    weights: np.ndarray  # quadrature weight times 2 μ in the middle of the box, (p,)
+    deviators: np.ndarray  # of the strain of the modes, (p, c, ell)
 
     @classmethod
     def of(cls, full: FullModel, basis: np.ndarray, answers: Sequence[Answer], sizes: np.ndarray) -> FlowingDomain:
@@ -516,20 +510,14 @@ def _by_body(groups: tuple[Group, ...], points: np.ndarray) -> tuple[tuple[Group
 
 @dataclass(frozen=True)
 class _FieldModes:
-    """POD modes of plastic and cumulated plastic strain, at the points with plastic strain in training.
+    """POD modes of plastic and cumulated plastic strain, at the points with plastic strain in training."""
 
-    Attributes:
-        flowed: numbers of these points.
-        plastic, cumulated: modes.
-        displacements: displacement of each mode of the plastic strain, K^-1 ∫ G^T C Φ.
-        moduli: Lamé's λ and 2 μ of all Gauss points, in the middle of the box.
-    """
-
-    flowed: np.ndarray
+    flowed: np.ndarray  # numbers of these points
+    # plastic, cumulated: modes
     plastic: np.ndarray
     cumulated: np.ndarray
-    displacements: np.ndarray
-    moduli: np.ndarray
+    displacements: np.ndarray  # displacement of each mode of the plastic strain, K^-1 ∫ G^T C Φ
+    moduli: np.ndarray  # Lamé's λ and 2 μ of all Gauss points, in the middle of the box
 
     @classmethod
     def of(cls, full: FullModel, snapshots: SnapshotSet) -> _FieldModes:

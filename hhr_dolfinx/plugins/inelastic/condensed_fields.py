@@ -47,28 +47,23 @@ class PlasticFields:
     that balance each mode are computed in advance: K u = ∫ G^T C Φ, σ = C (ε(u) - Φ). So the stress is exact in elastic
     regions, and balances the loads for any a. The stress itself is not completed from few points: its elastic part is
     no combination of training modes and would be wrong as a whole.
-
-    Attributes:
-        points: numbers of the Gauss points Z where laws are evaluated, (n,).
-        flowed: numbers of the points with plastic strain in training, increasing, (f,).
-        plastic: completion of the plastic strain on these; components of a point are adjacent.
-        cumulated: completion of the cumulated plastic strain.
-        moved: displacement K^-1 ∫ G^T C Φ of each mode of the plastic strain, (N, k).
-        strain: ε(u) at all Gauss points.
-        unstressed: strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T).
-        moduli: Lamé's λ and 2 μ of each Gauss point in the middle of the box, (Gauss points, 2).
     """
 
     kind: ClassVar[str] = STRESS
     known_error: ClassVar[str] = KNOWN_ERROR
 
+    # numbers of the Gauss points Z where laws are evaluated, (n,)
     points: Annotated[Integers, "points", "< gauss points"]
+    # numbers of the points with plastic strain in training, increasing, (f,)
     flowed: Annotated[Integers, "flowed", "< gauss points"]
-    plastic: GappyField
-    cumulated: GappyField
+    plastic: GappyField  # completion of the plastic strain on these; components of a point are adjacent
+    cumulated: GappyField  # completion of the cumulated plastic strain
+    # displacement K^-1 ∫ G^T C Φ of each mode of the plastic strain, (N, k)
     moved: Annotated[Floats, "N", "plastic modes"]
-    strain: StrainOperator
+    strain: StrainOperator  # ε(u) at all Gauss points
+    # strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T)
     unstressed: Annotated[csc_matrix, "components * gauss points", "terms"]
+    # Lamé's λ and 2 μ of each Gauss point in the middle of the box, (Gauss points, 2)
     moduli: Annotated[Floats, "gauss points", "2"]
 
     def __post_init__(self) -> None:
@@ -167,34 +162,20 @@ class PlasticFields:
 
 @dataclass(frozen=True)
 class CondensedFlowFields(Rebuilt, ModelFields):
-    """Fields of condensed inelastic models, see :class:`hhr_dolfinx.models.answer.Fields`.
+    """Fields of condensed inelastic models, see :class:`hhr_dolfinx.models.answer.Fields`."""
 
-    Attributes:
-        amplitudes: θ as a function of the parameters.
-        factors: moduli of the parts of the stiffness.
-        parts: part that holds each dof, (N,).
-        basis: V, (N, ell).
-        per_force: K^-1 B^T in the middle of the box, (N, m).
-        forced: K^-1 F there, (N, 1 + T).
-        given: imposed displacements and the response to them, (N, 1 + T).
-        dimension: components of the displacement at a node.
-        flow: completes stress and plastic strain.
-        functionals: outputs of the scene; None if it has none.
-        law: law of the contact conditions.
-        full: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
-    """
-
-    amplitudes: Amplitudes
-    factors: PartFactors
-    parts: Annotated[Integers, "N"]
-    basis: Annotated[Floats, "N", "ell"]
-    per_force: Annotated[Floats, "N", "m"]
-    forced: Annotated[Floats, "N", "terms"]
-    given: Annotated[Floats, "N", "terms"]
-    dimension: int
-    flow: PlasticFields
-    functionals: Functionals | None = None
-    law: ContactLaw = UNILATERAL
+    amplitudes: Amplitudes  # θ as a function of the parameters
+    factors: PartFactors  # moduli of the parts of the stiffness
+    parts: Annotated[Integers, "N"]  # part that holds each dof, (N,)
+    basis: Annotated[Floats, "N", "ell"]  # V, (N, ell)
+    per_force: Annotated[Floats, "N", "m"]  # K^-1 B^T in the middle of the box, (N, m)
+    forced: Annotated[Floats, "N", "terms"]  # K^-1 F there, (N, 1 + T)
+    given: Annotated[Floats, "N", "terms"]  # imposed displacements and the response to them, (N, 1 + T)
+    dimension: int  # components of the displacement at a node
+    flow: PlasticFields  # completes stress and plastic strain
+    functionals: Functionals | None = None  # outputs of the scene; None if it has none
+    law: ContactLaw = UNILATERAL  # law of the contact conditions
+    # see :class:`~hhr_dolfinx.models.answer.ModelFields`
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
     @property
@@ -292,14 +273,10 @@ SAME = 1e-9
 
 @dataclass(frozen=True)
 class PartFactors:
-    """Young's moduli as factors of the connected components of a scene (Q parts, one for constant elasticity).
+    """Young's moduli as factors of the connected components of a scene (Q parts, one for constant elasticity)."""
 
-    Attributes:
-        moduli: of each part; empty for constant elasticity.
-        middle: their values in the middle of the box, for which arrays of a model are computed, (Q,).
-    """
-
-    moduli: tuple[Modulus, ...]
+    moduli: tuple[Modulus, ...]  # of each part; empty for constant elasticity
+    # their values in the middle of the box, for which arrays of a model are computed, (Q,)
     middle: Annotated[Floats, "parts"]
 
     def faults_for(self, space: ParameterSpace) -> Iterator[str]:

@@ -50,46 +50,30 @@ from hhr_dolfinx.plugins.inelastic.update import Group, Material, State, check_f
 
 @dataclass(frozen=True)
 class CondensedFlow:
-    """Arrays in the middle of the box (n points of c components, ell modes, m conditions, Q parts).
+    """Arrays in the middle of the box (n points of c components, ell modes, m conditions, Q parts)."""
 
-    Attributes:
-        points: numbers of the Gauss points Z in the full model, body by body, (n,). Points without weight are there to
-            detect plastic strain away from the others.
-        groups: elasticity and laws of these points by body, with consecutive indices.
-        per_cell: Gauss points of a cell of the full model.
-        parts: part of the stiffness that holds each point, (n,).
-        factors: moduli of the parts.
-        per_mode: strain of V, component by component, (ell, c n).
-        tested: weight of each point times 2 μ times the deviator of this strain, (ell, c n).
-        per_force: strain of K^-1 B^T, (m, c n).
-        forced: strain of K^-1 F, (c n, 1 + T).
-        given: strain of imposed displacements and of the response to them, minus strains without stress, (c n, 1 + T).
-        moved: B V, (m, ell).
-        modal: Q of :mod:`plugins.inelastic.condensed_step`, (ell, ell).
-        coupled: P there, (ell, m).
-        mode_parts: part of the stiffness to which each mode belongs, if moduli vary, (ell,).
-        schur: B K^-1 B^T of each part, (Q, m, m).
-        pressed: B K^-1 F of each part, (Q, m, 1 + T).
-        gaps: gaps minus imposed displacements, (m, 1 + T).
-    """
-
+    # numbers of the Gauss points Z in the full model, body by body, (n,). Points without weight are there to
+    # detect plastic strain away from the others.
     points: Annotated[Integers, "points", "< gauss points"]
-    groups: tuple[Group, ...]
-    per_cell: Annotated[Size, "per cell"]
-    parts: Annotated[Integers, "points", "< Q"]
-    factors: PartFactors
-    per_mode: Annotated[Floats, "ell", "components * points"]
+    groups: tuple[Group, ...]  # elasticity and laws of these points by body, with consecutive indices
+    per_cell: Annotated[Size, "per cell"]  # Gauss points of a cell of the full model
+    parts: Annotated[Integers, "points", "< Q"]  # part of the stiffness that holds each point, (n,)
+    factors: PartFactors  # moduli of the parts
+    per_mode: Annotated[Floats, "ell", "components * points"]  # strain of V, component by component, (ell, c n)
+    # weight of each point times 2 μ times the deviator of this strain, (ell, c n)
     tested: Annotated[Floats, "ell", "components * points"]
-    per_force: Annotated[Floats, "m", "components * points"]
-    forced: Annotated[Floats, "components * points", "terms"]
+    per_force: Annotated[Floats, "m", "components * points"]  # strain of K^-1 B^T, (m, c n)
+    forced: Annotated[Floats, "components * points", "terms"]  # strain of K^-1 F, (c n, 1 + T)
+    # strain of imposed displacements and of the response to them, minus strains without stress, (c n, 1 + T)
     given: Annotated[Floats, "components * points", "terms"]
-    moved: Annotated[Floats, "m", "ell"]
-    modal: Annotated[Floats, "ell", "ell"]
-    coupled: Annotated[Floats, "ell", "m"]
+    moved: Annotated[Floats, "m", "ell"]  # B V, (m, ell)
+    modal: Annotated[Floats, "ell", "ell"]  # Q of :mod:`plugins.inelastic.condensed_step`, (ell, ell)
+    coupled: Annotated[Floats, "ell", "m"]  # P there, (ell, m)
+    # part of the stiffness to which each mode belongs, if moduli vary, (ell,)
     mode_parts: Annotated[Integers, "ell", "< Q"]
-    schur: Annotated[Floats, "Q", "m", "m"]
-    pressed: Annotated[Floats, "Q", "m", "terms"]
-    gaps: Annotated[Floats, "m", "terms"]
+    schur: Annotated[Floats, "Q", "m", "m"]  # B K^-1 B^T of each part, (Q, m, m)
+    pressed: Annotated[Floats, "Q", "m", "terms"]  # B K^-1 F of each part, (Q, m, 1 + T)
+    gaps: Annotated[Floats, "m", "terms"]  # gaps minus imposed displacements, (m, 1 + T)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults: repeated points, groups that are not consecutive (compiled loops rely on it), and an indefinite S."""

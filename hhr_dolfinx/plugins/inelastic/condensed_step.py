@@ -48,94 +48,61 @@ class StepModel(NamedTuple):
     """Arrays of a model at its moduli (n points of c components, ell modes, m conditions, G groups of points).
 
     Strains are stored by component, so that loops over points vectorise.
-
-    Attributes:
-        per_mode: strain of each mode, (ell, c n).
-        tested: quadrature weight times 2 μ times the deviator of each, (ell, c n), in the moduli for which modes have
-            unit energy.
-        per_force: strain of K^-1 B^T in these moduli, (m, c n).
-        scale: factor of the strain of contact forces, (c n,); empty if it is 1.
-        schur: S, (m, m).
-        moved: B V, (m, ell).
-        modal: Q, (ell, ell).
-        coupled: P, (ell, m).
-        ends: last point of each group and one, (G,).
-        shear: of each group, (G,).
-        weight: norm of ``tested``.
-        single: ``per_mode`` in single precision, for Newton's matrix.
     """
 
-    per_mode: np.ndarray
+    per_mode: np.ndarray  # strain of each mode, (ell, c n)
+    # quadrature weight times 2 μ times the deviator of each, (ell, c n), in the moduli for which modes have unit
+    # energy
     tested: np.ndarray
-    per_force: np.ndarray
-    scale: np.ndarray
-    schur: np.ndarray
-    moved: np.ndarray
-    modal: np.ndarray
-    coupled: np.ndarray
-    ends: np.ndarray
-    shear: np.ndarray
-    weight: float
-    single: np.ndarray
+    per_force: np.ndarray  # strain of K^-1 B^T in these moduli, (m, c n)
+    scale: np.ndarray  # factor of the strain of contact forces, (c n,); empty if it is 1
+    schur: np.ndarray  # S, (m, m)
+    moved: np.ndarray  # B V, (m, ell)
+    modal: np.ndarray  # Q, (ell, ell)
+    coupled: np.ndarray  # P, (ell, m)
+    ends: np.ndarray  # last point of each group and one, (G,)
+    shear: np.ndarray  # of each group, (G,)
+    weight: float  # norm of ``tested``
+    single: np.ndarray  # ``per_mode`` in single precision, for Newton's matrix
 
 
 class StepLoad(NamedTuple):
-    """Input of a step.
+    """Input of a step."""
 
-    Attributes:
-        strain: strain without correction and contact forces, (c n,).
-        forces: λ_e, (m,).
-        slack: slack without correction and contact forces, (m,).
-        plastic: plastic strain before the step, (c, n).
-        cumulated: cumulated plastic strain before it, (n,).
-        dt: its duration in seconds.
-    """
-
-    strain: np.ndarray
-    forces: np.ndarray
-    slack: np.ndarray
-    plastic: np.ndarray
-    cumulated: np.ndarray
-    dt: float
+    strain: np.ndarray  # strain without correction and contact forces, (c n,)
+    forces: np.ndarray  # λ_e, (m,)
+    slack: np.ndarray  # slack without correction and contact forces, (m,)
+    plastic: np.ndarray  # plastic strain before the step, (c, n)
+    cumulated: np.ndarray  # cumulated plastic strain before it, (n,)
+    dt: float  # its duration in seconds
 
 
 class Work(NamedTuple):
-    """Work arrays of a step; ``here`` is the last accepted correction, ``there`` the one that is tried.
+    """Work arrays of a step; ``here`` is the last accepted correction, ``there`` the one that is tried."""
 
-    Attributes:
-        here, there, direction, residual, left: corrections, direction, and R at ``there`` and ``here``, (ell,) each.
-        forces, slack: of the contact problem at ``there``, (m,) each.
-        active: its statuses, (m,) bool.
-        order: active conditions in the order of ``inverse``, (m,).
-        inverse: of S_AA in its upper left corner, (m, m).
-        rows: E_X,A, (m, c n), with the active conditions first, in this order.
-        newton: inverse of -J, (ell, ell).
-        strain: at ``there``, (c n,).
-        deviator: of the trial stress, (c, n).
-        trial, amount, slope: equivalent trial stress, plastic increment and its slope, (n,) each.
-        plastic: plastic strain at ``there``, (c, n).
-        numbers: iterations and the like, see ``ITERATION``.
-    """
-
+    # here, there, direction, residual, left: corrections, direction, and R at ``there`` and ``here``, (ell,)
+    # each
     here: np.ndarray
     there: np.ndarray
     direction: np.ndarray
     residual: np.ndarray
     left: np.ndarray
+    # forces, slack: of the contact problem at ``there``, (m,) each
     forces: np.ndarray
     slack: np.ndarray
-    active: np.ndarray
-    order: np.ndarray
-    inverse: np.ndarray
-    rows: np.ndarray
-    newton: np.ndarray
-    strain: np.ndarray
-    deviator: np.ndarray
+    active: np.ndarray  # its statuses, (m,) bool
+    order: np.ndarray  # active conditions in the order of ``inverse``, (m,)
+    inverse: np.ndarray  # of S_AA in its upper left corner, (m, m)
+    rows: np.ndarray  # E_X,A, (m, c n), with the active conditions first, in this order
+    newton: np.ndarray  # inverse of -J, (ell, ell)
+    strain: np.ndarray  # at ``there``, (c n,)
+    deviator: np.ndarray  # of the trial stress, (c, n)
+    # trial, amount, slope: equivalent trial stress, plastic increment and its slope, (n,) each
     trial: np.ndarray
     amount: np.ndarray
     slope: np.ndarray
-    plastic: np.ndarray
-    numbers: np.ndarray
+    plastic: np.ndarray  # plastic strain at ``there``, (c, n)
+    numbers: np.ndarray  # iterations and the like, see ``ITERATION``
 
     @classmethod
     def of(cls, modes: int, conditions: int, points: int, components: int) -> Work:

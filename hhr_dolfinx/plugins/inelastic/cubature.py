@@ -50,17 +50,11 @@ REFRESHED = 200
 
 @dataclass(frozen=True)
 class Cubature:
-    """Points of integration with their weights.
+    """Points of integration with their weights."""
 
-    Attributes:
-        points: numbers of the points among the candidates, increasing, (n,).
-        weights: factors of their contributions, > 0, (n,).
-        misfit: |A w - A 1| / |A 1| for the rows of the fit.
-    """
-
-    points: np.ndarray
-    weights: np.ndarray
-    misfit: float
+    points: np.ndarray  # numbers of the points among the candidates, increasing, (n,)
+    weights: np.ndarray  # factors of their contributions, > 0, (n,)
+    misfit: float  # |A w - A 1| / |A 1| for the rows of the fit
 
 
 def fitted(rows: np.ndarray, tolerance: float, most: int | None = None, start: Cubature | None = None) -> Cubature:

@@ -35,15 +35,10 @@ if TYPE_CHECKING:
 
 
 class Correction(NamedTuple):
-    """Solution of one linearised contact problem.
+    """Solution of one linearised contact problem."""
 
-    Attributes:
-        change: of the unknown.
-        found: total contact forces and their statuses.
-    """
-
-    change: np.ndarray
-    found: Statuses
+    change: np.ndarray  # of the unknown
+    found: Statuses  # total contact forces and their statuses
 
 
 class Changing(Protocol):
@@ -104,28 +99,18 @@ class Stepper(Protocol):
 
 
 class Marching(Protocol):
-    """Model whose histories are solved step by step and differentiated; ``x`` is the unknown.
+    """Model whose histories are solved step by step and differentiated; ``x`` is the unknown."""
 
-    Attributes:
-        parameters: the box of the parameters.
-        material: elasticity and laws at its Gauss points; ``material.at(parameter)`` has their constants there.
-        points: numbers of these points in the full model; of the points of all ranks.
-        together: reductions over the Gauss points of all ranks.
-        per_cell: Gauss points of a cell of the full model.
-        size, conditions: number of unknowns and of contact conditions.
-        law: law of its contact conditions.
-        young: formulas of Young's moduli of all bodies, also of those without Gauss points in the model.
-    """
-
-    parameters: ParameterSpace
-    material: Material
-    young: tuple[str, ...]
-    points: np.ndarray
-    together: Points
-    per_cell: int
+    parameters: ParameterSpace  # the box of the parameters
+    material: Material  # elasticity and laws at its Gauss points; ``material.at(parameter)`` has their constants there
+    young: tuple[str, ...]  # formulas of Young's moduli of all bodies, also of those without Gauss points in the model
+    points: np.ndarray  # numbers of these points in the full model; of the points of all ranks
+    together: Points  # reductions over the Gauss points of all ranks
+    per_cell: int  # Gauss points of a cell of the full model
+    # size, conditions: number of unknowns and of contact conditions
     size: int
     conditions: int
-    law: ContactLaw
+    law: ContactLaw  # law of its contact conditions
 
     @property
     def fields(self) -> Fields:

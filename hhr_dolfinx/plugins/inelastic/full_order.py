@@ -46,25 +46,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GaussModel:
-    """Gauss points and laws of a whole mesh.
+    """Gauss points and laws of a whole mesh."""
 
-    Attributes:
-        discretisation: mesh and forms.
-        operator: strain at all Gauss points.
-        material: laws at all Gauss points.
-        bodies: body of each cell as its index in the scene, (cells,).
-        pattern: sparsity of the stiffness.
-        stiffness: parts of the elastic stiffness by the same Gauss points, (N, N) each.
-        moduli: their amplitudes; empty if elasticity is constant, with a single part.
-    """
-
-    discretisation: Discretisation
-    operator: StrainOperator
-    material: Material
-    bodies: np.ndarray
-    pattern: SparsePattern
-    stiffness: tuple[csr_matrix, ...]
-    moduli: tuple[Modulus, ...]
+    discretisation: Discretisation  # mesh and forms
+    operator: StrainOperator  # strain at all Gauss points
+    material: Material  # laws at all Gauss points
+    bodies: np.ndarray  # body of each cell as its index in the scene, (cells,)
+    pattern: SparsePattern  # sparsity of the stiffness
+    stiffness: tuple[csr_matrix, ...]  # parts of the elastic stiffness by the same Gauss points, (N, N) each
+    moduli: tuple[Modulus, ...]  # their amplitudes; empty if elasticity is constant, with a single part
 
     @property
     def places(self) -> int:
@@ -348,23 +338,14 @@ class FullEquilibrium(Histories):
 
 @dataclass(frozen=True)
 class _SparseLinearisation:
-    """A linearisation of the full problem, see :class:`hhr_dolfinx.models.histories.equilibrium.Linearisation`.
+    """A linearisation of the full problem, see :class:`hhr_dolfinx.models.histories.equilibrium.Linearisation`."""
 
-    Attributes:
-        problem: the full problem.
-        pairs: its conditions by contact pair.
-        stiffness: K, elastic or tangent.
-        equalities: on S = B K^-1 B^T.
-        push: maps forces to K^-1 B^T λ, (N,).
-        moduli: tangents at the Gauss points.
-    """
-
-    problem: ContactProblem
-    pairs: Pairs | None
-    stiffness: Stiffness
-    equalities: SchurEqualities
-    push: Callable[[np.ndarray], np.ndarray]
-    moduli: np.ndarray
+    problem: ContactProblem  # the full problem
+    pairs: Pairs | None  # its conditions by contact pair
+    stiffness: Stiffness  # K, elastic or tangent
+    equalities: SchurEqualities  # on S = B K^-1 B^T
+    push: Callable[[np.ndarray], np.ndarray]  # maps forces to K^-1 B^T λ, (N,)
+    moduli: np.ndarray  # tangents at the Gauss points
 
     def correct(
         self,

@@ -38,15 +38,10 @@ _BACKWARD = tuple((-place, -weight) for place, weight in _FORWARD)
 
 
 class StepGradient(NamedTuple):
-    """Derivatives at the end of a step along K directions.
+    """Derivatives at the end of a step along K directions."""
 
-    Attributes:
-        unknown: of the unknown of the answer, (n, K); the lift is not part of it.
-        multipliers: of the forces on the conditions of the model, (m, K).
-    """
-
-    unknown: np.ndarray
-    multipliers: np.ndarray
+    unknown: np.ndarray  # of the unknown of the answer, (n, K); the lift is not part of it
+    multipliers: np.ndarray  # of the forces on the conditions of the model, (m, K)
 
 
 def history_gradient(model: Marching, history: History, directions: np.ndarray | None = None) -> list[StepGradient]:

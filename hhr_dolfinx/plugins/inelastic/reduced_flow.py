@@ -43,28 +43,17 @@ SAME = 1e-9
 
 @dataclass(frozen=True)
 class ReducedFlow:
-    """Arrays of the inelastic bodies on a RID (n dofs of its cells, a of them in A).
+    """Arrays of the inelastic bodies on a RID (n dofs of its cells, a of them in A)."""
 
-    Attributes:
-        operator: strain at the Gauss points of the cells that act on A, in local numbers of dofs.
-        material: laws at these points.
-        cells: numbers of these cells in the full model.
-        modes: V on these dofs, (n, ell).
-        lifts: imposed displacements there, sparse, (n, 1 + T).
-        inner: indices of the dofs that belong to A, (a,).
-        loads: external loads on A, sparse, (a, 1 + T).
-        contact: maps the forces of the RID to loads on A, sparse, (a, N_lambda_C).
-        eigenstrains: strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T).
-    """
-
-    operator: StrainOperator
-    material: Material
-    cells: Annotated[Integers, "cells"]
-    modes: Annotated[Floats, "dofs", "ell"]
-    lifts: Annotated[csc_matrix, "dofs", "terms"]
-    inner: Annotated[Integers, "inner", "< dofs"]
-    loads: Annotated[csc_matrix, "inner", "terms"]
-    contact: Annotated[csr_matrix, "inner", "m"]
+    operator: StrainOperator  # strain at the Gauss points of the cells that act on A, in local numbers of dofs
+    material: Material  # laws at these points
+    cells: Annotated[Integers, "cells"]  # numbers of these cells in the full model
+    modes: Annotated[Floats, "dofs", "ell"]  # V on these dofs, (n, ell)
+    lifts: Annotated[csc_matrix, "dofs", "terms"]  # imposed displacements there, sparse, (n, 1 + T)
+    inner: Annotated[Integers, "inner", "< dofs"]  # indices of the dofs that belong to A, (a,)
+    loads: Annotated[csc_matrix, "inner", "terms"]  # external loads on A, sparse, (a, 1 + T)
+    contact: Annotated[csr_matrix, "inner", "m"]  # maps the forces of the RID to loads on A, sparse, (a, N_lambda_C)
+    # strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T)
     eigenstrains: Annotated[csc_matrix, "strains", "terms"]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
@@ -118,12 +107,9 @@ class ReducedEquilibrium(Histories):
         flow: Gauss points and laws of the RID.
         parameters: the box of the parameters.
         fields: completes its answers.
-
-    Attributes:
-        trained: training range of the model; None until it is known.
     """
 
-    trained: TrainedPaths | None = None
+    trained: TrainedPaths | None = None  # training range of the model; None until it is known
     together: Points = ALL_HERE
     elastic: DenseLinearisation
 

@@ -31,15 +31,10 @@ PLASTIC_STRAIN = 1e-6
 
 @dataclass(frozen=True)
 class FittedFlow:
-    """POD modes of the fields of Gauss points in training; None if they are zero.
+    """POD modes of the fields of Gauss points in training; None if they are zero."""
 
-    Attributes:
-        stress: of the stress, (Gauss points * components, modes).
-        plastic_strain: of the cumulated plastic strain, (Gauss points, modes).
-    """
-
-    stress: np.ndarray | None = None
-    plastic_strain: np.ndarray | None = None
+    stress: np.ndarray | None = None  # of the stress, (Gauss points * components, modes)
+    plastic_strain: np.ndarray | None = None  # of the cumulated plastic strain, (Gauss points, modes)
 
     @classmethod
     def of(cls, snapshots: SnapshotSet) -> FittedFlow:

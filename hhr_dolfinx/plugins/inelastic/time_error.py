@@ -62,29 +62,18 @@ class _Rated(NamedTuple):
 
 @dataclass(frozen=True)
 class TimeError:
-    """Time error at the end of a step; each step creates another one.
+    """Time error at the end of a step; each step creates another one."""
 
-    Attributes:
-        bodies: bodies with rates, at the points of the model that gave the last answer.
-        points: numbers of the points of that model, which identify it.
-        together: reductions over the points of all ranks.
-        error: e at the points of each body, as a stress.
-        rate: 2 μ times the rate of plastic strain there, per second; None until it is known.
-        largest: norm of the largest stress so far.
-        before: estimate when the points changed, or when a history continued; it does not decay.
-        added: error added by the last step, relative to the largest stress.
-        left: part D of the added error that remains at the end of the step.
-    """
-
-    bodies: tuple[_Rated, ...]
-    points: np.ndarray
-    together: Points
-    error: tuple[np.ndarray, ...]
+    bodies: tuple[_Rated, ...]  # bodies with rates, at the points of the model that gave the last answer
+    points: np.ndarray  # numbers of the points of that model, which identify it
+    together: Points  # reductions over the points of all ranks
+    error: tuple[np.ndarray, ...]  # e at the points of each body, as a stress
+    # 2 μ times the rate of plastic strain there, per second; None until it is known
     rate: tuple[np.ndarray, ...] | None
-    largest: float = 0.0
-    before: float = 0.0
-    added: float = 0.0
-    left: float = 1.0
+    largest: float = 0.0  # norm of the largest stress so far
+    before: float = 0.0  # estimate when the points changed, or when a history continued; it does not decay
+    added: float = 0.0  # error added by the last step, relative to the largest stress
+    left: float = 1.0  # part D of the added error that remains at the end of the step
 
     @classmethod
     def at_rest(cls, model: Marching, rest: Answer) -> TimeError:
@@ -219,17 +208,11 @@ def _has_rates(group: Group) -> bool:
 
 
 class Parted(NamedTuple):
-    """A step of a path that was solved in parts.
+    """A step of a path that was solved in parts."""
 
-    Attributes:
-        parts: answers at their ends.
-        error: at the end.
-        spent: iterations of all attempts, discarded ones included.
-    """
-
-    parts: list[Answer]
-    error: TimeError
-    spent: int
+    parts: list[Answer]  # answers at their ends
+    error: TimeError  # at the end
+    spent: int  # iterations of all attempts, discarded ones included
 
 
 def in_parts(

@@ -27,45 +27,28 @@ factor gives far larger errors."""
 
 
 class State(NamedTuple):
-    """Internal variables of the material.
+    """Internal variables of the material."""
 
-    Attributes:
-        plastic: plastic strain, Kelvin's notation, (gauss_points, components).
-        cumulated: cumulated plastic strain p, (gauss_points,).
-    """
-
-    plastic: np.ndarray
-    cumulated: np.ndarray
+    plastic: np.ndarray  # plastic strain, Kelvin's notation, (gauss_points, components)
+    cumulated: np.ndarray  # cumulated plastic strain p, (gauss_points,)
 
 
 class Update(NamedTuple):
-    """Result of a step at all Gauss points.
+    """Result of a step at all Gauss points."""
 
-    Attributes:
-        stress: stress at the end of the step, (gauss_points, components).
-        state: state at the end of the step.
-        tangents: consistent tangents, (gauss_points, components, components), or None.
-    """
-
-    stress: np.ndarray
-    state: State
-    tangents: np.ndarray | None
+    stress: np.ndarray  # stress at the end of the step, (gauss_points, components)
+    state: State  # state at the end of the step
+    tangents: np.ndarray | None  # consistent tangents, (gauss_points, components, components), or None
 
 
 @dataclass(frozen=True)
 class Group:
-    """Gauss points of one body.
+    """Gauss points of one body."""
 
-    Attributes:
-        indices: numbers among the model's Gauss points, (n,).
-        young: Young's modulus E, or a formula of the parameters.
-        poisson: Poisson's ratio.
-        law: law of plasticity or creep, whose constants may be formulas of the parameters; None for an elastic body.
-    """
-
-    indices: Annotated[Integers, "points"]
-    young: float | str
-    poisson: float
+    indices: Annotated[Integers, "points"]  # numbers among the model's Gauss points, (n,)
+    young: float | str  # Young's modulus E, or a formula of the parameters
+    poisson: float  # Poisson's ratio
+    # law of plasticity or creep, whose constants may be formulas of the parameters; None for an elastic body
     law: Flow | None
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:

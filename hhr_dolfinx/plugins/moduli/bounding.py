@@ -233,21 +233,13 @@ def _seen(solver: EnergySolver, part: Compliance, energy: PartEnergy) -> float:
 
 
 class _Probe(NamedTuple):
-    """One component whose S_c is compared with solutions.
+    """One component whose S_c is compared with solutions."""
 
-    Attributes:
-        solver: of the component.
-        conditions: conditions on its dofs, (m_c,).
-        rows: B on its dofs, (m_c, N).
-        modes: of S_c, (r, m_c, m_c), which may take a tenth of all memory: there is no other copy.
-        weights: S_c in the middle of the box along them, (r,).
-    """
-
-    solver: Solver
-    conditions: np.ndarray
-    rows: csr_matrix
-    modes: np.ndarray
-    weights: np.ndarray
+    solver: Solver  # of the component
+    conditions: np.ndarray  # conditions on its dofs, (m_c,)
+    rows: csr_matrix  # B on its dofs, (m_c, N)
+    modes: np.ndarray  # of S_c, (r, m_c, m_c), which may take a tenth of all memory: there is no other copy
+    weights: np.ndarray  # S_c in the middle of the box along them, (r,)
 
     @classmethod
     def of(cls, solver: Solver, part: Compliance, problem: ContactProblem) -> _Probe:

@@ -34,21 +34,13 @@ KNOWN_BYTES = 2e9
 
 @dataclass(frozen=True)
 class Component:
-    """A connected component of a scene.
+    """A connected component of a scene."""
 
-    Attributes:
-        number: its index among the components of the problem.
-        dofs: its dofs that are free, as a mask, (N,).
-        body: numbers of all of its dofs.
-        part: conditions, loads and imposed displacements that act on it.
-        moduli: of the parts of its stiffness, if these depend on parameters.
-    """
-
-    number: int
-    dofs: np.ndarray
-    body: np.ndarray
-    part: Part
-    moduli: list[Modulus]
+    number: int  # its index among the components of the problem
+    dofs: np.ndarray  # its dofs that are free, as a mask, (N,)
+    body: np.ndarray  # numbers of all of its dofs
+    part: Part  # conditions, loads and imposed displacements that act on it
+    moduli: list[Modulus]  # of the parts of its stiffness, if these depend on parameters
 
 
 def components_of(problem: ContactProblem) -> list[Component]:

@@ -58,22 +58,15 @@ DEFAULT_GRID = GridSettings()
 
 @dataclass(frozen=True)
 class Part:
-    """A connected component of a problem.
+    """A connected component of a problem."""
 
-    Attributes:
-        conditions: contact conditions that act on it, increasing.
-        forced, lifted: terms of θ whose loads or imposed displacements act on it.
-        factor: the modulus common to all of it; None without one.
-        axes: parameters on which the remaining dependence is.
-        moduli: of the parts of its stiffness, if these depend on parameters.
-    """
-
-    conditions: np.ndarray
+    conditions: np.ndarray  # contact conditions that act on it, increasing
+    # forced, lifted: terms of θ whose loads or imposed displacements act on it
     forced: np.ndarray
     lifted: np.ndarray
-    factor: Scalar | None
-    axes: np.ndarray
-    moduli: tuple[Modulus, ...] = ()
+    factor: Scalar | None  # the modulus common to all of it; None without one
+    axes: np.ndarray  # parameters on which the remaining dependence is
+    moduli: tuple[Modulus, ...] = ()  # of the parts of its stiffness, if these depend on parameters
 
     def factor_at(self, point: np.ndarray) -> float:
         """The modulus at a point; 1 without one."""
@@ -168,19 +161,12 @@ MIXED = (0.1, 0.5)
 
 @dataclass(frozen=True)
 class FormulaGrid:
-    """Compares polynomials of a grid with the formulas of a connected component.
+    """Compares polynomials of a grid with the formulas of a connected component."""
 
-    Attributes:
-        moduli: of the parts of its stiffness.
-        factor: common to these and not part of the grid; None without one.
-        axes: parameters of the grid, (d,).
-        space: the box.
-    """
-
-    moduli: Sequence[Modulus]
-    factor: Scalar | None
-    axes: np.ndarray
-    space: ParameterSpace
+    moduli: Sequence[Modulus]  # of the parts of its stiffness
+    factor: Scalar | None  # common to these and not part of the grid; None without one
+    axes: np.ndarray  # parameters of the grid, (d,)
+    space: ParameterSpace  # the box
 
     def error(self, levels: np.ndarray) -> float:
         """Largest error of polynomials, (n, d), relative to the largest f_κ; infinite if one is not finite."""

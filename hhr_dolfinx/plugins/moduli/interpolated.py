@@ -45,40 +45,26 @@ MOSTLY = 0.5
 
 @dataclass(frozen=True)
 class PrimalModes:
-    """Modes of the displacement of one part, along the modes of its compliance.
+    """Modes of the displacement of one part, along the modes of its compliance."""
 
-    Attributes:
-        unknowns: indices of its unknowns, (n_c,).
-        pushed: modes of K^-1 B^T, (r, n_c, m_c).
-        columns: modes of K^-1 F of the terms forced, then of K^-1 K lift, (T_F + T_L, n_c, r).
-    """
-
-    unknowns: Annotated[Integers, "unknowns"]
-    pushed: Annotated[Floats, "modes", "unknowns", "conditions"]
+    unknowns: Annotated[Integers, "unknowns"]  # indices of its unknowns, (n_c,)
+    pushed: Annotated[Floats, "modes", "unknowns", "conditions"]  # modes of K^-1 B^T, (r, n_c, m_c)
+    # modes of K^-1 F of the terms forced, then of K^-1 K lift, (T_F + T_L, n_c, r)
     columns: Annotated[Floats, "terms of it", "unknowns", "modes"]
 
 
 @dataclass(frozen=True)
 class Compliance:
-    """Interpolated compliance of one connected component of a scene.
+    """Interpolated compliance of one connected component of a scene."""
 
-    Attributes:
-        conditions: contact conditions that act on it, (m_c,), increasing.
-        forced: terms of θ whose loads act on it, (T_F,).
-        lifted: terms whose imposed displacements act on it, (T_L,).
-        factor: modulus common to all of it; None without one, or for a constant one.
-        interpolant: of S_c for the factor 1, (m_c^2, r) modes.
-        columns: modes of B K^-1 F of the terms forced, then of B K^-1 K lift, (T_F + T_L, m_c, r).
-        primal: modes of its unknown; None if fields are computed in another way.
-    """
-
-    conditions: Annotated[Integers, "conditions"]
-    forced: Annotated[Integers, "forced", "< terms"]
-    lifted: Annotated[Integers, "lifted", "< terms"]
-    factor: Scalar | None
-    interpolant: Interpolant
+    conditions: Annotated[Integers, "conditions"]  # contact conditions that act on it, (m_c,), increasing
+    forced: Annotated[Integers, "forced", "< terms"]  # terms of θ whose loads act on it, (T_F,)
+    lifted: Annotated[Integers, "lifted", "< terms"]  # terms whose imposed displacements act on it, (T_L,)
+    factor: Scalar | None  # modulus common to all of it; None without one, or for a constant one
+    interpolant: Interpolant  # of S_c for the factor 1, (m_c^2, r) modes
+    # modes of B K^-1 F of the terms forced, then of B K^-1 K lift, (T_F + T_L, m_c, r)
     columns: Annotated[Floats, "terms of it", "conditions", "modes"]
-    primal: PrimalModes | None = None
+    primal: PrimalModes | None = None  # modes of its unknown; None if fields are computed in another way
 
     @cached_property
     def where(self) -> slice | np.ndarray:
@@ -209,25 +195,15 @@ class InterpolatedStiffness:
 
 @dataclass(frozen=True, eq=False)
 class ManyContacts:
-    """Condensed contact problems at many points (n points, m conditions).
+    """Condensed contact problems at many points (n points, m conditions)."""
 
-    Attributes:
-        owner: all parts.
-        points: parameters, (n, P).
-        theta: θ, (n, 1 + T).
-        along: components along the modes of each part, (n, r) each.
-        compliances: 1 / E of each part, (n,) each.
-        schur: S, (n, m, m).
-        free_slack: slack without contact forces, (n, m).
-    """
-
-    owner: Compliances
-    points: np.ndarray
-    theta: np.ndarray
-    along: list[np.ndarray]
-    compliances: list[np.ndarray]
-    schur: np.ndarray
-    free_slack: np.ndarray
+    owner: Compliances  # all parts
+    points: np.ndarray  # parameters, (n, P)
+    theta: np.ndarray  # θ, (n, 1 + T)
+    along: list[np.ndarray]  # components along the modes of each part, (n, r) each
+    compliances: list[np.ndarray]  # 1 / E of each part, (n,) each
+    schur: np.ndarray  # S, (n, m, m)
+    free_slack: np.ndarray  # slack without contact forces, (n, m)
 
     def stiffness(self, k: int) -> InterpolatedStiffness:
         """S at one of the points."""
@@ -242,23 +218,14 @@ class ManyContacts:
 
 @dataclass(frozen=True)
 class Compliances(Elimination):
-    """Interpolated elimination: all parts of a scene.
+    """Interpolated elimination: all parts of a scene."""
 
-    Attributes:
-        parts: of the scene.
-        amplitudes: θ as a function of the parameters.
-        gaps: D as terms of θ, (m, 1 + T).
-        reshaped: D if it changes with the shape of the bodies, (m (1 + T), r) modes; else None.
-        unknowns: number of unknowns if the parts have modes of them; otherwise 0.
-        symmetric: whether S is symmetric.
-    """
-
-    parts: tuple[Compliance, ...]
-    amplitudes: Amplitudes
-    gaps: Annotated[Floats, "conditions", "terms"]
-    reshaped: Interpolant | None = None
-    unknowns: int = 0
-    symmetric: bool = True
+    parts: tuple[Compliance, ...]  # of the scene
+    amplitudes: Amplitudes  # θ as a function of the parameters
+    gaps: Annotated[Floats, "conditions", "terms"]  # D as terms of θ, (m, 1 + T)
+    reshaped: Interpolant | None = None  # D if it changes with the shape of the bodies, (m (1 + T), r) modes; else None
+    unknowns: int = 0  # number of unknowns if the parts have modes of them; otherwise 0
+    symmetric: bool = True  # whether S is symmetric
 
     def __post_init__(self) -> None:
         """Refuse parts that do not fit these gaps, amplitudes and parameters; files may be wrong."""
@@ -443,30 +410,21 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
 
     Under given contact forces the displacement solves a linear problem. Galerkin's method on a basis gives the best
     approximation in energy.
-
-    Attributes:
-        amplitudes: θ as a function of the parameters.
-        basis: V, (N, ell).
-        lifts: imposed displacements, sparse, (N, 1 + T).
-        galerkin: eliminates the unknown of the basis at a point, (P,), and computes it under given forces; None if
-            the model has no fields.
-        dimension: components of the displacement at a node.
-        stress_of: stress of a displacement at a parameter; None without a mesh.
-        functionals: outputs of the scene; None if it has none.
-        bound: bounds the error of an answer; None if its hypotheses fail.
-        unbounded: reason why there is no bound.
-        full: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
     """
 
-    amplitudes: Amplitudes
-    basis: Annotated[Floats, "N", "columns"]
-    lifts: Annotated[csc_matrix, "N", "terms"]
+    amplitudes: Amplitudes  # θ as a function of the parameters
+    basis: Annotated[Floats, "N", "columns"]  # V, (N, ell)
+    lifts: Annotated[csc_matrix, "N", "terms"]  # imposed displacements, sparse, (N, 1 + T)
+    # eliminates the unknown of the basis at a point, (P,), and computes it under given forces; None if the model
+    # has no fields
     galerkin: BlockElimination | ReshapedElimination | None
-    dimension: int
+    dimension: int  # components of the displacement at a node
+    # stress of a displacement at a parameter; None without a mesh
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
-    functionals: Functionals | ReshapedFunctionals | None = None
-    bound: FieldBound | None = None
-    unbounded: str = ""
+    functionals: Functionals | ReshapedFunctionals | None = None  # outputs of the scene; None if it has none
+    bound: FieldBound | None = None  # bounds the error of an answer; None if its hypotheses fail
+    unbounded: str = ""  # reason why there is no bound
+    # see :class:`~hhr_dolfinx.models.answer.ModelFields`
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
     def estimate(self, answer: Answer) -> Estimate | None:

@@ -45,22 +45,16 @@ def leja_points() -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class Interpolant:
-    """A vector-valued polynomial, sum of ``modes @ weights[:, k] h_k``.
+    """A vector-valued polynomial, sum of ``modes @ weights[:, k] h_k``."""
 
-    Attributes:
-        axes: indices of its d parameters in a point, (d,).
-        lower, upper: their box, (d,).
-        levels: of each polynomial along each axis, (n, d).
-        modes: directions of the values, (M, r); products are fastest in Fortran order.
-        weights: of the polynomials along them, (r, n).
-    """
-
-    axes: Annotated[Integers, "axes", "< P"]
+    axes: Annotated[Integers, "axes", "< P"]  # indices of its d parameters in a point, (d,)
+    # lower, upper: their box, (d,)
     lower: Annotated[Floats, "axes"]
     upper: Annotated[Floats, "axes"]
-    levels: Annotated[Integers, "polynomials", "axes"]
+    levels: Annotated[Integers, "polynomials", "axes"]  # of each polynomial along each axis, (n, d)
+    # directions of the values, (M, r); products are fastest in Fortran order
     modes: Annotated[Floats, "values", "rank"]
-    weights: Annotated[Floats, "rank", "polynomials"]
+    weights: Annotated[Floats, "rank", "polynomials"]  # of the polynomials along them, (r, n)
 
     def __post_init__(self) -> None:
         d = self.axes.size
@@ -157,19 +151,12 @@ def nodes_of(levels: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class GrownGrid:
-    """Result of the growth of a sparse grid.
+    """Result of the growth of a sparse grid."""
 
-    Attributes:
-        interpolant: the interpolation.
-        surplus: largest surplus of the terms tried last, or error elsewhere, relative to the values.
-        evaluations: number of evaluations of the function.
-        unresolved: largest error of a cheap function that depends on the parameters as this one does.
-    """
-
-    interpolant: Interpolant
-    surplus: float
-    evaluations: int
-    unresolved: float = 0.0
+    interpolant: Interpolant  # the interpolation
+    surplus: float  # largest surplus of the terms tried last, or error elsewhere, relative to the values
+    evaluations: int  # number of evaluations of the function
+    unresolved: float = 0.0  # largest error of a cheap function that depends on the parameters as this one does
 
     def without_modes(self) -> GrownGrid:
         """The same without values."""

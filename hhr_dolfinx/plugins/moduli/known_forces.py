@@ -66,14 +66,10 @@ class DiagonalBlock:
     The sum of two positive semi-definite parts, changes of volume and of shape say, is diagonal in the same modes W
     whatever their weights: with W^T (K_1 / |K_1| + K_2 / |K_2|) W = I and W^T K_q W = diag(d_q),
     K~^-1 = W diag(1 / sum_q w_q d_q) W^T.
-
-    Attributes:
-        modes: W, (k, k).
-        entries: d_q, (q, k).
     """
 
-    modes: np.ndarray
-    entries: np.ndarray
+    modes: np.ndarray  # W, (k, k)
+    entries: np.ndarray  # d_q, (q, k)
 
     @classmethod
     def of(cls, block: Block) -> DiagonalBlock | None:

@@ -42,17 +42,12 @@ LEAST = 0.2
 
 
 class Share(NamedTuple):
-    """S_c in the middle of the box, and the extremes of its modes.
+    """S_c in the middle of the box, and the extremes of its modes."""
 
-    Attributes:
-        compliance: 1 / E_c there.
-        along: components along the modes there, (r,).
-        extremes: smallest and largest eigenvalue of S_c(middle)^-1 M_ck, (r, 2), where S_c is not zero; infinite
-            if a mode is not zero elsewhere.
-    """
-
-    compliance: float
-    along: np.ndarray
+    compliance: float  # 1 / E_c there
+    along: np.ndarray  # components along the modes there, (r,)
+    # smallest and largest eigenvalue of S_c(middle)^-1 M_ck, (r, 2), where S_c is not zero; infinite if a mode
+    # is not zero elsewhere
     extremes: np.ndarray
 
     @classmethod
@@ -83,17 +78,11 @@ class Share(NamedTuple):
 
 @dataclass(frozen=True)
 class FactoredResponse(ContactResponse):
-    """S and a factor of a lower bound of S (m conditions).
+    """S and a factor of a lower bound of S (m conditions)."""
 
-    Attributes:
-        lower: Cholesky factor of S, (m, m); or L with ``least`` L L^T <= S.
-        least: see above; 1 for the factor of S itself.
-        known: :func:`amplified_by` L; None until it is known.
-    """
-
-    lower: np.ndarray
-    least: float = 1.0
-    known: tuple[float, np.ndarray] | None = None
+    lower: np.ndarray  # Cholesky factor of S, (m, m); or L with ``least`` L L^T <= S
+    least: float = 1.0  # see above; 1 for the factor of S itself
+    known: tuple[float, np.ndarray] | None = None  # :func:`amplified_by` L; None until it is known
 
     @cached_property
     def amplified(self) -> tuple[float, np.ndarray]:
@@ -126,15 +115,10 @@ def amplified_by(lower: np.ndarray) -> tuple[float, np.ndarray]:
 
 @dataclass(frozen=True)
 class ManyResponses:
-    """S of several answers at different parameters (n answers, m conditions).
+    """S of several answers at different parameters (n answers, m conditions)."""
 
-    Attributes:
-        each: S of each answer.
-        schur: S, (n, m, m).
-    """
-
-    each: list[FactoredResponse]
-    schur: np.ndarray
+    each: list[FactoredResponse]  # S of each answer
+    schur: np.ndarray  # S, (n, m, m)
 
     def __getitem__(self, k: int) -> FactoredResponse:
         return self.each[k]

@@ -30,21 +30,13 @@ DIFFERENCE = 1e-4
 
 @dataclass(frozen=True)
 class InterpolatedProblem:
-    """Reduced problem whose arrays are interpolated over the shape parameters; maps a point to the problem there.
+    """Reduced problem whose arrays are interpolated over the shape parameters; maps a point to the problem there."""
 
-    Attributes:
-        pairs: number of the contact pair of each condition, (m,).
-        moduli: of the parts of its stiffness.
-        sizes: these moduli in the middle of the box, by which the parts are multiplied, (Q,).
-        interpolant: of the concatenated arrays, in the order of ``shapes``.
-        shapes: of the arrays: parts of K~, their lifts, forces, B~1, B~2, gaps.
-    """
-
-    pairs: Annotated[Integers, "conditions"]
-    moduli: tuple[Modulus, ...]
-    sizes: Annotated[Floats, "parts"]
-    interpolant: Interpolant
-    shapes: tuple[tuple[int, ...], ...]
+    pairs: Annotated[Integers, "conditions"]  # number of the contact pair of each condition, (m,)
+    moduli: tuple[Modulus, ...]  # of the parts of its stiffness
+    sizes: Annotated[Floats, "parts"]  # these moduli in the middle of the box, by which the parts are multiplied, (Q,)
+    interpolant: Interpolant  # of the concatenated arrays, in the order of ``shapes``
+    shapes: tuple[tuple[int, ...], ...]  # of the arrays: parts of K~, their lifts, forces, B~1, B~2, gaps
 
     def __call__(self, point: np.ndarray) -> ReducedProblem:
         """The problem at a point, (P,), of constant stiffness."""
@@ -63,17 +55,11 @@ class InterpolatedProblem:
 
 @dataclass(frozen=True)
 class ReshapedElimination(Elimination):
-    """Eliminates gamma from the problem of each point, (P,).
+    """Eliminates gamma from the problem of each point, (P,)."""
 
-    Attributes:
-        problem_at: makes the reduced problem of a point, of constant stiffness.
-        amplitudes: θ as a function of the parameters.
-        parameters: the box of the parameters.
-    """
-
-    problem_at: Callable[[np.ndarray], ReducedProblem]
-    amplitudes: Amplitudes
-    parameters: ParameterSpace
+    problem_at: Callable[[np.ndarray], ReducedProblem]  # makes the reduced problem of a point, of constant stiffness
+    amplitudes: Amplitudes  # θ as a function of the parameters
+    parameters: ParameterSpace  # the box of the parameters
 
     def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
         """gamma, (ell,), at a point under given contact forces, (m,), by one solve.
