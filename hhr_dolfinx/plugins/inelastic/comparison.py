@@ -13,7 +13,7 @@ from hhr_dolfinx.certify.trust import OF_A_RID, TRAINED, TrustLimits, compared_h
 from hhr_dolfinx.errors import HHRError, StabilityWarning, TrainingWarning
 from hhr_dolfinx.models.answer import Answer, History, Model, Path
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
-from hhr_dolfinx.plugins.inelastic.equilibrium import equilibrium_of
+from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
 from hhr_dolfinx.plugins.inelastic.state import GaussState, flowed, state
 from hhr_dolfinx.plugins.inelastic.trained import Known, Signs, TrainedPaths
 from hhr_dolfinx.warn import warn

@@ -30,7 +30,7 @@ from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, 
 from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlow, CondensedFlowModel
 from hhr_dolfinx.plugins.inelastic.cubature import Cubature, compressed, fitted
 from hhr_dolfinx.plugins.inelastic.elastic_response import ElasticResponse, elastic_response
-from hhr_dolfinx.plugins.inelastic.equilibrium import MeshEquilibrium, equilibrium_of
+from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium, equilibrium_of
 from hhr_dolfinx.plugins.inelastic.modes import correction_modes
 from hhr_dolfinx.plugins.inelastic.state import flowed as any_flowed
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
@@ -537,7 +537,7 @@ class _FieldModes:
         cumulated = state_modes([state.cumulated[flowed] for state in states], LEFT_OUT["cumulated"])
         return cls(flowed, plastic, cumulated, displacements, np.stack([elastic[:, 0, 1], elastic[:, -1, -1]], axis=1))
 
-    def on(self, points: np.ndarray, equilibrium: MeshEquilibrium) -> PlasticFields:
+    def on(self, points: np.ndarray, equilibrium: FullEquilibrium) -> PlasticFields:
         """Completion of fields from some points."""
         rows = np.searchsorted(self.flowed, points)
         components = equilibrium.operator.components

@@ -11,7 +11,7 @@ from scipy.sparse import csc_matrix
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.plugins.inelastic.condensed_fields import PartFactors
-from hhr_dolfinx.plugins.inelastic.equilibrium import equilibrium_of
+from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer

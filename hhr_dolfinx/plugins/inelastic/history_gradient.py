@@ -21,7 +21,7 @@ import numpy as np
 from hhr_dolfinx.errors import ConvergenceError, ParameterError
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.gradient import GRAZING, Gradient
-from hhr_dolfinx.plugins.inelastic.equilibrium import Marching
+from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.update import State, Update
@@ -44,7 +44,7 @@ class StepGradient(NamedTuple):
     multipliers: np.ndarray  # of the forces on the conditions of the model, (m, K)
 
 
-def history_gradient(model: Marching, history: History, directions: np.ndarray | None = None) -> list[StepGradient]:
+def history_gradient(model: Equilibrium, history: History, directions: np.ndarray | None = None) -> list[StepGradient]:
     """Derivatives of all answers of a history, solved in steps that were not cut.
 
     Args:
@@ -89,7 +89,7 @@ def history_gradient(model: Marching, history: History, directions: np.ndarray |
     return gradients
 
 
-def with_gradients(model: Marching, history: History) -> None:
+def with_gradients(model: Equilibrium, history: History) -> None:
     """Give each answer of a history its derivatives along the parameters; see :func:`history_gradient`."""
     for place, found in enumerate(history_gradient(model, history)):
         answer = history.answers[place]
@@ -102,7 +102,7 @@ def with_gradients(model: Marching, history: History) -> None:
 class _Step:
     """A solved step: its consistent linearisation, and its derivatives along directions."""
 
-    def __init__(self, model: Marching, answer: Answer, before: State, dt: float, number: int):
+    def __init__(self, model: Equilibrium, answer: Answer, before: State, dt: float, number: int):
         self._model = model
         self._answer = answer
         self._before = before

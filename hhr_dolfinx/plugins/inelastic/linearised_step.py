@@ -7,25 +7,29 @@ Anderson's acceleration. A step that does not converge is tried again with new t
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csc_matrix
 
+from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.linear.anderson import Anderson
+from hhr_dolfinx.materials.strain import StrainOperator
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer, found_as
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.steps import steps_of
-from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal, Linearisation, extrapolated
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Linearisation, Stepper, extrapolated
+from hhr_dolfinx.plugins.inelastic.march import Histories
 from hhr_dolfinx.plugins.inelastic.points import Points
 from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
-from hhr_dolfinx.plugins.inelastic.trained import Signs
 
 ROUND_OFF_STRAIN = 1e-13
 """Strain that counts as round-off of displacements without strain, as when a gap closes without stress."""
@@ -45,19 +49,53 @@ TIGHT = 1e-8
 """Tolerances of these Newton iterations; the method squares the remaining error."""
 
 
-class LinearisedStepper:
-    """Solves the steps of one history; see :class:`hhr_dolfinx.models.histories.equilibrium.Stepper`.
+class MeshEquilibrium(Histories):
+    """Equilibrium of U0 or gamma: displacements of a mesh or a RID, in steps by linearisation."""
 
-    Args:
-        model: with numbers as moduli.
-        settings: of the history.
-        patience: iterations of a step above which its frozen tangent is not used again.
-    """
+    operator: StrainOperator  # strain at its Gauss points
+    eigenstrains: csc_matrix  # strains without stress for each term of θ, (Gauss points * components, 1 + T)
+    lifts: csc_matrix  # imposed displacements as terms of θ
+    elastic: Linearisation
+    patience = PATIENCE
+    _sizes: csc_matrix  # absolute entries of the elastic stiffness
 
-    def __init__(self, model: Equilibrium, settings: MarchSettings, patience: int = PATIENCE):
-        self._model = model
-        self._settings = settings
-        self._memory = _Memory(patience)
+    @abstractmethod
+    def field(self, x: np.ndarray) -> np.ndarray:
+        """Displacement without the lift."""
+
+    @abstractmethod
+    def norms(self, residual: np.ndarray) -> np.ndarray:
+        """Norm of a residual for each body, (bodies,)."""
+
+    @abstractmethod
+    def contact_load(self, forces: np.ndarray) -> np.ndarray:
+        """B^T λ in the test space."""
+
+    def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """See :class:`Equilibrium`."""
+        field = self.field(x)
+        found = self.operator.strain(field + self.lifts @ theta if self.lifts.nnz else field)
+        return found - (self.eigenstrains @ theta).reshape(found.shape) if self.eigenstrains.nnz else found
+
+    def strain_of(self, change: np.ndarray) -> np.ndarray:
+        """See :class:`Equilibrium`."""
+        return self.operator.strain(self.field(change))
+
+    def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Size of round-off of the sum of stiffness times displacement for each body, (bodies,)."""
+        return 1e-13 * self.norms(self._sizes @ np.abs(self.field(x) + self.lifts @ theta))
+
+    def stepper(self, settings: MarchSettings) -> LinearisedStepper:
+        """See :class:`Equilibrium`."""
+        return LinearisedStepper(self, settings)
+
+
+class LinearisedStepper(Stepper):
+    """See :class:`Stepper`."""
+
+    def __init__(self, model: MeshEquilibrium, settings: MarchSettings):
+        super().__init__(model, settings)
+        self._memory = _Memory(model.patience)
 
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before, by its results."""
@@ -65,10 +103,6 @@ class LinearisedStepper:
         memory = self._memory
         _, scale = self._model.residual(answer.unknown, gauss, self._model.amplitudes(answer.parameter))
         memory.grow(scale, _root_mean_square(gauss.stress, self._model.together))
-
-    def signs(self, answer: Answer) -> Signs:
-        """See :class:`hhr_dolfinx.models.histories.equilibrium.Stepper`."""
-        return self._model.signs(answer)
 
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
         """Solve from the extrapolation of the answers before; if that fails, with new tangents from an elastic start.
@@ -136,7 +170,7 @@ def _root_mean_square(stress: np.ndarray, together: Points) -> float:
 
 
 def _step(
-    model: Equilibrium,
+    model: MeshEquilibrium,
     trail: tuple[Answer, ...],
     goal: Goal,
     settings: MarchSettings,

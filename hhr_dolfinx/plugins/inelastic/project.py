@@ -13,19 +13,19 @@ from hhr_dolfinx.contact.problem import IndexSets
 from hhr_dolfinx.errors import ReductionError, UnstableModelError
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.inelastic.elastic_response import elastic_response
-from hhr_dolfinx.plugins.inelastic.equilibrium import MeshEquilibrium, equilibrium_of
 from hhr_dolfinx.plugins.inelastic.force_correction import ForceCorrection
+from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium, equilibrium_of
 from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.plugins.inelastic.equilibrium import MeshEquilibrium, equilibrium_of
+    from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium, equilibrium_of
     from hhr_dolfinx.snapshots.records import SnapshotSet
     from hhr_dolfinx.study.training.train import Training
 
 
-def project_flow(full: MeshEquilibrium, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
+def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
     """Gauss points, laws and modes, (N, ell), of the cells that act on A, (6.17)."""
     problem = full.problem
     operator = full.operator
@@ -54,7 +54,7 @@ def rows_of(points: np.ndarray, components: int) -> np.ndarray:
     return (points[:, None] * components + np.arange(components)).ravel()
 
 
-def training_tangents(full: MeshEquilibrium, snapshots: SnapshotSet, count: int) -> list[tuple[np.ndarray, csr_matrix]]:
+def training_tangents(full: FullEquilibrium, snapshots: SnapshotSet, count: int) -> list[tuple[np.ndarray, csr_matrix]]:
     """Tangents and stiffness of the full model at some training states of each history, the last one among them.
 
     Laws and elasticity have their constants at the parameter of each state.

@@ -13,7 +13,7 @@ from hhr_dolfinx.certify.trust import TrustLimits
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.plugins.inelastic.comparison import checked_histories
 from hhr_dolfinx.plugins.inelastic.completion import FlowFields, GappyField
-from hhr_dolfinx.plugins.inelastic.equilibrium import equilibrium_of
+from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
 from hhr_dolfinx.plugins.inelastic.recipe import flowing
 from hhr_dolfinx.plugins.inelastic.state import flowed, states_of
 from hhr_dolfinx.reduction.modes import state_modes

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from hhr_dolfinx.plugins.inelastic.equilibrium import equilibrium_of
+from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
 from hhr_dolfinx.plugins.inelastic.project import check_margin, project_flow, training_tangents
 from hhr_dolfinx.reduction.build import Draft
 

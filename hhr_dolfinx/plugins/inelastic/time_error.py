@@ -30,7 +30,7 @@ import numpy as np
 from hhr_dolfinx.errors import ConvergenceError, SceneError
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Marching
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal
 from hhr_dolfinx.plugins.inelastic.laws import Plasticity
 from hhr_dolfinx.plugins.inelastic.points import Points
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
@@ -76,12 +76,12 @@ class TimeError:
     left: float = 1.0  # part D of the added error that remains at the end of the step
 
     @classmethod
-    def at_rest(cls, model: Marching, rest: Answer) -> TimeError:
+    def at_rest(cls, model: Equilibrium, rest: Answer) -> TimeError:
         """Time error at the start of a history, for a model with numbers as moduli."""
         return cls._of(model, model.material.at(rest.parameter))
 
     @classmethod
-    def _of(cls, model: Marching, material: Material) -> TimeError:
+    def _of(cls, model: Equilibrium, material: Material) -> TimeError:
         bodies = tuple(
             _Rated(group.indices, place, lame_parameters(float(group.young), group.poisson)[1])
             for place, group in enumerate(material.groups)
@@ -107,7 +107,7 @@ class TimeError:
         largest = max(self.largest, self._norm([gauss_of(answer).stress]))
         return replace(self, error=nothing, rate=None, largest=largest, before=answer.time_error)
 
-    def after(self, model: Marching, before: Answer, answer: Answer) -> TimeError:
+    def after(self, model: Equilibrium, before: Answer, answer: Answer) -> TimeError:
         """Time error at the end of a step that was solved in one part.
 
         Args:
@@ -140,7 +140,7 @@ class TimeError:
             left=left / raw if raw > 0 else 1.0,
         )
 
-    def through(self, model: Marching, before: Answer, parts: Sequence[Answer]) -> TimeError:
+    def through(self, model: Equilibrium, before: Answer, parts: Sequence[Answer]) -> TimeError:
         """Time error at the end of a step in parts, from the answer before it and those at their ends."""
         error = self
         for one, other in pairwise([before, *parts]):
@@ -217,7 +217,7 @@ class Parted(NamedTuple):
 
 def in_parts(
     advance: Advance,
-    model: Marching,
+    model: Equilibrium,
     trail: tuple[Answer, ...],
     goal: Goal,
     error: TimeError,

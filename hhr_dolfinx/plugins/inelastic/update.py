@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
@@ -60,6 +60,20 @@ class Group:
             yield f"the law {self.law!r} has no flow: each must have a flow, or be none"
 
 
+class LastOf:
+    """Keeps the value of the last key; threads may share it."""
+
+    def __init__(self) -> None:
+        self._last: tuple[object, Any] = None, None
+
+    def of(self, key: object, make: Callable[[], Any]) -> Any:
+        """The value of a key, which is not None."""
+        last = self._last
+        if last[0] != key:
+            self._last = last = key, make()  # in one assignment: several threads may be here
+        return last[1]
+
+
 class Material:
     """Laws of all Gauss points of a model.
 
@@ -67,10 +81,6 @@ class Material:
         groups: one group for each body; every Gauss point is in one group.
         components: number of components of a strain, 4 or 6.
         names: names of the parameters, for formulas.
-
-    Attributes:
-        groups, components, names: the arguments.
-        gauss_points: number of Gauss points.
 
     Raises:
         SceneError: if a Gauss point is in no group or in two, as the compiled loops would access other memory; for
@@ -91,8 +101,8 @@ class Material:
         }
         texts = {place: group.young for place, group in enumerate(self.groups) if isinstance(group.young, str)}
         self._moduli = ModuliOfParameters(texts, self.names) if texts else None
-        self._last: tuple[bytes, Material] | None = None
-        self._last_moduli: tuple[dict[int, float], Material] | None = None
+        self._at_points = LastOf()
+        self._at_moduli = LastOf()
         self._elastic: np.ndarray | None = None
         self.gauss_points = sum(group.indices.size for group in self.groups)
         indices = np.concatenate([np.zeros(0, dtype=np.int64), *(group.indices for group in self.groups)])
@@ -165,9 +175,7 @@ class Material:
         return Material(groups, self.components, self.names)
 
     def at(self, point: np.ndarray) -> Material:
-        """Material with the constants at a point, (P,); this object if none depends on parameters.
-
-        The material of the last point is cached.
+        """Material with the constants at a point, (P,), the last of which is kept; itself if none is a formula.
 
         Raises:
             SceneError: for constants that are not valid there.
@@ -175,25 +183,20 @@ class Material:
         elastic = self.moduli_at(point)
         if not self._laws:
             return elastic
-        key = point.tobytes()
-        last = self._last
-        if last is not None and last[0] == key:
-            return last[1]
-        found = copy(elastic)
-        laws = {place: law.at(point) for place, law in self._laws.items()}
-        found.groups = tuple(
-            replace(group, law=laws.get(place, group.law)) for place, group in enumerate(elastic.groups)
-        )
-        found._laws = {}
-        found._last = None
-        # a single assignment, since several threads may evaluate this
-        self._last = key, found
-        return found
+
+        def made() -> Material:
+            found = copy(elastic)
+            laws = {place: law.at(point) for place, law in self._laws.items()}
+            found.groups = tuple(replace(group, law=laws.get(k, group.law)) for k, group in enumerate(elastic.groups))
+            found._laws = {}
+            return found
+
+        return self._at_points.of(point.tobytes(), made)
 
     def moduli_at(self, point: np.ndarray) -> Material:
-        """Material with the elasticity at a point, (P,), and unchanged laws; this object if the elasticity is constant.
+        """Material with the elasticity at a point, (P,), the last of which is kept, and the same laws.
 
-        The material of the last moduli is cached.
+        It is this object if the elasticity is constant.
 
         Raises:
             SceneError: for a modulus that is not valid there.
@@ -201,17 +204,17 @@ class Material:
         if self._moduli is None:
             return self
         values = self._moduli.values(point)
-        last = self._last_moduli
-        if last is not None and last[0] == values:
-            return last[1]
-        found = copy(self)
-        found.groups = tuple(
-            replace(group, young=values.get(place, group.young)) for place, group in enumerate(self.groups)
-        )
-        found._moduli = found._last = found._last_moduli = found._elastic = None
-        # a single assignment, since several threads may evaluate this
-        self._last_moduli = values, found
-        return found
+
+        def made() -> Material:
+            found = copy(self)
+            found.groups = tuple(
+                replace(group, young=values.get(k, group.young)) for k, group in enumerate(self.groups)
+            )
+            found._moduli = found._elastic = None
+            found._at_points = LastOf()
+            return found
+
+        return self._at_moduli.of(values, made)
 
     def constants(self, point: np.ndarray) -> list[dict[str, float]]:
         """Values at a point, (P,), of the constants that are formulas, for each group by name."""
