@@ -49,14 +49,7 @@ def parameters_of(law: Any) -> set[str]:
 
 
 class LawOfParameters:
-    """A law with constants that are formulas, bound to the parameters of a scene.
-
-    Args:
-        law: law, a frozen dataclass.
-        names: names of the parameters, in the order of a point.
-
-    Attributes:
-        formulas: constants of the law that are formulas, by name.
+    """A law, a frozen dataclass, with constants that are formulas of the parameters with these names.
 
     Raises:
         SceneError: for a text that is no formula, or a formula of unknown parameters.
@@ -69,14 +62,14 @@ class LawOfParameters:
                 f"the law {law} names {sorted(unknown)}, and the parameters are {tuple(names)}: correct the formula, "
                 "or add the parameter to the ParameterSpace"
             )
-        self.formulas = formulas_of(law)
+        self._formulas = formulas_of(law)
         self._law = law
         self._names = tuple(names)
-        if self.formulas:
+        if self._formulas:
             # imported here, since most laws have no formulas
             from hhr_dolfinx.formulas import Scalar
 
-            self._scalars = {field: Scalar(text, self._names) for field, text in self.formulas.items()}
+            self._scalars = {field: Scalar(text, self._names) for field, text in self._formulas.items()}
 
     def constants(self, point: np.ndarray) -> dict[str, float]:
         """Values of the formulas at a point, (P,), by name.
@@ -85,20 +78,21 @@ class LawOfParameters:
             SceneError: for a value that is not finite, or a point beyond the end of a table.
         """
         found = {}
-        for field, text in self.formulas.items():
+        for field, text in self._formulas.items():
+            what = f"{field} = {text} of {type(self._law).__name__}"
             try:
                 found[field] = self._scalars[field].value(point)
             except ParameterError as error:
                 raise SceneError(
-                    f"{field} = {text} of {type(self._law).__name__}: {error}, at {self._place(point)}. Give the table "
-                    "further points, or narrow the box of the parameters"
+                    f"{what}: {error}, at {_place(self._names, point)}. Give the table further points, or narrow the "
+                    "box of the parameters"
                 ) from None
             except TypeError:  # the value is complex, such as the root of a negative number
                 found[field] = math.nan
             if not math.isfinite(found[field]):
                 raise SceneError(
-                    f"{field} = {text} of {type(self._law).__name__} is {found[field]} at {self._place(point)}: change "
-                    "the formula, or narrow the box of the parameters"
+                    f"{what} is {found[field]} at {_place(self._names, point)}: change the formula, or narrow the box "
+                    "of the parameters"
                 )
         return found
 
@@ -112,22 +106,15 @@ class LawOfParameters:
         try:
             return dataclasses.replace(self._law, **numbers) if numbers else self._law
         except Exception as error:  # a user-defined class may raise anything
-            shown = ", ".join(f"{field} = {self.formulas[field]} = {value:g}" for field, value in numbers.items())
+            shown = ", ".join(f"{field} = {self._formulas[field]} = {value:g}" for field, value in numbers.items())
             raise SceneError(
-                f"{type(self._law).__name__} refuses {shown} at {self._place(point)} ({error}): change the formula, or "
-                "narrow the box of the parameters"
+                f"{type(self._law).__name__} refuses {shown} at {_place(self._names, point)} ({error}): change the "
+                "formula, or narrow the box of the parameters"
             ) from error
-
-    def _place(self, point: np.ndarray) -> str:
-        return ", ".join(f"{name} = {value:g}" for name, value in zip(self._names, point, strict=True))
 
 
 class ModuliOfParameters:
-    """Young's moduli that are formulas, bound to the parameters of a scene.
-
-    Args:
-        texts: formulas by the number of their body or group.
-        names: names of the parameters, in the order of a point.
+    """Young's moduli that are formulas, by the number of their body, of the parameters with these names.
 
     Raises:
         SceneError: for a text that is no formula, or a formula of unknown parameters.
@@ -155,20 +142,19 @@ class ModuliOfParameters:
                     f"young = {scalar.text}: {error}. Give the table further points, or narrow the box"
                 ) from None
             if not 0 < found[number] < math.inf:
-                place = ", ".join(f"{name} = {value:g}" for name, value in zip(self._names, point, strict=True))
                 raise SceneError(
-                    f"young = {scalar.text} is {found[number]:g} at {place}: Young's modulus must be positive and "
-                    "finite. Change the formula, or narrow the box of the parameters"
+                    f"young = {scalar.text} is {found[number]:g} at {_place(self._names, point)}: Young's modulus must "
+                    "be positive and finite. Change the formula, or narrow the box of the parameters"
                 )
         return found
 
 
-def law_at(law: Any, names: Sequence[str], point: np.ndarray) -> Flow:
-    """A law with the values of its formulas at a point, (P,); the law itself if it has none.
+def _place(names: Sequence[str], point: np.ndarray) -> str:
+    return ", ".join(f"{name} = {value:g}" for name, value in zip(names, point, strict=True))
 
-    Raises:
-        SceneError: see :class:`LawOfParameters`.
-    """
+
+def law_at(law: Any, names: Sequence[str], point: np.ndarray) -> Flow:
+    """A law with the values of its formulas at a point, (P,), see :class:`LawOfParameters`."""
     return LawOfParameters(law, names).at(point)
 
 

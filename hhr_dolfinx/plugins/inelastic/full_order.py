@@ -184,7 +184,8 @@ class FullEquilibrium(MeshEquilibrium):
         components = operator.components
         rows = slice(points.points.start * components, points.points.stop * components)
         found.eigenstrains = csc_matrix(self.eigenstrains.tocsr()[rows])
-        found._set_middle(self.material.between(points.points))
+        own = np.arange(points.points.start, points.points.stop)
+        found._set_middle(self.material.restricted(own, empty=True))
         return found
 
     def _weights(self, point: np.ndarray) -> np.ndarray:

@@ -94,12 +94,9 @@ class Material:
         self.groups = tuple(groups)
         self.components = components
         self.names = tuple(names)
-        self._laws = {
-            place: LawOfParameters(group.law, names)
-            for place, group in enumerate(self.groups)
-            if formulas_of(group.law)
-        }
-        texts = {place: group.young for place, group in enumerate(self.groups) if isinstance(group.young, str)}
+        numbered = list(enumerate(self.groups))
+        self._laws = {k: LawOfParameters(group.law, names) for k, group in numbered if formulas_of(group.law)}
+        texts = {k: group.young for k, group in numbered if isinstance(group.young, str)}
         self._moduli = ModuliOfParameters(texts, self.names) if texts else None
         self._at_points = LastOf()
         self._at_moduli = LastOf()
@@ -131,11 +128,7 @@ class Material:
 
     @property
     def elastic(self) -> np.ndarray:
-        """Elastic tangents, (gauss_points, components, components).
-
-        Raises:
-            SceneError: if moduli are formulas, see :meth:`moduli_at`.
-        """
+        """Elastic tangents, (gauss_points, components, components); moduli must be numbers, see :meth:`moduli_at`."""
         if self._elastic is None:
             elastic = np.empty((self.gauss_points, self.components, self.components))
             unit = np.zeros(self.components)
@@ -157,21 +150,12 @@ class Material:
         """True if any law may depend on rates; a law that does not declares ``rated = False``."""
         return any(group.law is not None and getattr(group.law, "rated", True) for group in self.groups)
 
-    def restricted(self, indices: np.ndarray) -> Material:
-        """Material of some Gauss points, renumbered in their order."""
-        groups = []
-        for group in self.groups:
-            kept = np.flatnonzero(np.isin(indices, group.indices))
-            if kept.size:
-                groups.append(Group(kept, group.young, group.poisson, group.law))
-        return Material(groups, self.components, self.names)
-
-    def between(self, points: slice) -> Material:
-        """Material of a range of Gauss points, renumbered from 0; its groups may be empty."""
-        groups = []
-        for group in self.groups:
-            inside = (group.indices >= points.start) & (group.indices < points.stop)
-            groups.append(replace(group, indices=group.indices[inside] - points.start))
+    def restricted(self, indices: np.ndarray, *, empty: bool = False) -> Material:
+        """Material of some Gauss points, renumbered in their order; groups without any are kept if ``empty``."""
+        kept = [np.flatnonzero(np.isin(indices, group.indices)) for group in self.groups]
+        groups = [
+            replace(group, indices=own) for group, own in zip(self.groups, kept, strict=True) if empty or own.size
+        ]
         return Material(groups, self.components, self.names)
 
     def at(self, point: np.ndarray) -> Material:
@@ -187,7 +171,8 @@ class Material:
         def made() -> Material:
             found = copy(elastic)
             laws = {place: law.at(point) for place, law in self._laws.items()}
-            found.groups = tuple(replace(group, law=laws.get(k, group.law)) for k, group in enumerate(elastic.groups))
+            groups = enumerate(elastic.groups)
+            found.groups = tuple(replace(group, law=laws.get(k, group.law)) for k, group in groups)
             found._laws = {}
             return found
 
@@ -262,7 +247,7 @@ class Material:
         """Reports of laws whose slope is not the derivative of their flow; None if too little plastic strain occurs.
 
         A wrong slope changes no answer, but steps take more iterations, or fail for no visible reason. ``reductions``
-        are over the Gauss points of all ranks, see :class:`hhr_dolfinx.plugins.inelastic.points.Points`.
+        are those of :class:`~hhr_dolfinx.plugins.inelastic.points.Points`.
         """
 
         def probed() -> list[_Slopes]:
@@ -279,7 +264,7 @@ class Material:
         return [report for report in reports if report] if reports else None
 
     def _trial(self, indices: np.ndarray, strain: np.ndarray, old: State, mu: float) -> tuple[np.ndarray, np.ndarray]:
-        """Deviator, (n, components), and equivalent stress, (n,), of the trial stress at some Gauss points."""
+        """Deviator and equivalent stress of the trial stress at some Gauss points, (n, components) and (n,)."""
         deviator = np.empty((indices.size, self.components))
         equivalent = np.empty(indices.size)
         _set_trial(indices, strain, old.plastic, mu, deviator, equivalent)
@@ -287,7 +272,7 @@ class Material:
 
 
 def _number(group: Group) -> float:
-    """Young's modulus, which must be a number at this point."""
+    """Young's modulus, which must be a number here."""
     if isinstance(group.young, str):
         raise SceneError(
             f"young = {group.young} is a formula of the parameters: material.moduli_at(point) has its number"
@@ -406,11 +391,7 @@ def _set_trial(indices, strain, plastic, mu, deviator, equivalent):
 
 @compiled()
 def _return(indices, strain, deviator, equivalent, amount, slope, bulk, mu, stress, plastic, cumulated, tangents):
-    """Radial return; H = bulk 1⊗1 + 2 mu (θ P - (3 mu dΔp/dq - 1 + θ) n⊗n) with θ = 1 - 3 mu Δp / q_tr.
-
-    Writes stress, plastic strain, cumulated strain and tangents of the given Gauss points; no tangents if that array is
-    empty.
-    """
+    """Radial return; H = bulk 1⊗1 + 2 mu (θ P - (3 mu dΔp/dq - 1 + θ) n⊗n) with θ = 1 - 3 mu Δp / q_tr."""
     components = strain.shape[1]
     for m in range(indices.size):
         i = indices[m]
