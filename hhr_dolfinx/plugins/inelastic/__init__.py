@@ -44,8 +44,8 @@ PLUGIN = Plugin(
     recipes={"flowing": f"{_HERE}.recipe:flowing"},
     reductors={"plastic_correction": Way(f"{_HERE}.condense_flow:CorrectionSettings", _wanted, condenses=True)},
     stages=(
-        Stage(f"{_HERE}.stages:project_points", f"{_BUILD}:project_problem", _wanted),
-        Stage(f"{_HERE}.stages:check_tangents", f"{_BUILD}:assemble", _with_tangents),
+        Stage(f"{_HERE}.project:project_points", f"{_BUILD}:project_problem", _wanted),
+        Stage(f"{_HERE}.project:check_tangents", f"{_BUILD}:assemble", _with_tangents),
     ),
     materials=("flow",),
     memory=("gauss",),

@@ -29,12 +29,11 @@ from hhr_dolfinx.plugins.inelastic.completion import GappyField
 from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, PlasticFields
 from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlow, CondensedFlowModel
 from hhr_dolfinx.plugins.inelastic.cubature import Cubature, compressed, fitted
-from hhr_dolfinx.plugins.inelastic.elastic_response import ElasticResponse, elastic_response
+from hhr_dolfinx.plugins.inelastic.elastic_response import ElasticResponse, correction_modes, elastic_response
 from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium, equilibrium_of
-from hhr_dolfinx.plugins.inelastic.modes import correction_modes
+from hhr_dolfinx.plugins.inelastic.state import deviator, rows_of, states_of
 from hhr_dolfinx.plugins.inelastic.state import flowed as any_flowed
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
-from hhr_dolfinx.plugins.inelastic.state import states_of
 from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.reduction.modes import state_modes
 from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task
@@ -143,16 +142,9 @@ class FlowingDomain:
         return float(np.linalg.norm(chosen.reshape(-1, chosen.shape[2]), 2) ** 2)
 
     def work(self, strain: StrainAt) -> Callable[[np.ndarray], np.ndarray]:
-        """Maps fields (N, k) to ∫ (G V)^T 2 μ dev G u, (ell, k)."""
+        """Map fields (N, k) to ∫ (G V)^T 2 μ dev G u, (ell, k)."""
         tested = (self.weights[:, None, None] * self.deviators).reshape(-1, self.deviators.shape[2])
         return lambda columns: np.stack([tested.T @ strain.of(column).ravel() for column in columns.T], axis=1)
-
-
-def deviator(strain: np.ndarray) -> np.ndarray:
-    """Deviators of strains, (n, c)."""
-    found = strain.copy()
-    found[:, :3] -= found[:, :3].mean(axis=1, keepdims=True)
-    return found
 
 
 def _chunks(count: int) -> Iterator[slice]:
@@ -167,22 +159,13 @@ def _alike(states: np.ndarray, most: int) -> np.ndarray:
 
 
 class StrainAt:
-    """Strain at some Gauss points, from the cells around them alone.
-
-    Args:
-        operator: of the whole mesh.
-        points: numbers of the points.
-
-    Attributes:
-        points: as given.
-    """
+    """Strain at some Gauss points of the operator of a whole mesh, from the cells around them alone."""
 
     def __init__(self, operator: StrainOperator, points: np.ndarray):
         per_cell = operator.per_cell
         cells, where = np.unique(points // per_cell, return_inverse=True)
         self._operator, self._dofs = operator.restricted(cells)
         self._places = where * per_cell + points % per_cell
-        self.points = points
 
     def of(self, column: np.ndarray) -> np.ndarray:
         """Strain of a field (N,), (n, c)."""
@@ -206,10 +189,6 @@ NOTHING = 1e-8
 """Energy of a correction, relative to the largest, below which it counts as round-off of the elastic solution."""
 LARGEST_ENERGY = 1.2
 """Energy of a mode by the cubature above which tangents may change sign; the exact one is at most 1."""
-
-
-def _limits() -> TrustLimits:
-    return TrustLimits.of_histories(refuse_primal=0.02, refuse_dual=0.2, warn_primal=0.01)
 
 
 @dataclass(frozen=True)
@@ -241,7 +220,9 @@ class CorrectionSettings(Reductor["_Shared"]):
     dual: float = 0.06
     stress: float = 0.02
     plastic: float = 0.05
-    trust: TrustLimits | None = field(default_factory=_limits)
+    trust: TrustLimits | None = field(
+        default_factory=lambda: TrustLimits.of_histories(refuse_primal=0.02, refuse_dual=0.2, warn_primal=0.01)
+    )
     method: ClassVar[str] = "condensed"
     own_range: ClassVar[bool] = True
     level: ClassVar[str] = "attempt"
@@ -277,8 +258,20 @@ class CorrectionSettings(Reductor["_Shared"]):
         return self.trust
 
     def check(self, task: Task) -> None:
-        """Refuse other trainings than of histories with plastic strain."""
-        _check_given(task)
+        """Refuse elastic scenes, and other trainings than of histories with plastic strain."""
+        full = task.full
+        snapshots = task.snapshots
+        if full.equilibrium is None:
+            raise ReductionError(f"nothing flows in scene '{full.scene.name}': take exact or interpolated condensation")
+        full.problem.require_whole()
+        check_of_problem("snapshots", snapshots, full.problem)
+        if snapshots is None or not snapshots.histories or snapshots.columns is not None:
+            raise ReductionError(
+                "a reduced plastic correction is trained on histories, all steps: SnapshotSet.of_histories"
+            )
+        if not any_flowed(snapshots):
+            # corrections are then round-off, not zero
+            raise ReductionError("no body flows in any training history: train at higher loads, or leave the laws out")
 
     def prepare(self, task: Task, before: _Shared | None = None) -> _Shared:
         """Elastic response, corrections of training states, and modes of fields."""
@@ -339,23 +332,6 @@ class CorrectionFacts:
     candidates: int
     misfit: float
     energy: float
-
-
-def _check_given(task: Task) -> None:
-    """Raise ReductionError for elastic scenes, and for other trainings than of histories with plastic strain."""
-    full = task.full
-    snapshots = task.snapshots
-    if full.equilibrium is None:
-        raise ReductionError(f"nothing flows in scene '{full.scene.name}': take exact or interpolated condensation")
-    full.problem.require_whole()
-    check_of_problem("snapshots", snapshots, full.problem)
-    if snapshots is None or not snapshots.histories or snapshots.columns is not None:
-        raise ReductionError(
-            "a reduced plastic correction is trained on histories, all steps: SnapshotSet.of_histories"
-        )
-    if not any_flowed(snapshots):
-        # corrections are then round-off, not zero
-        raise ReductionError("no body flows in any training history: train at higher loads, or leave the laws out")
 
 
 @dataclass(frozen=True)
@@ -430,14 +406,14 @@ def _online(
     everywhere = StrainAt(equilibrium.operator, domain.points)
     per_mode = strain(basis)
     per_force = strain(elastic.per_force)
-    count = max(len(elastic.factors.moduli), 1)
     rows = (points * components + np.arange(components)[:, None]).ravel()
-    masks = [(elastic.parts == part)[:, None] for part in range(count)]
-    tested = _deviators(per_mode, components) * np.tile(weights, components)
+    tested = deviator(per_mode.reshape(len(per_mode), components, -1)).reshape(per_mode.shape)
+    tested *= np.tile(weights, components)
     work = domain.work(everywhere)
     coupled = np.zeros((len(per_mode), len(problem.gaps)))
     if not problem.law.remembers:
         coupled = work(elastic.per_force) - tested @ per_force.T
+    schur, pressed, gaps = elastic.condensed(problem)
     return CondensedFlow(
         points=points,
         groups=groups,
@@ -452,10 +428,10 @@ def _online(
         moved=problem.contact @ basis,
         modal=np.eye(len(per_mode)) - work(basis) + tested @ per_mode.T,
         coupled=coupled,
-        mode_parts=_parts_of_modes(basis, elastic),
-        schur=np.array([_symmetric(problem.contact @ np.where(mask, elastic.per_force, 0.0)) for mask in masks]),
-        pressed=np.array([problem.contact @ np.where(mask, elastic.forced, 0.0) for mask in masks]),
-        gaps=problem.gaps - problem.contact @ elastic.given,
+        mode_parts=elastic.parts[np.abs(basis).argmax(axis=0)],  # if there are several parts, each mode is on one
+        schur=schur,
+        pressed=pressed,
+        gaps=gaps,
     )
 
 
@@ -476,22 +452,6 @@ def _watched(domain: FlowingDomain, cubature: Cubature, answers: Sequence[Answer
     kept = np.array(others[: max(cubature.points.size // 10, WATCHED)], dtype=np.int64)
     weights = np.append(cubature.weights * domain.weights[cubature.points], np.zeros(kept.size))
     return np.append(domain.points[cubature.points], domain.points[kept]), weights
-
-
-def _deviators(strains: np.ndarray, components: int) -> np.ndarray:
-    """Deviators of strains stored by component, (k, c n)."""
-    found = strains.reshape(len(strains), components, -1).copy()
-    found[:, :3] -= found[:, :3].mean(axis=1, keepdims=True)
-    return found.reshape(strains.shape)
-
-
-def _parts_of_modes(basis: np.ndarray, elastic: ElasticResponse) -> np.ndarray:
-    """Part of the stiffness of each mode, (ell,): if there are several parts, each mode belongs to one."""
-    return elastic.parts[np.abs(basis).argmax(axis=0)]
-
-
-def _symmetric(matrix: np.ndarray) -> np.ndarray:
-    return (matrix + matrix.T) / 2
 
 
 def _by_body(groups: tuple[Group, ...], points: np.ndarray) -> tuple[tuple[Group, ...], np.ndarray]:
@@ -540,8 +500,7 @@ class _FieldModes:
     def on(self, points: np.ndarray, equilibrium: FullEquilibrium) -> PlasticFields:
         """Completion of fields from some points."""
         rows = np.searchsorted(self.flowed, points)
-        components = equilibrium.operator.components
-        values = (rows[:, None] * components + np.arange(components)).ravel()
+        values = rows_of(rows, equilibrium.operator.components)
         count = max(values.size // SPARE, 1)
         return PlasticFields(
             points,

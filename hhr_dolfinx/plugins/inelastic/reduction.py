@@ -15,7 +15,7 @@ from hhr_dolfinx.plugins.inelastic.comparison import checked_histories
 from hhr_dolfinx.plugins.inelastic.completion import FlowFields, GappyField
 from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
 from hhr_dolfinx.plugins.inelastic.recipe import flowing
-from hhr_dolfinx.plugins.inelastic.state import flowed, states_of
+from hhr_dolfinx.plugins.inelastic.state import flowed, rows_of, states_of
 from hhr_dolfinx.reduction.modes import state_modes
 from hhr_dolfinx.reduction.recipe import Recipe
 from hhr_dolfinx.snapshots.records import SnapshotSet
@@ -53,9 +53,9 @@ class FittedFlow:
             raise ReductionError("these snapshots hold no stress: give histories of a scene whose bodies flow")
         components = flow.material.components
         points = flow.points
-        values = (points[:, None] * components + np.arange(components)).ravel()
+        stress = GappyField.fitted(self.stress, rows_of(points, components))
         flowed = None if self.plastic_strain is None else GappyField.fitted(self.plastic_strain, points)
-        return FlowFields(points, GappyField.fitted(self.stress, values), flowed, len(self.stress) // components)
+        return FlowFields(points, stress, flowed, len(self.stress) // components)
 
 
 class _Reduction:

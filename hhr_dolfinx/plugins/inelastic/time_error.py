@@ -33,6 +33,7 @@ from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal
 from hhr_dolfinx.plugins.inelastic.laws import Plasticity
 from hhr_dolfinx.plugins.inelastic.points import Points
+from hhr_dolfinx.plugins.inelastic.state import deviator
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.update import Group, Material, flow_of, kernel_of
 
@@ -167,12 +168,6 @@ class TimeError:
         return error, flowed / dt, float(np.vdot(added, added)), float(np.vdot(kept, kept))
 
 
-def _deviator(stress: np.ndarray) -> np.ndarray:
-    found = stress.copy()
-    found[:, :3] -= stress[:, :3].mean(axis=1, keepdims=True)
-    return found
-
-
 def _equivalent(stress: np.ndarray) -> np.ndarray:
     """Equivalent stress, (n,), of stress in Kelvin's notation, (n, c)."""
     pressure = stress[:, 0] + stress[:, 1] + stress[:, 2]
@@ -183,11 +178,10 @@ def _rate(law: Any, answer: Answer, body: _Rated, dt: float) -> np.ndarray:
     """2 μ times the rate of plastic strain at a stress: the flow of a law in a short time, (n, c)."""
     stress = gauss_of(answer).stress[body.points]
     moment = SUDDEN * dt
-    deviator = _deviator(stress)
     equivalent = _equivalent(stress)
     amount, _ = flow_of(law, equivalent, gauss_of(answer).state.cumulated[body.points], body.shear, moment)
     along = np.divide(3 * body.shear * amount / moment, equivalent, out=np.zeros_like(amount), where=equivalent > 0)
-    return along[:, None] * deviator
+    return along[:, None] * deviator(stress)
 
 
 def _has_rates(group: Group) -> bool:
