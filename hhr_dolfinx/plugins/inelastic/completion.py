@@ -81,8 +81,12 @@ class FlowFields:
         return self.plastic_strain_everywhere(state(answer).state.cumulated)
 
     def estimate(self, answer: Answer) -> Estimate:
-        """Indicator of the error of an answer, see :meth:`misfit`."""
-        return Estimate.indicated(self.misfit(state(answer).stress), STRESS)
+        """Indicator of the error of an answer: the part of its stress that the training does not represent, 0 to 1.
+
+        It follows the error of a step, see docs/bounds.md: the modes represent the training, the laws the present
+        load path. 0 for bodies without stress; infinite for a stress that is not finite.
+        """
+        return Estimate.indicated(share_of_stress(*self.unexplained(state(answer).stress)), STRESS)
 
     def stress_everywhere(self, inside: np.ndarray) -> np.ndarray:
         """Stress at all Gauss points: that of the laws in the RID, gappy POD outside, (Gauss points, components)."""
@@ -115,11 +119,3 @@ class FlowFields:
         amplitudes = self.stress.fit @ stress
         size = float(stress @ stress)
         return math.sqrt(max(size - float(amplitudes @ (self._products @ amplitudes)), 0.0)), math.sqrt(size)
-
-    def misfit(self, inside: np.ndarray) -> float:
-        """Part of the stress at evaluated points that the training modes do not represent, from 0 to 1.
-
-        It follows the error of a step, see docs/bounds.md: the modes represent the training, the laws the present
-        load path. 0 for bodies without stress; infinite for a stress that is not finite.
-        """
-        return share_of_stress(*self.unexplained(inside))

@@ -86,14 +86,9 @@ class PlasticFields:
             yield f"strains at all Gauss points are not those of {len(self.moved)} dofs and {len(self.moduli)} points"
 
     @property
-    def gauss_points(self) -> int:
+    def places(self) -> int:
         """Number of Gauss points of the full model."""
         return len(self.moduli)
-
-    @property
-    def places(self) -> int:
-        """The same."""
-        return self.gauss_points
 
     def stress_of(self, answer: Answer) -> np.ndarray:
         """Stress of an answer, which depends on its elastic part: that of its fields."""
@@ -110,10 +105,8 @@ class PlasticFields:
     def stress(self, elastic: np.ndarray, theta: np.ndarray, plastic: np.ndarray) -> np.ndarray:
         """Stress at all Gauss points for the moduli in the middle of the box, (Gauss points, components).
 
-        Args:
-            elastic: displacement of loads and contact forces, lift included, (N,).
-            theta: θ, (1 + T,).
-            plastic: plastic strain where laws are evaluated, (n, components).
+        ``elastic`` is the displacement of loads and contact forces with the lift, (N,), ``plastic`` the strain where
+        laws are evaluated.
         """
         shares = self.plastic.fit @ plastic.ravel()
         found = self.strain.strain(elastic + self.moved @ shares)
@@ -127,7 +120,7 @@ class PlasticFields:
 
     def cumulated_everywhere(self, inside: np.ndarray) -> np.ndarray:
         """Cumulated plastic strain at all Gauss points, never negative, (Gauss points,)."""
-        field = np.zeros(self.gauss_points)
+        field = np.zeros(self.places)
         field[self.flowed] = np.maximum(self.cumulated.everywhere(inside), 0.0)
         field[self.points] = inside
         return field
@@ -135,8 +128,7 @@ class PlasticFields:
     def unforeseen(self, plastic: np.ndarray) -> np.ndarray:
         """Leave-one-out residual of the plastic strain at each point, times 2 μ, (n, components).
 
-        The residual at points to which the modes were fitted, (I - H) ε_p, is far less than elsewhere. The factor
-        (I - H_ii)^-1 predicts each point without itself.
+        The residual of the fit, (I - H) ε_p, is far less than elsewhere; (I - H_ii)^-1 predicts a point without itself.
         """
         left = plastic - (self.shown @ (self.plastic.fit @ plastic.ravel())).reshape(plastic.shape)
         return np.einsum("nij,nj->ni", self.without, left)

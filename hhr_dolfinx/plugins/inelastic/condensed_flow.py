@@ -50,25 +50,22 @@ from hhr_dolfinx.plugins.inelastic.update import Group, Material, State, check_f
 class CondensedFlow:
     """Arrays in the middle of the box (n points of c components, ell modes, m conditions, Q parts)."""
 
-    # numbers of the Gauss points Z in the full model, body by body, (n,). Points without weight are there to
-    # detect plastic strain away from the others.
+    # numbers of the points Z in the full model, body by body; those without weight detect plastic strain elsewhere
     points: Annotated[Integers, "points", "< gauss points"]
     groups: tuple[Group, ...]  # elasticity and laws of these points by body, with consecutive indices
     per_cell: Annotated[Size, "per cell"]  # Gauss points of a cell of the full model
     parts: Annotated[Integers, "points", "< Q"]  # part of the stiffness that holds each point, (n,)
     factors: PartFactors  # moduli of the parts
     per_mode: Annotated[Floats, "ell", "components * points"]  # strain of V, component by component, (ell, c n)
-    # weight of each point times 2 μ times the deviator of this strain, (ell, c n)
-    tested: Annotated[Floats, "ell", "components * points"]
+    tested: Annotated[Floats, "ell", "components * points"]  # weight of each point times 2 μ times its deviator
     per_force: Annotated[Floats, "m", "components * points"]  # strain of K^-1 B^T, (m, c n)
     forced: Annotated[Floats, "components * points", "terms"]  # strain of K^-1 F, (c n, 1 + T)
-    # strain of imposed displacements and of the response to them, minus strains without stress, (c n, 1 + T)
+    # strain of imposed displacements and of the response to them, minus strains without stress
     given: Annotated[Floats, "components * points", "terms"]
     moved: Annotated[Floats, "m", "ell"]  # B V, (m, ell)
     modal: Annotated[Floats, "ell", "ell"]  # Q of :mod:`plugins.inelastic.condensed_step`, (ell, ell)
     coupled: Annotated[Floats, "ell", "m"]  # P there, (ell, m)
-    # part of the stiffness to which each mode belongs, if moduli vary, (ell,)
-    mode_parts: Annotated[Integers, "ell", "< Q"]
+    mode_parts: Annotated[Integers, "ell", "< Q"]  # part of the stiffness of each mode, if moduli vary
     schur: Annotated[Floats, "Q", "m", "m"]  # B K^-1 B^T of each part, (Q, m, m)
     pressed: Annotated[Floats, "Q", "m", "terms"]  # B K^-1 F of each part, (Q, m, 1 + T)
     gaps: Annotated[Floats, "m", "terms"]  # gaps minus imposed displacements, (m, 1 + T)
@@ -150,7 +147,7 @@ class CondensedEquilibrium(Histories):
         return self._by_point(self._strain_of(change))
 
     def _by_point(self, values: np.ndarray) -> np.ndarray:
-        """Strains by component, (c n,), reordered by point, (n, c), as laws take them."""
+        """Strains by component, (c n,), reordered by point, (n, c)."""
         return np.ascontiguousarray(values.reshape(-1, self.points.size).T)
 
     def _strain_of(self, x: np.ndarray) -> np.ndarray:
@@ -238,10 +235,9 @@ class _CondensedLinearisation:
         self._plain = model.flow.modal - self._tested @ model.flow.per_mode.T
 
     def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """g and λ, and λ, for a small change of the residual and the free slack at fixed statuses.
+        """Solve Q dg + P dλ = tested dε_p/dε (E_p dg - E_X^T dλ) + residual, B V dg - S dλ = gaps where active.
 
-        Solves Q dg + P dλ = tested dε_p/dε (E_p dg - E_X^T dλ) + residual and B V dg - S dλ = gaps where active,
-        dλ = 0 elsewhere.
+        Elsewhere dλ = 0. Returns (dg, dλ) and dλ.
         """
         model = self._model
         on = np.flatnonzero(active)
@@ -456,9 +452,8 @@ class CondensedFlowModel(KeptModel):
             yield f"{flow.components} components of a strain in dimension {fields.dimension}"
         if not np.array_equal(flow.points, fields.flow.points):
             yield "the points of the step and those from which fields are completed are not the same"
-        if fields.factors.moduli != flow.factors.moduli or not np.array_equal(
-            fields.factors.middle, flow.factors.middle
-        ):
+        same = np.array_equal(fields.factors.middle, flow.factors.middle)
+        if fields.factors.moduli != flow.factors.moduli or not same:
             yield "the moduli of the step and those of the fields are not the same"
         if fields.parts.min() < 0 or fields.parts.max() >= len(flow.schur):
             yield "fields.parts has indices outside the parts of the stiffness"

@@ -81,7 +81,7 @@ class ForceCorrection(Rebuilt):
         state = self.material.at_rest()
         time = history.start
         compliances = self.factors.compliances(history.parameter)  # elasticity is constant along a history
-        elastic = self._elastic if not self.factors.moduli else self._elastic_at(compliances)
+        elastic = SchurEqualities.symmetric(np.tensordot(compliances, self.schur, 1))
         for answer in history.answers:
             displacement = answer.displacement()
             forces = answer.forces()
@@ -119,10 +119,3 @@ class ForceCorrection(Rebuilt):
     @cached_property
     def _pairs(self) -> Pairs:
         return Pairs(self.pairs)
-
-    @cached_property
-    def _elastic(self) -> SchurEqualities:
-        return self._elastic_at(np.ones(len(self.schur)))
-
-    def _elastic_at(self, compliances: np.ndarray) -> SchurEqualities:
-        return SchurEqualities.symmetric(np.tensordot(compliances, self.schur, 1))

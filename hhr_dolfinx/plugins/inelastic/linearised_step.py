@@ -149,14 +149,12 @@ class LinearisedStepper(Stepper):
 
 @dataclass
 class _Memory:
-    """Memory of a history: the linearisation of the last step if it may be used again, the iterations that allow it,
-    the largest forces and stress (mean square), and the strains that were warned of.
-    """
+    """Memory of a history."""
 
-    patience: int
-    linearisation: Linearisation | None = None
-    forces: np.ndarray | float = 0.0
-    stress: float = 0.0
+    patience: int  # iterations of a step above which its frozen tangent is not used again
+    linearisation: Linearisation | None = None  # of the last step, if it may be used again
+    forces: np.ndarray | float = 0.0  # largest size
+    stress: float = 0.0  # largest root of its mean square
     strains: SmallStrains = field(default_factory=SmallStrains)
 
     def grow(self, forces: np.ndarray, stress: float) -> None:

@@ -90,7 +90,7 @@ def march(
     """Solve a history from rest.
 
     Args:
-        model: equilibrium of a full or a reduced model, or of several in turn.
+        model: of a full or a reduced model.
         path: times and parameters, as :func:`checked_path` returns them; parameters are linear between them.
         settings: of the history.
         known: answers to the first steps, solved before; the history continues after them.
@@ -256,8 +256,7 @@ def _place(model, worst):
 def _advance(stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, settings: MarchSettings) -> list[Answer]:
     """Solve one step as given; if that fails, in 2, 4, ... parts, each of which is tried like a step.
 
-    ``trail`` holds the last answers, at most three; the last of them is the present one. Returns the answers at the
-    ends of the parts; the iterations of the first one include those of all failed attempts.
+    Returns the answers at the ends of the parts; the iterations of the first one include those of failed attempts.
     """
     here = trail[-1]
     spent = 0
@@ -291,11 +290,7 @@ def elastic_axes(young: Sequence[str], names: Sequence[str]) -> dict[int, list[s
 
 
 def check_elasticity(young: Sequence[str], names: Sequence[str], path: Path) -> None:
-    """Refuse a checked path along which a modulus of elasticity changes, by its formulas and the parameters' names.
-
-    Raises:
-        ParameterError: with the parameter on which it depends.
-    """
+    """Raise ParameterError for a checked path along which a modulus of elasticity changes, by their formulas."""
     for place, texts in elastic_axes(young, names).items():
         values = np.array([point[place] for _, point in path])
         if np.ptp(values) > 0:
@@ -313,8 +308,7 @@ def one_step(
 ) -> Answer:
     """Answer of a model of inelastic bodies: one step from rest, where the box is nearest to zero, with its elasticity.
 
-    Plastic strain depends on the path, which ``march`` follows. The arguments are those of :meth:`Model.solve`, and the
-    duration of the step in seconds, which counts for laws with rates.
+    The arguments are those of :meth:`Model.solve`, and the duration of the step in seconds, for laws with rates.
     """
     space = model.parameters
     target = space.point(mu)

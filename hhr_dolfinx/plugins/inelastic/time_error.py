@@ -54,42 +54,38 @@ Advance = Callable[[tuple[Answer, ...], Goal], list[Answer]]
 
 
 class _Rated(NamedTuple):
-    """Points of a body whose law has rates, its index among the groups of the material, and its shear modulus."""
+    """A body whose law has rates."""
 
     points: np.ndarray
-    place: int
-    shear: float
+    place: int  # its index among the groups of the material
+    shear: float  # shear modulus
 
 
 @dataclass(frozen=True)
 class TimeError:
     """Time error at the end of a step; each step creates another one."""
 
-    bodies: tuple[_Rated, ...]  # bodies with rates, at the points of the model that gave the last answer
-    points: np.ndarray  # numbers of the points of that model, which identify it
+    bodies: tuple[_Rated, ...]  # bodies with rates
     together: Points  # reductions over the points of all ranks
     error: tuple[np.ndarray, ...]  # e at the points of each body, as a stress
     # 2 μ times the rate of plastic strain there, per second; None until it is known
     rate: tuple[np.ndarray, ...] | None
     largest: float = 0.0  # norm of the largest stress so far
-    before: float = 0.0  # estimate when the points changed, or when a history continued; it does not decay
+    before: float = 0.0  # estimate when a history continued; it does not decay
     added: float = 0.0  # error added by the last step, relative to the largest stress
     left: float = 1.0  # part D of the added error that remains at the end of the step
 
     @classmethod
-    def at_rest(cls, model: Equilibrium, rest: Answer) -> TimeError:
+    def at_rest(cls, model: Equilibrium, answer: Answer) -> TimeError:
         """Time error at the start of a history, for a model with numbers as moduli."""
-        return cls._of(model, model.material.at(rest.parameter))
-
-    @classmethod
-    def _of(cls, model: Equilibrium, material: Material) -> TimeError:
+        material = model.material.at(answer.parameter)
         bodies = tuple(
             _Rated(group.indices, place, lame_parameters(float(group.young), group.poisson)[1])
             for place, group in enumerate(material.groups)
             if _has_rates(group)
         )
         nothing = tuple(np.zeros((body.points.size, material.components)) for body in bodies)
-        return cls(bodies, model.points, model.together, nothing, nothing)
+        return cls(bodies, model.together, nothing, nothing)
 
     @property
     def estimate(self) -> float:
@@ -109,19 +105,10 @@ class TimeError:
         return replace(self, error=nothing, rate=None, largest=largest, before=answer.time_error)
 
     def after(self, model: Equilibrium, before: Answer, answer: Answer) -> TimeError:
-        """Time error at the end of a step that was solved in one part.
-
-        Args:
-            model: the model of the answer, with numbers as moduli.
-            before, answer: both ends of the step.
-        """
-        material = model.material.at(answer.parameter)
-        if model.points is not self.points and not np.array_equal(model.points, self.points):
-            # another model took over, whose points have neither an error nor the rates at the start
-            other = TimeError._of(model, material)
-            return replace(other, rate=None, largest=self.largest, before=self.estimate)
+        """Time error at the end of a step that was solved in one part by a model with numbers as moduli."""
         if not self.bodies:
             return self
+        material = model.material.at(answer.parameter)
         dt = answer.time - before.time
         stress = gauss_of(answer).stress
         try:
@@ -223,15 +210,7 @@ def in_parts(
     D is near 1, it may add the same as if the path had ``STEPS`` steps: later steps are unknown. The allowed error is
     about proportional to the length of a part, and the added error to its square. The length of the next part, or of
     the same one once more, changes by their ratio. The first attempt is the whole step, so that a history that
-    continues after stored answers finds the same parts.
-
-    Args:
-        advance: solves one part.
-        model: with numbers as moduli.
-        trail: answers before.
-        goal: end of the step.
-        error: known at its start.
-        tolerance: of the estimate, relative.
+    continues after stored answers finds the same parts. ``error`` is that at the start of the step.
 
     Raises:
         Diverged: if a part does not converge, or more parts than ``MOST_PARTS`` would be needed.

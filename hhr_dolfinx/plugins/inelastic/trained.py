@@ -55,9 +55,7 @@ class Signs(NamedTuple):
     size: float  # norm of the contributions to these forces
     depth: float  # largest violation of a gap on the whole contact surface, in the unit of length, 0 if none
     what: str = "the forces on the reduced domain are out of balance"  # description of the imbalance, for messages
-    # norm of the part of the stress that no mode of the training explains, where laws are evaluated, in the unit
-    # of stress
-    misfit: float = 0.0
+    misfit: float = 0.0  # norm of the stress that no mode of the training explains, where laws are evaluated
     stress: float = 0.0  # norm of this stress
 
     @property
@@ -67,11 +65,10 @@ class Signs(NamedTuple):
 
 
 class Known(NamedTuple):
-    """Error indicators of a reduced model on its training histories, each a list with one entry for each step."""
+    """Error indicators of a reduced model on its training histories, for each step of each."""
 
-    signs: Sequence[Sequence[Signs]]  # indicators along training histories
-    # indicators along small parts of their first steps, which every path with finer steps passes
-    onsets: Sequence[Sequence[Signs]]
+    signs: Sequence[Sequence[Signs]]
+    onsets: Sequence[Sequence[Signs]]  # along small parts of their first steps, which a path with finer steps passes
     length: float  # largest gap or relative motion of contact surfaces in training
 
 
@@ -80,20 +77,17 @@ class TrainedPaths:
     """Training range of a reduced model of histories."""
 
     parameters: TrainedRange  # range of values along all training paths
-    # slowest, fastest: smallest and largest rate of each parameter in any step, per second, (P,). For rate-
-    # independent laws only directions matter: the change of the parameter while the one that changes most,
-    # relative to its trained range, goes through its whole range.
+    # smallest and largest rate of each parameter in any step, per second; of laws without rates only directions matter:
+    # the change while the parameter that changes most, relative to its trained range, goes through its whole range
     slowest: Annotated[Floats, "P"]
     fastest: Annotated[Floats, "P"]
-    # shortest and longest training step, in seconds, for information: only rates are checked
-    steps: tuple[float, float]
+    steps: tuple[float, float]  # shortest and longest training step, in seconds, for information
     rated: bool  # True if any law depends on rates
     imbalance: float  # largest imbalance of the training histories, solved by the reduced model, in the unit of force
     depth: float  # largest depth of the training histories, or the value that counts as zero
     stress: float  # largest norm of the stress in the training histories
     estimate: float  # largest estimate at any of their steps, or the value that counts as zero
-    # smallest norm of the stress after the first step of any of them; below it a history is in its first step
-    begun: float
+    begun: float  # smallest norm of the stress after a first step; below it a history is in its first step
     onset: float  # largest estimate of small parts of these first steps, at least ``estimate``
 
     @property
@@ -117,13 +111,9 @@ class TrainedPaths:
         known: Known,
         rated: bool = True,
     ) -> TrainedPaths:
-        """Training range from training paths and indicators of the reduced model on the training histories.
+        """Training range from training paths, with the start first, and indicators of the training histories.
 
-        Args:
-            paths: training paths, each a list of times and parameters with the start first.
-            space: box of the parameters.
-            known: indicators of the training histories.
-            rated: True if any law depends on rates.
+        ``rated``: some law depends on rates.
         """
         times = [np.array([time for time, _ in path]) for path in paths]
         points = [np.array([point for _, point in path]) for path in paths]
@@ -201,11 +191,9 @@ def _direction(change: np.ndarray, trained: TrainedRange) -> np.ndarray:
 
 
 class Watch:
-    """Check of the steps of one history against the training range; each kind of report is given once.
+    """Check of the steps of one history against a training range, if there is one; each kind of report is given once.
 
-    Args:
-        trained: training range; None disables the check, as for a full model.
-        outside: see :func:`announce`.
+    ``outside`` is that of :func:`announce`.
     """
 
     def __init__(self, trained: TrainedPaths | None, outside: str):

@@ -126,7 +126,7 @@ def test_it_has_no_unit_and_no_preferred_sign(small):
 
 def test_without_modes_nothing_is_explained():
     nothing = GappyField(np.zeros((8, 0)), np.zeros((0, 4)))
-    assert FlowFields(np.array([1]), nothing, None, 2).misfit(np.ones((1, 4))) == 1.0
+    assert FlowFields(np.array([1]), nothing, None, 2).unexplained(np.ones((1, 4))) == (2.0, 2.0)
 
 
 def test_an_indicator_of_the_user_comes_first(small):
