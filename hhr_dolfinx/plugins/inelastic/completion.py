@@ -81,11 +81,7 @@ class FlowFields:
         return self.plastic_strain_everywhere(state(answer).state.cumulated)
 
     def estimate(self, answer: Answer) -> Estimate:
-        """Indicator of the error of an answer: the part of its stress that the training does not represent, 0 to 1.
-
-        It follows the error of a step, see docs/bounds.md: the modes represent the training, the laws the present
-        load path. 0 for bodies without stress; infinite for a stress that is not finite.
-        """
+        """Indicator of the error, the part of the stress that the training does not represent; see docs/bounds.md."""
         return Estimate.indicated(share_of_stress(*self.unexplained(state(answer).stress)), STRESS)
 
     def stress_everywhere(self, inside: np.ndarray) -> np.ndarray:
@@ -111,10 +107,7 @@ class FlowFields:
         return shown.T @ shown
 
     def unexplained(self, inside: np.ndarray) -> tuple[float, float]:
-        """|σ - Φ fit σ| and |σ| of the stress at evaluated points, (points, components), in the unit of stress.
-
-        The difference loses half of the digits: values below 1e-8 of the stress are round-off.
-        """
+        """|σ - Φ fit σ| and |σ| of the stress at evaluated points; values below 1e-8 of the stress are round-off."""
         stress = inside.ravel()
         amplitudes = self.stress.fit @ stress
         size = float(stress @ stress)

@@ -113,7 +113,7 @@ class FlowingDomain:
     def cubature(self, stressed: np.ndarray, settings: CorrectionSettings, start: Cubature | None = None) -> Cubature:
         """Points and weights for :meth:`stressed` states, (S, p c), and loosely for energies of the modes.
 
-        ``start`` is a cubature of the same states for fewer modes, or for a larger tolerance.
+        ``start`` is a cubature for fewer modes, or for a larger tolerance.
         """
         few = _alike(stressed, ROWS // self.deviators.shape[2])
         few = few.reshape(len(few), self.points.size, -1)

@@ -1,8 +1,4 @@
-"""Fields of condensed inelastic models on the whole mesh.
-
-The displacement is exact up to the plastic correction. Stress and plastic strain follow from it and from the plastic
-strain at few Gauss points.
-"""
+"""Fields of condensed inelastic models on the whole mesh, exact up to the correction and the completion of ε_p."""
 
 from __future__ import annotations
 
@@ -45,8 +41,7 @@ class PlasticFields:
 
     Gappy POD (thesis section 6.2.3) completes the plastic strain ε_p alone, from modes Φ a. The displacement and stress
     that balance each mode are computed in advance: K u = ∫ G^T C Φ, σ = C (ε(u) - Φ). So the stress is exact in elastic
-    regions, and balances the loads for any a. The stress itself is not completed from few points: its elastic part is
-    no combination of training modes and would be wrong as a whole.
+    regions, and balances the loads for any a; completed from few points itself, its elastic part would be wrong.
     """
 
     kind: ClassVar[str] = STRESS
@@ -103,10 +98,9 @@ class PlasticFields:
         return answer.fields.estimate(answer)
 
     def stress(self, elastic: np.ndarray, theta: np.ndarray, plastic: np.ndarray) -> np.ndarray:
-        """Stress at all Gauss points for the moduli in the middle of the box, (Gauss points, components).
+        """Stress at all Gauss points for the moduli of the middle, (Gauss points, components).
 
-        ``elastic`` is the displacement of loads and contact forces with the lift, (N,), ``plastic`` the strain where
-        laws are evaluated.
+        ``elastic``: displacement of loads and forces with the lift; ``plastic``: strain where laws are evaluated.
         """
         shares = self.plastic.fit @ plastic.ravel()
         found = self.strain.strain(elastic + self.moved @ shares)
@@ -272,11 +266,7 @@ class PartFactors:
     middle: Annotated[Floats, "parts"]
 
     def faults_for(self, space: ParameterSpace) -> Iterator[str]:
-        """Faults: moduli that are no formulas of these parameters, or have other values in the middle of their box.
-
-        Raises:
-            SceneError: for a modulus that is not positive somewhere in the box.
-        """
+        """Faults: moduli that are no formulas of these parameters, or other in the middle; SceneError if negative."""
         for modulus in self.moduli:
             if modulus.names != space.names or modulus.rest != "1":
                 yield f"the modulus {modulus.factor[:60]!r} is no formula of {space.names}"

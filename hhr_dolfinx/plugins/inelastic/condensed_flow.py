@@ -183,11 +183,7 @@ class CondensedEquilibrium(Histories):
         return found, np.array([np.linalg.norm(correction)])
 
     def elastic_forces(self, theta: Theta) -> np.ndarray:
-        """Contact forces λ_e of the elastic bodies, without any plastic strain, (m,).
-
-        Raises:
-            NotSolvableError: if there are none.
-        """
+        """Contact forces λ_e of the elastic bodies, without plastic strain, (m,); NotSolvableError without any."""
         slack = self.gaps(theta)
         found = active_set(self._equalities, slack, slack < 0)
         if found.status is not Status.CONVERGED:
@@ -195,9 +191,9 @@ class CondensedEquilibrium(Histories):
         return found.forces
 
     def signs(self, answer: Answer) -> Signs:
-        """Signs of leaving the training: stress of unfamiliar plastic strain on Z; no overlap, as all rows are kept.
+        """Signs of leaving the training: stress of unfamiliar plastic strain on Z.
 
-        The residual is no sign: steps balance on Z for any plastic strain.
+        Steps balance on Z for any plastic strain, and all rows are kept.
         """
         left, size = self.fields.unexplained(answer)
         return Signs(0.0, 0.0, 0.0, misfit=left, stress=size)
@@ -282,11 +278,7 @@ class CorrectionStepper(Stepper):
         """Take in the size of a correction."""
 
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """Solve a step from the extrapolation of the corrections before; if that fails, from the last one.
-
-        Raises:
-            Diverged: with the reason of the last attempt.
-        """
+        """Solve from the extrapolation of the corrections before; if that fails, from the last one."""
         modes = self._model.modes
         starts = [extrapolated(trail, goal.time, modes)] if len(trail) > 1 else []
         return self._step_from([*starts, trail[-1].unknown[:modes]], trail[-1], goal)

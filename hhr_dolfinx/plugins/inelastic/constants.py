@@ -34,11 +34,7 @@ def formulas_of(law: Any) -> dict[str, str]:
 
 
 def parameters_of(law: Any) -> set[str]:
-    """Names of the parameters on which a law depends.
-
-    Raises:
-        SceneError: for a text that is no formula.
-    """
+    """Names of the parameters on which a law depends; SceneError for a text that is no formula."""
     found = formulas_of(law)
     if not found:
         return set()
@@ -49,11 +45,7 @@ def parameters_of(law: Any) -> set[str]:
 
 
 class LawOfParameters:
-    """A law, a frozen dataclass, with constants that are formulas of the parameters with these names.
-
-    Raises:
-        SceneError: for a text that is no formula, or a formula of unknown parameters.
-    """
+    """A law, a frozen dataclass, with constants that are formulas of these parameters; SceneError if they are not."""
 
     def __init__(self, law: Any, names: Sequence[str]):
         unknown = parameters_of(law) - set(names)
@@ -72,11 +64,7 @@ class LawOfParameters:
             self._scalars = {field: Scalar(text, self._names) for field, text in self._formulas.items()}
 
     def constants(self, point: np.ndarray) -> dict[str, float]:
-        """Values of the formulas at a point, (P,), by name.
-
-        Raises:
-            SceneError: for a value that is not finite, or a point beyond the end of a table.
-        """
+        """Values of the formulas at a point, (P,), by name; SceneError for one that is not finite or in no table."""
         found = {}
         for field, text in self._formulas.items():
             what = f"{field} = {text} of {type(self._law).__name__}"
@@ -97,11 +85,7 @@ class LawOfParameters:
         return found
 
     def at(self, point: np.ndarray) -> Flow:
-        """The law with its constants at a point, (P,), a new object of its class.
-
-        Raises:
-            SceneError: for constants that are not finite, or that the class of the law refuses.
-        """
+        """The law with its constants at a point, (P,), a new object; SceneError for constants that it refuses."""
         numbers = self.constants(point)
         try:
             return dataclasses.replace(self._law, **numbers) if numbers else self._law
@@ -114,11 +98,7 @@ class LawOfParameters:
 
 
 class ModuliOfParameters:
-    """Young's moduli that are formulas, by the number of their body, of the parameters with these names.
-
-    Raises:
-        SceneError: for a text that is no formula, or a formula of unknown parameters.
-    """
+    """Young's moduli that are formulas of these parameters, by the number of their body; SceneError if they are not."""
 
     def __init__(self, texts: dict[int, str], names: Sequence[str]):
         # imported here, since most moduli are numbers
@@ -128,11 +108,7 @@ class ModuliOfParameters:
         self._scalars = {number: Scalar(text, self._names) for number, text in texts.items()}
 
     def values(self, point: np.ndarray) -> dict[int, float]:
-        """The moduli at a point, (P,), by number.
-
-        Raises:
-            SceneError: for a value that is not positive and finite, or a point beyond the end of a table.
-        """
+        """The moduli at a point, (P,), by number; SceneError for one that is not positive and finite."""
         found = {}
         for number, scalar in self._scalars.items():
             try:
@@ -159,10 +135,9 @@ def law_at(law: Any, names: Sequence[str], point: np.ndarray) -> Flow:
 
 
 def check_law(law: Any, space: ParameterSpace, what: str) -> None:
-    """Raise SceneError unless the constants of a law are valid in the whole parameter box; ``what`` names its owner.
+    """Raise SceneError unless the constants of a law are valid in the whole box; ``what`` names its owner.
 
-    The check takes the corners, unless there are too many, and some hundred points between. A step with invalid
-    constants that it missed is refused when it is solved.
+    The check takes corners and some hundred points between. A step with invalid constants that it missed is refused.
     """
     if not formulas_of(law):
         return

@@ -146,11 +146,10 @@ def _gram(chunks: Iterable[np.ndarray]) -> np.ndarray:
 
 
 def _large_part(gram: np.ndarray, outside: float) -> tuple[np.ndarray | None, np.ndarray]:
-    """Basis of a subspace (R, k), and the Gram matrix on it, (k, k), which lacks at most ``outside`` of the trace.
+    """Basis of a subspace (R, k), None for the whole space, and the Gram matrix on it, (k, k).
 
-    The subspace is that of images of random vectors (Halko, Martinsson and Tropp, 2011, doi 10.1137/090771806), with a
-    fixed seed. It grows by blocks until the trace shows that it is large enough. The basis None stands for the whole
-    space.
+    It lacks at most ``outside`` of the trace. The subspace is that of images of random vectors (Halko, Martinsson and
+    Tropp, 2011, doi 10.1137/090771806), with a fixed seed, and grows by blocks.
     """
     count = len(gram)
     generator = np.random.default_rng(0)
@@ -250,8 +249,8 @@ class _Factor:
 class _ShortList:
     """Candidates parallel to a misfit, with their columns, each of length one.
 
-    It has the most parallel candidate of each block of successive ones. Successive points are neighbours in a mesh; the
-    best of all candidates would be neighbours with nearly equal columns.
+    It has the most parallel one of each block of successive points: the best of all would be neighbours in the mesh,
+    with nearly equal columns.
     """
 
     def __init__(self, rows: np.ndarray, lengths: np.ndarray, misfit: np.ndarray) -> None:

@@ -72,11 +72,7 @@ def _eigenforces(full: FullModel) -> csc_matrix:
 
 
 def parts_of(problem: ContactProblem) -> tuple[np.ndarray, PartFactors]:
-    """Part of the stiffness that holds each dof, (N,), and the moduli of the parts.
-
-    Raises:
-        ReductionError: if parts with different moduli are connected.
-    """
+    """Part of the stiffness of each dof, (N,), and the moduli of the parts; ReductionError if parts are connected."""
     if not problem.moduli:
         return np.zeros(problem.free.size, dtype=np.int64), PartFactors((), np.ones(1))
     acting = np.array([np.asarray(abs(part).sum(axis=1)).ravel() > 0 for part in problem.stiffness_terms])

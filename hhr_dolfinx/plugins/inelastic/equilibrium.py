@@ -98,11 +98,7 @@ class Stepper(ABC):
 
     @abstractmethod
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """Answer at a goal from the last answers, at most three; the last of them is the present one.
-
-        Raises:
-            Diverged: if it was not found.
-        """
+        """Answer at a goal from the last answers, at most three and the present one last; Diverged without one."""
 
     @abstractmethod
     def learn(self, answer: Answer) -> None:
@@ -137,9 +133,7 @@ class Equilibrium(ABC):
     def at(self, point: np.ndarray) -> Self:
         """The model with the elasticity of a point, (P,), the last one of which is kept; itself if that is constant.
 
-        Raises:
-            SceneError: for a modulus that is impossible there.
-            NotSolvableError: if the stiffness is singular there.
+        SceneError for an impossible modulus, NotSolvableError for a singular stiffness.
         """
         if not self.young:
             return self

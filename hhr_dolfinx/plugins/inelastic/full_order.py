@@ -71,11 +71,7 @@ class GaussModel:
 
     @classmethod
     def of(cls, scene: Scene, comm: MPI.Comm = MPI.COMM_SELF) -> GaussModel:
-        """The Gauss points of a scene.
-
-        Raises:
-            SceneError: for a law with inadmissible constants somewhere in the parameter range.
-        """
+        """The Gauss points of a scene; SceneError for a law with inadmissible constants somewhere in the box."""
         if scene.hypothesis == "plane_stress":
             raise SceneError("flow in plane stress needs the thickness strain solved for: not built in")
         for body in scene.bodies:
@@ -194,9 +190,8 @@ class FullEquilibrium(MeshEquilibrium):
     def _set_elasticity(self, weights: np.ndarray, point: np.ndarray) -> None:
         """Set K at a point.
 
-        If each part of K has separate dofs, as different connected components, nothing is factored or solved for again:
-        K^-1 and K^-1 B^T are those of the middle of the box, row by row divided by the modulus. Otherwise K is
-        factored, and columns of K^-1 B^T are solved for as conditions become active.
+        If its parts have separate dofs, nothing is factored: K^-1 and K^-1 B^T are those of the middle, row by row divided by
+        the modulus. Otherwise columns of K^-1 B^T are solved for as conditions become active.
         """
         full = self._full
         stiffness = self.problem.combined(weights)
@@ -229,7 +224,7 @@ class FullEquilibrium(MeshEquilibrium):
     def _response_to_forces(self, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T λ in the middle of the box, by the columns of loaded conditions: few of a contact in space.
 
-        Columns are added one by one: a copy of hundreds of them takes longer.
+        Added one by one: a copy of hundreds of them takes longer.
         """
         columns = self._rows.of(self._full.per_force)
         found = np.zeros(len(columns))
@@ -282,11 +277,7 @@ class FullEquilibrium(MeshEquilibrium):
 
 
 def equilibrium_of(full: FullModel) -> FullEquilibrium:
-    """Equilibrium of a full model whose bodies are inelastic.
-
-    Raises:
-        NotOfferedError: for laws that another plug-in reads, whose equilibrium has no Gauss points of ours.
-    """
+    """Equilibrium of a full model of inelastic bodies; NotOfferedError for laws that another plug-in reads."""
     found = full.equilibrium
     if not isinstance(found, FullEquilibrium):
         raise NotOfferedError(f"bodies of scene '{full.scene.name}' have no laws of plasticity or creep")

@@ -46,9 +46,9 @@ def _plain(young: float | str) -> float | str:
 def stiffness_parts(
     material: Material, operator: StrainOperator, pattern: SparsePattern
 ) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
-    """Parts of the elastic stiffness, (N, N) each, and their moduli; one part and no modulus if it is constant.
+    """Parts of the elastic stiffness, (N, N) each, one for each formula and one for numbers, and their moduli.
 
-    Bodies with the same expression make one part, those with numbers another.
+    Constant elasticity has one part and no modulus.
     """
     formulas = dict.fromkeys(group.young for group in material.groups if isinstance(group.young, str))
     if not formulas:
@@ -73,9 +73,7 @@ def stiffness_parts(
 def at_gauss_points(discretisation: DiscreteSpace, problem: ContactProblem, operator: StrainOperator) -> csc_matrix:
     """Eigenstrains at the Gauss points of inelastic bodies, for each term of θ, (points * components, 1 + T).
 
-    Raises:
-        SceneError: for a user-defined load with an ``eigenstrain_of`` that does not have one term for it, as
-            ``eigenstress`` of the assembler makes it.
+    SceneError for a user-defined load whose ``eigenstrain_of`` lacks the one term of the assembler's ``eigenstress``.
     """
     loads = discretisation.scene.loads
     points = operator.gauss_points * operator.components

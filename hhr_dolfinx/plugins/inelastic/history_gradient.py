@@ -112,7 +112,7 @@ class _Step:
     def along(self, direction: np.ndarray, change: State, scale: float) -> tuple[np.ndarray, np.ndarray, State]:
         """Derivatives of unknown, forces and state, from those of the parameter, (P,), and of the state before.
 
-        ``scale`` is the largest strain so far, the unit of strains.
+        ``scale`` is the largest strain so far.
         """
         model = self._model
         length = self._length(direction, _largest(change.plastic), scale)

@@ -105,11 +105,7 @@ class LinearisedStepper(Stepper):
         memory.grow(scale, _root_mean_square(gauss.stress, self._model.together))
 
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """Solve from the extrapolation of the answers before; if that fails, with new tangents from an elastic start.
-
-        Raises:
-            Diverged: with the worst point.
-        """
+        """Solve from the extrapolation of the answers before; if that fails, with new tangents, elastically started."""
         settings = self._settings
         memory = self._memory
         careful = replace(settings, search="tangent") if settings.search == "frozen" else settings
@@ -231,8 +227,7 @@ def _step(
 def _elastic_start(model, here, theta, point):
     """The unknown if the step were elastic.
 
-    Imposed displacements move the boundary alone. If the points inside stayed in place, they would strain and flow by
-    all of the motion, even by a rigid one.
+    Imposed displacements move the boundary alone: points inside would strain and flow by all of the motion.
     """
     x = here.unknown
     before = model.amplitudes(here.parameter)

@@ -62,11 +62,7 @@ class Histories(Equilibrium):
     def one_step(
         self, model: object, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool, **step: Any
     ) -> Answer:
-        """Answer of a model at a point by one step from rest, see :func:`one_step`; it has no gradient.
-
-        Raises:
-            NotOfferedError: for another argument than ``duration``, and for a gradient.
-        """
+        """One step from rest to a point, see :func:`one_step`; NotOfferedError for a gradient and other arguments."""
         if step.keys() - {"duration"}:
             raise NotOfferedError(f"solve knows no {', '.join(step)} here: only bodies that flow take a duration")
         if gradient:

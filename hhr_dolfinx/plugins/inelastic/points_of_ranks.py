@@ -42,11 +42,7 @@ class PointsOfRanks(Points):
         return all(self._comm.allgather(bool(true)))
 
     def agreed(self, work: Callable[[], Any]) -> Any:
-        """See :class:`Points`.
-
-        A law may stop with different errors on different ranks: all raise the same one, so that no rank tries again
-        alone.
-        """
+        """See :class:`Points`; of different errors on the ranks all raise the same, so that none tries again alone."""
         found = failure = None
         try:
             found = work()

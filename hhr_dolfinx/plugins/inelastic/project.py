@@ -70,10 +70,7 @@ def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> R
 
 
 def training_tangents(full: FullEquilibrium, snapshots: SnapshotSet, count: int) -> list[tuple[np.ndarray, csr_matrix]]:
-    """Tangents and stiffness of the full model at some training states of each history, the last one among them.
-
-    Laws and elasticity have their constants at the parameter of each state.
-    """
+    """Tangents and stiffness at some training states of each history, the last among them, with their constants."""
     states: list[tuple[Any, csr_matrix]] = []
     histories = zip(snapshots.histories, snapshots.steps_of_histories, strict=True)
     for history, known in histories if full.material.flows else ():

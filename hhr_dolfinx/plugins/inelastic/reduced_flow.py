@@ -171,8 +171,8 @@ class ReducedEquilibrium(MeshEquilibrium):
     def signs(self, answer: Answer) -> Signs:
         """Residual on A before it is projected, and gaps on the whole contact surface.
 
-        In the reduced space the residual vanishes for any path, and no gap of the RID is violated. On A, and outside
-        the RID, both show the error of the modes.
+        In the reduced space the residual vanishes for any path; on A, and outside the RID, both show the error of the
+        modes.
         """
         theta = self.amplitudes(answer.parameter)
         inner = self.flow.inner

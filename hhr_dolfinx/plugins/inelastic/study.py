@@ -92,8 +92,7 @@ def timed_searches(
 ) -> tuple[list[MarchSettings], dict[str, float], list[dict[str, str]]]:
     """Settings for full histories, the fastest search operator first; seconds of each on a path; those that failed.
 
-    Raises:
-        ConvergenceError: if none converges.
+    ConvergenceError if none converges.
     """
     ways = {
         search: march if search == march.search else replace(march, search=search, iterations=200)
@@ -114,8 +113,7 @@ def history_errors(full: FullOrderModel, model: Model, history: History, exact: 
     """Relative errors at the last step as in thesis table 6.1, and the largest ones of the history.
 
     ``resultant`` is the error of the sum of all contact forces at the last step over the largest sum in the history.
-    Errors in the RID are left out for a model without one; ``floor`` is the force norm below which a relative error is
-    not meaningful.
+    Errors in the RID are those of a model with one; below the force norm ``floor`` a relative error has no meaning.
     """
     here = history.answers[-1]
     there = exact.answers[-1]
@@ -166,8 +164,7 @@ class Measured:
     ) -> Measured:
         """Compare histories of a model, with its method and setting, with those of the full one.
 
-        Raises:
-            HHRError: without any: the error that ended the first one.
+        Without any it raises the error that ended the first one.
         """
         rows = [
             None if run.history is None else history_errors(full, model, run.history, known, floor)
@@ -365,10 +362,9 @@ def _report(
 
 
 def condensed_report(model: CondensedFlowModel, row: Row) -> Report:
-    """The ``condensed`` one of the ``models`` of a report on an inelastic scene, with its check.
+    """The ``condensed`` one of the ``models`` of a report on an inelastic scene.
 
-    ``check`` holds the misfit of the cubature, the largest energy of a mode by it (the exact one is at most 1), and the
-    largest errors along training and held-out histories; ``refused_before`` the attempts refused before.
+    ``check`` holds misfit and largest energy of the cubature, and the largest errors along known histories.
     """
     record = model.offline
     known = model.offline.comparison
@@ -385,9 +381,9 @@ def condensed_report(model: CondensedFlowModel, row: Row) -> Report:
 
 
 def advice_flowing(report: Report) -> Advice:
-    """Method for an inelastic scene, from the measurements; a refused one is listed with its reason.
+    """Method for an inelastic scene: the most accurate one within a factor of three of the fastest.
 
-    The most accurate one within a factor of three of the fastest is advised: both are far faster than the full model.
+    Both are far faster than the full model; a refused one is listed with its reason.
     """
     times = report["times"]
     models = report["models"]

@@ -111,10 +111,7 @@ class TrainedPaths:
         known: Known,
         rated: bool = True,
     ) -> TrainedPaths:
-        """Training range from training paths, with the start first, and indicators of the training histories.
-
-        ``rated``: some law depends on rates.
-        """
+        """Training range from paths, the start first, and indicators; ``rated``: some law depends on rates."""
         times = [np.array([time for time, _ in path]) for path in paths]
         points = [np.array([point for _, point in path]) for path in paths]
         steps = np.concatenate([np.diff(item) for item in times])
@@ -191,10 +188,7 @@ def _direction(change: np.ndarray, trained: TrainedRange) -> np.ndarray:
 
 
 class Watch:
-    """Check of the steps of one history against a training range, if there is one; each kind of report is given once.
-
-    ``outside`` is that of :func:`announce`.
-    """
+    """Check of the steps of one history against a training range, if any; each kind of report is given once."""
 
     def __init__(self, trained: TrainedPaths | None, outside: str):
         check_outside(outside)

@@ -111,11 +111,7 @@ class Material:
             _ = self.elastic
 
     def faults_for(self, space: ParameterSpace, dimension: int) -> Iterator[str]:
-        """Faults of the material of a model with these parameters, read from a file.
-
-        Raises:
-            SceneError: for a formula with invalid values somewhere in the box.
-        """
+        """Faults of a material read from a file; SceneError for a formula with invalid values in the box."""
         if self.components != (4 if dimension == 2 else 6) or self.names not in ((), space.names):
             yield f"a strain has {self.components} components in dimension {dimension}, and parameters {self.names}"
         for number, group in enumerate(self.groups):
@@ -161,8 +157,7 @@ class Material:
     def at(self, point: np.ndarray) -> Material:
         """Material with the constants at a point, (P,), the last of which is kept; itself if none is a formula.
 
-        Raises:
-            SceneError: for constants that are not valid there.
+        SceneError for constants that are not valid there.
         """
         elastic = self.moduli_at(point)
         if not self._laws:
@@ -179,12 +174,9 @@ class Material:
         return self._at_points.of(point.tobytes(), made)
 
     def moduli_at(self, point: np.ndarray) -> Material:
-        """Material with the elasticity at a point, (P,), the last of which is kept, and the same laws.
+        """Material with the elasticity at a point, (P,), the last of which is kept; itself if that is constant.
 
-        It is this object if the elasticity is constant.
-
-        Raises:
-            SceneError: for a modulus that is not valid there.
+        SceneError for a modulus that is not valid there.
         """
         if self._moduli is None:
             return self
@@ -246,8 +238,7 @@ class Material:
     def wrong_slopes(self, strain: np.ndarray, old: State, dt: float, reductions: Any) -> list[str] | None:
         """Reports of laws whose slope is not the derivative of their flow; None if too little plastic strain occurs.
 
-        A wrong slope changes no answer, but steps take more iterations, or fail for no visible reason. ``reductions``
-        are those of :class:`~hhr_dolfinx.plugins.inelastic.points.Points`.
+        A wrong slope changes no answer, but steps take more iterations, or fail for no visible reason.
         """
 
         def probed() -> list[_Slopes]:

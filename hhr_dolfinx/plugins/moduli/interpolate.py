@@ -8,6 +8,7 @@ grid for these functions is the error for the compliance.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,7 +21,14 @@ from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.formulas import Modulus, Scalar
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.plugins.moduli.interpolated import Compliance, PrimalModes
-from hhr_dolfinx.plugins.moduli.interpolation import GrownGrid, Interpolant, grow, nodes_of, polynomials_of
+from hhr_dolfinx.plugins.moduli.interpolation import (
+    GrownGrid,
+    Interpolant,
+    grow,
+    nodes_of,
+    polynomials_of,
+    unstacked,
+)
 
 
 @dataclass(frozen=True)
@@ -76,20 +84,19 @@ class Part:
 def grown(
     solved: Callable[[np.ndarray], Mapping[str, np.ndarray]],
     space: ParameterSpace,
-    axes: np.ndarray,
+    axes: Sequence[int] | np.ndarray,
     settings: GridSettings,
     part: Part | None = None,
 ) -> tuple[GrownGrid, dict[str, np.ndarray]]:
     """Interpolate arrays by name over some parameters; the others stay in the middle of the box.
 
-    If they are the compliance of a ``part``, its formulas are compared with the grid at thousands of points.
-
-    Returns:
-        The grid, and the modes of each array, in its shape with the modes along the last axis. The grid has no copy of
-        the modes of a part, which may be large.
+    If they are the compliance of a ``part``, its formulas are compared with the grid at thousands of points. Returns
+    the grid and the modes of each array, in its shape with the modes along the last axis. The grid has no copy of the
+    modes of a part, which may be large.
     """
+    axes = np.asarray(axes, dtype=np.int64)
     if not axes.size:
-        return _alone(solved, space, settings, part)
+        return _alone(solved, space, part)
     lower, upper = np.array([space.lower, space.upper], dtype=float)
     shapes: dict[str, tuple[int, ...]] = {}
     sizes: dict[str, float] = {}
@@ -115,21 +122,13 @@ def grown(
     kept = settings.compressed
     grid = grow(joined, scale, box, *how, compressed=kept, least=settings.least, everywhere=formulas)
     modes = grid.interpolant.modes
-    first = 0
-    parts = {}
-    for name, shape in shapes.items():
-        size = int(np.prod(shape))
-        modes[first : first + size] *= sizes[name]
-        parts[name] = modes[first : first + size].reshape(*shape, modes.shape[1])
-        first += size
+    modes *= np.repeat(list(sizes.values()), [math.prod(shape) for shape in shapes.values()])[:, None]
+    parts = dict(zip(shapes, unstacked(modes, shapes.values()), strict=True))
     return (grid if part is None else grid.without_modes()), parts
 
 
 def _alone(
-    solved: Callable[[np.ndarray], Mapping[str, np.ndarray]],
-    space: ParameterSpace,
-    settings: GridSettings,
-    part: Part | None,
+    solved: Callable[[np.ndarray], Mapping[str, np.ndarray]], space: ParameterSpace, part: Part | None
 ) -> tuple[GrownGrid, dict[str, np.ndarray]]:
     """Case without parameters: the arrays as they are; those of a part may be large, and are not stacked."""
     none = np.zeros(0)
@@ -221,14 +220,10 @@ class FormulaGrid:
         """f_κ at points, (n, P): (n, k)."""
         return 1 / (self._weights(points) @ self._shares)
 
-    @property
-    def _middle(self) -> np.ndarray:
-        return self.space.middle
-
     def _points(self, scaled: np.ndarray) -> np.ndarray:
         """Points of the box, (n, P), from coordinates along the axes in [-1, 1]^d."""
         lower, upper = (np.array(end)[self.axes] for end in (self.space.lower, self.space.upper))
-        points = np.repeat(self._middle[None], len(scaled), axis=0)
+        points = np.repeat(self.space.middle[None], len(scaled), axis=0)
         points[:, self.axes] = lower + (scaled + 1) / 2 * (upper - lower)
         return points
 

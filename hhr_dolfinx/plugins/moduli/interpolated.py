@@ -121,8 +121,7 @@ class Compliance:
     ) -> np.ndarray:
         """Derivatives of what :meth:`load_response` returns along the parameters, (rows, P).
 
-        ``ways`` holds components along the modes and their derivatives along the axes, (r, 1 + d); ``changes`` the
-        derivatives of θ.
+        ``ways``: components along the modes and their derivatives along the axes, (r, 1 + d); ``changes``: those of θ.
         """
         # terms that act or change; hundreds of others may do neither
         used = np.flatnonzero(theta[self.terms].astype(bool) | changes[self.terms].any(axis=1))
@@ -406,11 +405,7 @@ class FieldBound(Bound, Protocol):
 
 @dataclass(frozen=True)
 class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
-    """Fields of interpolated condensation, see :class:`hhr_dolfinx.models.answer.Fields`.
-
-    Under given contact forces the displacement solves a linear problem. Galerkin's method on a basis gives the best
-    approximation in energy.
-    """
+    """Fields of interpolated condensation: by Galerkin's method on a basis, the best in energy under given forces."""
 
     amplitudes: Amplitudes  # θ as a function of the parameters
     basis: Annotated[Floats, "N", "columns"]  # V, (N, ell)
@@ -458,11 +453,7 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
         return self.basis @ self._coordinates(answer) + self.lifts @ self.amplitudes(answer.parameter)
 
     def stress(self, answer: Answer) -> np.ndarray:
-        """Stress at the midpoint of each cell, Kelvin's notation.
-
-        Raises:
-            NotOfferedError: by a model without a mesh.
-        """
+        """Stress at the midpoint of each cell, Kelvin's notation; NotOfferedError by a model without a mesh."""
         if self.stress_of is None:
             raise NotOfferedError("this model keeps no mesh, and stress needs one: full.stress_of(displacement, mu)")
         return self.stress_of(self.displacement(answer), answer.parameter)
@@ -474,11 +465,7 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
         return dense(rows @ self.lifts)
 
     def _coordinates(self, answer: Answer) -> np.ndarray:
-        """Coordinates in the basis, gamma, (ell,), of the displacement under the forces of an answer.
-
-        Raises:
-            NotOfferedError: for a model without fields.
-        """
+        """Coordinates in the basis, gamma, (ell,), under the forces of an answer; NotOfferedError without fields."""
         return self._solver.under(answer.parameter, answer.multipliers)
 
     def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:

@@ -1,9 +1,4 @@
-"""Reduced problems of scenes whose shape depends on parameters: assembled for each query, on the RID only.
-
-The projection of (5.23) does not commute with a change of shape. It needs the cells of the RID and the parts of the
-contact surfaces around its conditions. These are kept as arrays; each query moves and integrates them again. Pairings
-see only these parts of the surfaces. If the whole basis is small, its arrays are interpolated instead.
-"""
+"""Reduced problems of scenes whose shape depends on parameters: their arrays are interpolated between few shapes."""
 
 from __future__ import annotations
 
@@ -22,7 +17,7 @@ from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.plugins.moduli.interpolation import Interpolant
+from hhr_dolfinx.plugins.moduli.interpolation import Interpolant, unstacked
 
 DIFFERENCE = 1e-4
 """Step of the central differences, as a part of the box: their error is its square."""
@@ -40,14 +35,7 @@ class InterpolatedProblem:
 
     def __call__(self, point: np.ndarray) -> ReducedProblem:
         """The problem at a point, (P,), of constant stiffness."""
-        values = self.interpolant.value(point)
-        first = 0
-        parts = []
-        for shape in self.shapes:
-            size = int(np.prod(shape))
-            parts.append(values[first : first + size].reshape(shape))
-            first += size
-        stiffness, lifts, forces, test, trial, gaps = parts
+        stiffness, lifts, forces, test, trial, gaps = unstacked(self.interpolant.value(point), self.shapes)
         weights = np.array([modulus.value(point) for modulus in self.moduli]) / self.sizes
         loads = forces - np.tensordot(weights, lifts, 1)
         return ReducedProblem(np.tensordot(weights, stiffness, 1), test, trial, loads, gaps, self.pairs)
@@ -62,11 +50,7 @@ class ReshapedElimination(Elimination):
     parameters: ParameterSpace  # the box of the parameters
 
     def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """gamma, (ell,), at a point under given contact forces, (m,), by one solve.
-
-        Raises:
-            SingularError: if K~ is singular there.
-        """
+        """gamma, (ell,), at a point under given contact forces, (m,); SingularError if K~ is singular there."""
         problem, theta, factors = self._factored(point)
         return dgetrs(*factors, problem.loads @ theta - problem.contact_test.T @ forces)[0]
 
@@ -75,11 +59,7 @@ class ReshapedElimination(Elimination):
         return np.array([self.under(*one) for one in zip(points, forces, strict=True)])
 
     def __call__(self, point: np.ndarray) -> CondensedContact:
-        """Contact problem at a point, with factors of K~ there.
-
-        Raises:
-            SingularError: if K~ is singular there.
-        """
+        """Contact problem at a point, with factors of K~ there; SingularError if it is singular."""
         problem, theta, factors = self._factored(point)
         solved = dgetrs(*factors, np.column_stack([problem.loads @ theta, problem.contact_test.T]))[0]
         free = solved[:, 0]
@@ -105,11 +85,7 @@ class ReshapedElimination(Elimination):
         return explicit[size:] - trial @ found, found
 
     def _factored(self, point: np.ndarray) -> tuple[ReducedProblem, Theta, tuple[np.ndarray, np.ndarray]]:
-        """Problem of a point, θ there and LU factors of K~.
-
-        Raises:
-            SingularError: if K~ is singular there.
-        """
+        """Problem of a point, θ there and LU factors of K~."""
         problem = self.problem_at(point)
         theta = self.amplitudes(point)
         lu, pivots, info = dgetrf(problem.stiffness)

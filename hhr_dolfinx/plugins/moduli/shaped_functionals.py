@@ -19,7 +19,7 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.functionals.cells import CellStrain, MovingCells
 from hhr_dolfinx.models.functionals.functional import Functional, Functionals
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.plugins.moduli.interpolation import Interpolant
+from hhr_dolfinx.plugins.moduli.interpolation import Interpolant, unstacked
 
 ROWS = "rows"
 """Name of the rows of an output among its arrays."""
@@ -82,16 +82,12 @@ class ReshapedFunctionals:
         """Outputs on the shape at a point, (P,)."""
         changed: list[dict[str, Any]] = [{} for _ in self.items]
         blocks: list[Any] = [None if zone is None else (zone.cells(point), zone.columns) for zone in self.zones]
-        values = self.interpolant.value(point)
-        first = 0
-        for place, name, lengths in self.arrays:
-            size = int(np.prod(lengths))
-            part = values[first : first + size].reshape(lengths)
-            first += size
+        parts = unstacked(self.interpolant.value(point), [shape for _, _, shape in self.arrays])
+        for (place, name, shape), part in zip(self.arrays, parts, strict=True):
             if name == ROWS:
                 blocks[place] = part
             else:
-                changed[place][name] = part if lengths else float(part)
+                changed[place][name] = part if shape else float(part)
         items = tuple(_changed(item, change) for item, change in zip(self.items, changed, strict=True))
         return ShapedFunctionals(items, 0, self.amplitudes, tuple(block for block in blocks if block is not None))
 

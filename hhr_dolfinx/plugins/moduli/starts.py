@@ -1,8 +1,6 @@
-"""Starts of searches of a condensed model, and its typical contact forces, over the box."""
+"""Typical contact forces of a condensed model whose contacts have a law that remembers."""
 
 from __future__ import annotations
-
-from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -11,38 +9,21 @@ from hhr_dolfinx.errors import ConvergenceError, ReductionError
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.elimination import Elimination
 from hhr_dolfinx.models.starts import KnownStatuses
-from hhr_dolfinx.reduction.starts import NO_FIELDS, STAGE, linear_starts
-from hhr_dolfinx.timing import Announce, unannounced
-
-if TYPE_CHECKING:
-    from mpi4py.MPI import Comm
+from hhr_dolfinx.reduction.starts import NO_FIELDS, STAGE
+from hhr_dolfinx.timing import Announce
 
 ALONG = 4
 """Points along each path that samples the forces of a law that remembers."""
 
 
-def starts_of(
-    eliminated: Elimination,
-    points: np.ndarray,
-    problem: ContactProblem,
-    comm: Comm | None = None,
-    announce: Announce = unannounced,
-) -> tuple[KnownStatuses, np.ndarray]:
-    """Starts of searches, and typical forces, (S, m), of a condensed model at some points, (S, P).
-
-    With a law that remembers, increments start from the one before, and the forces are those along paths through a few
-    points each, which load, unload and reverse; the parameters that stay along a path are those of its first point.
-    """
-    if not problem.law.remembers:
-        known = linear_starts(eliminated, points, problem.contact_pairs, comm=comm, announce=announce)
-        return known, np.maximum(known.margins, 0.0)
-    return _starts_along_paths(eliminated, points, problem, announce)
-
-
-def _starts_along_paths(
+def starts_along_paths(
     eliminated: Elimination, points: np.ndarray, problem: ContactProblem, announce: Announce
 ) -> tuple[KnownStatuses, np.ndarray]:
-    """See :func:`starts_of`."""
+    """Starts and typical forces, (S, m), with a law that remembers: increments start from the one before.
+
+    Forces are those along paths through a few of the points, (S, P), each, which load, unload and reverse; parameters
+    that stay along a path are those of its first point.
+    """
     nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
     model = CondensedModel(problem.parameters, eliminated, nothing, NO_FIELDS, problem.contact_pairs, law=problem.law)
     fixed = problem.law.fixed
