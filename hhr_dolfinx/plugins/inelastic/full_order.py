@@ -190,8 +190,8 @@ class FullEquilibrium(MeshEquilibrium):
     def _set_elasticity(self, weights: np.ndarray, point: np.ndarray) -> None:
         """Set K at a point.
 
-        If its parts have separate dofs, nothing is factored: K^-1 and K^-1 B^T are those of the middle, row by row divided by
-        the modulus. Otherwise columns of K^-1 B^T are solved for as conditions become active.
+        If its parts have separate dofs, nothing is factored: K^-1 and K^-1 B^T are those of the middle, row by row
+        divided by the modulus. Otherwise columns of K^-1 B^T are solved for as conditions become active.
         """
         full = self._full
         stiffness = self.problem.combined(weights)

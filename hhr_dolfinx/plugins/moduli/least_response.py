@@ -137,7 +137,8 @@ class ManyResponses:
         """Forces that solve the contact problem on S, S times them, (n, m) each, and their error in the S norm, (n,).
 
         The search starts from the statuses of the given forces, >= 0, (n, m), which remain if it does not converge.
-        ``free`` is the slack without forces. Closed gaps count as closed: the sizes of the answers bound their round-off.
+        ``free`` is the slack without forces. Closed gaps count as closed: the sizes of the answers bound their
+        round-off.
         """
         touching = self.schur.diagonal(axis1=1, axis2=2) * forces > free + schur_times_forces
         found = forces.copy()

@@ -241,10 +241,10 @@ class VaryingThere(NamedTuple):
     ) -> Estimates:
         """Bounds of displacements and forces, for forces >= 0, (n, m).
 
-        The proof holds for any forces. Those of the contact problem on S are the exact ones up to round-off and the error
-        of S, δ in the S norm: errors are differences from them. A remaining error e has |e| <= |L^-1| δ and
-        |e_i| <= (S^-1)_ii^1/2 δ. ``fields`` maps forces to the energy norms of the differences of the fields from those in
-        equilibrium with the forces, of the fields, and of those in equilibrium, (n,) each.
+        The proof holds for any forces. Those of the contact problem on S are the exact ones up to round-off and the
+        error of S, δ in the S norm: errors are differences from them. A remaining error e has |e| <= |L^-1| δ and
+        |e_i| <= (S^-1)_ii^1/2 δ. ``fields`` maps forces to the energy norms of the differences of the fields from
+        those in equilibrium with the forces, of the fields, and of those in equilibrium, (n,) each.
         """
         response = self.response
         inexact = self.owner.inexact
