@@ -54,7 +54,7 @@ PLUGIN = Plugin(
         "scene": f"{_HERE}.scenes:SCENES",
         "full_order": f"{_HERE}.full_order:bodies_of",
         "store": f"{_HERE}.store:StoredGauss",
-        "comparison": f"{_HERE}.comparison:COMPARISON",
+        "comparison": f"{_HERE}.reduction:COMPARISON",
         "reduction": f"{_HERE}.reduction:REDUCTION",
         "file": f"{_HERE}.state:check_answer",
         "study": f"{_HERE}.study:STUDY",

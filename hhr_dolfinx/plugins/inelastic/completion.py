@@ -73,30 +73,24 @@ class FlowFields:
         return self.gauss_points
 
     def stress_of(self, answer: Answer) -> np.ndarray:
-        """Stress of an answer at all Gauss points, (Gauss points, components)."""
-        return self.stress_everywhere(state(answer).stress)
-
-    def plastic_strain(self, answer: Answer) -> np.ndarray:
-        """Cumulated plastic strain of an answer at all Gauss points, (Gauss points,)."""
-        return self.plastic_strain_everywhere(state(answer).state.cumulated)
-
-    def estimate(self, answer: Answer) -> Estimate:
-        """Indicator of the error, the part of the stress that the training does not represent; see docs/bounds.md."""
-        return Estimate.indicated(share_of_stress(*self.unexplained(state(answer).stress)), STRESS)
-
-    def stress_everywhere(self, inside: np.ndarray) -> np.ndarray:
-        """Stress at all Gauss points: that of the laws in the RID, gappy POD outside, (Gauss points, components)."""
+        """Stress of an answer at all Gauss points, of laws in the RID, (Gauss points, components)."""
+        inside = state(answer).stress
         field = self.stress.everywhere(inside.ravel()).reshape(self.gauss_points, inside.shape[1])
         field[self.points] = inside
         return field
 
-    def plastic_strain_everywhere(self, inside: np.ndarray) -> np.ndarray:
-        """Cumulated plastic strain at all Gauss points, never negative, (Gauss points,)."""
+    def plastic_strain(self, answer: Answer) -> np.ndarray:
+        """Cumulated plastic strain of an answer at all Gauss points, never negative, (Gauss points,)."""
+        inside = state(answer).state.cumulated
         field = np.zeros(self.gauss_points)
         if self.cumulated is not None:
             field = np.maximum(self.cumulated.everywhere(inside), 0.0)
         field[self.points] = inside
         return field
+
+    def estimate(self, answer: Answer) -> Estimate:
+        """Indicator of the error, the part of the stress that the training does not represent; see docs/bounds.md."""
+        return Estimate.indicated(share_of_stress(*self.unexplained(state(answer).stress)), STRESS)
 
     @cached_property
     def _products(self) -> np.ndarray:

@@ -295,8 +295,40 @@ class CorrectionSettings(Reductor["_Shared"]):
 
     def attempt(self, prepared: _Shared, level: int) -> tuple[CondensedFlowModel, CorrectionFacts]:
         """One model."""
-        finer = replace(self, modes=self.modes / 3**level, cubature=self.cubature / 3**level)
-        return _attempt(prepared, finer)
+        settings = replace(self, modes=self.modes / 3**level, cubature=self.cubature / 3**level)
+        full = prepared.full
+        problem = full.problem
+        log = prepared.log
+        elastic = prepared.elastic
+        with log.stage("modes", prepared.announce):
+            most = settings.most_modes
+            basis, sizes = correction_modes(problem, prepared.corrections, elastic, settings.modes, most)
+        with log.stage("cubature", prepared.announce):
+            kept = np.flatnonzero(sizes > NOTHING * sizes.max(initial=0.0))
+            answers = [prepared.answers[k] for k in kept]
+            domain = FlowingDomain.of(full, basis, answers, sizes[kept])
+            stressed = domain.stressed(full, elastic, answers, prepared.corrections[:, kept], sizes[kept])
+            cubature = domain.cubature(stressed, settings, prepared.known[-1] if prepared.known else None)
+            prepared.known[:] = [cubature]
+            del stressed
+            energy = domain.largest_energy(cubature)
+        if energy > LARGEST_ENERGY:
+            raise UnstableModelError(
+                f"the cubature on {cubature.points.size} points gives a mode {energy:.2f} times its energy, and "
+                "tangents may turn their sign: allow more points (most_points), or a smaller stability"
+            )
+        with log.stage("online_arrays", prepared.announce):
+            flow = _online(full, elastic, basis, domain, cubature, answers)
+            fields = CondensedFlowFields(
+                problem.amplitudes, elastic.factors, elastic.parts, basis, elastic.per_force, elastic.forced,
+                elastic.given, problem.block_size, prepared.fields.on(flow.points, equilibrium_of(full)),
+                plain_outputs(full), problem.law, full,
+            )  # fmt: skip
+            model = CondensedFlowModel(flow, full.parameters, fields)
+        with log.stage("compilation", prepared.announce):  # once for an installation, not for each model
+            model.march(prepared.snapshots.histories[0].path[:2], MarchSettings(outside="ignore"))
+        counts = basis.shape[1], flow.points.size, domain.points.size
+        return model, CorrectionFacts(settings, *counts, cubature.misfit, energy)
 
     def off(self, comparison: Comparison | None) -> float:
         """Largest error over its target."""
@@ -348,42 +380,6 @@ class _Shared:
     announce: Announce
     known: list[Cubature] = field(default_factory=list)
     """Cubature of the last attempt, if there was one: the next one starts from its points."""
-
-
-def _attempt(shared: _Shared, settings: CorrectionSettings) -> tuple[CondensedFlowModel, CorrectionFacts]:
-    """Build one model."""
-    full = shared.full
-    log = shared.log
-    elastic = shared.elastic
-    with log.stage("modes", shared.announce):
-        basis, sizes = correction_modes(full.problem, shared.corrections, elastic, settings.modes, settings.most_modes)
-    with log.stage("cubature", shared.announce):
-        kept = np.flatnonzero(sizes > NOTHING * sizes.max(initial=0.0))
-        domain = FlowingDomain.of(full, basis, [shared.answers[k] for k in kept], sizes[kept])
-        answers = [shared.answers[k] for k in kept]
-        stressed = domain.stressed(full, elastic, answers, shared.corrections[:, kept], sizes[kept])
-        cubature = domain.cubature(stressed, settings, shared.known[-1] if shared.known else None)
-        shared.known[:] = [cubature]
-        del stressed
-        energy = domain.largest_energy(cubature)
-    if energy > LARGEST_ENERGY:
-        raise UnstableModelError(
-            f"the cubature on {cubature.points.size} points gives a mode {energy:.2f} times its energy, and tangents "
-            "may turn their sign: allow more points (most_points), or a smaller stability"
-        )
-    with log.stage("online_arrays", shared.announce):
-        flow = _online(full, elastic, basis, domain, cubature, answers)
-        problem = full.problem
-        fields = CondensedFlowFields(
-            problem.amplitudes, elastic.factors, elastic.parts, basis, elastic.per_force, elastic.forced,
-            elastic.given, problem.block_size, shared.fields.on(flow.points, equilibrium_of(full)), plain_outputs(full),
-            problem.law, full,
-        )  # fmt: skip
-        model = CondensedFlowModel(flow, full.parameters, fields)
-    with log.stage("compilation", shared.announce):  # once for an installation, not for each model
-        model.march(shared.snapshots.histories[0].path[:2], MarchSettings(outside="ignore"))
-    sizes_ = basis.shape[1], flow.points.size, domain.points.size
-    return model, CorrectionFacts(settings, *sizes_, cubature.misfit, energy)
 
 
 def _online(

@@ -22,7 +22,6 @@ from hhr_dolfinx.models.estimates import STRESS, Estimate
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 from hhr_dolfinx.plugins.inelastic.completion import KNOWN_ERROR, GappyField
-from hhr_dolfinx.plugins.inelastic.state import state
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.trained import share_of_stress
 
@@ -90,8 +89,12 @@ class PlasticFields:
         return answer.fields.stress(answer)
 
     def plastic_strain(self, answer: Answer) -> np.ndarray:
-        """Cumulated plastic strain of an answer at all Gauss points."""
-        return self.cumulated_everywhere(state(answer).state.cumulated)
+        """Cumulated plastic strain of an answer at all Gauss points, never negative, (Gauss points,)."""
+        inside = gauss_of(answer).state.cumulated
+        field = np.zeros(self.places)
+        field[self.flowed] = np.maximum(self.cumulated.everywhere(inside), 0.0)
+        field[self.points] = inside
+        return field
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """Indicator of the error of an answer: that of its fields."""
@@ -111,13 +114,6 @@ class PlasticFields:
         found *= self.moduli[:, 1:]
         found[:, :3] += volume[:, None]
         return found
-
-    def cumulated_everywhere(self, inside: np.ndarray) -> np.ndarray:
-        """Cumulated plastic strain at all Gauss points, never negative, (Gauss points,)."""
-        field = np.zeros(self.places)
-        field[self.flowed] = np.maximum(self.cumulated.everywhere(inside), 0.0)
-        field[self.points] = inside
-        return field
 
     def unforeseen(self, plastic: np.ndarray) -> np.ndarray:
         """Leave-one-out residual of the plastic strain at each point, times 2 μ, (n, components).

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 from threading import RLock
@@ -22,13 +22,12 @@ from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.linear.rows import Rows
 from hhr_dolfinx.materials.strain import ElasticPart, SparsePattern, StrainOperator
-from hhr_dolfinx.models.answer import Answer, History, Path
-from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, StressOutput
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings, StressOutput
 from hhr_dolfinx.plugins.inelastic.constants import check_law
 from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium, Linearisation
 from hhr_dolfinx.plugins.inelastic.gauss_points import at_gauss_points, material_at, stiffness_parts, strain_operator
 from hhr_dolfinx.plugins.inelastic.linearised_step import PATIENCE, PATIENCE_IN_SPACE, MeshEquilibrium
-from hhr_dolfinx.plugins.inelastic.march import march
 from hhr_dolfinx.plugins.inelastic.points_of_ranks import PointsOfRanks
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
@@ -144,17 +143,9 @@ class FullEquilibrium(MeshEquilibrium):
         """Cumulated plastic strain of an answer at all Gauss points."""
         return gauss_of(answer).state.cumulated.copy()
 
-    def march(
-        self,
-        path: Path,
-        settings: MarchSettings = DEFAULT_MARCH,
-        *,
-        known: Sequence[Answer] = (),
-        keep: Callable[[Answer], None] = lambda answer: None,
-    ) -> History:
-        """History along a checked path; ranks share the Gauss points, but for derivatives."""
-        solver = self if settings.gradient else self.on_ranks(self._full.comm)
-        return march(solver, path, settings, known=known, keep=keep)
+    def _marching(self, settings: MarchSettings) -> FullEquilibrium:
+        """Ranks share the Gauss points, but for derivatives."""
+        return self if settings.gradient else self.on_ranks(self._full.comm)
 
     def on_ranks(self, comm: MPI.Comm) -> FullEquilibrium:
         """The same equilibrium with some of the Gauss points on each rank, for collective paths; itself on one rank."""

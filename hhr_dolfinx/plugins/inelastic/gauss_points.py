@@ -32,15 +32,11 @@ def strain_operator(discretisation: DiscreteSpace) -> StrainOperator:
 def material_at(scene: Scene, bodies: np.ndarray, operator: StrainOperator) -> Material:
     """Laws at the Gauss points of the cells of an operator, with bodies as indices in the scene, (cells,)."""
     of_point = np.repeat(bodies, operator.per_cell)
-    groups = [
-        Group(np.flatnonzero(of_point == place), _plain(body.young), float(body.poisson), body.law)
-        for place, body in enumerate(scene.bodies)
-    ]
+    groups = []
+    for place, body in enumerate(scene.bodies):
+        young = body.young if isinstance(body.young, str) else float(body.young)
+        groups.append(Group(np.flatnonzero(of_point == place), young, float(body.poisson), body.law))
     return Material(groups, operator.components, scene.parameters.names)
-
-
-def _plain(young: float | str) -> float | str:
-    return young if isinstance(young, str) else float(young)
 
 
 def stiffness_parts(

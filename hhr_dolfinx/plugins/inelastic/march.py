@@ -57,7 +57,11 @@ class Histories(Equilibrium):
         keep: Callable[[Answer], None] = lambda answer: None,
     ) -> History:
         """History along a checked path, see :func:`march`."""
-        return march(self, path, settings, known=known, keep=keep)
+        return march(self._marching(settings), path, settings, known=known, keep=keep)
+
+    def _marching(self, settings: MarchSettings) -> Equilibrium:
+        """Equilibrium that solves histories with some settings."""
+        return self
 
     def one_step(
         self, model: object, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool, **step: Any

@@ -209,10 +209,23 @@ def seconds_of_parts(full_or_reduced: FullOrderModel | ReducedModel, history: Hi
     return {name: timed(part, 20)[1] for name, part in parts.items()}
 
 
-KEYS = {"HHR": "hhr", "condensed": "condensed"}
-"""Names of the methods in the ``models`` of a report."""
-SETTINGS = {"HHR": "this model", "condensed": "plastic correction"}
-"""Entry in rows of the work-precision table for a method that was refused."""
+class _Method(NamedTuple):
+    """Names of a method in the parts of a report."""
+
+    key: str  # in ``models``
+    setting: str  # in rows of the work-precision table, if it was refused
+    times: str  # in ``times`` and ``ratios``
+    offline: str  # stages in ``times``
+    even: str  # in ``break_even``
+    text: str  # in the advice
+
+
+METHODS = {
+    "condensed": _Method(
+        "condensed", "plastic correction", "condensed", "offline_condensed", "fields, condensed", "condensed flow"
+    ),
+    "HHR": _Method("hhr", "this model", "online", "offline", "fields", "the hyper-reduced model"),
+}
 
 
 @told_once()
@@ -263,8 +276,8 @@ def measure_histories(
         report["ratios"]["laws"] = parts["fom"]["laws"] / parts["online"]["laws"]
     skipped += [{"stage": method, "why": str(error)} for method, error in refused.items()]
     others = [*(item.row for item in measured.values() if item is not own), best]
-    rows = [{"method": method, "setting": SETTINGS[method], "refused": str(why)} for method, why in refused.items()]
-    by_key = {KEYS[method]: item.model for method, item in measured.items()}
+    rows = [{"method": name, "setting": METHODS[name].setting, "refused": str(why)} for name, why in refused.items()]
+    by_key = {METHODS[method].key: item.model for method, item in measured.items()}
     return own.model, Measurement(own.row, others, beside, report, skipped, drawn, rows, by_key)
 
 
@@ -316,7 +329,7 @@ def _built(training: Training, settings: Any) -> tuple[Report, dict[str, HHRErro
 def _setting(method: str, model: Any) -> str:
     """Text on a model in its row."""
     if method == "HHR":
-        return SETTINGS[method]
+        return METHODS[method].setting
     return f"{model.offline.modes} modes, {model.offline.points} points"
 
 
@@ -329,21 +342,18 @@ def _report(
     exact: list[History],
 ) -> Report:
     """Parts of a report for histories only."""
-    seconds = {name: measured[name].row.seconds if name in measured else None for name in KEYS}
-    models: Report = {KEYS[name]: {"refused": str(error)} for name, error in refused.items()}
-    if "HHR" in measured:
-        models["hhr"] = model_report(measured["HHR"].model, measured["HHR"].row)
-    times: Report = {
-        "fom_best": summary(best.seconds),
-        "fom_searches": searches,
-        "condensed": None if seconds["condensed"] is None else summary(seconds["condensed"]),
-        "online": None if seconds["HHR"] is None else summary(seconds["HHR"]),
-    }
+    makers = {"condensed": condensed_report, "HHR": model_report}
+    models: Report = {}
+    times: Report = {"fom_best": summary(best.seconds), "fom_searches": searches}
+    ratios: Report = {}
+    for name, method in METHODS.items():
+        item = measured.get(name)
+        models[method.key] = {"refused": str(refused[name])} if item is None else makers[name](item.model, item.row)
+        times[method.times] = None if item is None else summary(item.row.seconds)
+        slow = np.median(best.seconds)
+        ratios[f"fom_best/{method.times}"] = None if item is None else float(slow / np.median(item.row.seconds))
     if "condensed" in measured:
-        models["condensed"] = condensed_report(measured["condensed"].model, measured["condensed"].row)
         times["offline_condensed"] = dict(measured["condensed"].model.offline.log.times)
-    names = {"HHR": "fom_best/online", "condensed": "fom_best/condensed"}
-    slow = np.median(best.seconds)
     errors = [float(history.time_error.max(initial=0.0)) for history in exact]
     own = next(iter(measured.values()))
     rows: list[Report] = []
@@ -356,8 +366,8 @@ def _report(
         "histories": rows,
         "time_error": {**summary(np.array(errors)), "tolerance": exact[0].time_tolerance},
         "times": times,
-        "ratios": {names[k]: None if fast is None else float(slow / np.median(fast)) for k, fast in seconds.items()},
-        "models": {name: models[name] for name in KEYS.values()},
+        "ratios": ratios,
+        "models": models,
     }
 
 
@@ -387,23 +397,19 @@ def advice_flowing(report: Report) -> Advice:
     """
     times = report["times"]
     models = report["models"]
-    kinds = {
-        "condensed": ("condensed", "condensed flow", "fields, condensed", "offline_condensed"),
-        "hhr": ("online", "the hyper-reduced model", "fields", "offline"),
-    }
+    kinds = {method.key: method for method in METHODS.values()}
     measured = {key: models[key] for key in kinds if "refused" not in models[key]}
-    seconds = {key: times[kinds[key][0]]["median"] for key in measured}
+    seconds = {key: times[kinds[key].times]["median"] for key in measured}
 
     def figures(key: str) -> str:
         errors = measured[key]["errors"]
-        _, name, even, stages = kinds[key]
-        count = report["break_even"].get(even)
+        count = report["break_even"].get(kinds[key].even)
         paid = "never pays" if count is None else f"pays after {count:.1f} histories"
-        own = sum(value for stage, value in times[stages].items() if stage not in TRAINING)
+        own = sum(value for stage, value in times[kinds[key].offline].items() if stage not in TRAINING)
         ratio = times["fom_best"]["median"] / seconds[key]
         missed = measured[key]["unconverged"]
         return (
-            f"{name}: {in_words(seconds[key])} for a history, {ratio:.0f} times the best full order, errors "
+            f"{kinds[key].text}: {in_words(seconds[key])} for a history, {ratio:.0f} times the best full order, errors "
             f"{errors['largest_displacement']['max']:.1e} of displacement and {errors['largest_forces']['max']:.1e} of "
             f"contact forces at most, made in {in_words(own)} from the training answers, and {paid}"
             + (f"; {missed} of the test paths have no answer" if missed else "")
@@ -415,8 +421,9 @@ def advice_flowing(report: Report) -> Advice:
     for other in others:
         text = figures(other)
         sentence += f" {text[0].upper()}{text[1:]}."
-    for key, (_, name, _, _) in kinds.items():
+    for key, method in kinds.items():
         if key not in measured:
+            name = method.text
             sentence += f" {name[0].upper()}{name[1:]} is refused here: {models[key]['refused'].rstrip('.')}."
     sentence += (
         " The hyper-reduced model is the one for contact conditions by the thousand, and where parts that hang "

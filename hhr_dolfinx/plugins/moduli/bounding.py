@@ -96,16 +96,10 @@ def varying_bound(
     """
     problem: ContactProblem = full.problem
     known = between(full, solvers, announce)
-    sizes = (problem.contact_areas, least_sizes(problem, known.compliances(problem.middle).schur, forces))
-    return VaryingBound(
-        *known[:2],
-        whole_problem(problem, basis, GRID),
-        known.inexact,
-        known.proved,
-        problem.middle,
-        *sizes,
-        known.areas,
-    )
+    least = least_sizes(problem, known.compliances(problem.middle).schur, forces)
+    error = known.inexact, known.proved
+    whole = whole_problem(problem, basis, GRID)
+    return VaryingBound(*known[:2], whole, *error, problem.middle, problem.contact_areas, least, known.areas)
 
 
 def _between(full: FullModel, solvers: Sequence[Solver], announce: Announce) -> Between:
@@ -188,7 +182,7 @@ def _check_resolved(error: float) -> None:
 def _stiffness_of(component: Component, problem: ContactProblem) -> PartStiffness | None:
     """Dependence of K of a part on its only parameter; None if nothing is proved: a lift scales with K, not K^-1."""
     part = component.part
-    moduli = component.moduli
+    moduli = part.moduli
     if problem.reshaped is not None or part.axes.size != 1 or part.lifted.size or not 0 < len(moduli) < 3:
         return None
     axis = int(part.axes[0])

@@ -13,7 +13,6 @@ from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, spmatrix
 
 from hhr_dolfinx.contact.problem import ContactProblem, dependence, moduli_of
 from hhr_dolfinx.contact.stiffness import FactorStore
-from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.linear.shared import SharedCholesky
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, Part, compliance_of, grown
@@ -40,7 +39,6 @@ class Component:
     dofs: np.ndarray  # its dofs that are free, as a mask, (N,)
     body: np.ndarray  # numbers of all of its dofs
     part: Part  # conditions, loads and imposed displacements that act on it
-    moduli: list[Modulus]  # of the parts of its stiffness, if these depend on parameters
 
 
 def components_of(problem: ContactProblem) -> list[Component]:
@@ -60,7 +58,7 @@ def components_of(problem: ContactProblem) -> list[Component]:
         factor, axes = dependence(moduli, shape_axes, problem.parameters.names)
         forced, lifted = (_acting(columns, dofs) for columns in (problem.external, lifts))
         part = Part(conditions, forced, lifted, factor, axes, tuple(moduli))
-        found.append(Component(number, dofs, body, part, moduli))
+        found.append(Component(number, dofs, body, part))
     return found
 
 

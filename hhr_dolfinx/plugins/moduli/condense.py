@@ -14,7 +14,14 @@ from scipy.sparse import csr_matrix
 from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.contact.problem import ContactProblem
-from hhr_dolfinx.errors import BoundError, NotOfferedError, ReductionError, SceneWarning, StabilityWarning
+from hhr_dolfinx.errors import (
+    BoundError,
+    ConvergenceError,
+    NotOfferedError,
+    ReductionError,
+    SceneWarning,
+    StabilityWarning,
+)
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.block import BlockElimination
 from hhr_dolfinx.models.estimates import NOT_ASKED, warn_unbounded
@@ -28,11 +35,10 @@ from hhr_dolfinx.plugins.moduli.interpolated import Compliances, InterpolatedFie
 from hhr_dolfinx.plugins.moduli.interpolation import GrownGrid
 from hhr_dolfinx.plugins.moduli.shaped import ReshapedElimination
 from hhr_dolfinx.plugins.moduli.shaped_outputs import reshaped_functionals
-from hhr_dolfinx.plugins.moduli.starts import starts_along_paths
 from hhr_dolfinx.reduction.modes import pod
 from hhr_dolfinx.reduction.recipe import Pod
 from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, compared, made
-from hhr_dolfinx.reduction.starts import linear_starts
+from hhr_dolfinx.reduction.starts import NO_FIELDS, STAGE, linear_starts
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import Announce, StageLog
@@ -43,6 +49,8 @@ if TYPE_CHECKING:
     from hhr_dolfinx.plugins.moduli.shaped_functionals import ReshapedFunctionals
 
 
+ALONG = 4
+"""Points along each path that samples the forces of a law that remembers."""
 STARTS = 256
 FEWEST_STARTS = 32
 START_BYTES = 0.13e9
@@ -234,7 +242,7 @@ def _kept_starts(
     problem = full.problem
     points = _starts(problem)
     if problem.law.remembers:
-        return starts_along_paths(compliances, points, problem, announce)
+        return _starts_along_paths(compliances, points, problem, announce)
 
     def starts() -> dict[str, np.ndarray]:
         known: Any = linear_starts(compliances, points, problem.contact_pairs, comm=full.comm, announce=announce)
@@ -242,6 +250,38 @@ def _kept_starts(
 
     known = LinearStarts(**_kept(solvers, f"starts {settings} {len(points)}", starts))
     return known, np.maximum(known.margins, 0.0)
+
+
+def _starts_along_paths(
+    eliminated: Elimination, points: np.ndarray, problem: ContactProblem, announce: Announce
+) -> tuple[KnownStatuses, np.ndarray]:
+    """Starts and typical forces, (S, m), with a law that remembers: increments start from the one before.
+
+    Forces are those along paths through a few of the points, (S, P), each, which load, unload and reverse; parameters
+    that stay along a path are those of its first point.
+    """
+    nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
+    model = CondensedModel(problem.parameters, eliminated, nothing, NO_FIELDS, problem.contact_pairs, law=problem.law)
+    fixed = problem.law.fixed
+    found = []
+    seen = []
+    for first in range(0, len(points), ALONG):
+        announce(STAGE, first / len(points))
+        along = points[first : first + ALONG].copy()
+        along[:, fixed] = along[0, fixed]
+        rest = np.clip(0.0, problem.parameters.lower, problem.parameters.upper)
+        rest[fixed] = along[0, fixed]
+        try:
+            history = model.march([(0.0, rest), *((1.0 + k, point) for k, point in enumerate(along))])
+        except ConvergenceError as stop:
+            history = vars(stop)["history"]
+        found += [answer.multipliers for answer in history.answers]
+        seen += [answer.parameter for answer in history.answers]
+    if not found:
+        raise ReductionError(
+            "no path through the box has an answer: contact rows are dependent, or the law of the contacts admits none"
+        )
+    return KnownStatuses(np.array(seen), np.array(found) != 0), np.array(found)
 
 
 def _starts(problem: ContactProblem) -> np.ndarray:

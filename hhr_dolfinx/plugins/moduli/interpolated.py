@@ -53,6 +53,13 @@ class PrimalModes:
     columns: Annotated[Floats, "terms of it", "unknowns", "modes"]
 
 
+class Factored(NamedTuple):
+    """The compliance 1 / E of a part, and its derivatives along the parameters, (P,)."""
+
+    compliance: float
+    slopes: np.ndarray
+
+
 @dataclass(frozen=True)
 class Compliance:
     """Interpolated compliance of one connected component of a scene."""
@@ -90,6 +97,13 @@ class Compliance:
     def compliances(self, points: np.ndarray) -> np.ndarray:
         """1 / E at many points, (n, P): (n,)."""
         return np.ones(len(points)) if self.factor is None else 1.0 / self.factor.values(points)
+
+    def factored(self, point: np.ndarray) -> Factored:
+        """1 / E at a point and its derivatives."""
+        if self.factor is None:
+            return Factored(1.0, np.zeros(point.size))
+        modulus = self.factor.value(point)
+        return Factored(1.0 / modulus, -self.factor.derivative(point) / modulus**2)
 
     def schur(self, along: np.ndarray) -> np.ndarray:
         """S_c for the factor 1, from components along the modes, (..., r): (..., m_c, m_c)."""
@@ -161,21 +175,6 @@ def _check_places(part: Compliance, number: int, conditions: int, terms: int, pa
         raise ValueError(f"conditions of part {number} must increase, at least one")
     if len(part.interpolant.modes) != m * m or part.columns.shape != (part.terms.size, m, rank):
         raise ValueError(f"part {number} of {m} conditions and {part.terms.size} terms has arrays of other sizes")
-
-
-class Factored(NamedTuple):
-    """The compliance 1 / E of a part, and its derivatives along the parameters, (P,)."""
-
-    compliance: float
-    slopes: np.ndarray
-
-    @classmethod
-    def at(cls, part: Compliance, point: np.ndarray) -> Factored:
-        """At a point."""
-        if part.factor is None:
-            return cls(1.0, np.zeros(point.size))
-        modulus = part.factor.value(point)
-        return cls(1.0 / modulus, -part.factor.derivative(point) / modulus**2)
 
 
 @dataclass(frozen=True, eq=False)
@@ -322,7 +321,7 @@ class Compliances(Elimination):
             for axis, column in zip(self.reshaped.axes, self.reshaped.derivative(point).T, strict=True):
                 slack[:, axis] += column.reshape(size, terms) @ theta
         for part, along, _compliance in stiffness.parts:
-            factor = Factored.at(part, point)
+            factor = part.factored(point)
             own = forces[part.where]
             ways = np.column_stack([along, part.interpolant.slopes_along_modes(point)])
             # S_c forces of every mode, so that no derivative forms S_c

@@ -9,6 +9,7 @@ largest relative error of the interpolation of any f_κ: a problem in one variab
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -51,7 +52,7 @@ def lagrange(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
 class PartStiffness:
     """Dependence of the stiffness of a part of a scene on one parameter."""
 
-    moduli: list[Modulus]  # of its parts, one or two
+    moduli: Sequence[Modulus]  # of its parts, one or two
     factor: Scalar | None  # common factor, which an interpolation leaves out; None without one
     axis: int  # index of the parameter
     # lower, upper: its limits

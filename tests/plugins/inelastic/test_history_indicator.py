@@ -17,9 +17,9 @@ from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import OutsideTrainingError, OutsideTrainingWarning, StabilityWarning
 from hhr_dolfinx.models.estimates import STRESS, Estimate
-from hhr_dolfinx.plugins.inelastic.comparison import check_door
 from hhr_dolfinx.plugins.inelastic.completion import FlowFields, GappyField
 from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
+from hhr_dolfinx.plugins.inelastic.reduction import check_door
 from hhr_dolfinx.plugins.inelastic.trained import Known, Signs, TrainedPaths, Watch
 from hhr_dolfinx.study.training.train import Training
 
