@@ -253,7 +253,7 @@ def _kept_starts(
 
 
 def _starts_along_paths(
-    eliminated: Elimination, points: np.ndarray, problem: ContactProblem, announce: Announce
+    eliminated: Compliances, points: np.ndarray, problem: ContactProblem, announce: Announce
 ) -> tuple[KnownStatuses, np.ndarray]:
     """Starts and typical forces, (S, m), with a law that remembers: increments start from the one before.
 
