@@ -150,7 +150,7 @@ def unstacked(values: np.ndarray, shapes: Iterable[tuple[int, ...]]) -> list[np.
     first = 0
     for shape in shapes:
         size = math.prod(shape)
-        parts.append(values[first : first + size].reshape(*shape, *values.shape[1:]))
+        parts.append(values[first : first + size].reshape((*shape, *values.shape[1:])))
         first += size
     return parts
 
