@@ -12,6 +12,7 @@ at its statuses.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,12 +24,11 @@ from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
 from hhr_dolfinx.plugins.friction.surfaces import WholeSurface
+from hhr_dolfinx.plugins.inelastic.condensed_flow import CorrectionStepper
 from hhr_dolfinx.plugins.inelastic.condensed_step import DECREASE, LEAST_SHARE
-from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, extrapolated
-from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
-from hhr_dolfinx.plugins.inelastic.trained import Signs
 from hhr_dolfinx.plugins.inelastic.update import Material, State, Update
 
 NOTHING = np.zeros(0)
@@ -66,38 +66,20 @@ class _Load(NamedTuple):
         return Increment(self.slack - opening, self.coefficient, self.limit, NOTHING)
 
 
-class RubbingFlowStepper:
-    """Solves the steps of one history; see :class:`hhr_dolfinx.models.histories.equilibrium.Stepper`.
-
-    Args:
-        model: condensed inelastic model with friction, with numbers as moduli.
-        settings: ``relative_force`` and ``iterations`` count.
-    """
+class RubbingFlowStepper(CorrectionStepper):
+    """Solves the steps of a condensed inelastic model with friction, with numbers as moduli."""
 
     def __init__(self, model: Any, settings: MarchSettings):
-        self._model = model
-        self._settings = settings
+        super().__init__(model, settings)
         self._friction = model.law
         self._surface = WholeSurface(model.law)
         self._contact = SlidingContact(model.schur, model.law)
         self._size = 0.0
-        self._strains = SmallStrains()
 
-    def learn(self, answer: Answer) -> None:
-        """Take in the correction of a solved step."""
-        self._size = max(self._size, float(np.linalg.norm(answer.unknown[: self._model.modes])))
+    def _grow(self, size: float) -> None:
+        self._size = max(self._size, size)
 
-    def signs(self, answer: Answer) -> Signs:
-        """See :class:`hhr_dolfinx.models.histories.equilibrium.Stepper`."""
-        return self._model.signs(answer)
-
-    def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """Solve a step from the extrapolation of the corrections before; if that fails, from the last one.
-
-        Raises:
-            Diverged: with the reason of the last attempt.
-        """
-        here = trail[-1]
+    def _step_from(self, starts: Sequence[np.ndarray], here: Answer, goal: Goal) -> Answer:
         model = self._model
         material = model.material.at(goal.parameter)
         theta = model.amplitudes(goal.parameter)
@@ -106,10 +88,9 @@ class RubbingFlowStepper:
         coefficient, limit = self._friction.bounds(goal.parameter)
         rest = coefficient, limit, gauss_of(here).state, goal.time - here.time
         load = _Load(slack, model.free_strain @ theta, *rest)
-        starts = [extrapolated(trail, goal.time, model.modes)] if len(trail) > 1 else []
         spent = 0
         failure = Diverged("nothing was tried")
-        for start in [*starts, here.unknown[: model.modes]]:
+        for start in starts:
             try:
                 found, count = self._solved(load, material, start, here)
             except Diverged as error:

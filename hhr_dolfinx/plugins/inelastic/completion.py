@@ -23,14 +23,10 @@ KNOWN_ERROR = "indicator of the stress: the part of it that no training explains
 
 @dataclass(frozen=True, eq=False)
 class GappyField:
-    """A field of the Gauss points from its values in the RID (gappy POD, section 6.2.3).
+    """A field of the Gauss points from its values in the RID (gappy POD, section 6.2.3)."""
 
-    Attributes:
-        modes: POD modes of training states, (values everywhere, modes).
-        fit: amplitudes of the modes per value in the RID, (modes, values in the RID).
-    """
-
-    modes: Annotated[Floats, "values", "modes"]
+    modes: Annotated[Floats, "values", "modes"]  # POD modes of training states, (values everywhere, modes)
+    # amplitudes of the modes per value in the RID, (modes, values in the RID)
     fit: Annotated[Floats, "modes", "known values"]
 
     def __post_init__(self) -> None:
@@ -49,22 +45,15 @@ class GappyField:
 
 @dataclass(frozen=True, eq=False)
 class FlowFields:
-    """Reconstruction of stress and plastic strain of inelastic bodies.
-
-    Attributes:
-        points: numbers of the Gauss points of the RID in the full model.
-        stress: reconstruction of the stress, with adjacent components of each point.
-        cumulated: reconstruction of the cumulated plastic strain; None if it was zero in training.
-        gauss_points: number of Gauss points of the full model.
-    """
+    """Reconstruction of stress and plastic strain of inelastic bodies."""
 
     kind: ClassVar[str] = STRESS
     known_error: ClassVar[str] = KNOWN_ERROR
 
-    points: Annotated[Integers, "points", "< gauss points"]
-    stress: GappyField
-    cumulated: GappyField | None
-    gauss_points: Annotated[Size, "gauss points"]
+    points: Annotated[Integers, "points", "< gauss points"]  # numbers of the Gauss points of the RID in the full model
+    stress: GappyField  # reconstruction of the stress, with adjacent components of each point
+    cumulated: GappyField | None  # reconstruction of the cumulated plastic strain; None if it was zero in training
+    gauss_points: Annotated[Size, "gauss points"]  # number of Gauss points of the full model
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Modes of other points."""
@@ -84,30 +73,24 @@ class FlowFields:
         return self.gauss_points
 
     def stress_of(self, answer: Answer) -> np.ndarray:
-        """Stress of an answer at all Gauss points, (Gauss points, components)."""
-        return self.stress_everywhere(state(answer).stress)
-
-    def plastic_strain(self, answer: Answer) -> np.ndarray:
-        """Cumulated plastic strain of an answer at all Gauss points, (Gauss points,)."""
-        return self.plastic_strain_everywhere(state(answer).state.cumulated)
-
-    def estimate(self, answer: Answer) -> Estimate:
-        """Indicator of the error of an answer, see :meth:`misfit`."""
-        return Estimate.indicated(self.misfit(state(answer).stress), STRESS)
-
-    def stress_everywhere(self, inside: np.ndarray) -> np.ndarray:
-        """Stress at all Gauss points: that of the laws in the RID, gappy POD outside, (Gauss points, components)."""
+        """Stress of an answer at all Gauss points, of laws in the RID, (Gauss points, components)."""
+        inside = state(answer).stress
         field = self.stress.everywhere(inside.ravel()).reshape(self.gauss_points, inside.shape[1])
         field[self.points] = inside
         return field
 
-    def plastic_strain_everywhere(self, inside: np.ndarray) -> np.ndarray:
-        """Cumulated plastic strain at all Gauss points, never negative, (Gauss points,)."""
+    def plastic_strain(self, answer: Answer) -> np.ndarray:
+        """Cumulated plastic strain of an answer at all Gauss points, never negative, (Gauss points,)."""
+        inside = state(answer).state.cumulated
         field = np.zeros(self.gauss_points)
         if self.cumulated is not None:
             field = np.maximum(self.cumulated.everywhere(inside), 0.0)
         field[self.points] = inside
         return field
+
+    def estimate(self, answer: Answer) -> Estimate:
+        """Indicator of the error, the part of the stress that the training does not represent; see docs/bounds.md."""
+        return Estimate.indicated(share_of_stress(*self.unexplained(state(answer).stress)), STRESS)
 
     @cached_property
     def _products(self) -> np.ndarray:
@@ -118,19 +101,8 @@ class FlowFields:
         return shown.T @ shown
 
     def unexplained(self, inside: np.ndarray) -> tuple[float, float]:
-        """|σ - Φ fit σ| and |σ| of the stress at evaluated points, (points, components), in the unit of stress.
-
-        The difference loses half of the digits: values below 1e-8 of the stress are round-off.
-        """
+        """|σ - Φ fit σ| and |σ| of the stress at evaluated points; values below 1e-8 of the stress are round-off."""
         stress = inside.ravel()
         amplitudes = self.stress.fit @ stress
         size = float(stress @ stress)
         return math.sqrt(max(size - float(amplitudes @ (self._products @ amplitudes)), 0.0)), math.sqrt(size)
-
-    def misfit(self, inside: np.ndarray) -> float:
-        """Part of the stress at evaluated points that the training modes do not represent, from 0 to 1.
-
-        It follows the error of a step, see docs/bounds.md: the modes represent the training, the laws the present
-        load path. 0 for bodies without stress; infinite for a stress that is not finite.
-        """
-        return share_of_stress(*self.unexplained(inside))

@@ -28,12 +28,11 @@ from hhr_dolfinx.plugins.inelastic.completion import GappyField
 from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, PlasticFields
 from hhr_dolfinx.plugins.inelastic.condensed_flow import CondensedFlow, CondensedFlowModel
 from hhr_dolfinx.plugins.inelastic.cubature import Cubature, compressed, fitted
-from hhr_dolfinx.plugins.inelastic.elastic_response import ElasticResponse, elastic_response
-from hhr_dolfinx.plugins.inelastic.equilibrium import MeshEquilibrium, equilibrium_of
-from hhr_dolfinx.plugins.inelastic.modes import correction_modes
+from hhr_dolfinx.plugins.inelastic.elastic_response import ElasticResponse, correction_modes, elastic_response
+from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium, equilibrium_of
+from hhr_dolfinx.plugins.inelastic.state import deviator, rows_of, states_of
 from hhr_dolfinx.plugins.inelastic.state import flowed as any_flowed
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
-from hhr_dolfinx.plugins.inelastic.state import states_of
 from hhr_dolfinx.plugins.inelastic.strain import StrainOperator
 from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.reduction.modes import state_modes
@@ -76,17 +75,11 @@ def correction_strain(
 
 @dataclass(frozen=True)
 class FlowingDomain:
-    """Gauss points with plastic strain in training: the candidates of a cubature.
+    """Gauss points with plastic strain in training: the candidates of a cubature."""
 
-    Attributes:
-        points: their numbers, (p,).
-        weights: quadrature weight times 2 μ in the middle of the box, (p,).
-        deviators: of the strain of the modes, (p, c, ell).
-    """
-
-    points: np.ndarray
-    weights: np.ndarray
-    deviators: np.ndarray
+    points: np.ndarray  # their numbers, (p,)
+    weights: np.ndarray  # quadrature weight times 2 μ in the middle of the box, (p,)
+    deviators: np.ndarray  # of the strain of the modes, (p, c, ell)
 
     @classmethod
     def of(cls, full: FullModel, basis: np.ndarray, answers: Sequence[Answer], sizes: np.ndarray) -> FlowingDomain:
@@ -120,7 +113,7 @@ class FlowingDomain:
     def cubature(self, stressed: np.ndarray, settings: CorrectionSettings, start: Cubature | None = None) -> Cubature:
         """Points and weights for :meth:`stressed` states, (S, p c), and loosely for energies of the modes.
 
-        ``start`` is a cubature of the same states for fewer modes, or for a larger tolerance.
+        ``start`` is a cubature for fewer modes, or for a larger tolerance.
         """
         few = _alike(stressed, ROWS // self.deviators.shape[2])
         few = few.reshape(len(few), self.points.size, -1)
@@ -149,16 +142,9 @@ class FlowingDomain:
         return float(np.linalg.norm(chosen.reshape(-1, chosen.shape[2]), 2) ** 2)
 
     def work(self, strain: StrainAt) -> Callable[[np.ndarray], np.ndarray]:
-        """Maps fields (N, k) to ∫ (G V)^T 2 μ dev G u, (ell, k)."""
+        """Map fields (N, k) to ∫ (G V)^T 2 μ dev G u, (ell, k)."""
         tested = (self.weights[:, None, None] * self.deviators).reshape(-1, self.deviators.shape[2])
         return lambda columns: np.stack([tested.T @ strain.of(column).ravel() for column in columns.T], axis=1)
-
-
-def deviator(strain: np.ndarray) -> np.ndarray:
-    """Deviators of strains, (n, c)."""
-    found = strain.copy()
-    found[:, :3] -= found[:, :3].mean(axis=1, keepdims=True)
-    return found
 
 
 def _chunks(count: int) -> Iterator[slice]:
@@ -173,22 +159,13 @@ def _alike(states: np.ndarray, most: int) -> np.ndarray:
 
 
 class StrainAt:
-    """Strain at some Gauss points, from the cells around them alone.
-
-    Args:
-        operator: of the whole mesh.
-        points: numbers of the points.
-
-    Attributes:
-        points: as given.
-    """
+    """Strain at some Gauss points of the operator of a whole mesh, from the cells around them alone."""
 
     def __init__(self, operator: StrainOperator, points: np.ndarray):
         per_cell = operator.per_cell
         cells, where = np.unique(points // per_cell, return_inverse=True)
         self._operator, self._dofs = operator.restricted(cells)
         self._places = where * per_cell + points % per_cell
-        self.points = points
 
     def of(self, column: np.ndarray) -> np.ndarray:
         """Strain of a field (N,), (n, c)."""
@@ -212,10 +189,6 @@ NOTHING = 1e-8
 """Energy of a correction, relative to the largest, below which it counts as round-off of the elastic solution."""
 LARGEST_ENERGY = 1.2
 """Energy of a mode by the cubature above which tangents may change sign; the exact one is at most 1."""
-
-
-def _limits() -> TrustLimits:
-    return TrustLimits.of_histories(refuse_primal=0.02, refuse_dual=0.2, warn_primal=0.01)
 
 
 @dataclass(frozen=True)
@@ -247,7 +220,9 @@ class CorrectionSettings(Reductor["_Shared"]):
     dual: float = 0.06
     stress: float = 0.02
     plastic: float = 0.05
-    trust: TrustLimits | None = field(default_factory=_limits)
+    trust: TrustLimits | None = field(
+        default_factory=lambda: TrustLimits.of_histories(refuse_primal=0.02, refuse_dual=0.2, warn_primal=0.01)
+    )
     method: ClassVar[str] = "condensed"
     own_range: ClassVar[bool] = True
     level: ClassVar[str] = "attempt"
@@ -283,8 +258,20 @@ class CorrectionSettings(Reductor["_Shared"]):
         return self.trust
 
     def check(self, task: Task) -> None:
-        """Refuse other trainings than of histories with plastic strain."""
-        _check_given(task)
+        """Refuse elastic scenes, and other trainings than of histories with plastic strain."""
+        full = task.full
+        snapshots = task.snapshots
+        if full.equilibrium is None:
+            raise ReductionError(f"nothing flows in scene '{full.scene.name}': take exact or interpolated condensation")
+        full.problem.require_whole()
+        check_of_problem("snapshots", snapshots, full.problem)
+        if snapshots is None or not snapshots.histories or snapshots.columns is not None:
+            raise ReductionError(
+                "a reduced plastic correction is trained on histories, all steps: SnapshotSet.of_histories"
+            )
+        if not any_flowed(snapshots):
+            # corrections are then round-off, not zero
+            raise ReductionError("no body flows in any training history: train at higher loads, or leave the laws out")
 
     def prepare(self, task: Task, before: _Shared | None = None) -> _Shared:
         """Elastic response, corrections of training states, and modes of fields."""
@@ -308,8 +295,40 @@ class CorrectionSettings(Reductor["_Shared"]):
 
     def attempt(self, prepared: _Shared, level: int) -> tuple[CondensedFlowModel, CorrectionFacts]:
         """One model."""
-        finer = replace(self, modes=self.modes / 3**level, cubature=self.cubature / 3**level)
-        return _attempt(prepared, finer)
+        settings = replace(self, modes=self.modes / 3**level, cubature=self.cubature / 3**level)
+        full = prepared.full
+        problem = full.problem
+        log = prepared.log
+        elastic = prepared.elastic
+        with log.stage("modes", prepared.announce):
+            most = settings.most_modes
+            basis, sizes = correction_modes(problem, prepared.corrections, elastic, settings.modes, most)
+        with log.stage("cubature", prepared.announce):
+            kept = np.flatnonzero(sizes > NOTHING * sizes.max(initial=0.0))
+            answers = [prepared.answers[k] for k in kept]
+            domain = FlowingDomain.of(full, basis, answers, sizes[kept])
+            stressed = domain.stressed(full, elastic, answers, prepared.corrections[:, kept], sizes[kept])
+            cubature = domain.cubature(stressed, settings, prepared.known[-1] if prepared.known else None)
+            prepared.known[:] = [cubature]
+            del stressed
+            energy = domain.largest_energy(cubature)
+        if energy > LARGEST_ENERGY:
+            raise UnstableModelError(
+                f"the cubature on {cubature.points.size} points gives a mode {energy:.2f} times its energy, and "
+                "tangents may turn their sign: allow more points (most_points), or a smaller stability"
+            )
+        with log.stage("online_arrays", prepared.announce):
+            flow = _online(full, elastic, basis, domain, cubature, answers)
+            fields = CondensedFlowFields(
+                problem.amplitudes, elastic.factors, elastic.parts, basis, elastic.per_force, elastic.forced,
+                elastic.given, problem.block_size, prepared.fields.on(flow.points, equilibrium_of(full)),
+                plain_outputs(full), problem.law, full,
+            )  # fmt: skip
+            model = CondensedFlowModel(flow, full.parameters, fields)
+        with log.stage("compilation", prepared.announce):  # once for an installation, not for each model
+            model.march(prepared.snapshots.histories[0].path[:2], MarchSettings(outside="ignore"))
+        counts = basis.shape[1], flow.points.size, domain.points.size
+        return model, CorrectionFacts(settings, *counts, cubature.misfit, energy)
 
     def off(self, comparison: Comparison | None) -> float:
         """Largest error over its target."""
@@ -347,23 +366,6 @@ class CorrectionFacts:
     energy: float
 
 
-def _check_given(task: Task) -> None:
-    """Raise ReductionError for elastic scenes, and for other trainings than of histories with plastic strain."""
-    full = task.full
-    snapshots = task.snapshots
-    if full.equilibrium is None:
-        raise ReductionError(f"nothing flows in scene '{full.scene.name}': take exact or interpolated condensation")
-    full.problem.require_whole()
-    check_of_problem("snapshots", snapshots, full.problem)
-    if snapshots is None or not snapshots.histories or snapshots.columns is not None:
-        raise ReductionError(
-            "a reduced plastic correction is trained on histories, all steps: SnapshotSet.of_histories"
-        )
-    if not any_flowed(snapshots):
-        # corrections are then round-off, not zero
-        raise ReductionError("no body flows in any training history: train at higher loads, or leave the laws out")
-
-
 @dataclass(frozen=True)
 class _Shared:
     """Data that all attempts share."""
@@ -378,42 +380,6 @@ class _Shared:
     announce: Announce
     known: list[Cubature] = field(default_factory=list)
     """Cubature of the last attempt, if there was one: the next one starts from its points."""
-
-
-def _attempt(shared: _Shared, settings: CorrectionSettings) -> tuple[CondensedFlowModel, CorrectionFacts]:
-    """Build one model."""
-    full = shared.full
-    log = shared.log
-    elastic = shared.elastic
-    with log.stage("modes", shared.announce):
-        basis, sizes = correction_modes(full.problem, shared.corrections, elastic, settings.modes, settings.most_modes)
-    with log.stage("cubature", shared.announce):
-        kept = np.flatnonzero(sizes > NOTHING * sizes.max(initial=0.0))
-        domain = FlowingDomain.of(full, basis, [shared.answers[k] for k in kept], sizes[kept])
-        answers = [shared.answers[k] for k in kept]
-        stressed = domain.stressed(full, elastic, answers, shared.corrections[:, kept], sizes[kept])
-        cubature = domain.cubature(stressed, settings, shared.known[-1] if shared.known else None)
-        shared.known[:] = [cubature]
-        del stressed
-        energy = domain.largest_energy(cubature)
-    if energy > LARGEST_ENERGY:
-        raise UnstableModelError(
-            f"the cubature on {cubature.points.size} points gives a mode {energy:.2f} times its energy, and tangents "
-            "may turn their sign: allow more points (most_points), or a smaller stability"
-        )
-    with log.stage("online_arrays", shared.announce):
-        flow = _online(full, elastic, basis, domain, cubature, answers)
-        problem = full.problem
-        fields = CondensedFlowFields(
-            problem.amplitudes, elastic.factors, elastic.parts, basis, elastic.per_force, elastic.forced,
-            elastic.given, problem.block_size, shared.fields.on(flow.points, equilibrium_of(full)), plain_outputs(full),
-            problem.law, full,
-        )  # fmt: skip
-        model = CondensedFlowModel(flow, full.parameters, fields)
-    with log.stage("compilation", shared.announce):  # once for an installation, not for each model
-        model.march(shared.snapshots.histories[0].path[:2], MarchSettings(outside="ignore"))
-    sizes_ = basis.shape[1], flow.points.size, domain.points.size
-    return model, CorrectionFacts(settings, *sizes_, cubature.misfit, energy)
 
 
 def _online(
@@ -436,14 +402,14 @@ def _online(
     everywhere = StrainAt(equilibrium.operator, domain.points)
     per_mode = strain(basis)
     per_force = strain(elastic.per_force)
-    count = max(len(elastic.factors.moduli), 1)
     rows = (points * components + np.arange(components)[:, None]).ravel()
-    masks = [(elastic.parts == part)[:, None] for part in range(count)]
-    tested = _deviators(per_mode, components) * np.tile(weights, components)
+    tested = deviator(per_mode.reshape(len(per_mode), components, -1)).reshape(per_mode.shape)
+    tested *= np.tile(weights, components)
     work = domain.work(everywhere)
     coupled = np.zeros((len(per_mode), len(problem.gaps)))
     if not problem.law.remembers:
         coupled = work(elastic.per_force) - tested @ per_force.T
+    schur, pressed, gaps = elastic.condensed(problem)
     return CondensedFlow(
         points=points,
         groups=groups,
@@ -458,10 +424,10 @@ def _online(
         moved=problem.contact @ basis,
         modal=np.eye(len(per_mode)) - work(basis) + tested @ per_mode.T,
         coupled=coupled,
-        mode_parts=_parts_of_modes(basis, elastic),
-        schur=np.array([_symmetric(problem.contact @ np.where(mask, elastic.per_force, 0.0)) for mask in masks]),
-        pressed=np.array([problem.contact @ np.where(mask, elastic.forced, 0.0) for mask in masks]),
-        gaps=problem.gaps - problem.contact @ elastic.given,
+        mode_parts=elastic.parts[np.abs(basis).argmax(axis=0)],  # if there are several parts, each mode is on one
+        schur=schur,
+        pressed=pressed,
+        gaps=gaps,
     )
 
 
@@ -484,22 +450,6 @@ def _watched(domain: FlowingDomain, cubature: Cubature, answers: Sequence[Answer
     return np.append(domain.points[cubature.points], domain.points[kept]), weights
 
 
-def _deviators(strains: np.ndarray, components: int) -> np.ndarray:
-    """Deviators of strains stored by component, (k, c n)."""
-    found = strains.reshape(len(strains), components, -1).copy()
-    found[:, :3] -= found[:, :3].mean(axis=1, keepdims=True)
-    return found.reshape(strains.shape)
-
-
-def _parts_of_modes(basis: np.ndarray, elastic: ElasticResponse) -> np.ndarray:
-    """Part of the stiffness of each mode, (ell,): if there are several parts, each mode belongs to one."""
-    return elastic.parts[np.abs(basis).argmax(axis=0)]
-
-
-def _symmetric(matrix: np.ndarray) -> np.ndarray:
-    return (matrix + matrix.T) / 2
-
-
 def _by_body(groups: tuple[Group, ...], points: np.ndarray) -> tuple[tuple[Group, ...], np.ndarray]:
     """Groups of some points with consecutive indices, and the order of the points in them."""
     found = []
@@ -516,20 +466,14 @@ def _by_body(groups: tuple[Group, ...], points: np.ndarray) -> tuple[tuple[Group
 
 @dataclass(frozen=True)
 class _FieldModes:
-    """POD modes of plastic and cumulated plastic strain, at the points with plastic strain in training.
+    """POD modes of plastic and cumulated plastic strain, at the points with plastic strain in training."""
 
-    Attributes:
-        flowed: numbers of these points.
-        plastic, cumulated: modes.
-        displacements: displacement of each mode of the plastic strain, K^-1 ∫ G^T C Φ.
-        moduli: Lamé's λ and 2 μ of all Gauss points, in the middle of the box.
-    """
-
-    flowed: np.ndarray
+    flowed: np.ndarray  # numbers of these points
+    # plastic, cumulated: modes
     plastic: np.ndarray
     cumulated: np.ndarray
-    displacements: np.ndarray
-    moduli: np.ndarray
+    displacements: np.ndarray  # displacement of each mode of the plastic strain, K^-1 ∫ G^T C Φ
+    moduli: np.ndarray  # Lamé's λ and 2 μ of all Gauss points, in the middle of the box
 
     @classmethod
     def of(cls, full: FullModel, snapshots: SnapshotSet) -> _FieldModes:
@@ -549,11 +493,10 @@ class _FieldModes:
         cumulated = state_modes([state.cumulated[flowed] for state in states], LEFT_OUT["cumulated"])
         return cls(flowed, plastic, cumulated, displacements, np.stack([elastic[:, 0, 1], elastic[:, -1, -1]], axis=1))
 
-    def on(self, points: np.ndarray, equilibrium: MeshEquilibrium) -> PlasticFields:
+    def on(self, points: np.ndarray, equilibrium: FullEquilibrium) -> PlasticFields:
         """Completion of fields from some points."""
         rows = np.searchsorted(self.flowed, points)
-        components = equilibrium.operator.components
-        values = (rows[:, None] * components + np.arange(components)).ravel()
+        values = rows_of(rows, equilibrium.operator.components)
         count = max(values.size // SPARE, 1)
         return PlasticFields(
             points,

@@ -1,8 +1,4 @@
-"""Fields of condensed inelastic models on the whole mesh.
-
-The displacement is exact up to the plastic correction. Stress and plastic strain follow from it and from the plastic
-strain at few Gauss points.
-"""
+"""Fields of condensed inelastic models on the whole mesh, exact up to the correction and the completion of ε_p."""
 
 from __future__ import annotations
 
@@ -25,7 +21,6 @@ from hhr_dolfinx.models.estimates import STRESS, Estimate
 from hhr_dolfinx.parameters import ParameterSpace
 from hhr_dolfinx.plain import OF_THE_MESH, Rebuilt
 from hhr_dolfinx.plugins.inelastic.completion import KNOWN_ERROR, GappyField
-from hhr_dolfinx.plugins.inelastic.state import state
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.strain import StrainOperator
 from hhr_dolfinx.plugins.inelastic.trained import share_of_stress
@@ -45,30 +40,24 @@ class PlasticFields:
 
     Gappy POD (thesis section 6.2.3) completes the plastic strain ε_p alone, from modes Φ a. The displacement and stress
     that balance each mode are computed in advance: K u = ∫ G^T C Φ, σ = C (ε(u) - Φ). So the stress is exact in elastic
-    regions, and balances the loads for any a. The stress itself is not completed from few points: its elastic part is
-    no combination of training modes and would be wrong as a whole.
-
-    Attributes:
-        points: numbers of the Gauss points Z where laws are evaluated, (n,).
-        flowed: numbers of the points with plastic strain in training, increasing, (f,).
-        plastic: completion of the plastic strain on these; components of a point are adjacent.
-        cumulated: completion of the cumulated plastic strain.
-        moved: displacement K^-1 ∫ G^T C Φ of each mode of the plastic strain, (N, k).
-        strain: ε(u) at all Gauss points.
-        unstressed: strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T).
-        moduli: Lamé's λ and 2 μ of each Gauss point in the middle of the box, (Gauss points, 2).
+    regions, and balances the loads for any a; completed from few points itself, its elastic part would be wrong.
     """
 
     kind: ClassVar[str] = STRESS
     known_error: ClassVar[str] = KNOWN_ERROR
 
+    # numbers of the Gauss points Z where laws are evaluated, (n,)
     points: Annotated[Integers, "points", "< gauss points"]
+    # numbers of the points with plastic strain in training, increasing, (f,)
     flowed: Annotated[Integers, "flowed", "< gauss points"]
-    plastic: GappyField
-    cumulated: GappyField
+    plastic: GappyField  # completion of the plastic strain on these; components of a point are adjacent
+    cumulated: GappyField  # completion of the cumulated plastic strain
+    # displacement K^-1 ∫ G^T C Φ of each mode of the plastic strain, (N, k)
     moved: Annotated[Floats, "N", "plastic modes"]
-    strain: StrainOperator
+    strain: StrainOperator  # ε(u) at all Gauss points
+    # strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T)
     unstressed: Annotated[csc_matrix, "components * gauss points", "terms"]
+    # Lamé's λ and 2 μ of each Gauss point in the middle of the box, (Gauss points, 2)
     moduli: Annotated[Floats, "gauss points", "2"]
 
     def __post_init__(self) -> None:
@@ -91,34 +80,30 @@ class PlasticFields:
             yield f"strains at all Gauss points are not those of {len(self.moved)} dofs and {len(self.moduli)} points"
 
     @property
-    def gauss_points(self) -> int:
+    def places(self) -> int:
         """Number of Gauss points of the full model."""
         return len(self.moduli)
-
-    @property
-    def places(self) -> int:
-        """The same."""
-        return self.gauss_points
 
     def stress_of(self, answer: Answer) -> np.ndarray:
         """Stress of an answer, which depends on its elastic part: that of its fields."""
         return answer.fields.stress(answer)
 
     def plastic_strain(self, answer: Answer) -> np.ndarray:
-        """Cumulated plastic strain of an answer at all Gauss points."""
-        return self.cumulated_everywhere(state(answer).state.cumulated)
+        """Cumulated plastic strain of an answer at all Gauss points, never negative, (Gauss points,)."""
+        inside = gauss_of(answer).state.cumulated
+        field = np.zeros(self.places)
+        field[self.flowed] = np.maximum(self.cumulated.everywhere(inside), 0.0)
+        field[self.points] = inside
+        return field
 
     def estimate(self, answer: Answer) -> Estimate | None:
         """Indicator of the error of an answer: that of its fields."""
         return answer.fields.estimate(answer)
 
     def stress(self, elastic: np.ndarray, theta: np.ndarray, plastic: np.ndarray) -> np.ndarray:
-        """Stress at all Gauss points for the moduli in the middle of the box, (Gauss points, components).
+        """Stress at all Gauss points for the moduli of the middle, (Gauss points, components).
 
-        Args:
-            elastic: displacement of loads and contact forces, lift included, (N,).
-            theta: θ, (1 + T,).
-            plastic: plastic strain where laws are evaluated, (n, components).
+        ``elastic``: displacement of loads and forces with the lift; ``plastic``: strain where laws are evaluated.
         """
         shares = self.plastic.fit @ plastic.ravel()
         found = self.strain.strain(elastic + self.moved @ shares)
@@ -130,18 +115,10 @@ class PlasticFields:
         found[:, :3] += volume[:, None]
         return found
 
-    def cumulated_everywhere(self, inside: np.ndarray) -> np.ndarray:
-        """Cumulated plastic strain at all Gauss points, never negative, (Gauss points,)."""
-        field = np.zeros(self.gauss_points)
-        field[self.flowed] = np.maximum(self.cumulated.everywhere(inside), 0.0)
-        field[self.points] = inside
-        return field
-
     def unforeseen(self, plastic: np.ndarray) -> np.ndarray:
         """Leave-one-out residual of the plastic strain at each point, times 2 μ, (n, components).
 
-        The residual at points to which the modes were fitted, (I - H) ε_p, is far less than elsewhere. The factor
-        (I - H_ii)^-1 predicts each point without itself.
+        The residual of the fit, (I - H) ε_p, is far less than elsewhere; (I - H_ii)^-1 predicts a point without itself.
         """
         left = plastic - (self.shown @ (self.plastic.fit @ plastic.ravel())).reshape(plastic.shape)
         return np.einsum("nij,nj->ni", self.without, left)
@@ -167,34 +144,20 @@ class PlasticFields:
 
 @dataclass(frozen=True)
 class CondensedFlowFields(Rebuilt, ModelFields):
-    """Fields of condensed inelastic models, see :class:`hhr_dolfinx.models.answer.Fields`.
+    """Fields of condensed inelastic models, see :class:`hhr_dolfinx.models.answer.Fields`."""
 
-    Attributes:
-        amplitudes: θ as a function of the parameters.
-        factors: moduli of the parts of the stiffness.
-        parts: part that holds each dof, (N,).
-        basis: V, (N, ell).
-        per_force: K^-1 B^T in the middle of the box, (N, m).
-        forced: K^-1 F there, (N, 1 + T).
-        given: imposed displacements and the response to them, (N, 1 + T).
-        dimension: components of the displacement at a node.
-        flow: completes stress and plastic strain.
-        functionals: outputs of the scene; None if it has none.
-        law: law of the contact conditions.
-        full: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
-    """
-
-    amplitudes: Amplitudes
-    factors: PartFactors
-    parts: Annotated[Integers, "N"]
-    basis: Annotated[Floats, "N", "ell"]
-    per_force: Annotated[Floats, "N", "m"]
-    forced: Annotated[Floats, "N", "terms"]
-    given: Annotated[Floats, "N", "terms"]
-    dimension: int
-    flow: PlasticFields
-    functionals: Functionals | None = None
-    law: ContactLaw = UNILATERAL
+    amplitudes: Amplitudes  # θ as a function of the parameters
+    factors: PartFactors  # moduli of the parts of the stiffness
+    parts: Annotated[Integers, "N"]  # part that holds each dof, (N,)
+    basis: Annotated[Floats, "N", "ell"]  # V, (N, ell)
+    per_force: Annotated[Floats, "N", "m"]  # K^-1 B^T in the middle of the box, (N, m)
+    forced: Annotated[Floats, "N", "terms"]  # K^-1 F there, (N, 1 + T)
+    given: Annotated[Floats, "N", "terms"]  # imposed displacements and the response to them, (N, 1 + T)
+    dimension: int  # components of the displacement at a node
+    flow: PlasticFields  # completes stress and plastic strain
+    functionals: Functionals | None = None  # outputs of the scene; None if it has none
+    law: ContactLaw = UNILATERAL  # law of the contact conditions
+    # see :class:`~hhr_dolfinx.models.answer.ModelFields`
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
     @property
@@ -292,22 +255,14 @@ SAME = 1e-9
 
 @dataclass(frozen=True)
 class PartFactors:
-    """Young's moduli as factors of the connected components of a scene (Q parts, one for constant elasticity).
+    """Young's moduli as factors of the connected components of a scene (Q parts, one for constant elasticity)."""
 
-    Attributes:
-        moduli: of each part; empty for constant elasticity.
-        middle: their values in the middle of the box, for which arrays of a model are computed, (Q,).
-    """
-
-    moduli: tuple[Modulus, ...]
+    moduli: tuple[Modulus, ...]  # of each part; empty for constant elasticity
+    # their values in the middle of the box, for which arrays of a model are computed, (Q,)
     middle: Annotated[Floats, "parts"]
 
     def faults_for(self, space: ParameterSpace) -> Iterator[str]:
-        """Faults: moduli that are no formulas of these parameters, or have other values in the middle of their box.
-
-        Raises:
-            SceneError: for a modulus that is not positive somewhere in the box.
-        """
+        """Faults: moduli that are no formulas of these parameters, or other in the middle; SceneError if negative."""
         for modulus in self.moduli:
             if modulus.names != space.names or modulus.rest != "1":
                 yield f"the modulus {modulus.factor[:60]!r} is no formula of {space.names}"

@@ -14,9 +14,8 @@ Needs neither DOLFINx nor PETSc.
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import nullcontext
-from copy import copy
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Annotated, Any
@@ -24,7 +23,7 @@ from typing import Annotated, Any
 import numpy as np
 from scipy.linalg import LinAlgError
 
-from hhr_dolfinx.amplitudes import Amplitudes, Theta
+from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import SchurEqualities, Status, active_set
 from hhr_dolfinx.declared import Floats, Integers, Size
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
@@ -40,7 +39,6 @@ from hhr_dolfinx.plugins.inelastic.condensed_fields import CondensedFlowFields, 
 from hhr_dolfinx.plugins.inelastic.condensed_step import StepLoad, StepModel, Work, touch
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Stepper, extrapolated
 from hhr_dolfinx.plugins.inelastic.march import Histories
-from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
 from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
@@ -50,46 +48,27 @@ from hhr_dolfinx.plugins.inelastic.update import Group, Material, State, check_f
 
 @dataclass(frozen=True)
 class CondensedFlow:
-    """Arrays in the middle of the box (n points of c components, ell modes, m conditions, Q parts).
+    """Arrays in the middle of the box (n points of c components, ell modes, m conditions, Q parts)."""
 
-    Attributes:
-        points: numbers of the Gauss points Z in the full model, body by body, (n,). Points without weight are there to
-            detect plastic strain away from the others.
-        groups: elasticity and laws of these points by body, with consecutive indices.
-        per_cell: Gauss points of a cell of the full model.
-        parts: part of the stiffness that holds each point, (n,).
-        factors: moduli of the parts.
-        per_mode: strain of V, component by component, (ell, c n).
-        tested: weight of each point times 2 μ times the deviator of this strain, (ell, c n).
-        per_force: strain of K^-1 B^T, (m, c n).
-        forced: strain of K^-1 F, (c n, 1 + T).
-        given: strain of imposed displacements and of the response to them, minus strains without stress, (c n, 1 + T).
-        moved: B V, (m, ell).
-        modal: Q of :mod:`plugins.inelastic.condensed_step`, (ell, ell).
-        coupled: P there, (ell, m).
-        mode_parts: part of the stiffness to which each mode belongs, if moduli vary, (ell,).
-        schur: B K^-1 B^T of each part, (Q, m, m).
-        pressed: B K^-1 F of each part, (Q, m, 1 + T).
-        gaps: gaps minus imposed displacements, (m, 1 + T).
-    """
-
+    # numbers of the points Z in the full model, body by body; those without weight detect plastic strain elsewhere
     points: Annotated[Integers, "points", "< gauss points"]
-    groups: tuple[Group, ...]
-    per_cell: Annotated[Size, "per cell"]
-    parts: Annotated[Integers, "points", "< Q"]
-    factors: PartFactors
-    per_mode: Annotated[Floats, "ell", "components * points"]
-    tested: Annotated[Floats, "ell", "components * points"]
-    per_force: Annotated[Floats, "m", "components * points"]
-    forced: Annotated[Floats, "components * points", "terms"]
+    groups: tuple[Group, ...]  # elasticity and laws of these points by body, with consecutive indices
+    per_cell: Annotated[Size, "per cell"]  # Gauss points of a cell of the full model
+    parts: Annotated[Integers, "points", "< Q"]  # part of the stiffness that holds each point, (n,)
+    factors: PartFactors  # moduli of the parts
+    per_mode: Annotated[Floats, "ell", "components * points"]  # strain of V, component by component, (ell, c n)
+    tested: Annotated[Floats, "ell", "components * points"]  # weight of each point times 2 μ times its deviator
+    per_force: Annotated[Floats, "m", "components * points"]  # strain of K^-1 B^T, (m, c n)
+    forced: Annotated[Floats, "components * points", "terms"]  # strain of K^-1 F, (c n, 1 + T)
+    # strain of imposed displacements and of the response to them, minus strains without stress
     given: Annotated[Floats, "components * points", "terms"]
-    moved: Annotated[Floats, "m", "ell"]
-    modal: Annotated[Floats, "ell", "ell"]
-    coupled: Annotated[Floats, "ell", "m"]
-    mode_parts: Annotated[Integers, "ell", "< Q"]
-    schur: Annotated[Floats, "Q", "m", "m"]
-    pressed: Annotated[Floats, "Q", "m", "terms"]
-    gaps: Annotated[Floats, "m", "terms"]
+    moved: Annotated[Floats, "m", "ell"]  # B V, (m, ell)
+    modal: Annotated[Floats, "ell", "ell"]  # Q of :mod:`plugins.inelastic.condensed_step`, (ell, ell)
+    coupled: Annotated[Floats, "ell", "m"]  # P there, (ell, m)
+    mode_parts: Annotated[Integers, "ell", "< Q"]  # part of the stiffness of each mode, if moduli vary
+    schur: Annotated[Floats, "Q", "m", "m"]  # B K^-1 B^T of each part, (Q, m, m)
+    pressed: Annotated[Floats, "Q", "m", "terms"]  # B K^-1 F of each part, (Q, m, 1 + T)
+    gaps: Annotated[Floats, "m", "terms"]  # gaps minus imposed displacements, (m, 1 + T)
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """Faults: repeated points, groups that are not consecutive (compiled loops rely on it), and an indefinite S."""
@@ -118,37 +97,18 @@ class CondensedFlow:
 
 
 class CondensedEquilibrium(Histories):
-    """Equilibrium of g and λ, see :class:`hhr_dolfinx.models.histories.equilibrium.Marching`.
+    """Equilibrium of g and λ, of which the unknown holds g first."""
 
-    The unknown holds g followed by λ.
+    schur: np.ndarray  # S for the present moduli, (m, m)
+    scale: np.ndarray  # factor of the strain of contact forces, (c n,)
+    free_strain: np.ndarray  # without correction and contact forces as terms of θ, (c n, 1 + T)
 
-    Args:
-        flow: arrays.
-        amplitudes: θ as a function of the parameters.
-        parameters: the box of the parameters.
-        fields: completes its answers.
-
-    Attributes:
-        trained: training range of the model; None until it is known.
-        schur: S for the present moduli, (m, m).
-        scale: factor of the strain of contact forces, (c n,).
-    """
-
-    trained: TrainedPaths | None = None
-    together: Points = ALL_HERE
-
-    def __init__(
-        self,
-        flow: CondensedFlow,
-        amplitudes: Amplitudes,
-        parameters: ParameterSpace,
-        fields: CondensedFlowFields,
-    ):
+    def __init__(self, flow: CondensedFlow, parameters: ParameterSpace, fields: CondensedFlowFields):
+        super().__init__()
         self.flow = flow
-        self.amplitudes = amplitudes
+        self.amplitudes = fields.amplitudes
         self.parameters = parameters
         self.fields = fields
-        self.lock = nullcontext()  # histories share no mutable state
         self.material = Material(flow.groups, flow.components, parameters.names)
         self.young = tuple(modulus.factor for modulus in flow.factors.moduli)
         self.points = flow.points
@@ -157,51 +117,37 @@ class CondensedEquilibrium(Histories):
         self.conditions = len(flow.gaps)
         self.law = fields.law
         self.size = self.modes + self.conditions
-        self._middle = self
-        self._last: tuple[np.ndarray, CondensedEquilibrium] | None = None
-        self._set_elasticity(flow.factors.compliances(parameters.middle))
+        self._set_elasticity(self._weights(parameters.middle), parameters.middle)
 
-    def _set_elasticity(self, compliances: np.ndarray) -> None:
+    def _weights(self, point: np.ndarray) -> np.ndarray:
+        return self.flow.factors.compliances(point)
+
+    def _set_elasticity(self, weights: np.ndarray, point: np.ndarray) -> None:
         """Set the compliance of each part relative to the middle, (Q,)."""
         flow = self.flow
-        self.scale = np.tile(compliances[flow.parts], flow.components)
-        self._coupled = compliances[flow.mode_parts][:, None] * flow.coupled
-        self.schur = np.tensordot(compliances, flow.schur, 1)
+        # the array kept from the middle belongs to its elasticity
+        vars(self).pop("step_model", None)
+        self.scale = np.tile(weights[flow.parts], flow.components)
+        self._coupled = weights[flow.mode_parts][:, None] * flow.coupled
+        self.schur = np.tensordot(weights, flow.schur, 1)
         self._equalities = SchurEqualities.symmetric(self.schur)
-        self._free_slack = np.asfortranarray(flow.gaps - np.tensordot(compliances, flow.pressed, 1))
+        self._free_slack = np.asfortranarray(flow.gaps - np.tensordot(weights, flow.pressed, 1))
         self.free_strain = np.asfortranarray(self.scale[:, None] * flow.forced + flow.given)
 
-    def at(self, point: np.ndarray) -> CondensedEquilibrium:
-        """Equilibrium with the elasticity of a point, (P,); the one of the last elasticity is kept."""
-        middle = self._middle
-        if not middle.flow.factors.moduli:
-            return self
-        compliances = middle.flow.factors.compliances(point)
-        last = middle._last
-        if last is not None and np.array_equal(last[0], compliances):
-            return last[1]
-        found = copy(middle)
-        # the array kept from the middle belongs to its elasticity
-        vars(found).pop("step_model", None)
-        found._last = None
-        found.material = middle.material.moduli_at(point)
-        found._set_elasticity(compliances)
-        # one assignment, so that threads see a complete value
-        middle._last = compliances, found
-        return found
-
-    responding_at = at
+    def responding_at(self, point: np.ndarray) -> CondensedEquilibrium:
+        """See :class:`Equilibrium`."""
+        return self.at(point)
 
     def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Strain that the laws see on Z, (n, c)."""
+        """See :class:`Equilibrium`; (n, c) on Z."""
         return self._by_point(self.free_strain @ theta + self._strain_of(x))
 
     def strain_of(self, change: np.ndarray) -> np.ndarray:
-        """Strain of a change of g and λ on Z, (n, c)."""
+        """See :class:`Equilibrium`."""
         return self._by_point(self._strain_of(change))
 
     def _by_point(self, values: np.ndarray) -> np.ndarray:
-        """Strains by component, (c n,), reordered by point, (n, c), as laws take them."""
+        """Strains by component, (c n,), reordered by point, (n, c)."""
         return np.ascontiguousarray(values.reshape(-1, self.points.size).T)
 
     def _strain_of(self, x: np.ndarray) -> np.ndarray:
@@ -237,11 +183,7 @@ class CondensedEquilibrium(Histories):
         return found, np.array([np.linalg.norm(correction)])
 
     def elastic_forces(self, theta: Theta) -> np.ndarray:
-        """Contact forces λ_e of the elastic bodies, without any plastic strain, (m,).
-
-        Raises:
-            NotSolvableError: if there are none.
-        """
+        """Contact forces λ_e of the elastic bodies, without plastic strain, (m,); NotSolvableError without any."""
         slack = self.gaps(theta)
         found = active_set(self._equalities, slack, slack < 0)
         if found.status is not Status.CONVERGED:
@@ -249,9 +191,9 @@ class CondensedEquilibrium(Histories):
         return found.forces
 
     def signs(self, answer: Answer) -> Signs:
-        """Signs of leaving the training: stress of unfamiliar plastic strain on Z; no overlap, as all rows are kept.
+        """Signs of leaving the training: stress of unfamiliar plastic strain on Z.
 
-        The residual is no sign: steps balance on Z for any plastic strain.
+        Steps balance on Z for any plastic strain, and all rows are kept.
         """
         left, size = self.fields.unexplained(answer)
         return Signs(0.0, 0.0, 0.0, misfit=left, stress=size)
@@ -262,35 +204,26 @@ class CondensedEquilibrium(Histories):
         return np.array([lame_parameters(float(group.young), group.poisson)[1] for group in groups])
 
     def linearised(self, tangents: np.ndarray) -> _CondensedLinearisation:
-        """Linearisation for consistent tangents on Z."""
+        """See :class:`Equilibrium`."""
         return _CondensedLinearisation(self, tangents)
 
     def stepper(self, settings: MarchSettings) -> Stepper:
         """Solver of the steps of one history: a compiled loop, or that of the law of its contacts."""
-        own: Stepper | None = steps_of(self.law).condensed_stepper(self, settings)
-        return CondensedStepper(self, settings) if own is None else own
+        return steps_of(self.law).condensed_stepper(self, settings) or CondensedStepper(self, settings)
 
     @cached_property
     def step_model(self) -> StepModel:
         """Arrays of the compiled loop; moduli must be numbers."""
         flow = self.flow
         scale = self.scale if (self.scale != 1.0).any() else np.zeros(0)
-        elastic = scale, self.schur, flow.moved, flow.modal, self._coupled
-        arrays = [np.ascontiguousarray(item) for item in (flow.per_mode, flow.tested, flow.per_force, *elastic)]
+        arrays = flow.per_mode, flow.tested, flow.per_force, scale, self.schur, flow.moved, flow.modal, self._coupled
         shear = self.shear(self.material.groups)
-        weight = float(np.linalg.norm(flow.tested))
-        per_mode, tested, per_force, scale, schur, moved, modal, coupled = arrays
-        bodies = flow.ends, shear, weight, per_mode.astype(np.float32)
-        return StepModel(per_mode, tested, per_force, scale, schur, moved, modal, coupled, *bodies)
+        rest = flow.ends, shear, float(np.linalg.norm(flow.tested)), flow.per_mode.astype(np.float32, order="C")
+        return StepModel(*map(np.ascontiguousarray, arrays), *rest)
 
 
 class _CondensedLinearisation:
-    """Linearisation of a converged step, for derivatives of histories.
-
-    Args:
-        model: with numbers as moduli.
-        tangents: consistent tangents on Z, (n, c, c).
-    """
+    """Linearisation of a converged step with consistent tangents on Z, (n, c, c), for derivatives of histories."""
 
     def __init__(self, model: CondensedEquilibrium, tangents: np.ndarray):
         self._model = model
@@ -298,10 +231,9 @@ class _CondensedLinearisation:
         self._plain = model.flow.modal - self._tested @ model.flow.per_mode.T
 
     def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """g and λ, and λ, for a small change of the residual and the free slack at fixed statuses.
+        """Solve Q dg + P dλ = tested dε_p/dε (E_p dg - E_X^T dλ) + residual, B V dg - S dλ = gaps where active.
 
-        Solves Q dg + P dλ = tested dε_p/dε (E_p dg - E_X^T dλ) + residual and B V dg - S dλ = gaps where active,
-        dλ = 0 elsewhere.
+        Elsewhere dλ = 0. Returns (dg, dλ) and dλ.
         """
         model = self._model
         on = np.flatnonzero(active)
@@ -330,42 +262,49 @@ _WHY = {
 """Message for each way in which a step may end."""
 
 
-class CondensedStepper:
-    """Solves the steps of one history; has its own work arrays.
+class CorrectionStepper(Stepper):
+    """Solves steps from corrections that are near; of the settings ``relative_force`` and ``iterations`` count."""
 
-    Args:
-        model: with numbers as moduli.
-        settings: ``relative_force`` and ``iterations`` count.
-    """
+    def __init__(self, model: Any, settings: MarchSettings):
+        super().__init__(model, settings)
+        self._strains = SmallStrains()
+
+    def learn(self, answer: Answer) -> None:
+        """Take in the correction of a solved step."""
+        self._grow(float(np.linalg.norm(answer.unknown[: self._model.modes])))
+
+    @abstractmethod
+    def _grow(self, size: float) -> None:
+        """Take in the size of a correction."""
+
+    def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
+        """Solve from the extrapolation of the corrections before; if that fails, from the last one."""
+        modes = self._model.modes
+        starts = [extrapolated(trail, goal.time, modes)] if len(trail) > 1 else []
+        return self._step_from([*starts, trail[-1].unknown[:modes]], trail[-1], goal)
+
+    @abstractmethod
+    def _step_from(self, starts: Sequence[np.ndarray], here: Answer, goal: Goal) -> Answer:
+        """Answer from the first of some corrections that leads to one."""
+
+
+class CondensedStepper(CorrectionStepper):
+    """Solves steps by the compiled loop, or between user-defined laws by its parts; has its own work arrays."""
 
     def __init__(self, model: CondensedEquilibrium, settings: MarchSettings):
-        self._model = model
-        self._settings = settings
+        super().__init__(model, settings)
         self._arrays = model.step_model
         flow = model.flow
         sizes = model.modes, model.conditions, flow.points.size, flow.components
         self._work = Work.of(*sizes)
         self._elastic = Work.of(*sizes)
         self._said = ""
-        self._strains = SmallStrains()
 
-    def learn(self, answer: Answer) -> None:
-        """Take in a step that was solved before."""
-        size = float(np.linalg.norm(answer.unknown[: self._model.modes]))
+    def _grow(self, size: float) -> None:
         numbers = self._work.numbers
         numbers[compiled_step.SIZE] = max(numbers[compiled_step.SIZE], size)
 
-    def signs(self, answer: Answer) -> Signs:
-        """See :class:`hhr_dolfinx.models.histories.equilibrium.Stepper`."""
-        return self._model.signs(answer)
-
-    def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """Solve a step from the extrapolation of the corrections before; if that fails, from the last one.
-
-        Raises:
-            Diverged: with the reason of the last attempt.
-        """
-        here = trail[-1]
+    def _step_from(self, starts: Sequence[np.ndarray], here: Answer, goal: Goal) -> Answer:
         model = self._model
         material = model.material.at(goal.parameter)
         theta = model.amplitudes(goal.parameter)
@@ -375,9 +314,8 @@ class CondensedStepper:
         load = StepLoad(model.free_strain @ theta, self._elastic.forces, model.gaps(theta), *rest)
         if not touch(self._arrays, load, self._elastic):
             raise Diverged("the elastic contact problem has no solution")
-        starts = [extrapolated(trail, goal.time, model.modes)] if len(trail) > 1 else []
         spent = 0
-        for start in [*starts, here.unknown[: model.modes]]:
+        for start in starts:
             self._work.there[:] = start
             code = self._solve(load, material)
             spent += int(self._work.numbers[compiled_step.ITERATION])
@@ -451,7 +389,7 @@ class CondensedStepper:
         """Answer from the work arrays."""
         model = self._model
         work = self._work
-        self._work.numbers[compiled_step.SIZE] = max(work.numbers[compiled_step.SIZE], np.linalg.norm(work.here))
+        self._grow(float(np.linalg.norm(work.here)))
         plastic = work.plastic.T.copy()
         strain = work.strain.reshape(work.plastic.shape).T
         self._strains.check(strain)
@@ -493,9 +431,8 @@ class CondensedFlowModel(KeptModel):
         self.trained = trained
         self.offline = offline
         self.law = fields.law
-        equilibrium = CondensedEquilibrium(flow, fields.amplitudes, parameters, fields)
-        equilibrium.trained = trained
-        self.equilibrium = equilibrium
+        self.equilibrium = CondensedEquilibrium(flow, parameters, fields)
+        self.equilibrium.trained = trained
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
         """See :class:`KeptModel`."""
@@ -507,9 +444,8 @@ class CondensedFlowModel(KeptModel):
             yield f"{flow.components} components of a strain in dimension {fields.dimension}"
         if not np.array_equal(flow.points, fields.flow.points):
             yield "the points of the step and those from which fields are completed are not the same"
-        if fields.factors.moduli != flow.factors.moduli or not np.array_equal(
-            fields.factors.middle, flow.factors.middle
-        ):
+        same = np.array_equal(fields.factors.middle, flow.factors.middle)
+        if fields.factors.moduli != flow.factors.moduli or not same:
             yield "the moduli of the step and those of the fields are not the same"
         if fields.parts.min() < 0 or fields.parts.max() >= len(flow.schur):
             yield "fields.parts has indices outside the parts of the stiffness"

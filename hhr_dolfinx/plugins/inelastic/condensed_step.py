@@ -45,112 +45,67 @@ NO_TANGENT, OLD_TANGENT, NEW_TANGENT = range(3)
 
 
 class StepModel(NamedTuple):
-    """Arrays of a model at its moduli (n points of c components, ell modes, m conditions, G groups of points).
+    """Arrays of a model at its moduli (n points of c components, ell modes, m conditions, G groups of points)."""
 
-    Strains are stored by component, so that loops over points vectorise.
-
-    Attributes:
-        per_mode: strain of each mode, (ell, c n).
-        tested: quadrature weight times 2 μ times the deviator of each, (ell, c n), in the moduli for which modes have
-            unit energy.
-        per_force: strain of K^-1 B^T in these moduli, (m, c n).
-        scale: factor of the strain of contact forces, (c n,); empty if it is 1.
-        schur: S, (m, m).
-        moved: B V, (m, ell).
-        modal: Q, (ell, ell).
-        coupled: P, (ell, m).
-        ends: last point of each group and one, (G,).
-        shear: of each group, (G,).
-        weight: norm of ``tested``.
-        single: ``per_mode`` in single precision, for Newton's matrix.
-    """
-
-    per_mode: np.ndarray
-    tested: np.ndarray
-    per_force: np.ndarray
-    scale: np.ndarray
-    schur: np.ndarray
-    moved: np.ndarray
-    modal: np.ndarray
-    coupled: np.ndarray
-    ends: np.ndarray
-    shear: np.ndarray
-    weight: float
-    single: np.ndarray
+    per_mode: np.ndarray  # strain of each mode, (ell, c n), by component, so that loops over points vectorise
+    tested: np.ndarray  # weight times 2 μ times the deviator of each, in the moduli of unit energy
+    per_force: np.ndarray  # strain of K^-1 B^T in these moduli, (m, c n)
+    scale: np.ndarray  # factor of the strain of contact forces, (c n,); empty if it is 1
+    schur: np.ndarray  # S, (m, m)
+    moved: np.ndarray  # B V, (m, ell)
+    modal: np.ndarray  # Q, (ell, ell)
+    coupled: np.ndarray  # P, (ell, m)
+    ends: np.ndarray  # last point of each group and one, (G,)
+    shear: np.ndarray  # of each group, (G,)
+    weight: float  # norm of ``tested``
+    single: np.ndarray  # ``per_mode`` in single precision, for Newton's matrix
 
 
 class StepLoad(NamedTuple):
-    """Input of a step.
+    """Input of a step."""
 
-    Attributes:
-        strain: strain without correction and contact forces, (c n,).
-        forces: λ_e, (m,).
-        slack: slack without correction and contact forces, (m,).
-        plastic: plastic strain before the step, (c, n).
-        cumulated: cumulated plastic strain before it, (n,).
-        dt: its duration in seconds.
-    """
-
-    strain: np.ndarray
-    forces: np.ndarray
-    slack: np.ndarray
-    plastic: np.ndarray
-    cumulated: np.ndarray
-    dt: float
+    strain: np.ndarray  # strain without correction and contact forces, (c n,)
+    forces: np.ndarray  # λ_e, (m,)
+    slack: np.ndarray  # slack without correction and contact forces, (m,)
+    plastic: np.ndarray  # plastic strain before the step, (c, n)
+    cumulated: np.ndarray  # cumulated plastic strain before it, (n,)
+    dt: float  # its duration in seconds
 
 
 class Work(NamedTuple):
-    """Work arrays of a step; ``here`` is the last accepted correction, ``there`` the one that is tried.
+    """Work arrays of a step; ``here`` is the last accepted correction, ``there`` the one that is tried."""
 
-    Attributes:
-        here, there, direction, residual, left: corrections, direction, and R at ``there`` and ``here``, (ell,) each.
-        forces, slack: of the contact problem at ``there``, (m,) each.
-        active: its statuses, (m,) bool.
-        order: active conditions in the order of ``inverse``, (m,).
-        inverse: of S_AA in its upper left corner, (m, m).
-        rows: E_X,A, (m, c n), with the active conditions first, in this order.
-        newton: inverse of -J, (ell, ell).
-        strain: at ``there``, (c n,).
-        deviator: of the trial stress, (c, n).
-        trial, amount, slope: equivalent trial stress, plastic increment and its slope, (n,) each.
-        plastic: plastic strain at ``there``, (c, n).
-        numbers: iterations and the like, see ``ITERATION``.
-    """
-
-    here: np.ndarray
+    here: np.ndarray  # (ell,), as the next four
     there: np.ndarray
     direction: np.ndarray
-    residual: np.ndarray
-    left: np.ndarray
-    forces: np.ndarray
-    slack: np.ndarray
-    active: np.ndarray
-    order: np.ndarray
-    inverse: np.ndarray
-    rows: np.ndarray
-    newton: np.ndarray
-    strain: np.ndarray
-    deviator: np.ndarray
-    trial: np.ndarray
-    amount: np.ndarray
-    slope: np.ndarray
-    plastic: np.ndarray
-    numbers: np.ndarray
+    residual: np.ndarray  # R at ``there``
+    left: np.ndarray  # R at ``here``
+    forces: np.ndarray  # at ``there``, (m,)
+    slack: np.ndarray  # at ``there``, (m,)
+    active: np.ndarray  # its statuses, (m,) bool
+    order: np.ndarray  # active conditions in the order of ``inverse``, (m,)
+    inverse: np.ndarray  # of S_AA in its upper left corner, (m, m)
+    rows: np.ndarray  # E_X,A, (m, c n), with the active conditions first, in this order
+    newton: np.ndarray  # inverse of -J, (ell, ell)
+    strain: np.ndarray  # at ``there``, (c n,)
+    deviator: np.ndarray  # of the trial stress, (c, n)
+    trial: np.ndarray  # equivalent trial stress, (n,)
+    amount: np.ndarray  # plastic increment, (n,)
+    slope: np.ndarray  # of the increment by the trial stress, (n,)
+    plastic: np.ndarray  # plastic strain at ``there``, (c, n)
+    numbers: np.ndarray  # iterations and the like, see ``ITERATION``
 
     @classmethod
     def of(cls, modes: int, conditions: int, points: int, components: int) -> Work:
         """Arrays of these sizes, without active conditions."""
-        ell = modes
-        m = conditions
-        n = points
-        c = components
         # not by shape: two sizes may be the same
-        shapes: dict[str, Any] = dict.fromkeys(("here", "there", "direction", "residual", "left"), ell)
-        shapes |= dict.fromkeys(("forces", "slack"), m) | dict.fromkeys(("trial", "amount", "slope"), n)
-        shapes |= dict.fromkeys(("deviator", "plastic"), (c, n)) | {"newton": (ell, ell)}
-        shapes |= {"inverse": (m, m), "rows": (m, c * n), "strain": c * n, "numbers": NUMBERS}
+        shapes: dict[str, Any] = dict.fromkeys(("here", "there", "direction", "residual", "left"), modes)
+        shapes |= dict.fromkeys(("forces", "slack"), conditions) | dict.fromkeys(("trial", "amount", "slope"), points)
+        shapes |= dict.fromkeys(("deviator", "plastic"), (components, points)) | {"newton": (modes, modes)}
+        shapes |= {"strain": components * points, "rows": (conditions, components * points)}
+        shapes |= {"inverse": (conditions, conditions), "numbers": NUMBERS}
         arrays = {name: np.zeros(shape) for name, shape in shapes.items()}
-        return cls(**arrays, active=np.zeros(m, dtype=bool), order=np.zeros(m, dtype=np.int64))
+        return cls(**arrays, active=np.zeros(conditions, dtype=bool), order=np.zeros(conditions, dtype=np.int64))
 
 
 PATIENCE = 10
@@ -338,14 +293,14 @@ def _refresh(schur, inverse, order, count):
     for a in range(count):
         for b in range(count):
             block[a, b] = schur[order[a], order[b]]
-    found = inverse_of(block)
+    found = _inverse_of(block)
     for a in range(count):
         for b in range(count):
             inverse[a, b] = found[a, b]
 
 
 @compiled(inner=True)
-def inverse_of(matrix: np.ndarray) -> np.ndarray:
+def _inverse_of(matrix):
     """The inverse of a matrix; LinAlgError for a singular one."""
     return np.linalg.inv(matrix)
 
@@ -355,17 +310,7 @@ ANY_ORDER = {"reassoc", "contract"}
 
 
 @compiled(inner=True, fastmath=ANY_ORDER)
-def set_strain(
-    strain: np.ndarray,
-    free: np.ndarray,
-    forces: np.ndarray,
-    order: np.ndarray,
-    count: int,
-    rows: np.ndarray,
-    scale: np.ndarray,
-    there: np.ndarray,
-    per_mode: np.ndarray,
-) -> None:
+def _set_strain(strain, free, forces, order, count, rows, scale, there, per_mode):
     """Compute the strain that the laws see."""
     for k in range(strain.size):
         strain[k] = 0.0
@@ -384,14 +329,7 @@ def set_strain(
 
 
 @compiled(inner=True, fastmath=ANY_ORDER)
-def set_trial(
-    strain: np.ndarray,
-    plastic: np.ndarray,
-    ends: np.ndarray,
-    shear: np.ndarray,
-    deviator: np.ndarray,
-    trial: np.ndarray,
-) -> None:
+def _set_trial(strain, plastic, ends, shear, deviator, trial):
     """Compute deviator and equivalent stress of an elastic trial step."""
     components, points = plastic.shape
     start = 0
@@ -415,7 +353,7 @@ def set_trial(
 
 
 @compiled(inner=True)
-def possible(ends: np.ndarray, shear: np.ndarray, amount: np.ndarray, slope: np.ndarray, trial: np.ndarray) -> bool:
+def _possible(ends, shear, amount, slope, trial):
     """True if plastic increments are finite and reverse no stress."""
     start = 0
     for group in range(ends.size):
@@ -428,9 +366,7 @@ def possible(ends: np.ndarray, shear: np.ndarray, amount: np.ndarray, slope: np.
 
 
 @compiled(inner=True)
-def set_plastic(
-    old: np.ndarray, amount: np.ndarray, trial: np.ndarray, deviator: np.ndarray, plastic: np.ndarray
-) -> None:
+def _set_plastic(old, amount, trial, deviator, plastic):
     """Compute the plastic strain after the step."""
     components, points = plastic.shape
     for i in range(components):
@@ -440,16 +376,7 @@ def set_plastic(
 
 
 @compiled(inner=True, fastmath=ANY_ORDER)
-def set_residual(
-    tested: np.ndarray,
-    plastic: np.ndarray,
-    modal: np.ndarray,
-    there: np.ndarray,
-    coupled: np.ndarray,
-    forces: np.ndarray,
-    elastic: np.ndarray,
-    residual: np.ndarray,
-) -> float:
+def _set_residual(tested, plastic, modal, there, coupled, forces, elastic, residual):
     """Compute R; returns the sum of its entries, which is finite if all are."""
     components, points = plastic.shape
     total = 0.0
@@ -468,15 +395,7 @@ def set_residual(
 
 
 @compiled(inner=True, fastmath=ANY_ORDER)
-def flowing_of(
-    tested: np.ndarray,
-    ends: np.ndarray,
-    shear: np.ndarray,
-    deviator: np.ndarray,
-    trial: np.ndarray,
-    amount: np.ndarray,
-    slope: np.ndarray,
-) -> np.ndarray:
+def _flowing_of(tested, ends, shear, deviator, trial, amount, slope):
     """w (G V)^T 2 μ dε_p/dε, (ell, c n).
 
     dε_p/dε = (1 - θ) P + 3/2 (3 μ dΔp/dq - (1 - θ)) s⊗s / q² with 1 - θ = 3 μ Δp / q and the deviatoric projector P.
@@ -543,9 +462,9 @@ def solve(
     tolerance: float,
     most: int,
 ) -> int:
-    """Solve a step with laws of the package, from the correction in ``work.there`` and the statuses in ``work``.
+    """Solve a step from the correction in ``work.there`` and the statuses in ``work``, see :func:`judge`.
 
-    ``kinds`` and ``constants`` are those of :mod:`materials.compiled_laws`, (G,) and (G, 2); see :func:`judge`.
+    ``kinds`` and ``constants`` are those of :mod:`plugins.inelastic.compiled_laws`, (G,) and (G, 2).
     """
     _begin(work)
     code = EVALUATE
@@ -585,28 +504,24 @@ def prepare(model: StepModel, load: StepLoad, work: Work) -> int:
 def judge(model: StepModel, load: StepLoad, work: Work, tolerance: float, most: int) -> int:
     """Judge the trial point by the plastic increments there, and choose the next one.
 
-    Args:
-        model, load, work: see their classes.
-        tolerance: |R| over the size of the correction at which a step is solved.
-        most: most evaluations of the laws.
+    A step is solved at ``tolerance``, |R| over the size of the correction; ``most`` limits the evaluations of the laws.
     """
     return _judge(model, load, work, tolerance, most)
 
 
 @compiled(inner=True)
 def _judge(model, load, work, tolerance, most):
-    """Inlined body of :func:`judge`."""
     numbers = work.numbers
     numbers[ITERATION] += 1
     first = numbers[MERIT] == np.inf
     if first:
         # the residual of a correction as small as this is round-off, as when the first point is about to yield
         numbers[SIZE] = max(numbers[SIZE], ROUND_OFF * model.weight * _norm(work.strain) / tolerance)
-    fine = possible(model.ends, model.shear, work.amount, work.slope, work.trial)
+    fine = _possible(model.ends, model.shear, work.amount, work.slope, work.trial)
     if fine:
-        set_plastic(load.plastic, work.amount, work.trial, work.deviator, work.plastic)
+        _set_plastic(load.plastic, work.amount, work.trial, work.deviator, work.plastic)
         coupling = model.coupled, work.forces, load.forces
-        left = set_residual(model.tested, work.plastic, model.modal, work.there, *coupling, work.residual)
+        left = _set_residual(model.tested, work.plastic, model.modal, work.there, *coupling, work.residual)
         fine = bool(np.isfinite(left))
     if not fine:
         # the correction is too large: a law has no answer there
@@ -706,22 +621,16 @@ def _try(model, free, plastic, work):
     """Compute strain and trial stress at ``work.there`` under the forces there."""
     strain = work.strain
     count = int(work.numbers[COUNT])
-    set_strain(strain, free, work.forces, work.order, count, work.rows, model.scale, work.there, model.per_mode)
-    set_trial(strain, plastic, model.ends, model.shear, work.deviator, work.trial)
-
-
-@compiled()
-def linearise(model: StepModel, work: Work) -> bool:
-    """Compute the inverse of -J at ``work.here`` from laws, strain and statuses there; returns False if J is singular.
-
-    The plastic part is in single precision: an inaccurate J costs iterations at most, not accuracy.
-    """
-    return _linearise(model, work)
+    _set_strain(strain, free, work.forces, work.order, count, work.rows, model.scale, work.there, model.per_mode)
+    _set_trial(strain, plastic, model.ends, model.shear, work.deviator, work.trial)
 
 
 @compiled(inner=True)
 def _linearise(model, work):
-    """Inlined body of :func:`linearise`."""
+    """Compute the inverse of -J at ``work.here`` from laws, strain and statuses there; returns False if J is singular.
+
+    The plastic part is in single precision: an inaccurate J costs iterations at most, not accuracy.
+    """
     count = int(work.numbers[COUNT])
     ell = work.here.size
     responses = np.empty((count, ell))
@@ -741,7 +650,7 @@ def _linearise(model, work):
             jacobian[i, j] += model.modal[i, j]
     if _norm(work.amount) > 0:
         _add_flowing(model, work, responses, jacobian)
-    found = inverse_of(jacobian)
+    found = _inverse_of(jacobian)
     total = 0.0
     for i in range(ell):
         for j in range(ell):
@@ -758,7 +667,7 @@ def _add_flowing(model, work, responses, jacobian):
     """Add the plastic part of -J, by W."""
     count, ell = responses.shape
     laws = work.deviator, work.trial, work.amount, work.slope
-    flowing = flowing_of(model.tested, model.ends, model.shear, *laws)
+    flowing = _flowing_of(model.tested, model.ends, model.shear, *laws)
     direct = np.dot(flowing, model.single.T)
     for j in range(ell):
         for k in range(model.scale.size):

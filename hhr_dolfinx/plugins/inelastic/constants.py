@@ -34,11 +34,7 @@ def formulas_of(law: Any) -> dict[str, str]:
 
 
 def parameters_of(law: Any) -> set[str]:
-    """Names of the parameters on which a law depends.
-
-    Raises:
-        SceneError: for a text that is no formula.
-    """
+    """Names of the parameters on which a law depends; SceneError for a text that is no formula."""
     found = formulas_of(law)
     if not found:
         return set()
@@ -49,18 +45,7 @@ def parameters_of(law: Any) -> set[str]:
 
 
 class LawOfParameters:
-    """A law with constants that are formulas, bound to the parameters of a scene.
-
-    Args:
-        law: law, a frozen dataclass.
-        names: names of the parameters, in the order of a point.
-
-    Attributes:
-        formulas: constants of the law that are formulas, by name.
-
-    Raises:
-        SceneError: for a text that is no formula, or a formula of unknown parameters.
-    """
+    """A law, a frozen dataclass, with constants that are formulas of these parameters; SceneError if they are not."""
 
     def __init__(self, law: Any, names: Sequence[str]):
         unknown = parameters_of(law) - set(names)
@@ -69,69 +54,51 @@ class LawOfParameters:
                 f"the law {law} names {sorted(unknown)}, and the parameters are {tuple(names)}: correct the formula, "
                 "or add the parameter to the ParameterSpace"
             )
-        self.formulas = formulas_of(law)
+        self._formulas = formulas_of(law)
         self._law = law
         self._names = tuple(names)
-        if self.formulas:
+        if self._formulas:
             # imported here, since most laws have no formulas
             from hhr_dolfinx.formulas import Scalar
 
-            self._scalars = {field: Scalar(text, self._names) for field, text in self.formulas.items()}
+            self._scalars = {field: Scalar(text, self._names) for field, text in self._formulas.items()}
 
     def constants(self, point: np.ndarray) -> dict[str, float]:
-        """Values of the formulas at a point, (P,), by name.
-
-        Raises:
-            SceneError: for a value that is not finite, or a point beyond the end of a table.
-        """
+        """Values of the formulas at a point, (P,), by name; SceneError for one that is not finite or in no table."""
         found = {}
-        for field, text in self.formulas.items():
+        for field, text in self._formulas.items():
+            what = f"{field} = {text} of {type(self._law).__name__}"
             try:
                 found[field] = self._scalars[field].value(point)
             except ParameterError as error:
                 raise SceneError(
-                    f"{field} = {text} of {type(self._law).__name__}: {error}, at {self._place(point)}. Give the table "
-                    "further points, or narrow the box of the parameters"
+                    f"{what}: {error}, at {_place(self._names, point)}. Give the table further points, or narrow the "
+                    "box of the parameters"
                 ) from None
             except TypeError:  # the value is complex, such as the root of a negative number
                 found[field] = math.nan
             if not math.isfinite(found[field]):
                 raise SceneError(
-                    f"{field} = {text} of {type(self._law).__name__} is {found[field]} at {self._place(point)}: change "
-                    "the formula, or narrow the box of the parameters"
+                    f"{what} is {found[field]} at {_place(self._names, point)}: change the formula, or narrow the box "
+                    "of the parameters"
                 )
         return found
 
     def at(self, point: np.ndarray) -> Flow:
-        """The law with its constants at a point, (P,), a new object of its class.
-
-        Raises:
-            SceneError: for constants that are not finite, or that the class of the law refuses.
-        """
+        """The law with its constants at a point, (P,), a new object; SceneError for constants that it refuses."""
         numbers = self.constants(point)
         try:
             return dataclasses.replace(self._law, **numbers) if numbers else self._law
         except Exception as error:  # a user-defined class may raise anything
-            shown = ", ".join(f"{field} = {self.formulas[field]} = {value:g}" for field, value in numbers.items())
+            shown = ", ".join(f"{field} = {self._formulas[field]} = {value:g}" for field, value in numbers.items())
             raise SceneError(
-                f"{type(self._law).__name__} refuses {shown} at {self._place(point)} ({error}): change the formula, or "
-                "narrow the box of the parameters"
+                f"{type(self._law).__name__} refuses {shown} at {_place(self._names, point)} ({error}): change the "
+                "formula, or narrow the box of the parameters"
             ) from error
-
-    def _place(self, point: np.ndarray) -> str:
-        return ", ".join(f"{name} = {value:g}" for name, value in zip(self._names, point, strict=True))
 
 
 class ModuliOfParameters:
-    """Young's moduli that are formulas, bound to the parameters of a scene.
-
-    Args:
-        texts: formulas by the number of their body or group.
-        names: names of the parameters, in the order of a point.
-
-    Raises:
-        SceneError: for a text that is no formula, or a formula of unknown parameters.
-    """
+    """Young's moduli that are formulas of these parameters, by the number of their body; SceneError if they are not."""
 
     def __init__(self, texts: dict[int, str], names: Sequence[str]):
         # imported here, since most moduli are numbers
@@ -141,11 +108,7 @@ class ModuliOfParameters:
         self._scalars = {number: Scalar(text, self._names) for number, text in texts.items()}
 
     def values(self, point: np.ndarray) -> dict[int, float]:
-        """The moduli at a point, (P,), by number.
-
-        Raises:
-            SceneError: for a value that is not positive and finite, or a point beyond the end of a table.
-        """
+        """The moduli at a point, (P,), by number; SceneError for one that is not positive and finite."""
         found = {}
         for number, scalar in self._scalars.items():
             try:
@@ -155,28 +118,26 @@ class ModuliOfParameters:
                     f"young = {scalar.text}: {error}. Give the table further points, or narrow the box"
                 ) from None
             if not 0 < found[number] < math.inf:
-                place = ", ".join(f"{name} = {value:g}" for name, value in zip(self._names, point, strict=True))
                 raise SceneError(
-                    f"young = {scalar.text} is {found[number]:g} at {place}: Young's modulus must be positive and "
-                    "finite. Change the formula, or narrow the box of the parameters"
+                    f"young = {scalar.text} is {found[number]:g} at {_place(self._names, point)}: Young's modulus must "
+                    "be positive and finite. Change the formula, or narrow the box of the parameters"
                 )
         return found
 
 
-def law_at(law: Any, names: Sequence[str], point: np.ndarray) -> Flow:
-    """A law with the values of its formulas at a point, (P,); the law itself if it has none.
+def _place(names: Sequence[str], point: np.ndarray) -> str:
+    return ", ".join(f"{name} = {value:g}" for name, value in zip(names, point, strict=True))
 
-    Raises:
-        SceneError: see :class:`LawOfParameters`.
-    """
+
+def law_at(law: Any, names: Sequence[str], point: np.ndarray) -> Flow:
+    """A law with the values of its formulas at a point, (P,), see :class:`LawOfParameters`."""
     return LawOfParameters(law, names).at(point)
 
 
 def check_law(law: Any, space: ParameterSpace, what: str) -> None:
-    """Raise SceneError unless the constants of a law are valid in the whole parameter box; ``what`` names its owner.
+    """Raise SceneError unless the constants of a law are valid in the whole box; ``what`` names its owner.
 
-    The check takes the corners, unless there are too many, and some hundred points between. A step with invalid
-    constants that it missed is refused when it is solved.
+    The check takes corners and some hundred points between. A step with invalid constants that it missed is refused.
     """
     if not formulas_of(law):
         return

@@ -16,17 +16,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 from scipy import linalg
 
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.linear.growing import GrowingColumns
-
-if TYPE_CHECKING:
-    pass
-
 
 LISTED = 1000
 """Approximate number of candidates on the short list: a block of so many columns fits into the cache."""
@@ -50,32 +45,21 @@ REFRESHED = 200
 
 @dataclass(frozen=True)
 class Cubature:
-    """Points of integration with their weights.
+    """Points of integration with their weights."""
 
-    Attributes:
-        points: numbers of the points among the candidates, increasing, (n,).
-        weights: factors of their contributions, > 0, (n,).
-        misfit: |A w - A 1| / |A 1| for the rows of the fit.
-    """
-
-    points: np.ndarray
-    weights: np.ndarray
-    misfit: float
+    points: np.ndarray  # numbers of the points among the candidates, increasing, (n,)
+    weights: np.ndarray  # factors of their contributions, > 0, (n,)
+    misfit: float  # |A w - A 1| / |A 1| for the rows of the fit
 
 
 def fitted(rows: np.ndarray, tolerance: float, most: int | None = None, start: Cubature | None = None) -> Cubature:
-    """Few points and weights >= 0 whose sums are near those of all points.
+    """Few points and weights >= 0 whose sums are near those of all points; none for integrals that are all zero.
 
     Args:
         rows: contribution of each of P points to each of R integrals, weights of the quadrature included, (R, P).
         tolerance: relative misfit at which the search stops; 0 continues to the least misfit.
-        most: largest number of points; None for no limit but the number of rows.
-        start: a cubature of the same candidates for other integrals, such as those of fewer modes, from which the
-            search starts. None starts without points.
-
-    Returns:
-        The cubature. If ``most`` points do not reach the tolerance, it is the best one found; see its misfit. For
-        integrals that are all zero it has no points.
+        most: largest number of points, which may not reach the tolerance; None for the number of rows.
+        start: a cubature of the same candidates for other integrals, such as those of fewer modes, to start from.
 
     Raises:
         ReductionError: for rows that are no finite table, a tolerance outside [0, 1), ``most`` below 1.
@@ -118,14 +102,11 @@ def compressed(chunks: Callable[[], Iterable[np.ndarray]], tolerance: float) -> 
     The singular vectors come from the Gram matrix of the rows, so that memory holds R' P + R^2 numbers and one chunk,
     never the whole table. With many rows only a subspace is searched, which contains all but a known part: all
     eigenvectors of 3500 rows took 17 s, those in the subspace 4 s. Squares lose half of the digits: values below 1e-7
-    of the largest are round-off.
+    of the largest are round-off. Returns (R', P).
 
     Args:
         chunks: called twice; yields all rows of some points at a time, (R, p) each, in the same order both times.
         tolerance: size of the part that may be left out, relative to that of all rows (Frobenius norms), in (0, 1).
-
-    Returns:
-        (R', P); with ``fitted`` they give weights for the rows themselves, up to the part left out.
 
     Raises:
         ReductionError: for a tolerance outside (0, 1), chunks that are not finite, do not fit, or are missing.
@@ -165,11 +146,10 @@ def _gram(chunks: Iterable[np.ndarray]) -> np.ndarray:
 
 
 def _large_part(gram: np.ndarray, outside: float) -> tuple[np.ndarray | None, np.ndarray]:
-    """Basis of a subspace (R, k), and the Gram matrix on it, (k, k), which lacks at most ``outside`` of the trace.
+    """Basis of a subspace (R, k), None for the whole space, and the Gram matrix on it, (k, k).
 
-    The subspace is that of images of random vectors (Halko, Martinsson and Tropp, 2011, doi 10.1137/090771806), with a
-    fixed seed. It grows by blocks until the trace shows that it is large enough. The basis None stands for the whole
-    space.
+    It lacks at most ``outside`` of the trace. The subspace is that of images of random vectors (Halko, Martinsson and
+    Tropp, 2011, doi 10.1137/090771806), with a fixed seed, and grows by blocks.
     """
     count = len(gram)
     generator = np.random.default_rng(0)
@@ -269,8 +249,8 @@ class _Factor:
 class _ShortList:
     """Candidates parallel to a misfit, with their columns, each of length one.
 
-    It has the most parallel candidate of each block of successive ones. Successive points are neighbours in a mesh; the
-    best of all candidates would be neighbours with nearly equal columns.
+    It has the most parallel one of each block of successive points: the best of all would be neighbours in the mesh,
+    with nearly equal columns.
     """
 
     def __init__(self, rows: np.ndarray, lengths: np.ndarray, misfit: np.ndarray) -> None:
@@ -291,13 +271,7 @@ class _ShortList:
 
 
 class _Search:
-    """Lawson and Hanson's iteration.
-
-    Args:
-        rows: (R, P).
-        lengths: of its columns, (P,).
-        wanted: the integrals, (R,).
-    """
+    """Lawson and Hanson's iteration on rows, (R, P), with lengths of their columns, (P,), for the integrals, (R,)."""
 
     def __init__(self, rows: np.ndarray, lengths: np.ndarray, wanted: np.ndarray) -> None:
         self.rows = rows
@@ -382,11 +356,3 @@ class _Search:
         factor.weights = factor.weights + step * (free - factor.weights)
         for place in np.flatnonzero(ways <= step * (1 + 1e-12))[::-1]:
             factor.remove(int(place))
-
-
-CHUNK = 500
-"""Gauss points whose rows are computed at once."""
-ROWS = 3000
-"""Most integrals of forces for the fit of weights, before compression: most time goes to their products."""
-LEFT_OUT = 0.5
-"""Part that compressions of states and of rows may leave out, relative to the tolerance of the weights."""

@@ -1,4 +1,4 @@
-"""Elastic response of inelastic bodies: computed once, in the middle of the box, scaled elsewhere."""
+"""Elastic response of inelastic bodies, computed once, in the middle of the box, and modes of their corrections."""
 
 from __future__ import annotations
 
@@ -6,16 +6,21 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy import linalg
 from scipy.sparse import csc_matrix
 
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.plugins.inelastic.condensed_fields import PartFactors
-from hhr_dolfinx.plugins.inelastic.equilibrium import equilibrium_of
+from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.answer import Answer
     from hhr_dolfinx.models.full import FullModel
+
+
+SMALL_CORRECTION = 1e-3
+"""Size of a correction, relative to the largest, above which its weight is the root of its size."""
 
 
 @dataclass(frozen=True)
@@ -27,6 +32,13 @@ class ElasticResponse:
     per_force: np.ndarray
     parts: np.ndarray
     factors: PartFactors
+
+    def condensed(self, problem: ContactProblem) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """S and B K^-1 F of each part, (Q, m, m) and (Q, m, 1 + T), and gaps minus imposed motion, (m, 1 + T)."""
+        masks = [(self.parts == part)[:, None] for part in range(max(len(self.factors.moduli), 1))]
+        schur = np.array([problem.contact @ np.where(mask, self.per_force, 0.0) for mask in masks])
+        pressed = np.array([problem.contact @ np.where(mask, self.forced, 0.0) for mask in masks])
+        return (schur + schur.transpose(0, 2, 1)) / 2, pressed, problem.gaps - problem.contact @ self.given
 
     def correction(self, problem: ContactProblem, answer: Answer) -> np.ndarray:
         """u_p of a full answer, (N,)."""
@@ -60,11 +72,7 @@ def _eigenforces(full: FullModel) -> csc_matrix:
 
 
 def parts_of(problem: ContactProblem) -> tuple[np.ndarray, PartFactors]:
-    """Part of the stiffness that holds each dof, (N,), and the moduli of the parts.
-
-    Raises:
-        ReductionError: if parts with different moduli are connected.
-    """
+    """Part of the stiffness of each dof, (N,), and the moduli of the parts; ReductionError if parts are connected."""
     if not problem.moduli:
         return np.zeros(problem.free.size, dtype=np.int64), PartFactors((), np.ones(1))
     acting = np.array([np.asarray(abs(part).sum(axis=1)).ravel() > 0 for part in problem.stiffness_terms])
@@ -74,3 +82,46 @@ def parts_of(problem: ContactProblem) -> tuple[np.ndarray, PartFactors]:
             "constant: give them one formula, or take the hyper-reduced model"
         )
     return acting.argmax(axis=0), PartFactors(tuple(problem.moduli), problem.weights(problem.middle))
+
+
+def correction_modes(
+    problem: ContactProblem, corrections: np.ndarray, elastic: ElasticResponse, left_out: float, most: int | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Modes of corrections, (N, S), orthonormal in energy, (N, ell), and the energy norm of each state, (S,).
+
+    They leave out a part of the summed norm of all corrections, unless there would be more than ``most``. Each counts
+    by the root of its size. By their sizes, corrections of training part loads were left out compared with those of
+    full loads, and the remaining stress was 75 to 90 % wrong on a cantilever, 12 to 25 % on the pellet; by the root 2
+    to 3 and 1 %, with twice as many modes. With equal weights there were three times as many. If moduli vary, each part
+    has separate modes: a mode across parts would have no definite energy.
+    """
+    sizes = np.sqrt(np.maximum(np.einsum("ns,ns->s", corrections, problem.stiffness @ corrections), 0.0))
+    weights = 1 / np.sqrt(np.maximum(sizes, SMALL_CORRECTION * sizes.max(initial=0.0)) + np.finfo(float).tiny)
+    found = []
+    for part in np.unique(elastic.parts):
+        own = np.where((elastic.parts == part)[:, None], corrections * weights, 0.0)
+        found.append(_energy_modes(problem, own, left_out * np.linalg.norm(sizes * weights)))
+    values = np.concatenate([value for _, value in found])
+    modes = np.concatenate([columns for columns, _ in found], axis=1)
+    order = np.argsort(-values)[:most]
+    return _orthonormal(problem, modes[:, order]), sizes
+
+
+def _energy_modes(problem: ContactProblem, columns: np.ndarray, left_out: float) -> tuple[np.ndarray, np.ndarray]:
+    """POD modes in energy that leave out a given norm, and their singular values."""
+    squares, weights = linalg.eigh(columns.T @ (problem.stiffness @ columns))
+    squares = np.maximum(squares[::-1], 0.0)
+    weights = weights[:, ::-1]
+    rest = np.append(np.cumsum(squares[::-1])[::-1], 0.0)
+    noise = np.finfo(float).eps * len(squares) * (squares[0] if squares.size else 0.0)
+    count = min(int(np.argmax(rest <= left_out**2)), int((squares > noise).sum()))
+    values = np.sqrt(squares[:count])
+    return columns @ (weights[:, :count] / np.where(values > 0, values, 1.0)), values
+
+
+def _orthonormal(problem: ContactProblem, modes: np.ndarray) -> np.ndarray:
+    """Basis of the same span, orthonormal in energy to round-off."""
+    for _ in range(2):
+        lower = np.linalg.cholesky(modes.T @ (problem.stiffness @ modes))
+        modes = linalg.solve_triangular(lower, modes.T, lower=True).T
+    return np.ascontiguousarray(modes)

@@ -1,46 +1,31 @@
-"""Protocols of equilibrium: what a history needs of a full model, one cut to a RID, or one of small arrays.
-
-An elastic scene has a linearisation that never changes. Its models solve with that one and need no other part of the
-protocols.
-"""
+"""Equilibrium of inelastic bodies: what a history needs of a full model, one cut to a RID, or one of small arrays."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from contextlib import AbstractContextManager
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
+from copy import copy
+from dataclasses import dataclass
 from math import prod
-from typing import TYPE_CHECKING, Any, NamedTuple, Protocol
+from typing import Any, NamedTuple, Protocol, Self
 
 import numpy as np
 
 from hhr_dolfinx.amplitudes import Theta
-from hhr_dolfinx.contact.active_set import Statuses
+from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Statuses
 from hhr_dolfinx.contact.law import UNILATERAL_STEP, ContactLaw, StepContact
-from hhr_dolfinx.errors import NotOfferedError
-from hhr_dolfinx.models.answer import Answer, Fields
+from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.parameters import ParameterSpace
+from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.trained import Signs, TrainedPaths
-
-if TYPE_CHECKING:
-    from scipy.sparse import csc_matrix, csr_matrix
-
-    from hhr_dolfinx.contact.active_set import SchurEqualities
-    from hhr_dolfinx.contact.problem import ContactProblem
-    from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.plugins.inelastic.points import Points
-    from hhr_dolfinx.plugins.inelastic.strain import StrainOperator
-    from hhr_dolfinx.plugins.inelastic.update import Material, Update
+from hhr_dolfinx.plugins.inelastic.update import LastOf, Material, Update
 
 
 class Correction(NamedTuple):
-    """Solution of one linearised contact problem.
-
-    Attributes:
-        change: of the unknown.
-        found: total contact forces and their statuses.
-    """
+    """Solution of one linearised contact problem: change of the unknown, total contact forces and their statuses."""
 
     change: np.ndarray
     found: Statuses
@@ -53,12 +38,18 @@ class Changing(Protocol):
         """Solve K δ + B^T λ = residual, B δ = gaps where active, λ = 0 elsewhere: (δ, λ) of a small change."""
 
 
-class Linearisation(Changing, Protocol):
-    """Linearisation of a model; exact for elastic models."""
+@dataclass(frozen=True)
+class Linearisation:
+    """Linearised problem of U0 or gamma, with an elastic or a tangent stiffness K; exact for elastic bodies."""
 
-    @property
-    def moduli(self) -> np.ndarray:
-        """Tangents H at its Gauss points, (points, components, components)."""
+    rows: Any  # B
+    gaps: np.ndarray  # as terms of θ
+    pairs: Pairs | None  # conditions by contact pair
+    moduli: np.ndarray  # tangents H at the Gauss points, (points, components, components)
+    solve: Callable[[np.ndarray], np.ndarray]  # K^-1 times a residual
+    push: Callable[[np.ndarray], np.ndarray]  # K^-1 B^T times forces
+    equalities: SchurEqualities  # on S = B K^-1 B^T
+    held: Callable[[], AbstractContextManager] = nullcontext  # keeps the factors of K meanwhile
 
     def correct(
         self,
@@ -69,6 +60,18 @@ class Linearisation(Changing, Protocol):
         contact: StepContact = UNILATERAL_STEP,
     ) -> Correction:
         """Solve K δ + B^T λ = residual, B (x + δ) <= gaps from some statuses, by the law of the contacts."""
+        with self.held():  # columns of S may be solved for within the active set
+            free = self.solve(residual)
+            slack = self.gaps @ theta - self.rows @ (x + free)
+            found = contact.solved(self.equalities, slack, active, self.pairs)
+        return Correction(free - self.push(found.forces), found)
+
+    def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """See :class:`Changing`."""
+        with self.held():
+            free = self.solve(residual)
+            forces, _ = self.equalities(active, gaps - self.rows @ free)
+            return free - self.push(forces), forces
 
 
 class Diverged(Exception):
@@ -86,121 +89,106 @@ class Goal(NamedTuple):
     parameter: np.ndarray
 
 
-class Stepper(Protocol):
-    """Solves the steps of one history."""
+class Stepper(ABC):
+    """Solves the steps of one history of a model, with numbers as moduli."""
 
+    def __init__(self, model: Any, settings: MarchSettings):
+        self._model = model
+        self._settings = settings
+
+    @abstractmethod
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """Answer at a goal from the last answers, at most three; the last of them is the present one.
+        """Answer at a goal from the last answers, at most three and the present one last; Diverged without one."""
 
-        Raises:
-            Diverged: if it was not found.
-        """
-
+    @abstractmethod
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before."""
 
-    def signs(self, answer: Answer) -> Signs:
-        """Signs at a solved step that the model left its training."""
 
+class Equilibrium(ABC):
+    """Equilibrium of a full or a small model; its unknown ``x`` is U0, gamma, or g followed by λ.
 
-class Marching(Protocol):
-    """Model whose histories are solved step by step and differentiated; ``x`` is the unknown.
-
-    Attributes:
-        parameters: the box of the parameters.
-        material: elasticity and laws at its Gauss points; ``material.at(parameter)`` has their constants there.
-        points: numbers of these points in the full model; of the points of all ranks.
-        together: reductions over the Gauss points of all ranks.
-        per_cell: Gauss points of a cell of the full model.
-        size, conditions: number of unknowns and of contact conditions.
-        law: law of its contact conditions.
-        young: formulas of Young's moduli of all bodies, also of those without Gauss points in the model.
+    Outside of :meth:`at` its material has the formulas of moduli, and its elasticity is that of the middle of the box.
     """
 
+    trained: TrainedPaths | None = None  # training range of a reduced model
+    together: Points = ALL_HERE  # reductions over the Gauss points of all ranks
+    lock: AbstractContextManager = nullcontext()  # held during a history
     parameters: ParameterSpace
-    material: Material
-    young: tuple[str, ...]
-    points: np.ndarray
-    together: Points
-    per_cell: int
-    size: int
+    fields: Any  # completes its answers
+    material: Material  # at its Gauss points
+    young: tuple[str, ...]  # formulas of moduli of all bodies, also of those without Gauss points in the model
+    points: np.ndarray  # numbers of its Gauss points in the full model
+    per_cell: int  # Gauss points of a cell of the full model
+    size: int  # number of unknowns
     conditions: int
     law: ContactLaw
+    amplitudes: Callable[[np.ndarray], Theta]
+    problem: Any  # with gaps as terms of θ
 
-    @property
-    def fields(self) -> Fields:
-        """Completion of its answers."""
+    def __init__(self) -> None:
+        self._middle = self
+        self._elasticities = LastOf()
 
-    @property
-    def trained(self) -> TrainedPaths | None:
-        """Training range of a reduced model; None for a full one."""
+    def at(self, point: np.ndarray) -> Self:
+        """The model with the elasticity of a point, (P,), the last one of which is kept; itself if that is constant.
 
-    @property
-    def lock(self) -> AbstractContextManager:
-        """Lock to hold during a history."""
-
-    def amplitudes(self, point: np.ndarray) -> Theta:
-        """θ at a parameter."""
-
-    def stepper(self, settings: MarchSettings) -> Stepper:
-        """Solver of the steps of a history."""
-
-    def at(self, point: np.ndarray) -> Marching:
-        """The model with the elasticity of a point, (P,); itself for constant elasticity.
-
-        The one of the last elasticity is kept. If elasticity varies, the model itself has formulas in its material, and
-        the elastic linearisation of the middle of the box.
+        SceneError for an impossible modulus, NotSolvableError for a singular stiffness.
         """
+        if not self.young:
+            return self
+        weights = self._middle._weights(point)
+        return self._elasticities.of(weights.tobytes(), lambda: self._middle._with(weights, point))
 
-    def responding_at(self, point: np.ndarray) -> Marching:
+    def _with(self, weights: np.ndarray, point: np.ndarray) -> Self:
+        found = copy(self)
+        found.material = self.material.moduli_at(point)
+        found._set_elasticity(weights, point)
+        return found
+
+    @abstractmethod
+    def _weights(self, point: np.ndarray) -> np.ndarray:
+        """Numbers that the elasticity at a point depends on."""
+
+    @abstractmethod
+    def _set_elasticity(self, weights: np.ndarray, point: np.ndarray) -> None:
+        """Set all that depends on elasticity but the material."""
+
+    def responding_at(self, point: np.ndarray) -> Self:
         """The model whose strain, gaps and residual at a given unknown have the elasticity of a point, (P,)."""
-
-    def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Strain at all Gauss points, lift included, minus strains without stress: the input of laws."""
-
-    def strain_of(self, change: np.ndarray) -> np.ndarray:
-        """Strain of a change of the unknown."""
+        return self
 
     def gaps(self, theta: Theta) -> np.ndarray:
         """Gaps minus the known part of the motion, (conditions,): upper bounds of B x."""
+        return self.problem.gaps @ theta
 
     def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
         """Gaps for the unknowns next to a given one: with the motion by its forces, if these are unknowns."""
+        return self.gaps(theta)
 
+    @abstractmethod
+    def stepper(self, settings: MarchSettings) -> Stepper:
+        """Solver of the steps of a history."""
+
+    @abstractmethod
+    def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Strain at all Gauss points, lift included, minus strains without stress: the input of laws."""
+
+    @abstractmethod
+    def strain_of(self, change: np.ndarray) -> np.ndarray:
+        """Strain of a change of the unknown."""
+
+    @abstractmethod
     def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """Residual at an unknown with stress and state, in the test space, and the size of its terms."""
 
+    @abstractmethod
     def signs(self, answer: Answer) -> Signs:
         """Signs at a solved step that the model left its training."""
 
+    @abstractmethod
     def linearised(self, tangents: Any) -> Changing:
         """Linearisation for consistent tangents; linearisations of earlier tangents become invalid."""
-
-
-class Equilibrium(Marching, Protocol):
-    """Additional interface for steps by linearisation; ``x`` is U0 or gamma."""
-
-    @property
-    def elastic(self) -> Linearisation:
-        """The elastic linearisation."""
-
-    def at(self, point: np.ndarray) -> Equilibrium:
-        """See :class:`Marching`."""
-
-    def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
-        """Loads minus internal forces, in the test space, and the size of both for each body, (bodies,)."""
-
-    def norms(self, residual: np.ndarray) -> np.ndarray:
-        """Norm of a residual for each body, (bodies,)."""
-
-    def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Size of round-off in the residual at an unknown, for each body, (bodies,)."""
-
-    def contact_load(self, forces: np.ndarray) -> np.ndarray:
-        """B^T λ in the test space."""
-
-    def linearised(self, tangents: Any) -> Linearisation:
-        """See :class:`Marching`."""
 
 
 def extrapolated(trail: Sequence[Answer], time: float, count: int | None = None) -> np.ndarray:
@@ -211,49 +199,3 @@ def extrapolated(trail: Sequence[Answer], time: float, count: int | None = None)
         others = [other.time for other in trail if other is not answer]
         x += prod((time - other) / (answer.time - other) for other in others) * answer.unknown[:count]
     return x
-
-
-class MeshLinearisation(Linearisation, Protocol):
-    """Linearisation on the whole mesh."""
-
-    @property
-    def equalities(self) -> SchurEqualities:
-        """Equality problems on S = B K^-1 B^T, with K of this linearisation."""
-
-
-class MeshEquilibrium(Equilibrium, Protocol):
-    """Equilibrium of the whole mesh, from which reductors take Gauss points and tangents."""
-
-    @property
-    def problem(self) -> ContactProblem:
-        """The contact problem."""
-
-    @property
-    def operator(self) -> StrainOperator:
-        """Strain at the Gauss points of a displacement."""
-
-    @property
-    def eigenstrains(self) -> csc_matrix:
-        """Strains without stress for each term of θ, (Gauss points * components, 1 + T)."""
-
-    @property
-    def elastic(self) -> MeshLinearisation:
-        """The elastic linearisation."""
-
-    def at(self, point: np.ndarray) -> MeshEquilibrium:
-        """The equilibrium with the elasticity of a point, (P,)."""
-
-    def stiffness(self, tangents: np.ndarray) -> csr_matrix:
-        """K_T of consistent tangents at all Gauss points, (N, N)."""
-
-
-def equilibrium_of(full: FullModel) -> MeshEquilibrium:
-    """Equilibrium of a full model whose bodies are inelastic.
-
-    Raises:
-        NotOfferedError: for laws that another plug-in reads, whose equilibrium has no Gauss points of ours.
-    """
-    found: Any = full.equilibrium
-    if found is None or found.reader != "inelastic":
-        raise NotOfferedError(f"bodies of scene '{full.scene.name}' have no laws of plasticity or creep")
-    return found

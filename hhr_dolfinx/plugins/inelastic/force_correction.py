@@ -48,33 +48,19 @@ class CorrectedForces(NamedTuple):
 
 @dataclass(frozen=True)
 class ForceCorrection(Rebuilt):
-    """Arrays of the correction (N dofs, m conditions, T terms of θ, Q parts of the stiffness).
+    """Arrays of the correction (N dofs, m conditions, T terms of θ, Q parts of the stiffness)."""
 
-    Attributes:
-        operator: strain at all Gauss points.
-        material: elasticity and laws there.
-        eigenstrains: strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T).
-        amplitudes: θ as a function of the parameters.
-        factors: moduli of the parts.
-        parts: part that holds each dof, (N,).
-        per_force: K^-1 B^T in the middle of the box, (N, m).
-        schur: B K^-1 B^T of each part there, (Q, m, m).
-        pressed: B K^-1 F of each part, (Q, m, 1 + T).
-        gaps: gaps minus imposed displacements, (m, 1 + T).
-        pairs: number of the contact pair of each condition, (m,).
-    """
-
-    operator: StrainOperator
-    material: Material
-    eigenstrains: csc_matrix
-    amplitudes: Amplitudes
-    factors: PartFactors
-    parts: np.ndarray
-    per_force: np.ndarray
-    schur: np.ndarray
-    pressed: np.ndarray
-    gaps: np.ndarray
-    pairs: np.ndarray
+    operator: StrainOperator  # strain at all Gauss points
+    material: Material  # elasticity and laws there
+    eigenstrains: csc_matrix  # strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T)
+    amplitudes: Amplitudes  # θ as a function of the parameters
+    factors: PartFactors  # moduli of the parts
+    parts: np.ndarray  # part that holds each dof, (N,)
+    per_force: np.ndarray  # K^-1 B^T in the middle of the box, (N, m)
+    schur: np.ndarray  # B K^-1 B^T of each part there, (Q, m, m)
+    pressed: np.ndarray  # B K^-1 F of each part, (Q, m, 1 + T)
+    gaps: np.ndarray  # gaps minus imposed displacements, (m, 1 + T)
+    pairs: np.ndarray  # number of the contact pair of each condition, (m,)
 
     @property
     def nbytes(self) -> int:
@@ -95,7 +81,7 @@ class ForceCorrection(Rebuilt):
         state = self.material.at_rest()
         time = history.start
         compliances = self.factors.compliances(history.parameter)  # elasticity is constant along a history
-        elastic = self._elastic if not self.factors.moduli else self._elastic_at(compliances)
+        elastic = SchurEqualities.symmetric(np.tensordot(compliances, self.schur, 1))
         for answer in history.answers:
             displacement = answer.displacement()
             forces = answer.forces()
@@ -133,10 +119,3 @@ class ForceCorrection(Rebuilt):
     @cached_property
     def _pairs(self) -> Pairs:
         return Pairs(self.pairs)
-
-    @cached_property
-    def _elastic(self) -> SchurEqualities:
-        return self._elastic_at(np.ones(len(self.schur)))
-
-    def _elastic_at(self, compliances: np.ndarray) -> SchurEqualities:
-        return SchurEqualities.symmetric(np.tensordot(compliances, self.schur, 1))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from copy import copy
 from dataclasses import dataclass, replace
 from threading import RLock
@@ -15,22 +15,19 @@ from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx import ranks
 from hhr_dolfinx.amplitudes import Theta
-from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
-from hhr_dolfinx.contact.law import UNILATERAL_STEP, StepContact
+from hhr_dolfinx.contact.active_set import Pairs
 from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.contact.stiffness import FactorStore, ScaledStiffness, Stiffness
-from hhr_dolfinx.errors import SceneError
+from hhr_dolfinx.errors import NotOfferedError, SceneError
 from hhr_dolfinx.full_order.discretisation import Discretisation
 from hhr_dolfinx.linear.rows import Rows
-from hhr_dolfinx.models.answer import Answer, History, Path
-from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, StressOutput
+from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.models.histories.equilibrium import MarchSettings, StressOutput
 from hhr_dolfinx.plugins.inelastic.constants import check_law
-from hhr_dolfinx.plugins.inelastic.equilibrium import Correction
+from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium, Linearisation
 from hhr_dolfinx.plugins.inelastic.gauss_points import at_gauss_points, material_at, stiffness_parts, strain_operator
 from hhr_dolfinx.plugins.inelastic.lazy_stiffness import LazyStiffness
-from hhr_dolfinx.plugins.inelastic.linearised_step import PATIENCE, PATIENCE_IN_SPACE, LinearisedStepper
-from hhr_dolfinx.plugins.inelastic.march import Histories, march
-from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
+from hhr_dolfinx.plugins.inelastic.linearised_step import PATIENCE, PATIENCE_IN_SPACE, MeshEquilibrium
 from hhr_dolfinx.plugins.inelastic.points_of_ranks import PointsOfRanks
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
@@ -47,25 +44,15 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class GaussModel:
-    """Gauss points and laws of a whole mesh.
+    """Gauss points and laws of a whole mesh."""
 
-    Attributes:
-        discretisation: mesh and forms.
-        operator: strain at all Gauss points.
-        material: laws at all Gauss points.
-        bodies: body of each cell as its index in the scene, (cells,).
-        pattern: sparsity of the stiffness.
-        stiffness: parts of the elastic stiffness by the same Gauss points, (N, N) each.
-        moduli: their amplitudes; empty if elasticity is constant, with a single part.
-    """
-
-    discretisation: Discretisation
-    operator: StrainOperator
-    material: Material
-    bodies: np.ndarray
-    pattern: SparsePattern
-    stiffness: tuple[csr_matrix, ...]
-    moduli: tuple[Modulus, ...]
+    discretisation: Discretisation  # mesh and forms
+    operator: StrainOperator  # strain at all Gauss points
+    material: Material  # laws at all Gauss points
+    bodies: np.ndarray  # body of each cell as its index in the scene, (cells,)
+    pattern: SparsePattern  # sparsity of the stiffness
+    stiffness: tuple[csr_matrix, ...]  # parts of the elastic stiffness by the same Gauss points, (N, N) each
+    moduli: tuple[Modulus, ...]  # their amplitudes; empty if elasticity is constant, with a single part
 
     @property
     def places(self) -> int:
@@ -84,11 +71,7 @@ class GaussModel:
 
     @classmethod
     def of(cls, scene: Scene, comm: MPI.Comm = MPI.COMM_SELF) -> GaussModel:
-        """The Gauss points of a scene.
-
-        Raises:
-            SceneError: for a law with inadmissible constants somewhere in the parameter range.
-        """
+        """The Gauss points of a scene; SceneError for a law with inadmissible constants somewhere in the box."""
         if scene.hypothesis == "plane_stress":
             raise SceneError("flow in plane stress needs the thickness strain solved for: not built in")
         for body in scene.bodies:
@@ -101,70 +84,57 @@ class GaussModel:
         return cls(discretisation, operator, material, bodies, pattern, *stiffness_parts(material, operator, pattern))
 
 
-class FullEquilibrium(Histories):
-    """Equilibrium of U0, see :class:`hhr_dolfinx.models.histories.equilibrium.Equilibrium`.
+class FullEquilibrium(MeshEquilibrium):
+    """Equilibrium of U0, with the elastic factors of a full model.
 
     Each of several ranks has all dofs of vectors, and all Gauss points except in objects made by :meth:`on_ranks`.
-
-    Args:
-        full: the full model, whose elastic factors are used.
-        gauss: Gauss points and laws.
-
-    Attributes:
-        eigenstrains: strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T).
-        lock: held during a load path, so that two paths do not factor alternately; results are correct without it.
     """
 
-    trained = None
-    together: Points = ALL_HERE
+    problem: ContactProblem
 
     def __init__(self, full: FullModel, gauss: GaussModel):
+        super().__init__()
         problem = full.problem
         self.fields = self._full = full
         self.problem = problem
         self.operator = gauss.operator
+        self.places = gauss.places
+        self.mises = gauss.mises
         self.amplitudes = problem.amplitudes
         self.parameters = problem.parameters
+        self.lifts = problem.lifts
         self.size = problem.free.size
         self.conditions = problem.contact.shape[0]
         self.law = problem.law
         self.points = np.arange(self.operator.gauss_points)
         self.per_cell = self.operator.per_cell
+        self.patience = PATIENCE_IN_SPACE if problem.block_size == 3 else PATIENCE
         self._pattern = gauss.pattern
         self._pairs = Pairs.of(problem.contact_pairs)
         # made for factoring, while that of the elastic stiffness is made for solving: on one core, in the plane at
         # 13,700 dofs, nd takes 31 ms to factor and 1.1 ms to solve, qmd 53 and 1.4 ms
         self._tangent_factors = FactorStore(lambda matrix: full.factors_of(matrix, "nd"))
+        # two paths must not factor alternately; results are correct without it
         self.lock = RLock()
         self._body = np.zeros(self.size, dtype=int)
         self._body[self.operator.dofs] = gauss.bodies[:, None]
         self._transposed = problem.contact.T.tocsr()
-        self._lifted = bool(problem.lifts.nnz)
         self.eigenstrains = csc_matrix((self.points.size * self.operator.components, problem.amplitudes.firsts[-1]))
         if any(hasattr(load, "eigenstrain_of") for load in gauss.discretisation.scene.loads):
             self.eigenstrains = at_gauss_points(gauss.discretisation, problem, self.operator)
-        self._set_elasticity(gauss.material.moduli_at(problem.middle), problem.own_stiffness)
-        self.elastic = _SparseLinearisation(
-            problem, self._pairs, full.stiffness, full.equalities, self._response_to_forces, self._unchanged.tangents
-        )
-        self.material = gauss.material
-        self.young = tuple(modulus.factor for modulus in gauss.moduli)
-        self._middle = self
-        self._last: tuple[np.ndarray, FullEquilibrium] | None = None
         self._ranks: PointsOfRanks | None = None
         self._rows = problem.spread
         self._spread: FullEquilibrium | None = None
+        self.young = tuple(modulus.factor for modulus in gauss.moduli)
+        self._set_middle(gauss.material)
 
-    @property
-    def places(self) -> int:
-        """Number of Gauss points."""
-        return self.operator.gauss_points
-
-    def mises(self, output: StressOutput, cells: np.ndarray) -> FlowMises:
-        """Von Mises' stress of an output in some cells."""
-        from hhr_dolfinx.plugins.inelastic.outputs import mises  # imported here: most scenes have no outputs
-
-        return mises(self.operator, output, cells)
+    def _set_middle(self, material: Material) -> None:
+        """Set the elasticity of the middle of the box; the material keeps its formulas."""
+        full = self._full
+        self.material = material.moduli_at(self.problem.middle)
+        self._set_stiffness(self.problem.own_stiffness)
+        self.elastic = self._linearisation(full.stiffness, self._response_to_forces, self._unchanged.tangents)
+        self.material = material
 
     def stress(self, answer: Answer) -> np.ndarray:
         """Stress of an answer at all Gauss points, (Gauss points, components)."""
@@ -174,17 +144,9 @@ class FullEquilibrium(Histories):
         """Cumulated plastic strain of an answer at all Gauss points."""
         return gauss_of(answer).state.cumulated.copy()
 
-    def march(
-        self,
-        path: Path,
-        settings: MarchSettings = DEFAULT_MARCH,
-        *,
-        known: Sequence[Answer] = (),
-        keep: Callable[[Answer], None] = lambda answer: None,
-    ) -> History:
-        """History along a checked path; ranks share the Gauss points, but for derivatives."""
-        solver = self if settings.gradient else self.on_ranks(self._full.comm)
-        return march(solver, path, settings, known=known, keep=keep)
+    def _marching(self, settings: MarchSettings) -> FullEquilibrium:
+        """Ranks share the Gauss points, but for derivatives."""
+        return self if settings.gradient else self.on_ranks(self._full.comm)
 
     def on_ranks(self, comm: MPI.Comm) -> FullEquilibrium:
         """The same equilibrium with some of the Gauss points on each rank, for collective paths; itself on one rank."""
@@ -200,6 +162,7 @@ class FullEquilibrium(Histories):
     def _sharing(self, points: PointsOfRanks) -> FullEquilibrium:
         """The same equilibrium with the Gauss points of some cells."""
         found = copy(self)
+        Equilibrium.__init__(found)
         operator = self.operator
         arrays = {name: getattr(operator, name)[points.cells] for name in ("gradients", "weights", "dofs")}
         found.operator = replace(operator, **arrays)
@@ -209,66 +172,51 @@ class FullEquilibrium(Histories):
         components = operator.components
         rows = slice(points.points.start * components, points.points.stop * components)
         found.eigenstrains = csc_matrix(self.eigenstrains.tocsr()[rows])
-        material = self.material.between(points.points)
-        found._set_elasticity(material.moduli_at(self.problem.middle), self.problem.own_stiffness)
-        found.elastic = replace(self.elastic, push=found._response_to_forces, moduli=found._unchanged.tangents)
-        found.material = material
-        found._middle = found
-        found._last = None
+        own = np.arange(points.points.start, points.points.stop)
+        found._set_middle(self.material.restricted(own, empty=True))
         return found
 
-    def at(self, point: np.ndarray) -> FullEquilibrium:
-        """The equilibrium with the elasticity of a point, (P,): itself if elasticity is constant.
+    def _weights(self, point: np.ndarray) -> np.ndarray:
+        return self.problem.weights(point)
 
-        The last one is cached. If each part of K has separate dofs, as different connected components, nothing is
-        factored or solved for again: K^-1 and K^-1 B^T are those of the middle of the box, row by row divided by the
-        modulus. Otherwise K is factored, and columns of K^-1 B^T are solved for as conditions become active.
+    def _set_elasticity(self, weights: np.ndarray, point: np.ndarray) -> None:
+        """Set K at a point.
 
-        Raises:
-            SceneError: for an inadmissible modulus at the point.
+        If its parts have separate dofs, nothing is factored: K^-1 and K^-1 B^T are those of the middle, row by row
+        divided by the modulus. Otherwise columns of K^-1 B^T are solved for as conditions become active.
         """
-        middle = self._middle
-        problem = self.problem
-        if not problem.moduli:
-            return self
-        weights = problem.weights(point)
-        last = middle._last
-        if last is not None and np.array_equal(last[0], weights):
-            return last[1]
-        found = copy(middle)
-        found._last = None
-        stiffness = problem.combined(weights)
-        found._set_elasticity(middle.material.moduli_at(point), stiffness)
-        found.elastic = middle._elastic_of(point, stiffness, found._unchanged.tangents)
-        # in one assignment: several threads may call this
-        middle._last = weights, found
-        return found
-
-    def _set_elasticity(self, material: Material, stiffness: csr_matrix) -> None:
-        """Set a material with constant moduli, and its elastic stiffness."""
-        self.material = material
-        self._unchanged: ElasticPart = ElasticPart(material.elastic, stiffness.data.copy())
-        self._sizes = abs(stiffness)
-
-    def _elastic_of(self, point: np.ndarray, matrix: csr_matrix, moduli: np.ndarray) -> _SparseLinearisation:
-        """The elastic linearisation of K at a point, with elastic tangents."""
         full = self._full
+        stiffness = self.problem.combined(weights)
+        self._set_stiffness(stiffness)
+        tangents = self._unchanged.tangents
         if full.system.bodies is None:
-            return self._lazy(matrix, full.store, moduli)
+            self.elastic = self._lazy(stiffness, full.store, tangents)
+            return
         scaled = full.system.stiffness(point)
         assert isinstance(scaled, ScaledStiffness)
-        given = self.problem, self._pairs, scaled, scaled.equalities
-        return _SparseLinearisation(*given, lambda forces: self._response_to_forces(forces) / scaled.own, moduli)
+        own = scaled.own
+        self.elastic = self._linearisation(scaled, lambda forces: self._response_to_forces(forces) / own, tangents)
 
-    def _lazy(self, matrix: csr_matrix, store: FactorStore, moduli: np.ndarray) -> _SparseLinearisation:
+    def _set_stiffness(self, stiffness: csr_matrix) -> None:
+        """Set the elastic stiffness of the material, whose moduli are numbers."""
+        self._unchanged: ElasticPart = ElasticPart(self.material.elastic, stiffness.data.copy())
+        self._sizes = abs(stiffness)
+
+    def _lazy(self, matrix: csr_matrix, store: FactorStore, moduli: np.ndarray) -> Linearisation:
         """The linearisation of a matrix whose columns of K^-1 B^T are solved for when conditions become active."""
         lazy = LazyStiffness(matrix, self.problem, store)
-        return _SparseLinearisation(self.problem, self._pairs, lazy, lazy.equalities, lazy.response_to_forces, moduli)
+        return self._linearisation(lazy, lazy.response_to_forces, moduli)
+
+    def _linearisation(
+        self, stiffness: Stiffness, push: Callable[[np.ndarray], np.ndarray], moduli: np.ndarray
+    ) -> Linearisation:
+        given = self.problem.contact, self.problem.gaps, self._pairs, moduli
+        return Linearisation(*given, stiffness.solve, push, stiffness.equalities, stiffness.held)
 
     def _response_to_forces(self, forces: np.ndarray) -> np.ndarray:
         """K^-1 B^T λ in the middle of the box, by the columns of loaded conditions: few of a contact in space.
 
-        Columns are added one by one: a copy of hundreds of them takes longer.
+        Added one by one: a copy of hundreds of them takes longer.
         """
         columns = self._rows.of(self._full.per_force)
         found = np.zeros(len(columns))
@@ -276,26 +224,13 @@ class FullEquilibrium(Histories):
             found = daxpy(columns[:, k], found, a=forces[k])
         return self._rows.whole(found)
 
-    def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Strain of U0 + lift at all Gauss points, less eigenstrains."""
-        found = self.operator.strain(x + self.problem.lifts @ theta if self._lifted else x)
-        return found - (self.eigenstrains @ theta).reshape(found.shape) if self.eigenstrains.nnz else found
-
-    def strain_of(self, change: np.ndarray) -> np.ndarray:
-        """Strain of a change of U0 at all Gauss points."""
-        return self.operator.strain(change)
+    def field(self, x: np.ndarray) -> np.ndarray:
+        """U0."""
+        return x
 
     def contact_load(self, forces: np.ndarray) -> np.ndarray:
         """B^T λ."""
         return self._transposed @ forces
-
-    def gaps(self, theta: Theta) -> np.ndarray:
-        """Gaps less the lift, (N_lambda,)."""
-        return self.problem.gaps @ theta
-
-    def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """The same gaps for any displacement, (conditions,)."""
-        return self.gaps(theta)
 
     def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """Loads less internal forces on free dofs, and the norm of their terms in each body."""
@@ -309,10 +244,6 @@ class FullEquilibrium(Histories):
     def norms(self, residual: np.ndarray) -> np.ndarray:
         """Norm of a residual on the dofs of each body, (bodies,)."""
         return np.sqrt(np.bincount(self._body, residual**2))
-
-    def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Round-off of the residual, from sums of stiffness times displacement in double precision, (bodies,)."""
-        return 1e-13 * self.norms(self._sizes @ np.abs(x + self.problem.lifts @ theta))
 
     def stiffness(self, tangents: np.ndarray) -> csr_matrix:
         """K_T of consistent tangents at all Gauss points, (N, N)."""
@@ -330,65 +261,19 @@ class FullEquilibrium(Histories):
         left = (residual - self.contact_load(answer.multipliers)) * self.problem.free
         return Signs(float(np.linalg.norm(left)), float(np.linalg.norm(sizes)), 0.0)
 
-    def responding_at(self, point: np.ndarray) -> FullEquilibrium:
-        """Itself: strain, gaps and F at a given displacement do not depend on moduli."""
-        return self
-
-    def stepper(self, settings: MarchSettings) -> LinearisedStepper:
-        """Solver of the steps of a load path."""
-        in_space = self.problem.block_size == 3
-        return LinearisedStepper(self, settings, PATIENCE_IN_SPACE if in_space else PATIENCE)
-
-    def linearised(self, tangents: np.ndarray) -> _SparseLinearisation:
+    def linearised(self, tangents: np.ndarray) -> Linearisation:
         """Factor the tangent stiffness; the previous linearisation must then be factored again."""
-        stiffness = self.stiffness(tangents)
-        found = self._lazy(stiffness, self._tangent_factors, tangents)
-        with found.stiffness.held():  # raises an error for a singular tangent
+        found = self._lazy(self.stiffness(tangents), self._tangent_factors, tangents)
+        with found.held():  # raises an error for a singular tangent
             return found
 
 
-@dataclass(frozen=True)
-class _SparseLinearisation:
-    """A linearisation of the full problem, see :class:`hhr_dolfinx.models.histories.equilibrium.Linearisation`.
-
-    Attributes:
-        problem: the full problem.
-        pairs: its conditions by contact pair.
-        stiffness: K, elastic or tangent.
-        equalities: on S = B K^-1 B^T.
-        push: maps forces to K^-1 B^T λ, (N,).
-        moduli: tangents at the Gauss points.
-    """
-
-    problem: ContactProblem
-    pairs: Pairs | None
-    stiffness: Stiffness
-    equalities: SchurEqualities
-    push: Callable[[np.ndarray], np.ndarray]
-    moduli: np.ndarray
-
-    def correct(
-        self,
-        residual: np.ndarray,
-        x: np.ndarray,
-        theta: Theta,
-        active: np.ndarray,
-        contact: StepContact = UNILATERAL_STEP,
-    ) -> Correction:
-        """Solve K δ + B^T λ = residual, B (x + δ) <= gaps."""
-        problem = self.problem
-        with self.stiffness.held():  # columns of S are solved for within the active set
-            free = self.stiffness.solve(residual)
-            slack = problem.gaps @ theta - problem.contact @ (x + free)
-            found = contact.solved(self.equalities, slack, active, self.pairs)
-        return Correction(free - self.push(found.forces), found)
-
-    def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Solve K δ + B^T λ = residual, with B δ = gaps on active conditions and λ = 0 on the others."""
-        with self.stiffness.held():
-            free = self.stiffness.solve(residual)
-            forces, _ = self.equalities(active, gaps - self.problem.contact @ free)
-            return free - self.push(forces), forces
+def equilibrium_of(full: FullModel) -> FullEquilibrium:
+    """Equilibrium of a full model of inelastic bodies; NotOfferedError for laws that another plug-in reads."""
+    found = full.equilibrium
+    if not isinstance(found, FullEquilibrium):
+        raise NotOfferedError(f"bodies of scene '{full.scene.name}' have no laws of plasticity or creep")
+    return found
 
 
 def bodies_of(scene: Scene) -> GaussModel:

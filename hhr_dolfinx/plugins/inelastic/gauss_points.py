@@ -32,23 +32,19 @@ def strain_operator(discretisation: DiscreteSpace) -> StrainOperator:
 def material_at(scene: Scene, bodies: np.ndarray, operator: StrainOperator) -> Material:
     """Laws at the Gauss points of the cells of an operator, with bodies as indices in the scene, (cells,)."""
     of_point = np.repeat(bodies, operator.per_cell)
-    groups = [
-        Group(np.flatnonzero(of_point == place), _plain(body.young), float(body.poisson), body.law)
-        for place, body in enumerate(scene.bodies)
-    ]
+    groups = []
+    for place, body in enumerate(scene.bodies):
+        young = body.young if isinstance(body.young, str) else float(body.young)
+        groups.append(Group(np.flatnonzero(of_point == place), young, float(body.poisson), body.law))
     return Material(groups, operator.components, scene.parameters.names)
-
-
-def _plain(young: float | str) -> float | str:
-    return young if isinstance(young, str) else float(young)
 
 
 def stiffness_parts(
     material: Material, operator: StrainOperator, pattern: SparsePattern
 ) -> tuple[tuple[csr_matrix, ...], tuple[Modulus, ...]]:
-    """Parts of the elastic stiffness, (N, N) each, and their moduli; one part and no modulus if it is constant.
+    """Parts of the elastic stiffness, (N, N) each, one for each formula and one for numbers, and their moduli.
 
-    Bodies with the same expression make one part, those with numbers another.
+    Constant elasticity has one part and no modulus.
     """
     formulas = dict.fromkeys(group.young for group in material.groups if isinstance(group.young, str))
     if not formulas:
@@ -73,9 +69,7 @@ def stiffness_parts(
 def at_gauss_points(discretisation: DiscreteSpace, problem: ContactProblem, operator: StrainOperator) -> csc_matrix:
     """Eigenstrains at the Gauss points of inelastic bodies, for each term of θ, (points * components, 1 + T).
 
-    Raises:
-        SceneError: for a user-defined load with an ``eigenstrain_of`` that does not have one term for it, as
-            ``eigenstress`` of the assembler makes it.
+    SceneError for a user-defined load whose ``eigenstrain_of`` lacks the one term of the assembler's ``eigenstress``.
     """
     loads = discretisation.scene.loads
     points = operator.gauss_points * operator.components

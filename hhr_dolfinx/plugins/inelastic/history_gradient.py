@@ -21,7 +21,7 @@ import numpy as np
 from hhr_dolfinx.errors import ConvergenceError, ParameterError
 from hhr_dolfinx.models.answer import Answer, History
 from hhr_dolfinx.models.gradient import GRAZING, Gradient
-from hhr_dolfinx.plugins.inelastic.equilibrium import Marching
+from hhr_dolfinx.plugins.inelastic.equilibrium import Equilibrium
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.update import State, Update
@@ -38,26 +38,18 @@ _BACKWARD = tuple((-place, -weight) for place, weight in _FORWARD)
 
 
 class StepGradient(NamedTuple):
-    """Derivatives at the end of a step along K directions.
+    """Derivatives at the end of a step along K directions: of its unknown without the lift, and of its forces."""
 
-    Attributes:
-        unknown: of the unknown of the answer, (n, K); the lift is not part of it.
-        multipliers: of the forces on the conditions of the model, (m, K).
-    """
-
-    unknown: np.ndarray
-    multipliers: np.ndarray
+    unknown: np.ndarray  # (n, K)
+    multipliers: np.ndarray  # (m, K)
 
 
-def history_gradient(model: Marching, history: History, directions: np.ndarray | None = None) -> list[StepGradient]:
-    """Derivatives of all answers of a history, solved in steps that were not cut.
+def history_gradient(model: Equilibrium, history: History, directions: np.ndarray | None = None) -> list[StepGradient]:
+    """Derivatives of all answers of a history, solved by a model in steps that were not cut, with tight settings.
 
-    Args:
-        model: equilibrium of the full or the reduced model that solved it, ``full.equilibrium``.
-        history: solved, with tight settings for accurate derivatives.
-        directions: derivatives of the path, (steps + 1, P, K): changes of the parameters at each of its times along
-            each of K directions. None shifts each parameter, K = P, by the same at all times, as a constant of the
-            whole history such as a yield stress or a gap.
+    ``directions`` are derivatives of the path, (steps + 1, P, K): changes of the parameters at each of its times along
+    each of K directions. None shifts each parameter, K = P, by the same at all times, as a constant of the whole
+    history such as a yield stress or a gap.
 
     Raises:
         ParameterError: for directions of another shape, or not finite.
@@ -72,10 +64,9 @@ def history_gradient(model: Marching, history: History, directions: np.ndarray |
             f"directions of the shape {along.shape} must be finite and of the shape ({len(path)}, {count}, K): one row "
             f"for each time of the path, the start too, and one for each of {model.parameters.names}"
         )
-    rest = model.material.at_rest()
-    state = rest
+    state = model.material.at_rest()
     time = history.start
-    changes = [State(np.zeros_like(rest.plastic), np.zeros_like(rest.cumulated)) for _ in range(along.shape[2])]
+    changes = [state] * along.shape[2]  # at rest they are zero too
     gradients = []
     scale = 0.0
     with model.lock:
@@ -83,18 +74,14 @@ def history_gradient(model: Marching, history: History, directions: np.ndarray |
             step = _Step(model, answer, state, answer.time - time, number)
             scale = max(scale, step.strain_size)
             found = [step.along(along[number, :, k], change, scale) for k, change in enumerate(changes)]
-            gradients.append(
-                StepGradient(
-                    *(np.stack(columns, axis=1) for columns in zip(*[part[:2] for part in found], strict=True))
-                )
-            )
-            changes = [part[2] for part in found]
+            unknowns, forces, changes = map(list, zip(*found, strict=True))
+            gradients.append(StepGradient(np.stack(unknowns, axis=1), np.stack(forces, axis=1)))
             state = gauss_of(answer).state
             time = answer.time
     return gradients
 
 
-def with_gradients(model: Marching, history: History) -> None:
+def with_gradients(model: Equilibrium, history: History) -> None:
     """Give each answer of a history its derivatives along the parameters; see :func:`history_gradient`."""
     for place, found in enumerate(history_gradient(model, history)):
         answer = history.answers[place]
@@ -107,7 +94,7 @@ def with_gradients(model: Marching, history: History) -> None:
 class _Step:
     """A solved step: its consistent linearisation, and its derivatives along directions."""
 
-    def __init__(self, model: Marching, answer: Answer, before: State, dt: float, number: int):
+    def __init__(self, model: Equilibrium, answer: Answer, before: State, dt: float, number: int):
         self._model = model
         self._answer = answer
         self._before = before
@@ -123,12 +110,9 @@ class _Step:
         self._linear = model.at(answer.parameter).linearised(update.tangents)
 
     def along(self, direction: np.ndarray, change: State, scale: float) -> tuple[np.ndarray, np.ndarray, State]:
-        """Derivatives of unknown, forces and state.
+        """Derivatives of unknown, forces and state, from those of the parameter, (P,), and of the state before.
 
-        Args:
-            direction: of the parameter, (P,).
-            change: derivative of the state before the step.
-            scale: largest strain so far, the unit of strains.
+        ``scale`` is the largest strain so far.
         """
         model = self._model
         length = self._length(direction, _largest(change.plastic), scale)
@@ -166,7 +150,7 @@ class _Step:
     def _length(self, direction: np.ndarray, strain: float, scale: float) -> float:
         """Length of a difference that changes parameters and strains by a small part of their size."""
         space = self._model.parameters
-        sides = np.array(space.upper) - np.array(space.lower)
+        sides = np.subtract(space.upper, space.lower)
         rates = [_largest(direction / sides), strain / scale if scale > 0 else 0.0]
         return STEP / max(rates) if max(rates) > 0 else STEP
 

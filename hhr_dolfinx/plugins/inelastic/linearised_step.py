@@ -7,12 +7,15 @@ Anderson's acceleration. A step that does not converge is tried again with new t
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
 import numpy as np
+from scipy.sparse import csc_matrix
 
+from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import ConvergenceError, NotSolvableError
 from hhr_dolfinx.memory import Memory
@@ -20,12 +23,13 @@ from hhr_dolfinx.models.answer import Answer, found_as
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.plugins.inelastic.anderson import Anderson
-from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal, Linearisation, extrapolated
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Linearisation, Stepper, extrapolated
+from hhr_dolfinx.plugins.inelastic.march import Histories
 from hhr_dolfinx.plugins.inelastic.points import Points
 from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
-from hhr_dolfinx.plugins.inelastic.trained import Signs
+from hhr_dolfinx.plugins.inelastic.strain import StrainOperator
 
 ROUND_OFF_STRAIN = 1e-13
 """Strain that counts as round-off of displacements without strain, as when a gap closes without stress."""
@@ -45,19 +49,53 @@ TIGHT = 1e-8
 """Tolerances of these Newton iterations; the method squares the remaining error."""
 
 
-class LinearisedStepper:
-    """Solves the steps of one history; see :class:`hhr_dolfinx.models.histories.equilibrium.Stepper`.
+class MeshEquilibrium(Histories):
+    """Equilibrium of U0 or gamma: displacements of a mesh or a RID, in steps by linearisation."""
 
-    Args:
-        model: with numbers as moduli.
-        settings: of the history.
-        patience: iterations of a step above which its frozen tangent is not used again.
-    """
+    operator: StrainOperator  # strain at its Gauss points
+    eigenstrains: csc_matrix  # strains without stress for each term of θ, (Gauss points * components, 1 + T)
+    lifts: csc_matrix  # imposed displacements as terms of θ
+    elastic: Linearisation
+    patience = PATIENCE
+    _sizes: csc_matrix  # absolute entries of the elastic stiffness
 
-    def __init__(self, model: Equilibrium, settings: MarchSettings, patience: int = PATIENCE):
-        self._model = model
-        self._settings = settings
-        self._memory = _Memory(patience)
+    @abstractmethod
+    def field(self, x: np.ndarray) -> np.ndarray:
+        """Displacement without the lift."""
+
+    @abstractmethod
+    def norms(self, residual: np.ndarray) -> np.ndarray:
+        """Norm of a residual for each body, (bodies,)."""
+
+    @abstractmethod
+    def contact_load(self, forces: np.ndarray) -> np.ndarray:
+        """B^T λ in the test space."""
+
+    def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """See :class:`Equilibrium`."""
+        field = self.field(x)
+        found = self.operator.strain(field + self.lifts @ theta if self.lifts.nnz else field)
+        return found - (self.eigenstrains @ theta).reshape(found.shape) if self.eigenstrains.nnz else found
+
+    def strain_of(self, change: np.ndarray) -> np.ndarray:
+        """See :class:`Equilibrium`."""
+        return self.operator.strain(self.field(change))
+
+    def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
+        """Size of round-off of the sum of stiffness times displacement for each body, (bodies,)."""
+        return 1e-13 * self.norms(self._sizes @ np.abs(self.field(x) + self.lifts @ theta))
+
+    def stepper(self, settings: MarchSettings) -> LinearisedStepper:
+        """See :class:`Equilibrium`."""
+        return LinearisedStepper(self, settings)
+
+
+class LinearisedStepper(Stepper):
+    """See :class:`Stepper`."""
+
+    def __init__(self, model: MeshEquilibrium, settings: MarchSettings):
+        super().__init__(model, settings)
+        self._memory = _Memory(model.patience)
 
     def learn(self, answer: Answer) -> None:
         """Take in a step that was solved before, by its results."""
@@ -66,16 +104,8 @@ class LinearisedStepper:
         _, scale = self._model.residual(answer.unknown, gauss, self._model.amplitudes(answer.parameter))
         memory.grow(scale, _root_mean_square(gauss.stress, self._model.together))
 
-    def signs(self, answer: Answer) -> Signs:
-        """See :class:`hhr_dolfinx.models.histories.equilibrium.Stepper`."""
-        return self._model.signs(answer)
-
     def step(self, trail: tuple[Answer, ...], goal: Goal) -> Answer:
-        """Solve from the extrapolation of the answers before; if that fails, with new tangents from an elastic start.
-
-        Raises:
-            Diverged: with the worst point.
-        """
+        """Solve from the extrapolation of the answers before; if that fails, with new tangents, elastically started."""
         settings = self._settings
         memory = self._memory
         careful = replace(settings, search="tangent") if settings.search == "frozen" else settings
@@ -115,14 +145,12 @@ class LinearisedStepper:
 
 @dataclass
 class _Memory:
-    """Memory of a history: the linearisation of the last step if it may be used again, the iterations that allow it,
-    the largest forces and stress (mean square), and the strains that were warned of.
-    """
+    """Memory of a history."""
 
-    patience: int
-    linearisation: Linearisation | None = None
-    forces: np.ndarray | float = 0.0
-    stress: float = 0.0
+    patience: int  # iterations of a step above which its frozen tangent is not used again
+    linearisation: Linearisation | None = None  # of the last step, if it may be used again
+    forces: np.ndarray | float = 0.0  # largest size
+    stress: float = 0.0  # largest root of its mean square
     strains: SmallStrains = field(default_factory=SmallStrains)
 
     def grow(self, forces: np.ndarray, stress: float) -> None:
@@ -136,7 +164,7 @@ def _root_mean_square(stress: np.ndarray, together: Points) -> float:
 
 
 def _step(
-    model: Equilibrium,
+    model: MeshEquilibrium,
     trail: tuple[Answer, ...],
     goal: Goal,
     settings: MarchSettings,
@@ -199,8 +227,7 @@ def _step(
 def _elastic_start(model, here, theta, point):
     """The unknown if the step were elastic.
 
-    Imposed displacements move the boundary alone. If the points inside stayed in place, they would strain and flow by
-    all of the motion, even by a rigid one.
+    Imposed displacements move the boundary alone: points inside would strain and flow by all of the motion.
     """
     x = here.unknown
     before = model.amplitudes(here.parameter)

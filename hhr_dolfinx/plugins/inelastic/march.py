@@ -12,31 +12,39 @@ from __future__ import annotations
 import logging
 from collections.abc import Callable, Sequence
 from contextlib import suppress
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.errors import ConvergenceError, LawWarning, NotOfferedError
-from hhr_dolfinx.memory import Memory
+from hhr_dolfinx.errors import (
+    ConvergenceError,
+    LawWarning,
+    NotOfferedError,
+    NotSolvableError,
+    ParameterError,
+    SceneError,
+)
+from hhr_dolfinx.memory import NO_MEMORY, Memory
 from hhr_dolfinx.models.answer import Answer, History, Path
 from hhr_dolfinx.models.histories.equilibrium import DEFAULT_MARCH, MarchSettings, warn_of_time_error
 from hhr_dolfinx.models.histories.path import check_settings
 from hhr_dolfinx.models.histories.steps import steps_of
 from hhr_dolfinx.one_thread import one_thread
-from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Marching, Stepper
-from hhr_dolfinx.plugins.inelastic.one_step import check_elasticity, one_step, refuse_gradient
+from hhr_dolfinx.parameters import PointLike
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal, Stepper
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.time_error import TimeError, in_parts
 from hhr_dolfinx.plugins.inelastic.trained import Watch
+from hhr_dolfinx.plugins.inelastic.update import State
 from hhr_dolfinx.warn import warn
 
 _log = logging.getLogger(__name__)
 
 
-class Histories:
-    """Base of equilibria: answers paths, see :class:`hhr_dolfinx.models.histories.equilibrium.Equilibrium`."""
+class Histories(Equilibrium):
+    """Equilibrium that answers paths, see :class:`hhr_dolfinx.models.histories.equilibrium.Equilibrium`."""
 
     reader: ClassVar[str] = "inelastic"
 
@@ -49,27 +57,30 @@ class Histories:
         keep: Callable[[Answer], None] = lambda answer: None,
     ) -> History:
         """History along a checked path, see :func:`march`."""
-        model: Any = self
-        return march(model, path, settings, known=known, keep=keep)
+        return march(self._marching(settings), path, settings, known=known, keep=keep)
+
+    def _marching(self, settings: MarchSettings) -> Equilibrium:
+        """Equilibrium that solves histories with some settings."""
+        return self
 
     def one_step(
         self, model: object, point: np.ndarray, raise_on_failure: bool, outside: str, gradient: bool, **step: Any
     ) -> Answer:
-        """Answer of a model at a point by one step from rest, see :func:`one_step`; it has no gradient.
-
-        Raises:
-            NotOfferedError: for another argument than ``duration``, and for a gradient.
-        """
+        """One step from rest to a point, see :func:`one_step`; NotOfferedError for a gradient and other arguments."""
         if step.keys() - {"duration"}:
             raise NotOfferedError(f"solve knows no {', '.join(step)} here: only bodies that flow take a duration")
-        refuse_gradient(gradient)
+        if gradient:
+            raise NotOfferedError(
+                "a single step of bodies that flow has no gradient: how they flow depends on the path, along which "
+                "there is one: march(path, MarchSettings(gradient=True))"
+            )
         return one_step(model, point, raise_on_failure, outside, **step)
 
 
 # threads of BLAS slow small blocks down: a projected tangent of 70 modes took 7.8 ms on two of them, 3.1 ms on one
 @one_thread
 def march(
-    model: Marching,
+    model: Equilibrium,
     path: Path,
     settings: MarchSettings = DEFAULT_MARCH,
     *,
@@ -79,7 +90,7 @@ def march(
     """Solve a history from rest.
 
     Args:
-        model: equilibrium of a full or a reduced model, or of several in turn.
+        model: of a full or a reduced model.
         path: times and parameters, as :func:`checked_path` returns them; parameters are linear between them.
         settings: of the history.
         known: answers to the first steps, solved before; the history continues after them.
@@ -128,7 +139,7 @@ def march(
 
 
 def _march(
-    model: Marching,
+    model: Equilibrium,
     path: Path,
     settings: MarchSettings,
     history: History,
@@ -152,12 +163,10 @@ def _march(
             stepper.learn(after)
             error = error.going_on(after) if after.parts > 1 else error.after(model, trail[-1], after)
         else:
-            step = _stepped(model, stepper, trail, Goal(time, target), settings, error)
-            after = step.answer
-            error = step.error
+            after, error = _stepped(model, stepper, trail, Goal(time, target), settings, error)
             slopes_seen = slopes_seen or _check_slopes(model, trail[-1], after)
         check(after)
-        signs = stepper.signs(after)
+        signs = model.signs(after)
         # a refused step is not kept
         watch.after(number, time, signs)
         whole = model.together.whole(after) if number > len(known) else known[number - 1]
@@ -171,22 +180,15 @@ def _march(
         trail = (*trail[-2:], after)
 
 
-class _Stepped(NamedTuple):
-    """A step of a path and its time error."""
-
-    answer: Answer
-    error: TimeError
-
-
 def _stepped(
-    model: Marching,
+    model: Equilibrium,
     stepper: Stepper,
     trail: tuple[Answer, ...],
     goal: Goal,
     settings: MarchSettings,
     error: TimeError,
-) -> _Stepped:
-    """A step of a path, cut by the time tolerance if there is one."""
+) -> tuple[Answer, TimeError]:
+    """A step of a path, cut by the time tolerance if there is one, and its time error."""
 
     def advance(trail: tuple[Answer, ...], goal: Goal) -> list[Answer]:
         return _advance(stepper, trail, goal, settings)
@@ -199,10 +201,10 @@ def _stepped(
     else:
         parts, error, spent = in_parts(advance, model, trail, goal, error, tolerance)
     ends = tuple(part.time for part in parts[:-1])
-    return _Stepped(parts[-1]._replace(iterations=spent, time_error=error.estimate, ends=ends), error)
+    return parts[-1]._replace(iterations=spent, time_error=error.estimate, ends=ends), error
 
 
-def _turns(model: Marching, trail: tuple[Answer, ...], target: np.ndarray) -> bool:
+def _turns(model: Equilibrium, trail: tuple[Answer, ...], target: np.ndarray) -> bool:
     """True if the path reverses its last step, as when a load is removed."""
     if len(trail) < 2:
         return False
@@ -213,7 +215,7 @@ def _turns(model: Marching, trail: tuple[Answer, ...], target: np.ndarray) -> bo
     return bool(before @ after < 0)
 
 
-def _check_slopes(model: Marching, before: Answer, after: Answer) -> bool:
+def _check_slopes(model: Equilibrium, before: Answer, after: Answer) -> bool:
     """Warn of laws with a wrong slope; returns True if there was enough plastic flow to judge."""
     together = model.together
     if not together.largest(gauss_of(after).state.cumulated.max(initial=0.0)) > 0:
@@ -229,13 +231,18 @@ def _check_slopes(model: Marching, before: Answer, after: Answer) -> bool:
     return complaints is not None
 
 
-def _at_rest(model: Marching, time: float, parameter: np.ndarray) -> Answer:
-    active = np.zeros(model.conditions, dtype=bool)
-    material = model.material
-    gauss = GaussState(np.zeros((material.gauss_points, material.components)), material.at_rest())
-    nothing = np.zeros(model.size), np.zeros(active.size), active
-    memory = Memory(gauss=gauss) | steps_of(model.law).at_rest(model)
-    return Answer(parameter, *nothing, 0, Status.CONVERGED, False, model.fields, time, memory=memory)
+def _at_rest(model: Equilibrium, time: float, parameter: np.ndarray) -> Answer:
+    return _uniform(model, parameter, 0.0, Status.CONVERGED, time, steps_of(model.law).at_rest(model))
+
+
+def _uniform(
+    model: Equilibrium, parameter: np.ndarray, value: float, status: Status, time: float, rest: Memory
+) -> Answer:
+    """Answer of which all arrays have one value, such as NaN without a solution."""
+    stress = np.full((model.material.gauss_points, model.material.components), value)
+    gauss = GaussState(stress, State(np.full_like(stress, value), np.full(len(stress), value)))
+    arrays = np.full(model.size, value), np.full(model.conditions, value), np.zeros(model.conditions, dtype=bool)
+    return Answer(parameter, *arrays, 0, status, False, model.fields, time, memory=Memory(gauss=gauss) | rest)
 
 
 def _place(model, worst):
@@ -249,8 +256,7 @@ def _place(model, worst):
 def _advance(stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, settings: MarchSettings) -> list[Answer]:
     """Solve one step as given; if that fails, in 2, 4, ... parts, each of which is tried like a step.
 
-    ``trail`` holds the last answers, at most three; the last of them is the present one. Returns the answers at the
-    ends of the parts; the iterations of the first one include those of all failed attempts.
+    Returns the answers at the ends of the parts; the iterations of the first one include those of failed attempts.
     """
     here = trail[-1]
     spent = 0
@@ -269,3 +275,50 @@ def _advance(stepper: Stepper, trail: tuple[Answer, ...], goal: Goal, settings: 
             failure = error
             spent += settings.iterations + sum(after.iterations for after in found)
     raise failure
+
+
+def elastic_axes(young: Sequence[str], names: Sequence[str]) -> dict[int, list[str]]:
+    """Formulas of Young's moduli by the index of each parameter on which they depend."""
+    if not young:
+        return {}
+    # imported here: most moduli are numbers, and then formulas need not be loaded
+    from hhr_dolfinx.formulas import formula_of
+
+    variables = {text: formula_of(text, "young").variables for text in sorted(set(young))}
+    found = {place: [text for text, own in variables.items() if name in own] for place, name in enumerate(names)}
+    return {place: texts for place, texts in found.items() if texts}
+
+
+def check_elasticity(young: Sequence[str], names: Sequence[str], path: Path) -> None:
+    """Raise ParameterError for a checked path along which a modulus of elasticity changes, by their formulas."""
+    for place, texts in elastic_axes(young, names).items():
+        values = np.array([point[place] for _, point in path])
+        if np.ptp(values) > 0:
+            name = names[place]
+            step = int(np.flatnonzero(values != values[0])[0])
+            raise ParameterError(
+                f"{name} changes from {values[0]:g} to {values[step]:g} in step {step} of the path, "
+                f"and Young's modulus depends on it ({', '.join(texts)}): elasticity must be the same along a history. "
+                f"Keep {name} as it is along the path, or let constants of laws alone depend on it"
+            )
+
+
+def one_step(
+    model: Any, mu: PointLike, raise_on_failure: bool = True, outside: str = "warn", duration: float = 1.0
+) -> Answer:
+    """Answer of a model of inelastic bodies: one step from rest, where the box is nearest to zero, with its elasticity.
+
+    The arguments are those of :meth:`Model.solve`, and the duration of the step in seconds, for laws with rates.
+    """
+    space = model.parameters
+    target = space.point(mu)
+    start = np.clip(0.0, space.lower, space.upper)
+    axes = list(elastic_axes(model.equilibrium.young, space.names))
+    start[axes] = target[axes]  # elasticity is constant along a history
+    start[model.law.fixed] = target[model.law.fixed]  # in parts of a step that is cut they would be too small
+    try:
+        return model.march([(0.0, start), (duration, target)], MarchSettings(outside=outside)).answers[-1]
+    except (ConvergenceError, NotSolvableError, SceneError):  # of a modulus or a constant that is impossible there
+        if raise_on_failure:
+            raise
+        return _uniform(model.equilibrium, target, np.nan, Status.DIVERGED, np.nan, NO_MEMORY)

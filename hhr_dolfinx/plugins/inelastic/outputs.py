@@ -16,17 +16,12 @@ from hhr_dolfinx.plugins.inelastic.strain import StrainOperator
 
 @dataclass(frozen=True, eq=False)
 class FlowMises(Functional):
-    """Von Mises' stress at Gauss points of inelastic bodies; derivatives of histories do not include the stress.
-
-    Attributes:
-        points: numbers of the Gauss points, (g,).
-        shares: of each in the mean, (g,); empty for the largest value.
-    """
+    """Von Mises' stress at Gauss points of inelastic bodies; derivatives of histories do not include the stress."""
 
     differentiable = False
 
-    points: Annotated[Integers, "points"]
-    shares: Annotated[Floats, "shares"]
+    points: Annotated[Integers, "points"]  # numbers of the Gauss points, (g,)
+    shares: Annotated[Floats, "shares"]  # of each in the mean, (g,); empty for the largest value
 
     def value(self, state: State) -> float:
         """The largest one, or their mean over the volume."""

@@ -11,22 +11,14 @@ from mpi4py import MPI
 from hhr_dolfinx import ranks
 from hhr_dolfinx.errors import ConvergenceError
 from hhr_dolfinx.models.answer import Answer
+from hhr_dolfinx.plugins.inelastic.points import Points
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.update import State
 
 
-class PointsOfRanks:
-    """Gauss points of the cells of each rank, see :class:`~hhr_dolfinx.plugins.inelastic.points.Points`.
-
-    Args:
-        cells: number of all cells.
-        per_cell: Gauss points of each.
-        comm: ranks between which the cells are distributed, neighbours to the same rank.
-
-    Attributes:
-        cells, points: those of this rank.
-    """
+class PointsOfRanks(Points):
+    """Gauss points of some of all cells on each rank, with neighbours on the same one."""
 
     def __init__(self, cells: int, per_cell: int, comm: MPI.Comm) -> None:
         shares = [ranks.share(cells, rank, comm.size) for rank in range(comm.size)]
@@ -50,11 +42,7 @@ class PointsOfRanks:
         return all(self._comm.allgather(bool(true)))
 
     def agreed(self, work: Callable[[], Any]) -> Any:
-        """See :class:`Points`.
-
-        A law may stop with different errors on different ranks: all raise the same one, so that no rank tries again
-        alone.
-        """
+        """See :class:`Points`; of different errors on the ranks all raise the same, so that none tries again alone."""
         found = failure = None
         try:
             found = work()
@@ -81,15 +69,11 @@ class PointsOfRanks:
 
     def own(self, answer: Answer) -> Answer:
         """See :class:`Points`."""
-        gauss = gauss_of(answer)
-        state = State(*(np.asarray(part)[self.points] for part in gauss.state))
-        return answer.remembering(gauss=GaussState(np.asarray(gauss.stress)[self.points], state))
+        return _mapped(answer, lambda part: np.asarray(part)[self.points])
 
     def whole(self, answer: Answer) -> Answer:
         """See :class:`Points`."""
-        gauss = gauss_of(answer)
-        state = State(*(self.gathered(part) for part in gauss.state))
-        return answer.remembering(gauss=GaussState(self.gathered(gauss.stress), state))
+        return _mapped(answer, self.gathered)
 
     def summed(self, part: np.ndarray) -> np.ndarray:
         """The sum of an array of all ranks."""
@@ -103,3 +87,9 @@ class PointsOfRanks:
         found = np.empty((int(self._counts.sum()), *width))
         self._comm.Allgatherv(np.ascontiguousarray(values), (found, self._counts * int(np.prod(width))))
         return found
+
+
+def _mapped(answer: Answer, change: Callable[[np.ndarray], np.ndarray]) -> Answer:
+    """An answer with other stress and state."""
+    gauss = gauss_of(answer)
+    return answer.remembering(gauss=GaussState(change(gauss.stress), State(*map(change, gauss.state))))

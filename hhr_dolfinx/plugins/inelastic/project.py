@@ -1,4 +1,4 @@
-"""Additional steps of the reduction of inelastic bodies: Gauss points of the RID, tangents, correction of forces."""
+"""Stages that inelastic bodies add to the reduction: Gauss points of the RID, tangents; the correction of forces."""
 
 from __future__ import annotations
 
@@ -13,19 +13,39 @@ from hhr_dolfinx.contact.problem import IndexSets
 from hhr_dolfinx.errors import ReductionError, UnstableModelError
 from hhr_dolfinx.models.reduced import ReducedModel
 from hhr_dolfinx.plugins.inelastic.elastic_response import elastic_response
-from hhr_dolfinx.plugins.inelastic.equilibrium import MeshEquilibrium, equilibrium_of
 from hhr_dolfinx.plugins.inelastic.force_correction import ForceCorrection
+from hhr_dolfinx.plugins.inelastic.full_order import FullEquilibrium, equilibrium_of
 from hhr_dolfinx.plugins.inelastic.reduced_flow import ReducedFlow
+from hhr_dolfinx.plugins.inelastic.state import rows_of
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
+from hhr_dolfinx.reduction.build import Draft
 
 if TYPE_CHECKING:
     from hhr_dolfinx.models.full import FullModel
-    from hhr_dolfinx.plugins.inelastic.equilibrium import MeshEquilibrium, equilibrium_of
     from hhr_dolfinx.snapshots.records import SnapshotSet
     from hhr_dolfinx.study.training.train import Training
 
 
-def project_flow(full: MeshEquilibrium, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
+def project_points(draft: Draft) -> None:
+    """Gauss points of the RID."""
+    shared = draft.shared
+    with shared.log.stage("projection", shared.task.announce):
+        draft.flow = project_flow(equilibrium_of(shared.full), draft.basis, draft.sets)
+
+
+def check_tangents(draft: Draft) -> None:
+    """Smallest tangent margin at training states; 1, that of the elastic operator, if all states are elastic."""
+    shared = draft.shared
+    full = equilibrium_of(shared.full)
+    step = shared.recipe.tangents
+    assert step is not None
+    with shared.log.stage("training_tangents", shared.task.announce):
+        states = shared.once("tangents", lambda: training_tangents(full, shared.snapshots, step.states))
+    with shared.log.stage("stability", shared.task.announce):
+        draft.tangent_margin = check_margin(draft.model, states, step.least, draft.layers)
+
+
+def project_flow(full: FullEquilibrium, basis: np.ndarray, sets: IndexSets) -> ReducedFlow:
     """Gauss points, laws and modes, (N, ell), of the cells that act on A, (6.17)."""
     problem = full.problem
     operator = full.operator
@@ -49,16 +69,8 @@ def project_flow(full: MeshEquilibrium, basis: np.ndarray, sets: IndexSets) -> R
     )
 
 
-def rows_of(points: np.ndarray, components: int) -> np.ndarray:
-    """Rows of some Gauss points in an array with a row for each component of strain at each point."""
-    return (points[:, None] * components + np.arange(components)).ravel()
-
-
-def training_tangents(full: MeshEquilibrium, snapshots: SnapshotSet, count: int) -> list[tuple[np.ndarray, csr_matrix]]:
-    """Tangents and stiffness of the full model at some training states of each history, the last one among them.
-
-    Laws and elasticity have their constants at the parameter of each state.
-    """
+def training_tangents(full: FullEquilibrium, snapshots: SnapshotSet, count: int) -> list[tuple[np.ndarray, csr_matrix]]:
+    """Tangents and stiffness at some training states of each history, the last among them, with their constants."""
     states: list[tuple[Any, csr_matrix]] = []
     histories = zip(snapshots.histories, snapshots.steps_of_histories, strict=True)
     for history, known in histories if full.material.flows else ():
@@ -82,16 +94,12 @@ def check_margin(
 ) -> float:
     """Smallest tangent margin at training states, 1 in elastic ones; UnstableModelError if below ``least``."""
     margin = min((tangent_margin(model, *state) for state in states), default=1.0)
-    _require(margin, least, layers)
-    return margin
-
-
-def _require(margin: float, least: float, layers: int) -> None:
     if not margin > least:
         raise UnstableModelError(
             f"with {layers} layers a projected tangent at a training state has an eigenvalue of real part "
             f"{margin:.2g}: steps would fail or follow a wrong path. Allow more layers or keep fewer modes"
         )
+    return margin
 
 
 def tangent_margin(model: ReducedModel, tangents: np.ndarray, stiffness: csr_matrix) -> float:
@@ -101,10 +109,8 @@ def tangent_margin(model: ReducedModel, tangents: np.ndarray, stiffness: csr_mat
     """
     reduced: Any = model.equilibrium
     basis = model.fields.basis
-    return _margin(basis.T @ (stiffness @ basis), reduced.tangent(tangents[reduced.points]))
-
-
-def _margin(whole: np.ndarray, projected: np.ndarray) -> float:
+    whole = basis.T @ (stiffness @ basis)
+    projected = reduced.tangent(tangents[reduced.points])
     try:
         return float(linalg.eigvals(np.linalg.solve(whole, projected)).real.min())
     except (np.linalg.LinAlgError, ValueError) as error:
@@ -137,8 +143,7 @@ def force_correction(full: FullModel) -> ForceCorrection:
     problem.require_whole()
     problem.require_no_memory("a correction of forces")
     elastic = elastic_response(full)
-    masks = [(elastic.parts == part)[:, None] for part in range(max(len(elastic.factors.moduli), 1))]
-    schur = np.array([problem.contact @ np.where(mask, elastic.per_force, 0.0) for mask in masks])
+    schur, pressed, gaps = elastic.condensed(problem)
     return ForceCorrection(
         equilibrium.operator,
         equilibrium.material,
@@ -147,8 +152,8 @@ def force_correction(full: FullModel) -> ForceCorrection:
         elastic.factors,
         elastic.parts,
         elastic.per_force,
-        (schur + schur.transpose(0, 2, 1)) / 2,
-        np.array([problem.contact @ np.where(mask, elastic.forced, 0.0) for mask in masks]),
-        problem.gaps - problem.contact @ elastic.given,
+        schur,
+        pressed,
+        gaps,
         problem.contact_pairs,
     )

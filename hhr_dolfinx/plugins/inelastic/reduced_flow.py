@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import nullcontext
-from copy import copy
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Self
+from functools import partial
+from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
 from scipy.sparse import csc_matrix, csr_matrix
@@ -14,18 +13,15 @@ from scipy.sparse import csc_matrix, csr_matrix
 from hhr_dolfinx.amplitudes import Theta
 from hhr_dolfinx.compat import compiled
 from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities
-from hhr_dolfinx.contact.law import UNILATERAL, UNILATERAL_STEP, ContactLaw, StepContact
+from hhr_dolfinx.contact.law import UNILATERAL, ContactLaw
 from hhr_dolfinx.declared import Floats, Integers
 from hhr_dolfinx.linear.dense import LapackLU
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
-from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.reconstruct import Reconstruction
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.plugins.inelastic.equilibrium import Correction
-from hhr_dolfinx.plugins.inelastic.linearised_step import LinearisedStepper
-from hhr_dolfinx.plugins.inelastic.march import Histories
-from hhr_dolfinx.plugins.inelastic.points import ALL_HERE, Points
+from hhr_dolfinx.plugins.inelastic.equilibrium import Linearisation
+from hhr_dolfinx.plugins.inelastic.linearised_step import MeshEquilibrium
 from hhr_dolfinx.plugins.inelastic.state import GaussState
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.strain import ElasticPart, StrainOperator
@@ -43,28 +39,17 @@ SAME = 1e-9
 
 @dataclass(frozen=True)
 class ReducedFlow:
-    """Arrays of the inelastic bodies on a RID (n dofs of its cells, a of them in A).
+    """Arrays of the inelastic bodies on a RID (n dofs of its cells, a of them in A)."""
 
-    Attributes:
-        operator: strain at the Gauss points of the cells that act on A, in local numbers of dofs.
-        material: laws at these points.
-        cells: numbers of these cells in the full model.
-        modes: V on these dofs, (n, ell).
-        lifts: imposed displacements there, sparse, (n, 1 + T).
-        inner: indices of the dofs that belong to A, (a,).
-        loads: external loads on A, sparse, (a, 1 + T).
-        contact: maps the forces of the RID to loads on A, sparse, (a, N_lambda_C).
-        eigenstrains: strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T).
-    """
-
-    operator: StrainOperator
-    material: Material
-    cells: Annotated[Integers, "cells"]
-    modes: Annotated[Floats, "dofs", "ell"]
-    lifts: Annotated[csc_matrix, "dofs", "terms"]
-    inner: Annotated[Integers, "inner", "< dofs"]
-    loads: Annotated[csc_matrix, "inner", "terms"]
-    contact: Annotated[csr_matrix, "inner", "m"]
+    operator: StrainOperator  # strain at the Gauss points of the cells that act on A, in local numbers of dofs
+    material: Material  # laws at these points
+    cells: Annotated[Integers, "cells"]  # numbers of these cells in the full model
+    modes: Annotated[Floats, "dofs", "ell"]  # V on these dofs, (n, ell)
+    lifts: Annotated[csc_matrix, "dofs", "terms"]  # imposed displacements there, sparse, (n, 1 + T)
+    inner: Annotated[Integers, "inner", "< dofs"]  # indices of the dofs that belong to A, (a,)
+    loads: Annotated[csc_matrix, "inner", "terms"]  # external loads on A, sparse, (a, 1 + T)
+    contact: Annotated[csr_matrix, "inner", "m"]  # maps the forces of the RID to loads on A, sparse, (a, N_lambda_C)
+    # strains without stress for each term of θ, sparse, (Gauss points * components, 1 + T)
     eigenstrains: Annotated[csc_matrix, "strains", "terms"]
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
@@ -110,94 +95,52 @@ class ReducedFlow:
                 yield "the parts of the stiffness do not make that of the middle of the box"
 
 
-class ReducedEquilibrium(Histories):
-    """Equilibrium of gamma, see :class:`hhr_dolfinx.models.histories.equilibrium.Equilibrium`.
+class ReducedEquilibrium(MeshEquilibrium):
+    """Equilibrium of gamma, from the elastic projection (5.23) and the Gauss points and laws of the RID."""
 
-    Args:
-        problem: the elastic projection, (5.23).
-        flow: Gauss points and laws of the RID.
-        parameters: the box of the parameters.
-        fields: completes its answers.
-
-    Attributes:
-        trained: training range of the model; None until it is known.
-    """
-
-    trained: TrainedPaths | None = None
-    together: Points = ALL_HERE
-    elastic: DenseLinearisation
+    problem: ReducedProblem
 
     def __init__(self, problem: ReducedProblem, flow: ReducedFlow, parameters: ParameterSpace, fields: Reconstruction):
+        super().__init__()
         self.problem = problem
-        self.material = flow.material
         self.young = () if problem.terms is None else tuple(modulus.factor for modulus in problem.terms.moduli)
         self.parameters = parameters
         self.fields = fields
-        self.lock = nullcontext()  # histories share no factors here
         self.conditions, self.size = problem.contact_test.shape
         self.law: ContactLaw = UNILATERAL if fields.interface is None else fields.interface.inside
         self.amplitudes = fields.amplitudes
-        self._middle: Any = self
-        self._last: tuple[np.ndarray, Any] | None = None
         self.flow = flow
         self.operator = flow.operator
+        self.eigenstrains = flow.eigenstrains
+        self.lifts = flow.lifts
         self.points = flow.points
         self.per_cell = flow.operator.per_cell
-        self._lifted = bool(flow.lifts.nnz)
         self._pattern = self.operator.pattern()
         self._test = np.ascontiguousarray(flow.modes[flow.inner].T)
         self._external = np.asfortranarray((flow.loads.T @ self._test.T).T)
-        self._set_middle()
+        self.material = flow.material.moduli_at(parameters.middle)
+        self._set_problem(problem)
+        self.material = flow.material
 
-    def _set_elasticity(self, material: Material, problem: ReducedProblem) -> None:
-        self.material = material
+    def _weights(self, point: np.ndarray) -> np.ndarray:
+        assert self.problem.terms is not None
+        return self.problem.terms.weights(point)
+
+    def _set_elasticity(self, weights: np.ndarray, point: np.ndarray) -> None:
+        self._set_problem(self.problem.weighted(weights))
+
+    def _set_problem(self, problem: ReducedProblem) -> None:
+        """Set K~, the sum of its projected parts, and all that depends on it."""
+        elastic = self.material.elastic
         self.problem = problem
-        self._sizes = abs(self.operator.stiffness(material.elastic, self._pattern))
-        self.elastic = DenseLinearisation(problem, problem.stiffness, material.elastic)
+        self._sizes = abs(self.operator.stiffness(elastic, self._pattern))
+        self.elastic = _dense_linearisation(problem, problem.stiffness, elastic)
         # the elastic part of K~ is known: online only the inelastic change is projected
-        self._unchanged = ElasticPart(material.elastic, np.zeros(self._pattern.indices.size))
+        self._unchanged = ElasticPart(elastic, np.zeros(self._pattern.indices.size))
 
-    def _set_middle(self) -> None:
-        """Set the elasticity of the middle of the box; the material keeps its formulas."""
-        formulas = self.material
-        space = self.parameters
-        self._set_elasticity(formulas.moduli_at(space.middle), self.problem)
-        self.material = formulas
-
-    def at(self, point: np.ndarray) -> Self:
-        """Equilibrium with the elasticity of a point, (P,); itself for constant elasticity.
-
-        K~ is the sum of its projected parts. The one of the last elasticity is kept.
-
-        Raises:
-            SceneError: for a modulus that is impossible there.
-            NotSolvableError: if K~ is singular there.
-        """
-        middle = self._middle
-        if middle.problem.terms is None:
-            return self
-        weights = middle.problem.terms.weights(point)
-        last = middle._last
-        if last is not None and np.array_equal(last[0], weights):
-            return last[1]
-        found = copy(middle)
-        found._last = None
-        found._set_elasticity(middle.material.moduli_at(point), middle.problem.weighted(weights))
-        # one assignment, so that threads see a complete value
-        middle._last = weights, found
-        return found
-
-    def responding_at(self, point: np.ndarray) -> Self:
-        """Itself: strain, gaps and F at a given displacement do not depend on moduli."""
-        return self
-
-    def gaps(self, theta: Theta) -> np.ndarray:
-        """Gaps of the RID minus the lift, (N_lambda_C,)."""
-        return self.problem.gaps @ theta
-
-    def gaps_at(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """The gaps, (conditions,): they do not depend on the unknown."""
-        return self.gaps(theta)
+    def field(self, x: np.ndarray) -> np.ndarray:
+        """V gamma on the dofs of the RID."""
+        return self.flow.modes @ x
 
     def norms(self, residual: np.ndarray) -> np.ndarray:
         """Norm of a residual; modes span all bodies, (1,)."""
@@ -214,20 +157,9 @@ class ReducedEquilibrium(Histories):
         """B~1^T λ."""
         return forces @ self.problem.contact_test
 
-    def linearised(self, tangents: np.ndarray) -> DenseLinearisation:
+    def linearised(self, tangents: np.ndarray) -> Linearisation:
         """Project and factor the tangent."""
-        return DenseLinearisation(self.problem, self.tangent(tangents), tangents)
-
-    def strain(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Strain at the Gauss points of the RID, lift included, minus strains without stress."""
-        field = self.flow.modes @ x
-        free = self.flow.eigenstrains
-        found = self.operator.strain(field + self.flow.lifts @ theta if self._lifted else field)
-        return found - (free @ theta).reshape(found.shape) if free.nnz else found
-
-    def strain_of(self, change: np.ndarray) -> np.ndarray:
-        """Strain of a change of gamma at the Gauss points of the RID."""
-        return self.operator.strain(self.flow.modes @ change)
+        return _dense_linearisation(self.problem, self.tangent(tangents), tangents)
 
     def residual(self, x: np.ndarray, gauss: GaussState | Update, theta: Theta) -> tuple[np.ndarray, np.ndarray]:
         """V[A]^T times loads minus internal forces, and the norm of its terms on A, (1,)."""
@@ -236,15 +168,11 @@ class ReducedEquilibrium(Histories):
         inner = self.flow.inner
         return loads - self._test @ internal[inner], self.norms(loads) + self.norms(size[inner])
 
-    def round_off(self, x: np.ndarray, theta: Theta) -> np.ndarray:
-        """Size of round-off in the sum of stiffness times displacement in double precision, (1,)."""
-        return 1e-13 * self.norms(self._sizes @ np.abs(self.flow.modes @ x + self.flow.lifts @ theta))
-
     def signs(self, answer: Answer) -> Signs:
         """Residual on A before it is projected, and gaps on the whole contact surface.
 
-        In the reduced space the residual vanishes for any path, and no gap of the RID is violated. On A, and outside
-        the RID, both show the error of the modes.
+        In the reduced space the residual vanishes for any path; on A, and outside the RID, both show the error of the
+        modes.
         """
         theta = self.amplitudes(answer.parameter)
         inner = self.flow.inner
@@ -254,7 +182,7 @@ class ReducedEquilibrium(Histories):
         size = np.linalg.norm(loads) + np.linalg.norm(sizes[inner]) + np.linalg.norm(contact)
         depth = self.depth(answer, theta)
         left = float(np.linalg.norm(loads - internal[inner] - contact))
-        flow: FlowFields | None = self.fields.flow  # type: ignore[assignment]
+        flow: FlowFields | None = self.fields.flow
         misfit, stress = (0.0, 0.0) if flow is None else flow.unexplained(gauss_of(answer).stress)
         return Signs(left, float(size), depth, misfit=misfit, stress=stress)
 
@@ -263,42 +191,14 @@ class ReducedEquilibrium(Histories):
         change = self.operator.stiffness(tangents, self._pattern, self._unchanged)
         return self.problem.stiffness + self._test @ _product(change, self.flow.inner, self.flow.modes)
 
-    def stepper(self, settings: MarchSettings) -> LinearisedStepper:
-        """Solver of the steps of a history."""
-        return LinearisedStepper(self, settings)
 
-
-class DenseLinearisation:
-    """Linearisation on dense blocks, see :class:`hhr_dolfinx.models.histories.equilibrium.Linearisation`."""
-
-    def __init__(self, problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray):
-        self.moduli = moduli
-        self._problem = problem
-        self._factor = LapackLU(stiffness)
-        self._pairs = Pairs.of(problem.pairs)
-        self._per_force = self._factor.solve(problem.contact_test.T)
-        self._equalities = SchurEqualities.of(problem.contact_trial @ self._per_force, LapackLU)
-
-    def correct(
-        self,
-        residual: np.ndarray,
-        x: np.ndarray,
-        theta: Theta,
-        active: np.ndarray,
-        contact: StepContact = UNILATERAL_STEP,
-    ) -> Correction:
-        """Solve K~ δ + B~1^T λ = residual, B~2 (x + δ) <= gaps."""
-        free = self._factor.solve(residual)
-        problem = self._problem
-        slack = problem.gaps @ theta - problem.contact_trial @ (x + free)
-        found = contact.solved(self._equalities, slack, active, self._pairs)
-        return Correction(free - self._per_force @ found.forces, found)
-
-    def changed(self, residual: np.ndarray, gaps: np.ndarray, active: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Solve K~ δ + B~1^T λ = residual, B~2 δ = gaps where active, λ = 0 elsewhere."""
-        free = self._factor.solve(residual)
-        forces, _ = self._equalities(active, gaps - self._problem.contact_trial @ free)
-        return free - self._per_force @ forces, forces
+def _dense_linearisation(problem: ReducedProblem, stiffness: np.ndarray, moduli: np.ndarray) -> Linearisation:
+    """Linearisation with the dense blocks K~, B~1 and B~2."""
+    factor = LapackLU(stiffness)
+    per_force = factor.solve(problem.contact_test.T)
+    equalities = SchurEqualities.of(problem.contact_trial @ per_force, LapackLU)
+    given = problem.contact_trial, problem.gaps, Pairs.of(problem.pairs), moduli
+    return Linearisation(*given, factor.solve, partial(np.matmul, per_force), equalities)
 
 
 def _product(matrix: csr_matrix, rows: np.ndarray, dense: np.ndarray) -> np.ndarray:

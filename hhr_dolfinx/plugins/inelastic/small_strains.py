@@ -21,13 +21,9 @@ class SmallStrains:
         self._said = False
 
     def check(self, strain: np.ndarray, together: Points = ALL_HERE) -> None:
-        """Warn of large strains, (points, components); ``together`` reduces over the points of all ranks.
+        """Warn once of large strains, (points, components); Diverged if they are too large for the theory.
 
-        Raises:
-            Diverged: if they are too large for small-strain theory.
-
-        Warns:
-            SmallStrainWarning: once.
+        ``together`` reduces over the points of all ranks.
         """
         largest = together.largest(np.abs(strain).max(initial=0.0))
         if largest <= LARGE:

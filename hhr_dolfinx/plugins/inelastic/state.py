@@ -61,3 +61,15 @@ def flowed(answers: Solutions) -> bool:
 def check_answer(answer: Answer) -> None:
     """Evaluate the fields of an answer: the facet ``file``, by which a model file is tried after it was read."""
     _ = answer.stress(), plastic_strain(answer)
+
+
+def rows_of(points: np.ndarray, components: int) -> np.ndarray:
+    """Rows of some Gauss points in an array with a row for each component at each point."""
+    return (points[:, None] * components + np.arange(components)).ravel()
+
+
+def deviator(strain: np.ndarray) -> np.ndarray:
+    """Deviators of tensors in Kelvin's notation, (n, c, ...)."""
+    found = strain.copy()
+    found[:, :3] -= found[:, :3].mean(axis=1, keepdims=True)
+    return found

@@ -14,7 +14,7 @@ from hhr_dolfinx.files import MAPPED
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.plugins.inelastic.constants import formulas_of
-from hhr_dolfinx.plugins.inelastic.equilibrium import equilibrium_of
+from hhr_dolfinx.plugins.inelastic.full_order import equilibrium_of
 from hhr_dolfinx.plugins.inelastic.state import GaussState, state
 from hhr_dolfinx.plugins.inelastic.update import Group
 from hhr_dolfinx.snapshots.store import add_to

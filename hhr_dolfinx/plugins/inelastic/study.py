@@ -39,55 +39,48 @@ class Run(NamedTuple):
     seconds: float
     failure: HHRError | None = None
 
+    @classmethod
+    def of(cls, model: Model, path: HistoryPath, settings: MarchSettings) -> Run:
+        """A history, timed once."""
 
-def run_in_turns(
-    models: Mapping[str, Model], path: HistoryPath, settings: MarchSettings, repetitions: int = 1
-) -> dict[str, Run]:
-    """Histories of several models, by name: all once, then all again, so that a busy machine slows each of them."""
-    runs: dict[str, list[Run]] = {name: [] for name in models}
-    for _ in range(repetitions):
-        for name, model in models.items():
-            runs[name].append(timed_run(model, path, settings))
-    return {name: own[0]._replace(seconds=float(np.median([run.seconds for run in own]))) for name, own in runs.items()}
+        def march() -> History | HHRError:
+            try:
+                return model.march(path, settings)
+            except HHRError as error:
+                return error
+
+        found, seconds = timed(march)
+        return cls(None, seconds, found) if isinstance(found, HHRError) else cls(found, seconds)
 
 
-def run_beside(
-    models: Mapping[str, Model], path: HistoryPath, settings: MarchSettings, repetitions: int, exact: History
-) -> dict[str, Run]:
-    """Histories of several models compared with a full one: timed as a user runs them, answered in its parts of steps.
+def runs_beside(models: Mapping[str, Model], path: HistoryPath, settings: Any, exact: History) -> dict[str, Run]:
+    """Histories of several models, by name, compared with a full one: all once, then all again, in turns.
 
-    With a time tolerance each model has different parts, whose time errors would count as model errors.
+    They are timed as a user runs them, and answered in the parts of the steps of the full one: with a time tolerance
+    each model has different parts, whose time errors would count as model errors.
     """
-    runs = run_in_turns(models, path, settings, repetitions)
-    if settings.time_tolerance is None:
+    march = settings.march
+    every = [{name: Run.of(model, path, march) for name, model in models.items()} for _ in range(settings.repetitions)]
+    runs = {
+        name: every[0][name]._replace(seconds=float(np.median([turn[name].seconds for turn in every])))
+        for name in models
+    }
+    if march.time_tolerance is None:
         return runs
-    plain = replace(settings, time_tolerance=None)
+    plain = replace(march, time_tolerance=None)
     times = [answer.time for answer in exact.answers]
     for name, run in runs.items():
         if run.history is not None:
-            same = timed_run(models[name], exact.solved_path, plain)
+            same = Run.of(models[name], exact.solved_path, plain)
             thin = None if same.history is None else same.history.thinned(times)
             runs[name] = Run(thin, run.seconds, same.failure)
     return runs
 
 
-def timed_run(model: Model, path: HistoryPath, settings: MarchSettings) -> Run:
-    """A history, timed once; one that does not converge counts with the time it took."""
-
-    def march() -> History | HHRError:
-        try:
-            return model.march(path, settings)
-        except HHRError as error:
-            return error
-
-    found, seconds = timed(march)
-    return Run(None, seconds, found) if isinstance(found, HHRError) else Run(found, seconds)
-
-
 def run_in_full(full: FullOrderModel, path: HistoryPath, ways: Sequence[MarchSettings]) -> Run:
     """A full history by the first of some settings that solves it; ConvergenceError of the last one."""
     for settings in ways:
-        run = timed_run(full, path, settings)
+        run = Run.of(full, path, settings)
         if run.failure is None:
             return run
     assert run.failure is not None
@@ -99,16 +92,15 @@ def timed_searches(
 ) -> tuple[list[MarchSettings], dict[str, float], list[dict[str, str]]]:
     """Settings for full histories, the fastest search operator first; seconds of each on a path; those that failed.
 
-    Raises:
-        ConvergenceError: if none converges.
+    ConvergenceError if none converges.
     """
     ways = {
         search: march if search == march.search else replace(march, search=search, iterations=200)
         for search in (march.search, *SEARCHES)
     }
     # compilation and reading at the first step belong to none of them
-    timed_run(full, path[:2], march)
-    runs = {search: timed_run(full, path, settings) for search, settings in ways.items()}
+    Run.of(full, path[:2], march)
+    runs = {search: Run.of(full, path, settings) for search, settings in ways.items()}
     seconds = {search: run.seconds for search, run in runs.items() if run.failure is None}
     failed = {search: run.failure for search, run in runs.items() if run.failure is not None}
     if not seconds:
@@ -121,8 +113,7 @@ def history_errors(full: FullOrderModel, model: Model, history: History, exact: 
     """Relative errors at the last step as in thesis table 6.1, and the largest ones of the history.
 
     ``resultant`` is the error of the sum of all contact forces at the last step over the largest sum in the history.
-    Errors in the RID are left out for a model without one; ``floor`` is the force norm below which a relative error is
-    not meaningful.
+    Errors in the RID are those of a model with one; below the force norm ``floor`` a relative error has no meaning.
     """
     here = history.answers[-1]
     there = exact.answers[-1]
@@ -143,26 +134,6 @@ def history_errors(full: FullOrderModel, model: Model, history: History, exact: 
     return {**errors, "kkt": asdict(residuals_of(full, here))}
 
 
-def errors_of_runs(
-    full: FullOrderModel, model: Model, runs: Sequence[Run], exact: Sequence[History], floor: float
-) -> list[Report]:
-    """Errors of each history, infinite for one without result.
-
-    Raises:
-        HHRError: without any: the error that ended the first one.
-    """
-    rows = [
-        None if run.history is None else history_errors(full, model, run.history, known, floor)
-        for run, known in zip(runs, exact, strict=True)
-    ]
-    answered = next((row for row in rows if row is not None), None)
-    if answered is None:
-        assert runs[0].failure is not None
-        raise runs[0].failure
-    missing: Report = dict.fromkeys(answered, np.inf) | {"kkt": {}}
-    return [missing if row is None else row for row in rows]
-
-
 def row_of_runs(method: str, setting: str, runs: Sequence[Run], errors: Sequence[Report]) -> Row:
     """Row of a method, from its histories and the errors of each."""
     values = {name: np.array([row[name] for row in errors]) for name in errors[0] if name != "kkt"}
@@ -170,6 +141,50 @@ def row_of_runs(method: str, setting: str, runs: Sequence[Run], errors: Sequence
     kkt = {name: max(row[name] for row in residuals) for name in residuals[0]} if residuals else {}
     answered = np.array([run.history is not None for run in runs])
     return Row(method, setting, np.array([run.seconds for run in runs]), Errors(values, answered, kkt))
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A small model, its histories, and the errors of each, infinite for one without result."""
+
+    model: Any
+    runs: list[Run]
+    errors: list[Report]
+    row: Row
+
+    @classmethod
+    def of(
+        cls,
+        name: tuple[str, str],
+        full: FullOrderModel,
+        model: Any,
+        runs: list[Run],
+        exact: list[History],
+        floor: float,
+    ) -> Measured:
+        """Compare histories of a model, with its method and setting, with those of the full one.
+
+        Without any it raises the error that ended the first one.
+        """
+        rows = [
+            None if run.history is None else history_errors(full, model, run.history, known, floor)
+            for run, known in zip(runs, exact, strict=True)
+        ]
+        answered = next((row for row in rows if row is not None), None)
+        if answered is None:
+            assert runs[0].failure is not None
+            raise runs[0].failure
+        missing: Report = dict.fromkeys(answered, np.inf) | {"kkt": {}}
+        errors = [missing if row is None else row for row in rows]
+        return cls(model, runs, errors, row_of_runs(*name, runs, errors))
+
+    def history(self, k: int) -> Report:
+        """One history: errors, seconds, iterations, or the reason why there are none."""
+        run = self.runs[k]
+        row = {**self.errors[k], "seconds": run.seconds}
+        if run.history is None:
+            return row | {"cuts": None, "iterations": None, "failed": str(run.failure)}
+        return row | {"cuts": run.history.cuts, "iterations": run.history.iterations}
 
 
 def seconds_of_parts(full_or_reduced: FullOrderModel | ReducedModel, history: History) -> dict[str, float]:
@@ -194,10 +209,23 @@ def seconds_of_parts(full_or_reduced: FullOrderModel | ReducedModel, history: Hi
     return {name: timed(part, 20)[1] for name, part in parts.items()}
 
 
-KEYS = {"HHR": "hhr", "condensed": "condensed"}
-"""Names of the methods in the ``models`` of a report."""
-SETTINGS = {"HHR": "this model", "condensed": "plastic correction"}
-"""Entry in rows of the work-precision table for a method that was refused."""
+class _Method(NamedTuple):
+    """Names of a method in the parts of a report."""
+
+    key: str  # in ``models``
+    setting: str  # in rows of the work-precision table, if it was refused
+    times: str  # in ``times`` and ``ratios``
+    offline: str  # stages in ``times``
+    even: str  # in ``break_even``
+    text: str  # in the advice
+
+
+METHODS = {
+    "condensed": _Method(
+        "condensed", "plastic correction", "condensed", "offline_condensed", "fields, condensed", "condensed flow"
+    ),
+    "HHR": _Method("hhr", "this model", "online", "offline", "fields", "the hyper-reduced model"),
+}
 
 
 @told_once()
@@ -222,39 +250,34 @@ def measure_histories(
     floor = force_floor(full.problem, training.snapshots)
     ways, searches, skipped = timed_searches(full, next(iter(tests.values())), settings.march)
     tests, exact, found = _runs(full, models, tests, ways, settings, progress)
-    paths = list(tests.values())
     known = [run.history for run in exact if run.history is not None]
 
     def beside(method: str, setting: str, other: Model) -> Row:
-        how = (settings.march, settings.repetitions)
-        pairs = zip(paths, known, strict=True)
-        runs = [run_beside({"": other}, path, *how, there)[""] for path, there in pairs]
-        return row_of_runs(method, setting, runs, errors_of_runs(full, other, runs, known, floor))
+        pairs = zip(tests.values(), known, strict=True)
+        runs = [runs_beside({"": other}, path, settings, there)[""] for path, there in pairs]
+        return Measured.of((method, setting), full, other, runs, known, floor).row
 
     measured = {}
     for name, model in models.items():
         try:
-            errors = errors_of_runs(full, model, found[name], known, floor)
+            measured[name] = Measured.of((name, _setting(name, model)), full, model, found[name], known, floor)
         except HHRError as error:
             refused[name] = error
-            continue
-        row = row_of_runs(name, _setting(name, model), found[name], errors)
-        measured[name] = _Measured(model, found[name], errors, row)
     if not measured:
         raise next(iter(refused.values()))
     name, own = next(iter(measured.items()))
     nothing: Report = dict.fromkeys(own.row.errors.values, 0.0) | {"kkt": {}}
     best = row_of_runs("fom_best", ways[0].search, exact, [nothing] * len(exact))
     drawn = [(there, run.history) for there, run in zip(known, own.runs, strict=True) if run.history is not None][-1]
-    report = _report(measured, refused, best, searches, tests, exact)
+    report = _report(measured, refused, best, searches, list(tests), known)
     if name == "HHR":
         parts = {"fom": seconds_of_parts(full, drawn[0]), "online": seconds_of_parts(own.model, drawn[1])}
         report["times"]["parts"] = parts
         report["ratios"]["laws"] = parts["fom"]["laws"] / parts["online"]["laws"]
     skipped += [{"stage": method, "why": str(error)} for method, error in refused.items()]
     others = [*(item.row for item in measured.values() if item is not own), best]
-    rows = [{"method": method, "setting": SETTINGS[method], "refused": str(why)} for method, why in refused.items()]
-    by_key = {KEYS[method]: item.model for method, item in measured.items()}
+    rows = [{"method": name, "setting": METHODS[name].setting, "refused": str(why)} for name, why in refused.items()]
+    by_key = {METHODS[method].key: item.model for method, item in measured.items()}
     return own.model, Measurement(own.row, others, beside, report, skipped, drawn, rows, by_key)
 
 
@@ -279,20 +302,10 @@ def _runs(
             continue
         there = exact[-1].history
         assert there is not None
-        for name, run in run_beside(models, path, settings.march, settings.repetitions, there).items():
+        for name, run in runs_beside(models, path, settings, there).items():
             found[name].append(run)
     lost.warn(len(tests), 1, "test paths")
     return solved, exact, found
-
-
-@dataclass(frozen=True)
-class _Measured:
-    """A small model, its histories, and the errors of each."""
-
-    model: Any
-    runs: list[Run]
-    errors: list[Report]
-    row: Row
 
 
 def _built(training: Training, settings: Any) -> tuple[Report, dict[str, HHRError]]:
@@ -316,80 +329,52 @@ def _built(training: Training, settings: Any) -> tuple[Report, dict[str, HHRErro
 def _setting(method: str, model: Any) -> str:
     """Text on a model in its row."""
     if method == "HHR":
-        return SETTINGS[method]
+        return METHODS[method].setting
     return f"{model.offline.modes} modes, {model.offline.points} points"
 
 
 def _report(
-    measured: dict[str, _Measured],
+    measured: dict[str, Measured],
     refused: dict[str, HHRError],
     best: Row,
     searches: dict[str, float],
-    tests: Mapping[Any, HistoryPath],
-    exact: list[Run],
+    labels: list[Any],
+    exact: list[History],
 ) -> Report:
     """Parts of a report for histories only."""
-    seconds = {name: measured[name].row.seconds if name in measured else None for name in KEYS}
-    models: Report = {KEYS[name]: {"refused": str(error)} for name, error in refused.items()}
-    if "HHR" in measured:
-        models["hhr"] = model_report(measured["HHR"].model, measured["HHR"].row)
-    times: Report = {
-        "fom_best": summary(best.seconds),
-        "fom_searches": searches,
-        "condensed": None if seconds["condensed"] is None else summary(seconds["condensed"]),
-        "online": None if seconds["HHR"] is None else summary(seconds["HHR"]),
-    }
+    makers = {"condensed": condensed_report, "HHR": model_report}
+    models: Report = {}
+    times: Report = {"fom_best": summary(best.seconds), "fom_searches": searches}
+    ratios: Report = {}
+    for name, method in METHODS.items():
+        item = measured.get(name)
+        models[method.key] = {"refused": str(refused[name])} if item is None else makers[name](item.model, item.row)
+        times[method.times] = None if item is None else summary(item.row.seconds)
+        slow = np.median(best.seconds)
+        ratios[f"fom_best/{method.times}"] = None if item is None else float(slow / np.median(item.row.seconds))
     if "condensed" in measured:
-        models["condensed"] = condensed_report(measured["condensed"].model, measured["condensed"].row)
         times["offline_condensed"] = dict(measured["condensed"].model.offline.log.times)
-    names = {"HHR": "fom_best/online", "condensed": "fom_best/condensed"}
-    return {
-        "histories": _described(tests, measured, exact),
-        "time_error": _time_error(exact),
-        "times": times,
-        "ratios": {names[name]: _ratio(best.seconds, values) for name, values in seconds.items()},
-        "models": {name: models[name] for name in KEYS.values()},
-    }
-
-
-def _time_error(exact: list[Run]) -> Report:
-    """Largest estimated error of the time steps of all histories of the full model; the tolerance."""
-    histories = [run.history for run in exact if run.history is not None]
-    largest = [float(history.time_error.max(initial=0.0)) for history in histories]
-    return {**summary(np.array(largest)), "tolerance": histories[0].time_tolerance}
-
-
-def _ratio(slow: np.ndarray, fast: np.ndarray | None) -> float | None:
-    return None if fast is None else float(np.median(slow) / np.median(fast))
-
-
-def _described(tests: Mapping[Any, HistoryPath], measured: dict[str, _Measured], exact: list[Run]) -> list[Report]:
-    """The ``histories`` part of a report: errors of the model under study, and of the condensed model if it has one."""
-    rows = []
+    errors = [float(history.time_error.max(initial=0.0)) for history in exact]
     own = next(iter(measured.values()))
-    for k, (label, known) in enumerate(zip(tests, exact, strict=True)):
-        assert known.history is not None
-        steps = {"parts": sum(known.history.parts), "time_error": float(known.history.time_error.max(initial=0.0))}
-        row = {"value": label, **_history_row(own, k), "full_iterations": known.history.iterations, "full": steps}
-        rows.append(row | ({"condensed": _history_row(measured["condensed"], k)} if "condensed" in measured else {}))
-    return rows
-
-
-def _history_row(item: _Measured, k: int) -> Report:
-    """One history of a model: errors, seconds, iterations, or the reason why there are none."""
-    run = item.runs[k]
-    row = {**item.errors[k], "seconds": item.runs[k].seconds}
-    if run.history is None:
-        return row | {"cuts": None, "iterations": None, "failed": str(run.failure)}
-    history: History = run.history
-    return row | {"cuts": history.cuts, "iterations": history.iterations}
+    rows: list[Report] = []
+    for k, (label, known) in enumerate(zip(labels, exact, strict=True)):
+        steps = {"parts": sum(known.parts), "time_error": errors[k]}
+        rows.append({"value": label, **own.history(k), "full_iterations": known.iterations, "full": steps})
+        if "condensed" in measured:
+            rows[k]["condensed"] = measured["condensed"].history(k)
+    return {
+        "histories": rows,
+        "time_error": {**summary(np.array(errors)), "tolerance": exact[0].time_tolerance},
+        "times": times,
+        "ratios": ratios,
+        "models": models,
+    }
 
 
 def condensed_report(model: CondensedFlowModel, row: Row) -> Report:
-    """The ``condensed`` one of the ``models`` of a report on an inelastic scene, with its check.
+    """The ``condensed`` one of the ``models`` of a report on an inelastic scene.
 
-    ``check`` holds the misfit of the cubature, the largest energy of a mode by it (the exact one is at most 1), and the
-    largest errors along training and held-out histories; ``refused_before`` the attempts refused before.
+    ``check`` holds misfit and largest energy of the cubature, and the largest errors along known histories.
     """
     record = model.offline
     known = model.offline.comparison
@@ -406,29 +391,25 @@ def condensed_report(model: CondensedFlowModel, row: Row) -> Report:
 
 
 def advice_flowing(report: Report) -> Advice:
-    """Method for an inelastic scene, from the measurements; a refused one is listed with its reason.
+    """Method for an inelastic scene: the most accurate one within a factor of three of the fastest.
 
-    The most accurate one within a factor of three of the fastest is advised: both are far faster than the full model.
+    Both are far faster than the full model; a refused one is listed with its reason.
     """
     times = report["times"]
     models = report["models"]
-    kinds = {
-        "condensed": ("condensed", "condensed flow", "fields, condensed", "offline_condensed"),
-        "hhr": ("online", "the hyper-reduced model", "fields", "offline"),
-    }
+    kinds = {method.key: method for method in METHODS.values()}
     measured = {key: models[key] for key in kinds if "refused" not in models[key]}
-    seconds = {key: times[kinds[key][0]]["median"] for key in measured}
+    seconds = {key: times[kinds[key].times]["median"] for key in measured}
 
     def figures(key: str) -> str:
         errors = measured[key]["errors"]
-        _, name, even, stages = kinds[key]
-        count = report["break_even"].get(even)
+        count = report["break_even"].get(kinds[key].even)
         paid = "never pays" if count is None else f"pays after {count:.1f} histories"
-        own = sum(value for stage, value in times[stages].items() if stage not in TRAINING)
+        own = sum(value for stage, value in times[kinds[key].offline].items() if stage not in TRAINING)
         ratio = times["fom_best"]["median"] / seconds[key]
         missed = measured[key]["unconverged"]
         return (
-            f"{name}: {in_words(seconds[key])} for a history, {ratio:.0f} times the best full order, errors "
+            f"{kinds[key].text}: {in_words(seconds[key])} for a history, {ratio:.0f} times the best full order, errors "
             f"{errors['largest_displacement']['max']:.1e} of displacement and {errors['largest_forces']['max']:.1e} of "
             f"contact forces at most, made in {in_words(own)} from the training answers, and {paid}"
             + (f"; {missed} of the test paths have no answer" if missed else "")
@@ -440,8 +421,9 @@ def advice_flowing(report: Report) -> Advice:
     for other in others:
         text = figures(other)
         sentence += f" {text[0].upper()}{text[1:]}."
-    for key, (_, name, _, _) in kinds.items():
+    for key, method in kinds.items():
         if key not in measured:
+            name = method.text
             sentence += f" {name[0].upper()}{name[1:]} is refused here: {models[key]['refused'].rstrip('.')}."
     sentence += (
         " The hyper-reduced model is the one for contact conditions by the thousand, and where parts that hang "
@@ -450,11 +432,34 @@ def advice_flowing(report: Report) -> Advice:
     return Advice(favoured, sentence)
 
 
+def draw_over_time(histories: dict[str, History], contacts: np.ndarray, folder: Path) -> None:
+    """Force of each contact, largest plastic strain and iterations of the steps of histories, by method."""
+    from hhr_dolfinx.plugins.studies.plots import plot_curves  # imported here: it needs packages for pictures
+
+    times = [answer.time for answer in next(iter(histories.values())).answers]
+    pairs = np.unique(contacts)
+    lines = {}
+    for label, history in histories.items():
+        forces = np.array([answer.forces() for answer in history.answers])
+        for pair in pairs:
+            name = f"{label}, contact {pair}" if pairs.size > 1 else label
+            lines[name] = times, forces[:, contacts == pair].sum(axis=1)
+    plot_curves(lines, folder / "contact_force.png", ("time [s]", "contact force"))
+    quantities = {
+        "largest plastic strain": lambda history: [answer.gauss.state.cumulated.max() for answer in history.answers],
+        "iterations of a step": lambda history: history.iterations,
+    }
+    for name, quantity in quantities.items():
+        lines = {label: (times, quantity(history)) for label, history in histories.items()}
+        plot_curves(lines, folder / f"{name.replace(' ', '_')}.png", ("time [s]", name))
+
+
 class _Study:
     """Facet ``study``, see :class:`hhr_dolfinx.plugins.studies.of_laws.StudiedLaws`."""
 
     measure = staticmethod(measure_histories)
     advice = staticmethod(advice_flowing)
+    draw = staticmethod(draw_over_time)
 
     def check(self, settings: Any) -> None:
         """Raise StudyError for an invalid correction."""
@@ -484,31 +489,5 @@ class _Study:
             return model.offline.sets.cells
         return np.unique(model.flow.points // model.flow.per_cell)
 
-    def draw(self, histories: dict[str, History], contacts: np.ndarray, folder: Path) -> None:
-        """Forces, strain and iterations over time."""
-        draw_over_time(histories, contacts, folder)
-
 
 STUDY = _Study()
-
-
-def draw_over_time(histories: dict[str, History], contacts: np.ndarray, folder: Path) -> None:
-    """Force of each contact, largest plastic strain and iterations of the steps of histories, by method."""
-    from hhr_dolfinx.plugins.studies.plots import plot_curves  # imported here: it needs packages for pictures
-
-    times = [answer.time for answer in next(iter(histories.values())).answers]
-    pairs = np.unique(contacts)
-    lines = {}
-    for label, history in histories.items():
-        forces = np.array([answer.forces() for answer in history.answers])
-        for pair in pairs:
-            name = f"{label}, contact {pair}" if pairs.size > 1 else label
-            lines[name] = times, forces[:, contacts == pair].sum(axis=1)
-    plot_curves(lines, folder / "contact_force.png", ("time [s]", "contact force"))
-    quantities = {
-        "largest plastic strain": lambda history: [answer.gauss.state.cumulated.max() for answer in history.answers],
-        "iterations of a step": lambda history: history.iterations,
-    }
-    for name, quantity in quantities.items():
-        lines = {label: (times, quantity(history)) for label, history in histories.items()}
-        plot_curves(lines, folder / f"{name.replace(' ', '_')}.png", ("time [s]", name))

@@ -30,9 +30,10 @@ import numpy as np
 from hhr_dolfinx.errors import ConvergenceError, SceneError
 from hhr_dolfinx.materials.elasticity import lame_parameters
 from hhr_dolfinx.models.answer import Answer
-from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, Marching
+from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Equilibrium, Goal
 from hhr_dolfinx.plugins.inelastic.laws import Plasticity
 from hhr_dolfinx.plugins.inelastic.points import Points
+from hhr_dolfinx.plugins.inelastic.state import deviator
 from hhr_dolfinx.plugins.inelastic.state import state as gauss_of
 from hhr_dolfinx.plugins.inelastic.update import Group, Material, flow_of, kernel_of
 
@@ -53,53 +54,38 @@ Advance = Callable[[tuple[Answer, ...], Goal], list[Answer]]
 
 
 class _Rated(NamedTuple):
-    """Points of a body whose law has rates, its index among the groups of the material, and its shear modulus."""
+    """A body whose law has rates."""
 
     points: np.ndarray
-    place: int
-    shear: float
+    place: int  # its index among the groups of the material
+    shear: float  # shear modulus
 
 
 @dataclass(frozen=True)
 class TimeError:
-    """Time error at the end of a step; each step creates another one.
+    """Time error at the end of a step; each step creates another one."""
 
-    Attributes:
-        bodies: bodies with rates, at the points of the model that gave the last answer.
-        points: numbers of the points of that model, which identify it.
-        together: reductions over the points of all ranks.
-        error: e at the points of each body, as a stress.
-        rate: 2 μ times the rate of plastic strain there, per second; None until it is known.
-        largest: norm of the largest stress so far.
-        before: estimate when the points changed, or when a history continued; it does not decay.
-        added: error added by the last step, relative to the largest stress.
-        left: part D of the added error that remains at the end of the step.
-    """
-
-    bodies: tuple[_Rated, ...]
-    points: np.ndarray
-    together: Points
-    error: tuple[np.ndarray, ...]
+    bodies: tuple[_Rated, ...]  # bodies with rates
+    together: Points  # reductions over the points of all ranks
+    error: tuple[np.ndarray, ...]  # e at the points of each body, as a stress
+    # 2 μ times the rate of plastic strain there, per second; None until it is known
     rate: tuple[np.ndarray, ...] | None
-    largest: float = 0.0
-    before: float = 0.0
-    added: float = 0.0
-    left: float = 1.0
+    largest: float = 0.0  # norm of the largest stress so far
+    before: float = 0.0  # estimate when a history continued; it does not decay
+    added: float = 0.0  # error added by the last step, relative to the largest stress
+    left: float = 1.0  # part D of the added error that remains at the end of the step
 
     @classmethod
-    def at_rest(cls, model: Marching, rest: Answer) -> TimeError:
+    def at_rest(cls, model: Equilibrium, answer: Answer) -> TimeError:
         """Time error at the start of a history, for a model with numbers as moduli."""
-        return cls._of(model, model.material.at(rest.parameter))
-
-    @classmethod
-    def _of(cls, model: Marching, material: Material) -> TimeError:
+        material = model.material.at(answer.parameter)
         bodies = tuple(
             _Rated(group.indices, place, lame_parameters(float(group.young), group.poisson)[1])
             for place, group in enumerate(material.groups)
             if _has_rates(group)
         )
         nothing = tuple(np.zeros((body.points.size, material.components)) for body in bodies)
-        return cls(bodies, model.points, model.together, nothing, nothing)
+        return cls(bodies, model.together, nothing, nothing)
 
     @property
     def estimate(self) -> float:
@@ -118,20 +104,11 @@ class TimeError:
         largest = max(self.largest, self._norm([gauss_of(answer).stress]))
         return replace(self, error=nothing, rate=None, largest=largest, before=answer.time_error)
 
-    def after(self, model: Marching, before: Answer, answer: Answer) -> TimeError:
-        """Time error at the end of a step that was solved in one part.
-
-        Args:
-            model: the model of the answer, with numbers as moduli.
-            before, answer: both ends of the step.
-        """
-        material = model.material.at(answer.parameter)
-        if model.points is not self.points and not np.array_equal(model.points, self.points):
-            # another model took over, whose points have neither an error nor the rates at the start
-            other = TimeError._of(model, material)
-            return replace(other, rate=None, largest=self.largest, before=self.estimate)
+    def after(self, model: Equilibrium, before: Answer, answer: Answer) -> TimeError:
+        """Time error at the end of a step that was solved in one part by a model with numbers as moduli."""
         if not self.bodies:
             return self
+        material = model.material.at(answer.parameter)
         dt = answer.time - before.time
         stress = gauss_of(answer).stress
         try:
@@ -151,7 +128,7 @@ class TimeError:
             left=left / raw if raw > 0 else 1.0,
         )
 
-    def through(self, model: Marching, before: Answer, parts: Sequence[Answer]) -> TimeError:
+    def through(self, model: Equilibrium, before: Answer, parts: Sequence[Answer]) -> TimeError:
         """Time error at the end of a step in parts, from the answer before it and those at their ends."""
         error = self
         for one, other in pairwise([before, *parts]):
@@ -178,12 +155,6 @@ class TimeError:
         return error, flowed / dt, float(np.vdot(added, added)), float(np.vdot(kept, kept))
 
 
-def _deviator(stress: np.ndarray) -> np.ndarray:
-    found = stress.copy()
-    found[:, :3] -= stress[:, :3].mean(axis=1, keepdims=True)
-    return found
-
-
 def _equivalent(stress: np.ndarray) -> np.ndarray:
     """Equivalent stress, (n,), of stress in Kelvin's notation, (n, c)."""
     pressure = stress[:, 0] + stress[:, 1] + stress[:, 2]
@@ -194,11 +165,10 @@ def _rate(law: Any, answer: Answer, body: _Rated, dt: float) -> np.ndarray:
     """2 μ times the rate of plastic strain at a stress: the flow of a law in a short time, (n, c)."""
     stress = gauss_of(answer).stress[body.points]
     moment = SUDDEN * dt
-    deviator = _deviator(stress)
     equivalent = _equivalent(stress)
     amount, _ = flow_of(law, equivalent, gauss_of(answer).state.cumulated[body.points], body.shear, moment)
     along = np.divide(3 * body.shear * amount / moment, equivalent, out=np.zeros_like(amount), where=equivalent > 0)
-    return along[:, None] * deviator
+    return along[:, None] * deviator(stress)
 
 
 def _has_rates(group: Group) -> bool:
@@ -219,22 +189,16 @@ def _has_rates(group: Group) -> bool:
 
 
 class Parted(NamedTuple):
-    """A step of a path that was solved in parts.
+    """A step of a path that was solved in parts."""
 
-    Attributes:
-        parts: answers at their ends.
-        error: at the end.
-        spent: iterations of all attempts, discarded ones included.
-    """
-
-    parts: list[Answer]
-    error: TimeError
-    spent: int
+    parts: list[Answer]  # answers at their ends
+    error: TimeError  # at the end
+    spent: int  # iterations of all attempts, discarded ones included
 
 
 def in_parts(
     advance: Advance,
-    model: Marching,
+    model: Equilibrium,
     trail: tuple[Answer, ...],
     goal: Goal,
     error: TimeError,
@@ -246,15 +210,7 @@ def in_parts(
     D is near 1, it may add the same as if the path had ``STEPS`` steps: later steps are unknown. The allowed error is
     about proportional to the length of a part, and the added error to its square. The length of the next part, or of
     the same one once more, changes by their ratio. The first attempt is the whole step, so that a history that
-    continues after stored answers finds the same parts.
-
-    Args:
-        advance: solves one part.
-        model: with numbers as moduli.
-        trail: answers before.
-        goal: end of the step.
-        error: known at its start.
-        tolerance: of the estimate, relative.
+    continues after stored answers finds the same parts. ``error`` is that at the start of the step.
 
     Raises:
         Diverged: if a part does not converge, or more parts than ``MOST_PARTS`` would be needed.

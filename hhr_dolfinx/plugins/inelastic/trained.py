@@ -49,24 +49,14 @@ def share_of_stress(misfit: float, stress: float) -> float:
 
 
 class Signs(NamedTuple):
-    """Error indicators of a reduced model at a solved step.
+    """Error indicators of a reduced model at a solved step."""
 
-    Attributes:
-        imbalance: norm of the residual forces on the reduced domain before projection, in the unit of force.
-        size: norm of the contributions to these forces.
-        depth: largest violation of a gap on the whole contact surface, in the unit of length, 0 if none.
-        what: description of the imbalance, for messages.
-        misfit: norm of the part of the stress that no mode of the training explains, where laws are evaluated, in the
-            unit of stress.
-        stress: norm of this stress.
-    """
-
-    imbalance: float
-    size: float
-    depth: float
-    what: str = "the forces on the reduced domain are out of balance"
-    misfit: float = 0.0
-    stress: float = 0.0
+    imbalance: float  # norm of the residual forces on the reduced domain before projection, in the unit of force
+    size: float  # norm of the contributions to these forces
+    depth: float  # largest violation of a gap on the whole contact surface, in the unit of length, 0 if none
+    what: str = "the forces on the reduced domain are out of balance"  # description of the imbalance, for messages
+    misfit: float = 0.0  # norm of the stress that no mode of the training explains, where laws are evaluated
+    stress: float = 0.0  # norm of this stress
 
     @property
     def estimate(self) -> float:
@@ -75,49 +65,30 @@ class Signs(NamedTuple):
 
 
 class Known(NamedTuple):
-    """Error indicators of a reduced model on its training histories, each a list with one entry for each step.
-
-    Attributes:
-        signs: indicators along training histories.
-        onsets: indicators along small parts of their first steps, which every path with finer steps passes.
-        length: largest gap or relative motion of contact surfaces in training.
-    """
+    """Error indicators of a reduced model on its training histories, for each step of each."""
 
     signs: Sequence[Sequence[Signs]]
-    onsets: Sequence[Sequence[Signs]]
-    length: float
+    onsets: Sequence[Sequence[Signs]]  # along small parts of their first steps, which a path with finer steps passes
+    length: float  # largest gap or relative motion of contact surfaces in training
 
 
 @dataclass(frozen=True)
 class TrainedPaths:
-    """Training range of a reduced model of histories.
+    """Training range of a reduced model of histories."""
 
-    Attributes:
-        parameters: range of values along all training paths.
-        slowest, fastest: smallest and largest rate of each parameter in any step, per second, (P,). For
-            rate-independent laws only directions matter: the change of the parameter while the one that changes most,
-            relative to its trained range, goes through its whole range.
-        steps: shortest and longest training step, in seconds, for information: only rates are checked.
-        rated: True if any law depends on rates.
-        imbalance: largest imbalance of the training histories, solved by the reduced model, in the unit of force.
-        depth: largest depth of the training histories, or the value that counts as zero.
-        stress: largest norm of the stress in the training histories.
-        estimate: largest estimate at any of their steps, or the value that counts as zero.
-        begun: smallest norm of the stress after the first step of any of them; below it a history is in its first step.
-        onset: largest estimate of small parts of these first steps, at least ``estimate``.
-    """
-
-    parameters: TrainedRange
+    parameters: TrainedRange  # range of values along all training paths
+    # smallest and largest rate of each parameter in any step, per second; of laws without rates only directions matter:
+    # the change while the parameter that changes most, relative to its trained range, goes through its whole range
     slowest: Annotated[Floats, "P"]
     fastest: Annotated[Floats, "P"]
-    steps: tuple[float, float]
-    rated: bool
-    imbalance: float
-    depth: float
-    stress: float
-    estimate: float
-    begun: float
-    onset: float
+    steps: tuple[float, float]  # shortest and longest training step, in seconds, for information
+    rated: bool  # True if any law depends on rates
+    imbalance: float  # largest imbalance of the training histories, solved by the reduced model, in the unit of force
+    depth: float  # largest depth of the training histories, or the value that counts as zero
+    stress: float  # largest norm of the stress in the training histories
+    estimate: float  # largest estimate at any of their steps, or the value that counts as zero
+    begun: float  # smallest norm of the stress after a first step; below it a history is in its first step
+    onset: float  # largest estimate of small parts of these first steps, at least ``estimate``
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -140,14 +111,7 @@ class TrainedPaths:
         known: Known,
         rated: bool = True,
     ) -> TrainedPaths:
-        """Training range from training paths and indicators of the reduced model on the training histories.
-
-        Args:
-            paths: training paths, each a list of times and parameters with the start first.
-            space: box of the parameters.
-            known: indicators of the training histories.
-            rated: True if any law depends on rates.
-        """
+        """Training range from paths, the start first, and indicators; ``rated``: some law depends on rates."""
         times = [np.array([time for time, _ in path]) for path in paths]
         points = [np.array([point for _, point in path]) for path in paths]
         steps = np.concatenate([np.diff(item) for item in times])
@@ -224,12 +188,7 @@ def _direction(change: np.ndarray, trained: TrainedRange) -> np.ndarray:
 
 
 class Watch:
-    """Check of the steps of one history against the training range; each kind of report is given once.
-
-    Args:
-        trained: training range; None disables the check, as for a full model.
-        outside: see :func:`announce`.
-    """
+    """Check of the steps of one history against a training range, if any; each kind of report is given once."""
 
     def __init__(self, trained: TrainedPaths | None, outside: str):
         check_outside(outside)

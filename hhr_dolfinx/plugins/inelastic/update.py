@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple
@@ -27,45 +27,28 @@ factor gives far larger errors."""
 
 
 class State(NamedTuple):
-    """Internal variables of the material.
+    """Internal variables of the material."""
 
-    Attributes:
-        plastic: plastic strain, Kelvin's notation, (gauss_points, components).
-        cumulated: cumulated plastic strain p, (gauss_points,).
-    """
-
-    plastic: np.ndarray
-    cumulated: np.ndarray
+    plastic: np.ndarray  # plastic strain, Kelvin's notation, (gauss_points, components)
+    cumulated: np.ndarray  # cumulated plastic strain p, (gauss_points,)
 
 
 class Update(NamedTuple):
-    """Result of a step at all Gauss points.
+    """Result of a step at all Gauss points."""
 
-    Attributes:
-        stress: stress at the end of the step, (gauss_points, components).
-        state: state at the end of the step.
-        tangents: consistent tangents, (gauss_points, components, components), or None.
-    """
-
-    stress: np.ndarray
-    state: State
-    tangents: np.ndarray | None
+    stress: np.ndarray  # stress at the end of the step, (gauss_points, components)
+    state: State  # state at the end of the step
+    tangents: np.ndarray | None  # consistent tangents, (gauss_points, components, components), or None
 
 
 @dataclass(frozen=True)
 class Group:
-    """Gauss points of one body.
+    """Gauss points of one body."""
 
-    Attributes:
-        indices: numbers among the model's Gauss points, (n,).
-        young: Young's modulus E, or a formula of the parameters.
-        poisson: Poisson's ratio.
-        law: law of plasticity or creep, whose constants may be formulas of the parameters; None for an elastic body.
-    """
-
-    indices: Annotated[Integers, "points"]
-    young: float | str
-    poisson: float
+    indices: Annotated[Integers, "points"]  # numbers among the model's Gauss points, (n,)
+    young: float | str  # Young's modulus E, or a formula of the parameters
+    poisson: float  # Poisson's ratio
+    # law of plasticity or creep, whose constants may be formulas of the parameters; None for an elastic body
     law: Flow | None
 
     def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
@@ -77,6 +60,20 @@ class Group:
             yield f"the law {self.law!r} has no flow: each must have a flow, or be none"
 
 
+class LastOf:
+    """Keeps the value of the last key; threads may share it."""
+
+    def __init__(self) -> None:
+        self._last: tuple[object, Any] = None, None
+
+    def of(self, key: object, make: Callable[[], Any]) -> Any:
+        """The value of a key, which is not None."""
+        last = self._last
+        if last[0] != key:
+            self._last = last = key, make()  # in one assignment: several threads may be here
+        return last[1]
+
+
 class Material:
     """Laws of all Gauss points of a model.
 
@@ -84,10 +81,6 @@ class Material:
         groups: one group for each body; every Gauss point is in one group.
         components: number of components of a strain, 4 or 6.
         names: names of the parameters, for formulas.
-
-    Attributes:
-        groups, components, names: the arguments.
-        gauss_points: number of Gauss points.
 
     Raises:
         SceneError: if a Gauss point is in no group or in two, as the compiled loops would access other memory; for
@@ -101,15 +94,12 @@ class Material:
         self.groups = tuple(groups)
         self.components = components
         self.names = tuple(names)
-        self._laws = {
-            place: LawOfParameters(group.law, names)
-            for place, group in enumerate(self.groups)
-            if formulas_of(group.law)
-        }
-        texts = {place: group.young for place, group in enumerate(self.groups) if isinstance(group.young, str)}
+        numbered = list(enumerate(self.groups))
+        self._laws = {k: LawOfParameters(group.law, names) for k, group in numbered if formulas_of(group.law)}
+        texts = {k: group.young for k, group in numbered if isinstance(group.young, str)}
         self._moduli = ModuliOfParameters(texts, self.names) if texts else None
-        self._last: tuple[bytes, Material] | None = None
-        self._last_moduli: tuple[dict[int, float], Material] | None = None
+        self._at_points = LastOf()
+        self._at_moduli = LastOf()
         self._elastic: np.ndarray | None = None
         self.gauss_points = sum(group.indices.size for group in self.groups)
         indices = np.concatenate([np.zeros(0, dtype=np.int64), *(group.indices for group in self.groups)])
@@ -121,11 +111,7 @@ class Material:
             _ = self.elastic
 
     def faults_for(self, space: ParameterSpace, dimension: int) -> Iterator[str]:
-        """Faults of the material of a model with these parameters, read from a file.
-
-        Raises:
-            SceneError: for a formula with invalid values somewhere in the box.
-        """
+        """Faults of a material read from a file; SceneError for a formula with invalid values in the box."""
         if self.components != (4 if dimension == 2 else 6) or self.names not in ((), space.names):
             yield f"a strain has {self.components} components in dimension {dimension}, and parameters {self.names}"
         for number, group in enumerate(self.groups):
@@ -138,11 +124,7 @@ class Material:
 
     @property
     def elastic(self) -> np.ndarray:
-        """Elastic tangents, (gauss_points, components, components).
-
-        Raises:
-            SceneError: if moduli are formulas, see :meth:`moduli_at`.
-        """
+        """Elastic tangents, (gauss_points, components, components); moduli must be numbers, see :meth:`moduli_at`."""
         if self._elastic is None:
             elastic = np.empty((self.gauss_points, self.components, self.components))
             unit = np.zeros(self.components)
@@ -164,71 +146,52 @@ class Material:
         """True if any law may depend on rates; a law that does not declares ``rated = False``."""
         return any(group.law is not None and getattr(group.law, "rated", True) for group in self.groups)
 
-    def restricted(self, indices: np.ndarray) -> Material:
-        """Material of some Gauss points, renumbered in their order."""
-        groups = []
-        for group in self.groups:
-            kept = np.flatnonzero(np.isin(indices, group.indices))
-            if kept.size:
-                groups.append(Group(kept, group.young, group.poisson, group.law))
-        return Material(groups, self.components, self.names)
-
-    def between(self, points: slice) -> Material:
-        """Material of a range of Gauss points, renumbered from 0; its groups may be empty."""
-        groups = []
-        for group in self.groups:
-            inside = (group.indices >= points.start) & (group.indices < points.stop)
-            groups.append(replace(group, indices=group.indices[inside] - points.start))
+    def restricted(self, indices: np.ndarray, *, empty: bool = False) -> Material:
+        """Material of some Gauss points, renumbered in their order; groups without any are kept if ``empty``."""
+        kept = [np.flatnonzero(np.isin(indices, group.indices)) for group in self.groups]
+        groups = [
+            replace(group, indices=own) for group, own in zip(self.groups, kept, strict=True) if empty or own.size
+        ]
         return Material(groups, self.components, self.names)
 
     def at(self, point: np.ndarray) -> Material:
-        """Material with the constants at a point, (P,); this object if none depends on parameters.
+        """Material with the constants at a point, (P,), the last of which is kept; itself if none is a formula.
 
-        The material of the last point is cached.
-
-        Raises:
-            SceneError: for constants that are not valid there.
+        SceneError for constants that are not valid there.
         """
         elastic = self.moduli_at(point)
         if not self._laws:
             return elastic
-        key = point.tobytes()
-        last = self._last
-        if last is not None and last[0] == key:
-            return last[1]
-        found = copy(elastic)
-        laws = {place: law.at(point) for place, law in self._laws.items()}
-        found.groups = tuple(
-            replace(group, law=laws.get(place, group.law)) for place, group in enumerate(elastic.groups)
-        )
-        found._laws = {}
-        found._last = None
-        # a single assignment, since several threads may evaluate this
-        self._last = key, found
-        return found
+
+        def made() -> Material:
+            found = copy(elastic)
+            laws = {place: law.at(point) for place, law in self._laws.items()}
+            groups = enumerate(elastic.groups)
+            found.groups = tuple(replace(group, law=laws.get(k, group.law)) for k, group in groups)
+            found._laws = {}
+            return found
+
+        return self._at_points.of(point.tobytes(), made)
 
     def moduli_at(self, point: np.ndarray) -> Material:
-        """Material with the elasticity at a point, (P,), and unchanged laws; this object if the elasticity is constant.
+        """Material with the elasticity at a point, (P,), the last of which is kept; itself if that is constant.
 
-        The material of the last moduli is cached.
-
-        Raises:
-            SceneError: for a modulus that is not valid there.
+        SceneError for a modulus that is not valid there.
         """
         if self._moduli is None:
             return self
         values = self._moduli.values(point)
-        last = self._last_moduli
-        if last is not None and last[0] == values:
-            return last[1]
-        found = copy(self)
-        found.groups = tuple(
-            replace(group, young=values.get(place, group.young)) for place, group in enumerate(self.groups)
-        )
-        found._moduli = found._last = found._last_moduli = found._elastic = None
-        # a single assignment, since several threads may evaluate this
-        self._last_moduli = values, found
-        return found
+
+        def made() -> Material:
+            found = copy(self)
+            found.groups = tuple(
+                replace(group, young=values.get(k, group.young)) for k, group in enumerate(self.groups)
+            )
+            found._moduli = found._elastic = None
+            found._at_points = LastOf()
+            return found
+
+        return self._at_moduli.of(values, made)
 
     def constants(self, point: np.ndarray) -> list[dict[str, float]]:
         """Values at a point, (P,), of the constants that are formulas, for each group by name."""
@@ -275,8 +238,7 @@ class Material:
     def wrong_slopes(self, strain: np.ndarray, old: State, dt: float, reductions: Any) -> list[str] | None:
         """Reports of laws whose slope is not the derivative of their flow; None if too little plastic strain occurs.
 
-        A wrong slope changes no answer, but steps take more iterations, or fail for no visible reason. ``reductions``
-        are over the Gauss points of all ranks, see :class:`hhr_dolfinx.plugins.inelastic.points.Points`.
+        A wrong slope changes no answer, but steps take more iterations, or fail for no visible reason.
         """
 
         def probed() -> list[_Slopes]:
@@ -293,7 +255,7 @@ class Material:
         return [report for report in reports if report] if reports else None
 
     def _trial(self, indices: np.ndarray, strain: np.ndarray, old: State, mu: float) -> tuple[np.ndarray, np.ndarray]:
-        """Deviator, (n, components), and equivalent stress, (n,), of the trial stress at some Gauss points."""
+        """Deviator and equivalent stress of the trial stress at some Gauss points, (n, components) and (n,)."""
         deviator = np.empty((indices.size, self.components))
         equivalent = np.empty(indices.size)
         _set_trial(indices, strain, old.plastic, mu, deviator, equivalent)
@@ -301,7 +263,7 @@ class Material:
 
 
 def _number(group: Group) -> float:
-    """Young's modulus, which must be a number at this point."""
+    """Young's modulus, which must be a number here."""
     if isinstance(group.young, str):
         raise SceneError(
             f"young = {group.young} is a formula of the parameters: material.moduli_at(point) has its number"
@@ -420,11 +382,7 @@ def _set_trial(indices, strain, plastic, mu, deviator, equivalent):
 
 @compiled()
 def _return(indices, strain, deviator, equivalent, amount, slope, bulk, mu, stress, plastic, cumulated, tangents):
-    """Radial return; H = bulk 1⊗1 + 2 mu (θ P - (3 mu dΔp/dq - 1 + θ) n⊗n) with θ = 1 - 3 mu Δp / q_tr.
-
-    Writes stress, plastic strain, cumulated strain and tangents of the given Gauss points; no tangents if that array is
-    empty.
-    """
+    """Radial return; H = bulk 1⊗1 + 2 mu (θ P - (3 mu dΔp/dq - 1 + θ) n⊗n) with θ = 1 - 3 mu Δp / q_tr."""
     components = strain.shape[1]
     for m in range(indices.size):
         i = indices[m]

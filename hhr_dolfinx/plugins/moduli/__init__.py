@@ -27,6 +27,6 @@ PLUGIN = Plugin(
         f"{_HERE}.shaped_functionals": "ReshapedFunctionals Zone",
     },
     reductors={"condensed": Way(f"{_HERE}.condense:Condensation", _wanted, condenses=True)},
-    stages=(Stage(f"{_HERE}.stages:interpolate", "hhr_dolfinx.reduction.build:assemble", _wanted),),
+    stages=(Stage(f"{_HERE}.interpolate_reduced:interpolate", "hhr_dolfinx.reduction.build:assemble", _wanted),),
     bounds=(Bounds(f"{_HERE}.bounding:bounding", _wanted),),
 )

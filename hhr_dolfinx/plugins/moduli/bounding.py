@@ -13,20 +13,17 @@ from scipy.linalg import cholesky, eigvalsh, solve_triangular
 from scipy.sparse import csc_matrix, csr_matrix
 
 from hhr_dolfinx.certify.accuracy import least_sizes
-from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
+from hhr_dolfinx.contact.problem import ContactProblem
 from hhr_dolfinx.errors import BoundError
 from hhr_dolfinx.models.bound import Bounding
-from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.plugins.differences.offline import check_hypotheses
 from hhr_dolfinx.plugins.moduli.components import Component, Solver, interpolated_compliances, solvers_of
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, grown
-from hhr_dolfinx.plugins.moduli.interpolate_reduced import SHAPE_GRID, interpolated_problem
+from hhr_dolfinx.plugins.moduli.interpolate_reduced import SHAPE_GRID, whole_problem
 from hhr_dolfinx.plugins.moduli.interpolated import Compliance, Compliances
 from hhr_dolfinx.plugins.moduli.interpolation import Interpolant
 from hhr_dolfinx.plugins.moduli.proved import PartStiffness
-from hhr_dolfinx.plugins.moduli.shaped import InterpolatedProblem
 from hhr_dolfinx.plugins.moduli.varying_bound import OF_ENERGY, PartEnergy, VaryingBound
-from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.timing import Announce, unannounced
 
 if TYPE_CHECKING:
@@ -67,11 +64,7 @@ _KNOWN: WeakKeyDictionary[FullModel, Between | BoundError] = WeakKeyDictionary()
 
 
 def between(full: FullModel, solvers: Sequence[Solver] | None = None, announce: Announce = unannounced) -> Between:
-    """Arrays that all bounds of a full model share, or the reason why there are none; computed once and cached.
-
-    Raises:
-        BoundError: with the hypothesis that fails.
-    """
+    """Arrays that all bounds of a full model share, computed once; BoundError with the hypothesis that fails."""
     check_hypotheses(full)
     if full not in _KNOWN:
         # K^-1 of each component needs all rows; the results are as large as the surface
@@ -109,10 +102,10 @@ def varying_bound(
     """
     problem: ContactProblem = full.problem
     known = between(full, solvers, announce)
-    sizes = (problem.contact_areas, least_sizes(problem, known.compliances(problem.middle).schur, forces))
-    return VaryingBound(
-        *known[:2], _whole(problem, basis), known.inexact, known.proved, problem.middle, *sizes, known.areas
-    )
+    least = least_sizes(problem, known.compliances(problem.middle).schur, forces)
+    error = known.inexact, known.proved
+    whole = whole_problem(problem, basis, GRID)
+    return VaryingBound(*known[:2], whole, *error, problem.middle, problem.contact_areas, least, known.areas)
 
 
 def _between(full: FullModel, solvers: Sequence[Solver], announce: Announce) -> Between:
@@ -154,9 +147,8 @@ def _between(full: FullModel, solvers: Sequence[Solver], announce: Announce) -> 
 def _round_off(solver: Solver) -> float:
     """Part of the energy of loads on a component that is round-off, largest for slender bodies.
 
-    It is the error of products with K, for any solution x: |K x| of a bent body is far below |K| |x|. Errors
-    of rows are independent of each other, so that their squares are added (N. J. Higham, Accuracy and Stability of
-    Numerical Algorithms, 2002, section 2.8).
+    It is the error of products with K: |K x| of a bent body is far below |K| |x|. Errors of rows are independent, so
+    that their squares are added (N. J. Higham, Accuracy and Stability of Numerical Algorithms, 2002, section 2.8).
     """
     middle = solver.problem.middle
     problem = solver.with_stiffness(middle)
@@ -174,12 +166,11 @@ def _areas(problem: ContactProblem) -> Interpolant | None:
     """Tributary areas between shapes; None if they are constant."""
     if problem.reshaped is None:
         return None
-    axes = np.array(problem.reshaped.axes, dtype=np.int64)
 
     def there(point: np.ndarray) -> dict[str, np.ndarray]:
         return {"areas": problem.reshaped(point).contact_areas}
 
-    return grown(there, problem.parameters, axes, SHAPE_GRID)[0].interpolant
+    return grown(there, problem.parameters, problem.reshaped.axes, SHAPE_GRID)[0].interpolant
 
 
 def _check_resolved(error: float) -> None:
@@ -195,12 +186,9 @@ def _check_resolved(error: float) -> None:
 
 
 def _stiffness_of(component: Component, problem: ContactProblem) -> PartStiffness | None:
-    """Dependence of the stiffness of a part on its only parameter; None if nothing is proved.
-
-    A lift scales with K, not with K^-1.
-    """
+    """Dependence of K of a part on its only parameter; None if nothing is proved: a lift scales with K, not K^-1."""
     part = component.part
-    moduli = component.moduli
+    moduli = part.moduli
     if problem.reshaped is not None or part.axes.size != 1 or part.lifted.size or not 0 < len(moduli) < 3:
         return None
     axis = int(part.axes[0])
@@ -239,21 +227,13 @@ def _seen(solver: EnergySolver, part: Compliance, energy: PartEnergy) -> float:
 
 
 class _Probe(NamedTuple):
-    """One component whose S_c is compared with solutions.
+    """One component whose S_c is compared with solutions."""
 
-    Attributes:
-        solver: of the component.
-        conditions: conditions on its dofs, (m_c,).
-        rows: B on its dofs, (m_c, N).
-        modes: of S_c, (r, m_c, m_c), which may take a tenth of all memory: there is no other copy.
-        weights: S_c in the middle of the box along them, (r,).
-    """
-
-    solver: Solver
-    conditions: np.ndarray
-    rows: csr_matrix
-    modes: np.ndarray
-    weights: np.ndarray
+    solver: Solver  # of the component
+    conditions: np.ndarray  # conditions on its dofs, (m_c,)
+    rows: csr_matrix  # B on its dofs, (m_c, N)
+    modes: np.ndarray  # of S_c, (r, m_c, m_c), which may take a tenth of all memory: there is no other copy
+    weights: np.ndarray  # S_c in the middle of the box along them, (r,)
 
     @classmethod
     def of(cls, solver: Solver, part: Compliance, problem: ContactProblem) -> _Probe:
@@ -280,8 +260,7 @@ def _largest_images(probes: Sequence[_Probe], lower: np.ndarray, problem: Contac
             for probe, image in zip(probes, images, strict=True)
         ]
         loads = csc_matrix(sum(probe.rows.T @ own for probe, own in zip(probes, forces, strict=True)))
-        every = solver.serves_all
-        responses = solver.solved_everywhere(middle, loads) if every else solver.solved_columns(problem, middle, loads)
+        responses = solver.solved_together(problem, middle, loads)
         for place, (probe, own) in enumerate(zip(probes, forces, strict=True)):
             off = np.zeros(images[place].shape)
             off[probe.conditions] = probe.slack(own) - probe.rows @ responses
@@ -292,12 +271,11 @@ def _largest_images(probes: Sequence[_Probe], lower: np.ndarray, problem: Contac
 def probed(solvers: Sequence[Solver], compliances: Compliances, problem: ContactProblem) -> float:
     """Error of S against solutions with random forces, in the order of energies, at the worst point of the box.
 
-    For parts that only have a variable factor: the error is round-off, or due to compressed factors. The error
-    E_c of each is measured relative to S = L L^T in the middle of the box, A = L^-1 E_c L^-T, by a few powers of A that
-    are multiplied with random vectors: with a probability of 1 - 10^-PROBES the norm of a matrix is at most the largest
-    of their images times 10 (2/π)^1/2 (N. Halko, P.-G. Martinsson and J. Tropp, SIAM Review 53, 2011, lemma 4.1), and
-    that of A at most the root of it. As S is the sum of its parts the error of each is multiplied by the ratio of the
-    softest part to the stiffest one, relative to the middle of the box.
+    For parts that only have a variable factor: it is round-off, or due to compressed factors. The error E_c of each is
+    measured relative to S = L L^T in the middle of the box, A = L^-1 E_c L^-T, by a few powers of A times random
+    vectors: with a probability of 1 - 10^-PROBES the norm of a matrix is at most the largest of their images times
+    10 (2/π)^1/2 (N. Halko, P.-G. Martinsson and J. Tropp, SIAM Review 53, 2011, lemma 4.1), and that of A at most the
+    root of it. As S is the sum of its parts, the error is multiplied by the ratio of the softest part to the stiffest.
     """
     middle = problem.middle
     schur = compliances.stiffness(middle).schur.T  # symmetric; LAPACK uses Fortran order
@@ -325,23 +303,8 @@ def _sizes(energies: np.ndarray) -> np.ndarray:
     return np.sqrt(own + NOISE * own.max(initial=0.0) + np.finfo(float).tiny)
 
 
-def _whole(problem: ContactProblem, basis: np.ndarray) -> ReducedProblem | InterpolatedProblem:
-    """Galerkin projection on the whole mesh, with all conditions among its rows."""
-    every = np.flatnonzero(problem.free)
-    conditions = np.arange(len(problem.gaps))
-    cells = np.arange(len(problem.cell_nodes))
-    sets = IndexSets(cells, every, conditions, every, every, np.zeros(0, dtype=np.int64))
-    if problem.reshaped is None:
-        return project(problem, basis, sets)
-    return interpolated_problem(problem, basis, sets, GRID)
-
-
 class EnergySolver:
-    """Solver for one component that returns its energies too.
-
-    Args:
-        solver: of the component.
-    """
+    """Solver for one component that returns its energies too."""
 
     def __init__(self, solver: Solver):
         self.component = solver.component

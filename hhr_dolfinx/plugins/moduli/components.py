@@ -13,7 +13,6 @@ from scipy.sparse import csc_matrix, csr_matrix, diags, hstack, spmatrix
 
 from hhr_dolfinx.contact.problem import ContactProblem, dependence, moduli_of
 from hhr_dolfinx.contact.stiffness import FactorStore
-from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.linear.shared import SharedCholesky
 from hhr_dolfinx.linear.sparse import FreeCholesky, low_rank_of
 from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, Part, compliance_of, grown
@@ -34,21 +33,12 @@ KNOWN_BYTES = 2e9
 
 @dataclass(frozen=True)
 class Component:
-    """A connected component of a scene.
+    """A connected component of a scene."""
 
-    Attributes:
-        number: its index among the components of the problem.
-        dofs: its dofs that are free, as a mask, (N,).
-        body: numbers of all of its dofs.
-        part: conditions, loads and imposed displacements that act on it.
-        moduli: of the parts of its stiffness, if these depend on parameters.
-    """
-
-    number: int
-    dofs: np.ndarray
-    body: np.ndarray
-    part: Part
-    moduli: list[Modulus]
+    number: int  # its index among the components of the problem
+    dofs: np.ndarray  # its dofs that are free, as a mask, (N,)
+    body: np.ndarray  # numbers of all of its dofs
+    part: Part  # conditions, loads and imposed displacements that act on it
 
 
 def components_of(problem: ContactProblem) -> list[Component]:
@@ -68,7 +58,7 @@ def components_of(problem: ContactProblem) -> list[Component]:
         factor, axes = dependence(moduli, shape_axes, problem.parameters.names)
         forced, lifted = (_acting(columns, dofs) for columns in (problem.external, lifts))
         part = Part(conditions, forced, lifted, factor, axes, tuple(moduli))
-        found.append(Component(number, dofs, body, part, moduli))
+        found.append(Component(number, dofs, body, part))
     return found
 
 
@@ -123,8 +113,8 @@ def interpolated_compliances(
         others.append({name: values for name, values in modes.items() if name not in ("schur", "columns")})
     reshaped = None
     if problem.reshaped is not None:
-        axes = np.array(problem.reshaped.axes, dtype=np.int64)
-        grid, _ = grown(lambda point: {"gaps": problem.at(point).gaps}, problem.parameters, axes, settings)
+        shapes = problem.reshaped.axes
+        grid, _ = grown(lambda point: {"gaps": problem.at(point).gaps}, problem.parameters, shapes, settings)
         grids.append(grid)
         reshaped = grid.interpolant
     return Compliances(tuple(parts), problem.amplitudes, problem.gaps, reshaped), grids, others
@@ -133,13 +123,8 @@ def interpolated_compliances(
 class Solver:
     """Computes S and the load response of one connected component, with factors that are updated at each point.
 
-    If only moduli of whole bodies vary, the factors of the full model serve all points. Columns of K^-1 B^T are used
-    and discarded.
-
-    Args:
-        full: the full model, whose ranks have all rows.
-        component: of its scene.
-        store: keeps solutions for another run; None keeps them in memory alone.
+    If only moduli of whole bodies vary, the factors of the full model serve all points. Each rank of it has all rows.
+    Columns of K^-1 B^T are used and discarded. A ``store`` keeps solutions for another run.
     """
 
     def __init__(self, full: FullModel, component: Component, store: ArrayStore | None = None):
@@ -153,10 +138,7 @@ class Solver:
         self.store = store
 
     def __call__(self, point: np.ndarray) -> dict[str, np.ndarray]:
-        """S_c, (m_c, m_c), and B K^-1 F above B K^-1 K lift, (T, m_c), for the factor 1.
-
-        They depend on the axes of the part alone, and are kept while memory allows.
-        """
+        """S_c, (m_c, m_c), and B K^-1 F above B K^-1 K lift, (T, m_c), for the factor 1; kept while memory allows."""
         part = self.component.part
         place = point[part.axes].tobytes()
         found = self._known.get(place)
@@ -249,16 +231,14 @@ class Solver:
         return self.solved_columns(problem, point, hstack([contact_loads, loads], format="csc"))
 
     def fields_under(self, point: np.ndarray, points: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """Displacements under the loads at some points, (k, P), and contact forces, (k, m), at another one: (N, k).
+        """Displacements under loads at some points, (k, P), and forces, (k, m), at another one: (N, k).
 
         They are those of all components if the factors serve all of them.
         """
         problem = self.with_stiffness(point)
         loaded = np.stack([problem.external @ problem.amplitudes(one) for one in points], axis=1)
         columns = csc_matrix(loaded - problem.contact.T @ forces.T)
-        return (
-            self.solved_everywhere(point, columns) if self.serves_all else self.solved_columns(problem, point, columns)
-        )
+        return self.solved_together(problem, point, columns)
 
     def fields_of_lifts(self, point: np.ndarray) -> np.ndarray:
         """Displacements under K times its lifts, (N, T)."""
@@ -297,9 +277,11 @@ class Solver:
         assert bodies is not None
         return float(bodies.at(point)[self.component.number])
 
-    def solved_everywhere(self, point: np.ndarray, columns: spmatrix) -> np.ndarray:
-        """K^-1 of all components at a point times columns, (N, k), if the factors serve all of them."""
-        return self._full.system.stiffness(point).columns(columns)
+    def solved_together(self, problem: ContactProblem, point: np.ndarray, columns: spmatrix) -> np.ndarray:
+        """K^-1 of all components at a point times columns, (N, k), if the factors serve all; else of this one."""
+        if self.serves_all:
+            return self._full.system.stiffness(point).columns(columns)
+        return self.solved_columns(problem, point, columns)
 
     def solved_columns(self, problem: ContactProblem, point: np.ndarray, columns: spmatrix) -> np.ndarray:
         """K^-1 of the component times columns, (N, k), with the problem at this point."""

@@ -1,7 +1,4 @@
-"""Interpolated condensation, offline: compute S and the free slack at few parameters, and interpolate between them.
-
-Each connected component of a scene is solved separately, at the parameters of its sparse grid.
-"""
+"""Interpolated condensation, offline: S and the free slack of each component at few parameters, and between them."""
 
 from __future__ import annotations
 
@@ -16,8 +13,15 @@ from scipy.sparse import csr_matrix
 
 from hhr_dolfinx.certify.compare import Comparison
 from hhr_dolfinx.contact.active_set import Status
-from hhr_dolfinx.contact.problem import ContactProblem, IndexSets
-from hhr_dolfinx.errors import BoundError, NotOfferedError, ReductionError, SceneWarning, StabilityWarning
+from hhr_dolfinx.contact.problem import ContactProblem
+from hhr_dolfinx.errors import (
+    BoundError,
+    ConvergenceError,
+    NotOfferedError,
+    ReductionError,
+    SceneWarning,
+    StabilityWarning,
+)
 from hhr_dolfinx.models.condensed import CondensedModel
 from hhr_dolfinx.models.eliminations.block import BlockElimination
 from hhr_dolfinx.models.estimates import NOT_ASKED, warn_unbounded
@@ -26,16 +30,15 @@ from hhr_dolfinx.models.starts import KnownStatuses, LinearStarts
 from hhr_dolfinx.plugins.moduli.bounding import between, varying_bound
 from hhr_dolfinx.plugins.moduli.components import Solver, interpolated_compliances, solvers_of
 from hhr_dolfinx.plugins.moduli.interpolate import DEFAULT_GRID, GridSettings
-from hhr_dolfinx.plugins.moduli.interpolate_reduced import interpolated_problem
+from hhr_dolfinx.plugins.moduli.interpolate_reduced import whole_problem
 from hhr_dolfinx.plugins.moduli.interpolated import Compliances, InterpolatedFields
 from hhr_dolfinx.plugins.moduli.interpolation import GrownGrid
 from hhr_dolfinx.plugins.moduli.shaped import ReshapedElimination
 from hhr_dolfinx.plugins.moduli.shaped_outputs import reshaped_functionals
-from hhr_dolfinx.plugins.moduli.starts import starts_of
 from hhr_dolfinx.reduction.modes import pod
-from hhr_dolfinx.reduction.projection import project
 from hhr_dolfinx.reduction.recipe import Pod
 from hhr_dolfinx.reduction.reductor import Proposal, Reductor, Search, Task, compared, made
+from hhr_dolfinx.reduction.starts import NO_FIELDS, STAGE, linear_starts
 from hhr_dolfinx.sampling import Sobol
 from hhr_dolfinx.snapshots.records import SnapshotSet, check_of_problem
 from hhr_dolfinx.timing import Announce, StageLog
@@ -46,6 +49,8 @@ if TYPE_CHECKING:
     from hhr_dolfinx.plugins.moduli.shaped_functionals import ReshapedFunctionals
 
 
+ALONG = 4
+"""Points along each path that samples the forces of a law that remembers."""
 STARTS = 256
 FEWEST_STARTS = 32
 START_BYTES = 0.13e9
@@ -233,18 +238,50 @@ def _kept(solvers: list[Solver], called: str, compute: Callable[[], dict[str, np
 def _kept_starts(
     compliances: Compliances, solvers: list[Solver], full: FullModel, settings: GridSettings, announce: Announce
 ) -> tuple[KnownStatuses, np.ndarray]:
-    """See :func:`starts_of`; those of elastic bodies are kept for a run that is interrupted."""
+    """Starts of searches, and typical forces, (S, m); those of elastic bodies are kept for an interrupted run."""
     problem = full.problem
     points = _starts(problem)
     if problem.law.remembers:
-        return starts_of(compliances, points, problem, full.comm, announce)
+        return _starts_along_paths(compliances, points, problem, announce)
 
     def starts() -> dict[str, np.ndarray]:
-        known: Any = starts_of(compliances, points, problem, full.comm, announce)[0]
+        known: Any = linear_starts(compliances, points, problem.contact_pairs, comm=full.comm, announce=announce)
         return {item.name: getattr(known, item.name) for item in fields_of(LinearStarts)}
 
     known = LinearStarts(**_kept(solvers, f"starts {settings} {len(points)}", starts))
     return known, np.maximum(known.margins, 0.0)
+
+
+def _starts_along_paths(
+    eliminated: Compliances, points: np.ndarray, problem: ContactProblem, announce: Announce
+) -> tuple[KnownStatuses, np.ndarray]:
+    """Starts and typical forces, (S, m), with a law that remembers: increments start from the one before.
+
+    Forces are those along paths through a few of the points, (S, P), each, which load, unload and reverse; parameters
+    that stay along a path are those of its first point.
+    """
+    nothing = KnownStatuses(problem.middle[None], np.zeros((1, len(problem.gaps)), dtype=bool))
+    model = CondensedModel(problem.parameters, eliminated, nothing, NO_FIELDS, problem.contact_pairs, law=problem.law)
+    fixed = problem.law.fixed
+    found = []
+    seen = []
+    for first in range(0, len(points), ALONG):
+        announce(STAGE, first / len(points))
+        along = points[first : first + ALONG].copy()
+        along[:, fixed] = along[0, fixed]
+        rest = np.clip(0.0, problem.parameters.lower, problem.parameters.upper)
+        rest[fixed] = along[0, fixed]
+        try:
+            history = model.march([(0.0, rest), *((1.0 + k, point) for k, point in enumerate(along))])
+        except ConvergenceError as stop:
+            history = vars(stop)["history"]
+        found += [answer.multipliers for answer in history.answers]
+        seen += [answer.parameter for answer in history.answers]
+    if not found:
+        raise ReductionError(
+            "no path through the box has an answer: contact rows are dependent, or the law of the contacts admits none"
+        )
+    return KnownStatuses(np.array(seen), np.array(found) != 0), np.array(found)
 
 
 def _starts(problem: ContactProblem) -> np.ndarray:
@@ -316,15 +353,12 @@ def _fields(full: FullModel, seen: list[np.ndarray], settings: GridSettings) -> 
     del displacements
     if problem.reshaped is not None:
         basis = _of_energy(basis, problem)
-    every = np.flatnonzero(problem.free)
-    conditions = np.arange(len(problem.gaps))
-    sets = IndexSets(np.arange(len(problem.cell_nodes)), every, conditions, every, every, np.zeros(0, dtype=np.int64))
-    galerkin: Any = None
+    whole: Any = whole_problem(problem, basis, settings)
+    galerkin: Any
     if problem.reshaped is None:
-        galerkin = BlockElimination(project(problem, basis, sets), problem.amplitudes)
+        galerkin = BlockElimination(whole, problem.amplitudes)
     else:
-        interpolated = interpolated_problem(problem, basis, sets, settings)
-        galerkin = ReshapedElimination(interpolated, problem.amplitudes, problem.parameters)
+        galerkin = ReshapedElimination(whole, problem.amplitudes, problem.parameters)
     rest = galerkin, problem.block_size, full.stress_of, _outputs(full, basis, settings)
     return InterpolatedFields(problem.amplitudes, basis, problem.lifts, *rest, full=full)
 
@@ -386,10 +420,7 @@ def _finer(compliances: Compliances, bound: Any) -> Compliances:
 
 
 def _of_energy(basis: np.ndarray, problem: ContactProblem) -> np.ndarray:
-    """Modes of the same span, orthonormal in the energy of the middle of the box.
-
-    K~ is then near the identity at every shape, and the interpolation is as exact for soft modes as for stiff ones.
-    """
+    """Modes of the same span, orthonormal in the energy of the middle: soft modes are then as exact as stiff ones."""
     energies, ways = np.linalg.eigh(basis.T @ (problem.stiffness @ basis))
     kept = energies > 1e-12 * energies[-1]
     return basis @ (ways[:, kept] / np.sqrt(energies[kept]))
@@ -443,8 +474,8 @@ def _fields_along(
 ) -> list[np.ndarray]:
     """Displacements under loads and forces of solved points, (S, P) and (S, m): (N, k) each.
 
-    The points are shared out among the nodes of a grid. Displacements by lifts have their own columns, since they do
-    not depend on a factor of the stiffness. All components share columns, as each has displacements on its dofs alone.
+    The points are shared out among the nodes of a grid. Displacements by lifts have their own columns, as they do not
+    depend on a factor of the stiffness. All components share columns: each has displacements on its dofs alone.
     """
     count = len(points)
     least, most = ALONG_NODES

@@ -8,6 +8,7 @@ grid for these functions is the error for the compliance.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -20,7 +21,14 @@ from hhr_dolfinx.errors import ReductionError
 from hhr_dolfinx.formulas import Modulus, Scalar
 from hhr_dolfinx.parameters import ParameterSpace, is_number, is_whole
 from hhr_dolfinx.plugins.moduli.interpolated import Compliance, PrimalModes
-from hhr_dolfinx.plugins.moduli.interpolation import GrownGrid, Interpolant, grow, nodes_of, polynomials_of
+from hhr_dolfinx.plugins.moduli.interpolation import (
+    GrownGrid,
+    Interpolant,
+    grow,
+    nodes_of,
+    polynomials_of,
+    unstacked,
+)
 
 
 @dataclass(frozen=True)
@@ -58,22 +66,15 @@ DEFAULT_GRID = GridSettings()
 
 @dataclass(frozen=True)
 class Part:
-    """A connected component of a problem.
+    """A connected component of a problem."""
 
-    Attributes:
-        conditions: contact conditions that act on it, increasing.
-        forced, lifted: terms of θ whose loads or imposed displacements act on it.
-        factor: the modulus common to all of it; None without one.
-        axes: parameters on which the remaining dependence is.
-        moduli: of the parts of its stiffness, if these depend on parameters.
-    """
-
-    conditions: np.ndarray
+    conditions: np.ndarray  # contact conditions that act on it, increasing
+    # forced, lifted: terms of θ whose loads or imposed displacements act on it
     forced: np.ndarray
     lifted: np.ndarray
-    factor: Scalar | None
-    axes: np.ndarray
-    moduli: tuple[Modulus, ...] = ()
+    factor: Scalar | None  # the modulus common to all of it; None without one
+    axes: np.ndarray  # parameters on which the remaining dependence is
+    moduli: tuple[Modulus, ...] = ()  # of the parts of its stiffness, if these depend on parameters
 
     def factor_at(self, point: np.ndarray) -> float:
         """The modulus at a point; 1 without one."""
@@ -83,20 +84,19 @@ class Part:
 def grown(
     solved: Callable[[np.ndarray], Mapping[str, np.ndarray]],
     space: ParameterSpace,
-    axes: np.ndarray,
+    axes: Sequence[int] | np.ndarray,
     settings: GridSettings,
     part: Part | None = None,
 ) -> tuple[GrownGrid, dict[str, np.ndarray]]:
     """Interpolate arrays by name over some parameters; the others stay in the middle of the box.
 
-    If they are the compliance of a ``part``, its formulas are compared with the grid at thousands of points.
-
-    Returns:
-        The grid, and the modes of each array, in its shape with the modes along the last axis. The grid has no copy of
-        the modes of a part, which may be large.
+    If they are the compliance of a ``part``, its formulas are compared with the grid at thousands of points. Returns
+    the grid and the modes of each array, in its shape with the modes along the last axis. The grid has no copy of the
+    modes of a part, which may be large.
     """
+    axes = np.asarray(axes, dtype=np.int64)
     if not axes.size:
-        return _alone(solved, space, settings, part)
+        return _alone(solved, space, part)
     lower, upper = np.array([space.lower, space.upper], dtype=float)
     shapes: dict[str, tuple[int, ...]] = {}
     sizes: dict[str, float] = {}
@@ -122,21 +122,13 @@ def grown(
     kept = settings.compressed
     grid = grow(joined, scale, box, *how, compressed=kept, least=settings.least, everywhere=formulas)
     modes = grid.interpolant.modes
-    first = 0
-    parts = {}
-    for name, shape in shapes.items():
-        size = int(np.prod(shape))
-        modes[first : first + size] *= sizes[name]
-        parts[name] = modes[first : first + size].reshape(*shape, modes.shape[1])
-        first += size
+    modes *= np.repeat(list(sizes.values()), [math.prod(shape) for shape in shapes.values()])[:, None]
+    parts = dict(zip(shapes, unstacked(modes, shapes.values()), strict=True))
     return (grid if part is None else grid.without_modes()), parts
 
 
 def _alone(
-    solved: Callable[[np.ndarray], Mapping[str, np.ndarray]],
-    space: ParameterSpace,
-    settings: GridSettings,
-    part: Part | None,
+    solved: Callable[[np.ndarray], Mapping[str, np.ndarray]], space: ParameterSpace, part: Part | None
 ) -> tuple[GrownGrid, dict[str, np.ndarray]]:
     """Case without parameters: the arrays as they are; those of a part may be large, and are not stacked."""
     none = np.zeros(0)
@@ -168,19 +160,12 @@ MIXED = (0.1, 0.5)
 
 @dataclass(frozen=True)
 class FormulaGrid:
-    """Compares polynomials of a grid with the formulas of a connected component.
+    """Compares polynomials of a grid with the formulas of a connected component."""
 
-    Attributes:
-        moduli: of the parts of its stiffness.
-        factor: common to these and not part of the grid; None without one.
-        axes: parameters of the grid, (d,).
-        space: the box.
-    """
-
-    moduli: Sequence[Modulus]
-    factor: Scalar | None
-    axes: np.ndarray
-    space: ParameterSpace
+    moduli: Sequence[Modulus]  # of the parts of its stiffness
+    factor: Scalar | None  # common to these and not part of the grid; None without one
+    axes: np.ndarray  # parameters of the grid, (d,)
+    space: ParameterSpace  # the box
 
     def error(self, levels: np.ndarray) -> float:
         """Largest error of polynomials, (n, d), relative to the largest f_κ; infinite if one is not finite."""
@@ -235,14 +220,10 @@ class FormulaGrid:
         """f_κ at points, (n, P): (n, k)."""
         return 1 / (self._weights(points) @ self._shares)
 
-    @property
-    def _middle(self) -> np.ndarray:
-        return self.space.middle
-
     def _points(self, scaled: np.ndarray) -> np.ndarray:
         """Points of the box, (n, P), from coordinates along the axes in [-1, 1]^d."""
         lower, upper = (np.array(end)[self.axes] for end in (self.space.lower, self.space.upper))
-        points = np.repeat(self._middle[None], len(scaled), axis=0)
+        points = np.repeat(self.space.middle[None], len(scaled), axis=0)
         points[:, self.axes] = lower + (scaled + 1) / 2 * (upper - lower)
         return points
 

@@ -22,7 +22,9 @@ from hhr_dolfinx.plugins.moduli.interpolate import GridSettings, Part, complianc
 from hhr_dolfinx.plugins.moduli.interpolated import Compliances
 from hhr_dolfinx.plugins.moduli.interpolation import GrownGrid
 from hhr_dolfinx.plugins.moduli.shaped import InterpolatedProblem
+from hhr_dolfinx.reduction.build import Draft
 from hhr_dolfinx.reduction.projection import project
+from hhr_dolfinx.reduction.starts import linear_starts
 
 REDUCED_GRID = GridSettings(1e-5, 300)
 """Tolerance far below the error of the reduction: a factorisation of K~ costs milliseconds."""
@@ -102,9 +104,45 @@ def interpolated_problem(
             "gaps": reduced.gaps,
         }
 
-    axes = np.array(problem.reshaped.axes, dtype=np.int64)
     base, terms = terms_of(problem)
     sizes = np.array([modulus.value(problem.middle) for modulus in terms.moduli])
-    grid, modes = grown(solved, problem.parameters, axes, settings)
+    grid, modes = grown(solved, problem.parameters, problem.reshaped.axes, settings)
     shapes = tuple(part.shape[:-1] for part in modes.values())
     return InterpolatedProblem(base.pairs, terms.moduli, sizes, grid.interpolant, shapes)
+
+
+def whole_problem(
+    problem: ContactProblem, basis: np.ndarray, settings: GridSettings
+) -> ReducedProblem | InterpolatedProblem:
+    """Galerkin projection on the whole mesh, with all conditions among its rows; interpolated between shapes."""
+    every = np.flatnonzero(problem.free)
+    conditions = np.arange(len(problem.gaps))
+    cells = np.arange(len(problem.cell_nodes))
+    sets = IndexSets(cells, every, conditions, every, every, np.zeros(0, dtype=np.int64))
+    if problem.reshaped is None:
+        return project(problem, basis, sets)
+    return interpolated_problem(problem, basis, sets, settings)
+
+
+def interpolate(draft: Draft) -> None:
+    """Stage of the hyper-reduction: K~^-1, interpolated between few parameters; statuses start along derivatives."""
+    with draft.shared.log.stage("online_arrays", draft.shared.task.announce):
+        _interpolate(draft)
+
+
+def _interpolate(draft: Draft) -> None:
+    model = draft.model
+    log = draft.shared.log
+    if model.problem.motions:
+        log.skip("interpolation", "contact alone holds bodies: K~ is factored for each query")
+        return
+    if model.law.remembers:
+        log.skip("interpolation", f"contact with {model.law.name}: K~ is factored once for all increments of a path")
+        return
+    compliances, _ = interpolated_reduction(model.problem, model.fields.amplitudes, model.parameters)
+    if compliances is None:
+        log.skip("interpolation", "K~^-1 is no smooth function of the parameters: it is factored for each query")
+        return
+    assert model.known is not None  # true for elastic bodies
+    known = linear_starts(compliances, model.known.points, model.problem.pairs)
+    draft.model = model.changed(compliances=compliances, known=known)

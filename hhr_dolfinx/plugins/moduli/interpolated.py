@@ -45,40 +45,33 @@ MOSTLY = 0.5
 
 @dataclass(frozen=True)
 class PrimalModes:
-    """Modes of the displacement of one part, along the modes of its compliance.
+    """Modes of the displacement of one part, along the modes of its compliance."""
 
-    Attributes:
-        unknowns: indices of its unknowns, (n_c,).
-        pushed: modes of K^-1 B^T, (r, n_c, m_c).
-        columns: modes of K^-1 F of the terms forced, then of K^-1 K lift, (T_F + T_L, n_c, r).
-    """
-
-    unknowns: Annotated[Integers, "unknowns"]
-    pushed: Annotated[Floats, "modes", "unknowns", "conditions"]
+    unknowns: Annotated[Integers, "unknowns"]  # indices of its unknowns, (n_c,)
+    pushed: Annotated[Floats, "modes", "unknowns", "conditions"]  # modes of K^-1 B^T, (r, n_c, m_c)
+    # modes of K^-1 F of the terms forced, then of K^-1 K lift, (T_F + T_L, n_c, r)
     columns: Annotated[Floats, "terms of it", "unknowns", "modes"]
+
+
+class Factored(NamedTuple):
+    """The compliance 1 / E of a part, and its derivatives along the parameters, (P,)."""
+
+    compliance: float
+    slopes: np.ndarray
 
 
 @dataclass(frozen=True)
 class Compliance:
-    """Interpolated compliance of one connected component of a scene.
+    """Interpolated compliance of one connected component of a scene."""
 
-    Attributes:
-        conditions: contact conditions that act on it, (m_c,), increasing.
-        forced: terms of θ whose loads act on it, (T_F,).
-        lifted: terms whose imposed displacements act on it, (T_L,).
-        factor: modulus common to all of it; None without one, or for a constant one.
-        interpolant: of S_c for the factor 1, (m_c^2, r) modes.
-        columns: modes of B K^-1 F of the terms forced, then of B K^-1 K lift, (T_F + T_L, m_c, r).
-        primal: modes of its unknown; None if fields are computed in another way.
-    """
-
-    conditions: Annotated[Integers, "conditions"]
-    forced: Annotated[Integers, "forced", "< terms"]
-    lifted: Annotated[Integers, "lifted", "< terms"]
-    factor: Scalar | None
-    interpolant: Interpolant
+    conditions: Annotated[Integers, "conditions"]  # contact conditions that act on it, (m_c,), increasing
+    forced: Annotated[Integers, "forced", "< terms"]  # terms of θ whose loads act on it, (T_F,)
+    lifted: Annotated[Integers, "lifted", "< terms"]  # terms whose imposed displacements act on it, (T_L,)
+    factor: Scalar | None  # modulus common to all of it; None without one, or for a constant one
+    interpolant: Interpolant  # of S_c for the factor 1, (m_c^2, r) modes
+    # modes of B K^-1 F of the terms forced, then of B K^-1 K lift, (T_F + T_L, m_c, r)
     columns: Annotated[Floats, "terms of it", "conditions", "modes"]
-    primal: PrimalModes | None = None
+    primal: PrimalModes | None = None  # modes of its unknown; None if fields are computed in another way
 
     @cached_property
     def where(self) -> slice | np.ndarray:
@@ -104,6 +97,13 @@ class Compliance:
     def compliances(self, points: np.ndarray) -> np.ndarray:
         """1 / E at many points, (n, P): (n,)."""
         return np.ones(len(points)) if self.factor is None else 1.0 / self.factor.values(points)
+
+    def factored(self, point: np.ndarray) -> Factored:
+        """1 / E at a point and its derivatives."""
+        if self.factor is None:
+            return Factored(1.0, np.zeros(point.size))
+        modulus = self.factor.value(point)
+        return Factored(1.0 / modulus, -self.factor.derivative(point) / modulus**2)
 
     def schur(self, along: np.ndarray) -> np.ndarray:
         """S_c for the factor 1, from components along the modes, (..., r): (..., m_c, m_c)."""
@@ -135,8 +135,7 @@ class Compliance:
     ) -> np.ndarray:
         """Derivatives of what :meth:`load_response` returns along the parameters, (rows, P).
 
-        ``ways`` holds components along the modes and their derivatives along the axes, (r, 1 + d); ``changes`` the
-        derivatives of θ.
+        ``ways``: components along the modes and their derivatives along the axes, (r, 1 + d); ``changes``: those of θ.
         """
         # terms that act or change; hundreds of others may do neither
         used = np.flatnonzero(theta[self.terms].astype(bool) | changes[self.terms].any(axis=1))
@@ -178,21 +177,6 @@ def _check_places(part: Compliance, number: int, conditions: int, terms: int, pa
         raise ValueError(f"part {number} of {m} conditions and {part.terms.size} terms has arrays of other sizes")
 
 
-class Factored(NamedTuple):
-    """The compliance 1 / E of a part, and its derivatives along the parameters, (P,)."""
-
-    compliance: float
-    slopes: np.ndarray
-
-    @classmethod
-    def at(cls, part: Compliance, point: np.ndarray) -> Factored:
-        """At a point."""
-        if part.factor is None:
-            return cls(1.0, np.zeros(point.size))
-        modulus = part.factor.value(point)
-        return cls(1.0 / modulus, -part.factor.derivative(point) / modulus**2)
-
-
 @dataclass(frozen=True, eq=False)
 class InterpolatedStiffness:
     """S at a point, (m, m), with the components of each part along its modes and its compliance."""
@@ -209,25 +193,15 @@ class InterpolatedStiffness:
 
 @dataclass(frozen=True, eq=False)
 class ManyContacts:
-    """Condensed contact problems at many points (n points, m conditions).
+    """Condensed contact problems at many points (n points, m conditions)."""
 
-    Attributes:
-        owner: all parts.
-        points: parameters, (n, P).
-        theta: θ, (n, 1 + T).
-        along: components along the modes of each part, (n, r) each.
-        compliances: 1 / E of each part, (n,) each.
-        schur: S, (n, m, m).
-        free_slack: slack without contact forces, (n, m).
-    """
-
-    owner: Compliances
-    points: np.ndarray
-    theta: np.ndarray
-    along: list[np.ndarray]
-    compliances: list[np.ndarray]
-    schur: np.ndarray
-    free_slack: np.ndarray
+    owner: Compliances  # all parts
+    points: np.ndarray  # parameters, (n, P)
+    theta: np.ndarray  # θ, (n, 1 + T)
+    along: list[np.ndarray]  # components along the modes of each part, (n, r) each
+    compliances: list[np.ndarray]  # 1 / E of each part, (n,) each
+    schur: np.ndarray  # S, (n, m, m)
+    free_slack: np.ndarray  # slack without contact forces, (n, m)
 
     def stiffness(self, k: int) -> InterpolatedStiffness:
         """S at one of the points."""
@@ -242,23 +216,14 @@ class ManyContacts:
 
 @dataclass(frozen=True)
 class Compliances(Elimination):
-    """Interpolated elimination: all parts of a scene.
+    """Interpolated elimination: all parts of a scene."""
 
-    Attributes:
-        parts: of the scene.
-        amplitudes: θ as a function of the parameters.
-        gaps: D as terms of θ, (m, 1 + T).
-        reshaped: D if it changes with the shape of the bodies, (m (1 + T), r) modes; else None.
-        unknowns: number of unknowns if the parts have modes of them; otherwise 0.
-        symmetric: whether S is symmetric.
-    """
-
-    parts: tuple[Compliance, ...]
-    amplitudes: Amplitudes
-    gaps: Annotated[Floats, "conditions", "terms"]
-    reshaped: Interpolant | None = None
-    unknowns: int = 0
-    symmetric: bool = True
+    parts: tuple[Compliance, ...]  # of the scene
+    amplitudes: Amplitudes  # θ as a function of the parameters
+    gaps: Annotated[Floats, "conditions", "terms"]  # D as terms of θ, (m, 1 + T)
+    reshaped: Interpolant | None = None  # D if it changes with the shape of the bodies, (m (1 + T), r) modes; else None
+    unknowns: int = 0  # number of unknowns if the parts have modes of them; otherwise 0
+    symmetric: bool = True  # whether S is symmetric
 
     def __post_init__(self) -> None:
         """Refuse parts that do not fit these gaps, amplitudes and parameters; files may be wrong."""
@@ -356,7 +321,7 @@ class Compliances(Elimination):
             for axis, column in zip(self.reshaped.axes, self.reshaped.derivative(point).T, strict=True):
                 slack[:, axis] += column.reshape(size, terms) @ theta
         for part, along, _compliance in stiffness.parts:
-            factor = Factored.at(part, point)
+            factor = part.factored(point)
             own = forces[part.where]
             ways = np.column_stack([along, part.interpolant.slopes_along_modes(point)])
             # S_c forces of every mode, so that no derivative forms S_c
@@ -439,34 +404,21 @@ class FieldBound(Bound, Protocol):
 
 @dataclass(frozen=True)
 class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
-    """Fields of interpolated condensation, see :class:`hhr_dolfinx.models.answer.Fields`.
+    """Fields of interpolated condensation: by Galerkin's method on a basis, the best in energy under given forces."""
 
-    Under given contact forces the displacement solves a linear problem. Galerkin's method on a basis gives the best
-    approximation in energy.
-
-    Attributes:
-        amplitudes: θ as a function of the parameters.
-        basis: V, (N, ell).
-        lifts: imposed displacements, sparse, (N, 1 + T).
-        galerkin: eliminates the unknown of the basis at a point, (P,), and computes it under given forces; None if
-            the model has no fields.
-        dimension: components of the displacement at a node.
-        stress_of: stress of a displacement at a parameter; None without a mesh.
-        functionals: outputs of the scene; None if it has none.
-        bound: bounds the error of an answer; None if its hypotheses fail.
-        unbounded: reason why there is no bound.
-        full: see :class:`~hhr_dolfinx.models.answer.ModelFields`.
-    """
-
-    amplitudes: Amplitudes
-    basis: Annotated[Floats, "N", "columns"]
-    lifts: Annotated[csc_matrix, "N", "terms"]
+    amplitudes: Amplitudes  # θ as a function of the parameters
+    basis: Annotated[Floats, "N", "columns"]  # V, (N, ell)
+    lifts: Annotated[csc_matrix, "N", "terms"]  # imposed displacements, sparse, (N, 1 + T)
+    # eliminates the unknown of the basis at a point, (P,), and computes it under given forces; None if the model
+    # has no fields
     galerkin: BlockElimination | ReshapedElimination | None
-    dimension: int
+    dimension: int  # components of the displacement at a node
+    # stress of a displacement at a parameter; None without a mesh
     stress_of: Callable[[np.ndarray, np.ndarray], np.ndarray] | None = field(default=None, metadata=OF_THE_MESH)
-    functionals: Functionals | ReshapedFunctionals | None = None
-    bound: FieldBound | None = None
-    unbounded: str = ""
+    functionals: Functionals | ReshapedFunctionals | None = None  # outputs of the scene; None if it has none
+    bound: FieldBound | None = None  # bounds the error of an answer; None if its hypotheses fail
+    unbounded: str = ""  # reason why there is no bound
+    # see :class:`~hhr_dolfinx.models.answer.ModelFields`
     full: Meshed | None = field(default=None, metadata=OF_THE_MESH)
 
     def estimate(self, answer: Answer) -> Estimate | None:
@@ -500,11 +452,7 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
         return self.basis @ self._coordinates(answer) + self.lifts @ self.amplitudes(answer.parameter)
 
     def stress(self, answer: Answer) -> np.ndarray:
-        """Stress at the midpoint of each cell, Kelvin's notation.
-
-        Raises:
-            NotOfferedError: by a model without a mesh.
-        """
+        """Stress at the midpoint of each cell, Kelvin's notation; NotOfferedError by a model without a mesh."""
         if self.stress_of is None:
             raise NotOfferedError("this model keeps no mesh, and stress needs one: full.stress_of(displacement, mu)")
         return self.stress_of(self.displacement(answer), answer.parameter)
@@ -516,11 +464,7 @@ class InterpolatedFields(Rebuilt, LinearDisplacement, ElasticFields):
         return dense(rows @ self.lifts)
 
     def _coordinates(self, answer: Answer) -> np.ndarray:
-        """Coordinates in the basis, gamma, (ell,), of the displacement under the forces of an answer.
-
-        Raises:
-            NotOfferedError: for a model without fields.
-        """
+        """Coordinates in the basis, gamma, (ell,), under the forces of an answer; NotOfferedError without fields."""
         return self._solver.under(answer.parameter, answer.multipliers)
 
     def _all_force_changes(self, answer: Answer, changes: np.ndarray) -> np.ndarray:

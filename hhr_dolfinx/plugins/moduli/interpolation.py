@@ -8,7 +8,8 @@ is chosen by its surplus, the error of the interpolation so far at its node (T. 
 
 from __future__ import annotations
 
-from collections.abc import Callable
+import math
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from functools import cache, cached_property
 from typing import Annotated
@@ -45,22 +46,16 @@ def leja_points() -> tuple[float, ...]:
 
 @dataclass(frozen=True)
 class Interpolant:
-    """A vector-valued polynomial, sum of ``modes @ weights[:, k] h_k``.
+    """A vector-valued polynomial, sum of ``modes @ weights[:, k] h_k``."""
 
-    Attributes:
-        axes: indices of its d parameters in a point, (d,).
-        lower, upper: their box, (d,).
-        levels: of each polynomial along each axis, (n, d).
-        modes: directions of the values, (M, r); products are fastest in Fortran order.
-        weights: of the polynomials along them, (r, n).
-    """
-
-    axes: Annotated[Integers, "axes", "< P"]
+    axes: Annotated[Integers, "axes", "< P"]  # indices of its d parameters in a point, (d,)
+    # lower, upper: their box, (d,)
     lower: Annotated[Floats, "axes"]
     upper: Annotated[Floats, "axes"]
-    levels: Annotated[Integers, "polynomials", "axes"]
+    levels: Annotated[Integers, "polynomials", "axes"]  # of each polynomial along each axis, (n, d)
+    # directions of the values, (M, r); products are fastest in Fortran order
     modes: Annotated[Floats, "values", "rank"]
-    weights: Annotated[Floats, "rank", "polynomials"]
+    weights: Annotated[Floats, "rank", "polynomials"]  # of the polynomials along them, (r, n)
 
     def __post_init__(self) -> None:
         d = self.axes.size
@@ -82,7 +77,7 @@ class Interpolant:
 
     def along_modes(self, point: np.ndarray) -> np.ndarray:
         """Components of the value along the modes, (r,)."""
-        return self.weights @ self.polynomials(point)
+        return self.weights @ self._polynomials(point)
 
     def many_along_modes(self, points: np.ndarray) -> np.ndarray:
         """Components along the modes at many points, (n, P): (n, r)."""
@@ -91,8 +86,11 @@ class Interpolant:
 
     def slopes_along_modes(self, point: np.ndarray) -> np.ndarray:
         """Derivatives of these components along its axes, (r, d)."""
-        columns = [self.weights @ self._derived(point, axis) for axis in range(self.axes.size)]
-        return np.stack(columns, axis=1) if columns else np.zeros((len(self.weights), 0))
+        if not self.axes.size:
+            return np.zeros((len(self.weights), 0))
+        sides = (self.upper - self.lower).tolist()
+        columns = [self.weights @ (self._polynomials(point, k) * 2 / side) for k, side in enumerate(sides)]
+        return np.stack(columns, axis=1)
 
     def derivative(self, point: np.ndarray) -> np.ndarray:
         """Derivatives along its axes, (M, d)."""
@@ -103,23 +101,14 @@ class Interpolant:
         """Coordinates along its axes at which the function was evaluated, in the order of the polynomials, (n, d)."""
         return self.lower + (np.array(leja_points())[self.levels] + 1) / 2 * (self.upper - self.lower)
 
-    def polynomials(self, point: np.ndarray) -> np.ndarray:
-        """All polynomials at a point, (n,)."""
+    def _polynomials(self, point: np.ndarray, derived: int = -1) -> np.ndarray:
+        """All polynomials at a point, (n,), or their derivatives along one of the axes."""
         product = np.ones(len(self.levels))
-        for axis, (table, _) in enumerate(self._tables(point)):
-            product = product * table[self.levels[:, axis]]
-        return product
-
-    def _derived(self, point, axis) -> np.ndarray:
-        product = np.ones(len(self.levels))
-        for other, (table, slopes) in enumerate(self._tables(point)):
-            product = product * (slopes if other == axis else table)[self.levels[:, other]]
-        return product * 2 / (self.upper[axis] - self.lower[axis])
-
-    def _tables(self, point: np.ndarray) -> list[tuple[np.ndarray, np.ndarray]]:
-        """Values and slopes of all polynomials of one variable along each axis."""
         scaled = 2 * (point[self.axes] - self.lower) / (self.upper - self.lower) - 1
-        return [_one_dimensional(float(x), *self._bases) for x in scaled]
+        for axis, x in enumerate(scaled):
+            values, slopes = _one_dimensional(float(x), *self._bases)
+            product = product * (slopes if axis == derived else values)[self.levels[:, axis]]
+        return product
 
 
 @cache
@@ -155,21 +144,25 @@ def nodes_of(levels: np.ndarray) -> np.ndarray:
     return np.array(leja_points())[levels]
 
 
+def unstacked(values: np.ndarray, shapes: Iterable[tuple[int, ...]]) -> list[np.ndarray]:
+    """Views of arrays that were stacked row by row, in their shapes followed by the other axes of ``values``."""
+    parts = []
+    first = 0
+    for shape in shapes:
+        size = math.prod(shape)
+        parts.append(values[first : first + size].reshape((*shape, *values.shape[1:])))
+        first += size
+    return parts
+
+
 @dataclass(frozen=True)
 class GrownGrid:
-    """Result of the growth of a sparse grid.
+    """Result of the growth of a sparse grid."""
 
-    Attributes:
-        interpolant: the interpolation.
-        surplus: largest surplus of the terms tried last, or error elsewhere, relative to the values.
-        evaluations: number of evaluations of the function.
-        unresolved: largest error of a cheap function that depends on the parameters as this one does.
-    """
-
-    interpolant: Interpolant
-    surplus: float
-    evaluations: int
-    unresolved: float = 0.0
+    interpolant: Interpolant  # the interpolation
+    surplus: float  # largest surplus of the terms tried last, or error elsewhere, relative to the values
+    evaluations: int  # number of evaluations of the function
+    unresolved: float = 0.0  # largest error of a cheap function that depends on the parameters as this one does
 
     def without_modes(self) -> GrownGrid:
         """The same without values."""
@@ -228,15 +221,7 @@ def grow(
 
 
 class _Growing:
-    """Terms of an interpolation as it grows; see :func:`grow` for its arguments.
-
-    Attributes:
-        order: levels of the terms.
-        surpluses: of each.
-        waiting: sizes of the surpluses of terms whose successors were not tried yet.
-        ended: terms that no longer axis could follow.
-        probes: random places, and the function there.
-    """
+    """Terms of an interpolation as it grows; see :func:`grow` for its arguments."""
 
     def __init__(
         self,
@@ -248,12 +233,12 @@ class _Growing:
         self._function = function
         self._scale = scale
         self._nodes = np.array(leja_points())
-        self.order: list[tuple[int, ...]] = []
-        self.surpluses: list[np.ndarray] = []
-        self.waiting: dict[tuple[int, ...], float] = {}
-        self.ended = [0.0]
+        self.order: list[tuple[int, ...]] = []  # levels of the terms
+        self.surpluses: list[np.ndarray] = []  # of each term
+        self.waiting: dict[tuple[int, ...], float] = {}  # sizes of surpluses of terms whose successors are untried
+        self.ended = [0.0]  # the same of terms that no longer axis could follow
         self._try((0,) * axes.size)
-        self.probes: list[tuple[np.ndarray, np.ndarray]] = []
+        self.probes: list[tuple[np.ndarray, np.ndarray]] = []  # random places, and the function there
 
     @property
     def levels(self) -> np.ndarray:

@@ -23,11 +23,7 @@ class KnownForces(BlockElimination):
     """The elimination of a reduced problem, with the unknown under known forces; files hold a BlockElimination."""
 
     def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """The unknown, (ell,), at a point under given contact forces, (m,). No S; diagonal blocks need no factors.
-
-        Raises:
-            SingularError: if K~ is singular there.
-        """
+        """The unknown, (ell,), at a point under given forces, (m,), without S; SingularError for a singular K~."""
         weights, loads = self._weights_and_loads(point)
         found = np.empty(loads.size)
         for block, diagonal in zip(self.blocks, self._diagonal, strict=True):
@@ -63,17 +59,13 @@ class KnownForces(BlockElimination):
 class DiagonalBlock:
     """Modes in which a block is diagonal at every parameter.
 
-    The sum of two positive semi-definite parts, changes of volume and of shape say, is diagonal in the same modes W
-    whatever their weights: with W^T (K_1 / |K_1| + K_2 / |K_2|) W = I and W^T K_q W = diag(d_q),
+    The sum of two positive semi-definite parts, as changes of volume and of shape, is diagonal in the same modes W for
+    all weights: with W^T (K_1 / |K_1| + K_2 / |K_2|) W = I and W^T K_q W = diag(d_q),
     K~^-1 = W diag(1 / sum_q w_q d_q) W^T.
-
-    Attributes:
-        modes: W, (k, k).
-        entries: d_q, (q, k).
     """
 
-    modes: np.ndarray
-    entries: np.ndarray
+    modes: np.ndarray  # W, (k, k)
+    entries: np.ndarray  # d_q, (q, k)
 
     @classmethod
     def of(cls, block: Block) -> DiagonalBlock | None:

@@ -42,17 +42,12 @@ LEAST = 0.2
 
 
 class Share(NamedTuple):
-    """S_c in the middle of the box, and the extremes of its modes.
+    """S_c in the middle of the box, and the extremes of its modes."""
 
-    Attributes:
-        compliance: 1 / E_c there.
-        along: components along the modes there, (r,).
-        extremes: smallest and largest eigenvalue of S_c(middle)^-1 M_ck, (r, 2), where S_c is not zero; infinite
-            if a mode is not zero elsewhere.
-    """
-
-    compliance: float
-    along: np.ndarray
+    compliance: float  # 1 / E_c there
+    along: np.ndarray  # components along the modes there, (r,)
+    # smallest and largest eigenvalue of S_c(middle)^-1 M_ck, (r, 2), where S_c is not zero; infinite if a mode
+    # is not zero elsewhere
     extremes: np.ndarray
 
     @classmethod
@@ -83,17 +78,11 @@ class Share(NamedTuple):
 
 @dataclass(frozen=True)
 class FactoredResponse(ContactResponse):
-    """S and a factor of a lower bound of S (m conditions).
+    """S and a factor of a lower bound of S (m conditions)."""
 
-    Attributes:
-        lower: Cholesky factor of S, (m, m); or L with ``least`` L L^T <= S.
-        least: see above; 1 for the factor of S itself.
-        known: :func:`amplified_by` L; None until it is known.
-    """
-
-    lower: np.ndarray
-    least: float = 1.0
-    known: tuple[float, np.ndarray] | None = None
+    lower: np.ndarray  # Cholesky factor of S, (m, m); or L with ``least`` L L^T <= S
+    least: float = 1.0  # see above; 1 for the factor of S itself
+    known: tuple[float, np.ndarray] | None = None  # :func:`amplified_by` L; None until it is known
 
     @cached_property
     def amplified(self) -> tuple[float, np.ndarray]:
@@ -114,8 +103,8 @@ class FactoredResponse(ContactResponse):
 def amplified_by(lower: np.ndarray) -> tuple[float, np.ndarray]:
     """Largest Euclidean norm of x with |L^T x| = 1, and largest absolute value of each entry, (m,).
 
-    The second is exactly ((L L^T)^-1)_ii^1/2. The first, |L^-1|, is at most the Frobenius norm, and at most
-    the root of the largest column sum times the largest row sum.
+    The second is exactly ((L L^T)^-1)_ii^1/2. The first, |L^-1|, is at most the Frobenius norm, and the root of the
+    largest column sum times the largest row sum.
     """
     inverse = dtrtri(lower, lower=1)[0]
     np.abs(inverse, out=inverse)
@@ -126,15 +115,10 @@ def amplified_by(lower: np.ndarray) -> tuple[float, np.ndarray]:
 
 @dataclass(frozen=True)
 class ManyResponses:
-    """S of several answers at different parameters (n answers, m conditions).
+    """S of several answers at different parameters (n answers, m conditions)."""
 
-    Attributes:
-        each: S of each answer.
-        schur: S, (n, m, m).
-    """
-
-    each: list[FactoredResponse]
-    schur: np.ndarray
+    each: list[FactoredResponse]  # S of each answer
+    schur: np.ndarray  # S, (n, m, m)
 
     def __getitem__(self, k: int) -> FactoredResponse:
         return self.each[k]
@@ -152,13 +136,9 @@ class ManyResponses:
     def settled(self, forces: np.ndarray, free: np.ndarray, schur_times_forces: np.ndarray) -> tuple[np.ndarray, ...]:
         """Forces that solve the contact problem on S, S times them, (n, m) each, and their error in the S norm, (n,).
 
-        The search starts from the statuses of given forces, which remain if it does not converge. Closed gaps
-        count as closed: their round-off is bounded by the sizes of the answers.
-
-        Args:
-            forces: non-negative, (n, m).
-            free: slack without forces, (n, m).
-            schur_times_forces: S times the forces, (n, m).
+        The search starts from the statuses of the given forces, >= 0, (n, m), which remain if it does not converge.
+        ``free`` is the slack without forces. Closed gaps count as closed: the sizes of the answers bound their
+        round-off.
         """
         touching = self.schur.diagonal(axis1=1, axis2=2) * forces > free + schur_times_forces
         found = forces.copy()
@@ -194,12 +174,7 @@ def _alone(schur: np.ndarray) -> FactoredResponse:
 
 
 class LeastResponse:
-    """Bounds S from below by few factored matrices.
-
-    Args:
-        compliances: S.
-        middle: of the box, (P,).
-    """
+    """Bounds S from below by few factored matrices."""
 
     def __init__(self, compliances: Compliances, middle: np.ndarray):
         self.compliances = compliances
@@ -209,11 +184,7 @@ class LeastResponse:
         self._factored = lru_cache(maxsize=int(min(max(fitting, 1), KEPT)))(self._made)
 
     def at(self, found: ManyContacts) -> ManyResponses:
-        """S of some points with factors of lower bounds, or exact factors.
-
-        Raises:
-            LinAlgError: if one is not definite.
-        """
+        """S of some points with factors of lower bounds, or exact factors; LinAlgError if one is not definite."""
         conditions = found.schur.shape[1]
         if any(part.interpolant.axes.size for part in self.compliances.parts) and conditions > WITH_MODES:
             return ManyResponses([_alone(schur) for schur in found.schur], found.schur)

@@ -9,6 +9,7 @@ largest relative error of the interpolation of any f_κ: a problem in one variab
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -49,24 +50,16 @@ def lagrange(nodes: np.ndarray, places: np.ndarray) -> np.ndarray:
 
 @dataclass(frozen=True)
 class PartStiffness:
-    """Dependence of the stiffness of a part of a scene on one parameter.
+    """Dependence of the stiffness of a part of a scene on one parameter."""
 
-    Attributes:
-        moduli: of its parts, one or two.
-        factor: common factor, which an interpolation leaves out; None without one.
-        axis: index of the parameter.
-        lower, upper: its limits.
-        middle: a point of the box, (P,), whose other parameters have no effect.
-        of_volume: the two parts are the changes of volume and of shape of one body.
-    """
-
-    moduli: list[Modulus]
-    factor: Scalar | None
-    axis: int
+    moduli: Sequence[Modulus]  # of its parts, one or two
+    factor: Scalar | None  # common factor, which an interpolation leaves out; None without one
+    axis: int  # index of the parameter
+    # lower, upper: its limits
     lower: float
     upper: float
-    middle: np.ndarray
-    of_volume: bool
+    middle: np.ndarray  # a point of the box, (P,), whose other parameters have no effect
+    of_volume: bool  # the two parts are the changes of volume and of shape of one body
 
     def error(self, levels: int) -> float:
         """ε of the interpolation on so many of the Leja points; infinite for an invalid interpolation."""

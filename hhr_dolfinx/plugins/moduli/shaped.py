@@ -1,9 +1,4 @@
-"""Reduced problems of scenes whose shape depends on parameters: assembled for each query, on the RID only.
-
-The projection of (5.23) does not commute with a change of shape. It needs the cells of the RID and the parts of the
-contact surfaces around its conditions. These are kept as arrays; each query moves and integrates them again. Pairings
-see only these parts of the surfaces. If the whole basis is small, its arrays are interpolated instead.
-"""
+"""Reduced problems of scenes whose shape depends on parameters: their arrays are interpolated between few shapes."""
 
 from __future__ import annotations
 
@@ -22,7 +17,7 @@ from hhr_dolfinx.formulas import Modulus
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact, Elimination
 from hhr_dolfinx.models.eliminations.projected import ReducedProblem
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.plugins.moduli.interpolation import Interpolant
+from hhr_dolfinx.plugins.moduli.interpolation import Interpolant, unstacked
 
 DIFFERENCE = 1e-4
 """Step of the central differences, as a part of the box: their error is its square."""
@@ -30,32 +25,17 @@ DIFFERENCE = 1e-4
 
 @dataclass(frozen=True)
 class InterpolatedProblem:
-    """Reduced problem whose arrays are interpolated over the shape parameters; maps a point to the problem there.
+    """Reduced problem whose arrays are interpolated over the shape parameters; maps a point to the problem there."""
 
-    Attributes:
-        pairs: number of the contact pair of each condition, (m,).
-        moduli: of the parts of its stiffness.
-        sizes: these moduli in the middle of the box, by which the parts are multiplied, (Q,).
-        interpolant: of the concatenated arrays, in the order of ``shapes``.
-        shapes: of the arrays: parts of K~, their lifts, forces, B~1, B~2, gaps.
-    """
-
-    pairs: Annotated[Integers, "conditions"]
-    moduli: tuple[Modulus, ...]
-    sizes: Annotated[Floats, "parts"]
-    interpolant: Interpolant
-    shapes: tuple[tuple[int, ...], ...]
+    pairs: Annotated[Integers, "conditions"]  # number of the contact pair of each condition, (m,)
+    moduli: tuple[Modulus, ...]  # of the parts of its stiffness
+    sizes: Annotated[Floats, "parts"]  # these moduli in the middle of the box, by which the parts are multiplied, (Q,)
+    interpolant: Interpolant  # of the concatenated arrays, in the order of ``shapes``
+    shapes: tuple[tuple[int, ...], ...]  # of the arrays: parts of K~, their lifts, forces, B~1, B~2, gaps
 
     def __call__(self, point: np.ndarray) -> ReducedProblem:
         """The problem at a point, (P,), of constant stiffness."""
-        values = self.interpolant.value(point)
-        first = 0
-        parts = []
-        for shape in self.shapes:
-            size = int(np.prod(shape))
-            parts.append(values[first : first + size].reshape(shape))
-            first += size
-        stiffness, lifts, forces, test, trial, gaps = parts
+        stiffness, lifts, forces, test, trial, gaps = unstacked(self.interpolant.value(point), self.shapes)
         weights = np.array([modulus.value(point) for modulus in self.moduli]) / self.sizes
         loads = forces - np.tensordot(weights, lifts, 1)
         return ReducedProblem(np.tensordot(weights, stiffness, 1), test, trial, loads, gaps, self.pairs)
@@ -63,24 +43,14 @@ class InterpolatedProblem:
 
 @dataclass(frozen=True)
 class ReshapedElimination(Elimination):
-    """Eliminates gamma from the problem of each point, (P,).
+    """Eliminates gamma from the problem of each point, (P,)."""
 
-    Attributes:
-        problem_at: makes the reduced problem of a point, of constant stiffness.
-        amplitudes: θ as a function of the parameters.
-        parameters: the box of the parameters.
-    """
-
-    problem_at: Callable[[np.ndarray], ReducedProblem]
-    amplitudes: Amplitudes
-    parameters: ParameterSpace
+    problem_at: Callable[[np.ndarray], ReducedProblem]  # makes the reduced problem of a point, of constant stiffness
+    amplitudes: Amplitudes  # θ as a function of the parameters
+    parameters: ParameterSpace  # the box of the parameters
 
     def under(self, point: np.ndarray, forces: np.ndarray) -> np.ndarray:
-        """gamma, (ell,), at a point under given contact forces, (m,), by one solve.
-
-        Raises:
-            SingularError: if K~ is singular there.
-        """
+        """gamma, (ell,), at a point under given contact forces, (m,); SingularError if K~ is singular there."""
         problem, theta, factors = self._factored(point)
         return dgetrs(*factors, problem.loads @ theta - problem.contact_test.T @ forces)[0]
 
@@ -89,11 +59,7 @@ class ReshapedElimination(Elimination):
         return np.array([self.under(*one) for one in zip(points, forces, strict=True)])
 
     def __call__(self, point: np.ndarray) -> CondensedContact:
-        """Contact problem at a point, with factors of K~ there.
-
-        Raises:
-            SingularError: if K~ is singular there.
-        """
+        """Contact problem at a point, with factors of K~ there; SingularError if it is singular."""
         problem, theta, factors = self._factored(point)
         solved = dgetrs(*factors, np.column_stack([problem.loads @ theta, problem.contact_test.T]))[0]
         free = solved[:, 0]
@@ -119,11 +85,7 @@ class ReshapedElimination(Elimination):
         return explicit[size:] - trial @ found, found
 
     def _factored(self, point: np.ndarray) -> tuple[ReducedProblem, Theta, tuple[np.ndarray, np.ndarray]]:
-        """Problem of a point, θ there and LU factors of K~.
-
-        Raises:
-            SingularError: if K~ is singular there.
-        """
+        """Problem of a point, θ there and LU factors of K~."""
         problem = self.problem_at(point)
         theta = self.amplitudes(point)
         lu, pivots, info = dgetrf(problem.stiffness)

@@ -19,7 +19,7 @@ from hhr_dolfinx.errors import SceneError
 from hhr_dolfinx.models.functionals.cells import CellStrain, MovingCells
 from hhr_dolfinx.models.functionals.functional import Functional, Functionals
 from hhr_dolfinx.parameters import ParameterSpace
-from hhr_dolfinx.plugins.moduli.interpolation import Interpolant
+from hhr_dolfinx.plugins.moduli.interpolation import Interpolant, unstacked
 
 ROWS = "rows"
 """Name of the rows of an output among its arrays."""
@@ -27,26 +27,18 @@ ROWS = "rows"
 
 @dataclass(frozen=True, eq=False)
 class Zone:
-    """Strain of moving cells as a function of the coordinates of a reduced displacement.
+    """Strain of moving cells as a function of the coordinates of a reduced displacement."""
 
-    Attributes:
-        cells: the cells.
-        columns: displacement of their nodes for each coordinate, (n dim, s).
-    """
-
-    cells: MovingCells
-    columns: Annotated[Floats, "rows", "columns"]
+    cells: MovingCells  # the cells
+    columns: Annotated[Floats, "rows", "columns"]  # displacement of their nodes for each coordinate, (n dim, s)
 
 
 @dataclass(frozen=True, eq=False)
 class ShapedFunctionals(Functionals):
-    """All outputs at one shape.
+    """All outputs at one shape."""
 
-    Attributes:
-        blocks: factors of the rows of each output that has any: the rows (k, s), or the strain of cells and (n dim, s),
-            which acts on the coordinates first.
-    """
-
+    # factors of the rows of each output that has any: the rows (k, s), or the strain of cells and (n dim, s),
+    # which acts on the coordinates first
     blocks: tuple[np.ndarray | tuple[CellStrain, np.ndarray], ...]
 
     def measured(self, coordinates: np.ndarray) -> np.ndarray:
@@ -64,25 +56,17 @@ class ReshapedFunctionals:
     """All outputs of a scene whose shape depends on parameters, for a displacement of s coordinates.
 
     The coordinates are the modes of a basis, followed by the amplitudes of imposed displacements.
-
-    Attributes:
-        items: one for each output, in the middle of the box; without rows.
-        arrays: index of an output, name and shape of each interpolated array, in the order of the values; the shape
-            of a number is empty.
-        interpolant: of these arrays, concatenated.
-        zones: of the outputs whose rows are strain; None for the others.
-        lifted: terms of θ that impose displacements, (l,).
-        amplitudes: θ as a function of the parameters.
-        parameters: the box of the parameters.
     """
 
-    items: tuple[Functional, ...]
+    items: tuple[Functional, ...]  # one for each output, in the middle of the box; without rows
+    # index of an output, name and shape of each interpolated array, in the order of the values; the shape of a
+    # number is empty
     arrays: tuple[tuple[int, str, tuple[int, ...]], ...]
-    interpolant: Interpolant
-    zones: tuple[Zone | None, ...]
-    lifted: Annotated[Integers, "lifted", "< terms"]
-    amplitudes: Amplitudes
-    parameters: ParameterSpace
+    interpolant: Interpolant  # of these arrays, concatenated
+    zones: tuple[Zone | None, ...]  # of the outputs whose rows are strain; None for the others
+    lifted: Annotated[Integers, "lifted", "< terms"]  # terms of θ that impose displacements, (l,)
+    amplitudes: Amplitudes  # θ as a function of the parameters
+    parameters: ParameterSpace  # the box of the parameters
 
     @property
     def axes(self) -> np.ndarray:
@@ -98,16 +82,12 @@ class ReshapedFunctionals:
         """Outputs on the shape at a point, (P,)."""
         changed: list[dict[str, Any]] = [{} for _ in self.items]
         blocks: list[Any] = [None if zone is None else (zone.cells(point), zone.columns) for zone in self.zones]
-        values = self.interpolant.value(point)
-        first = 0
-        for place, name, lengths in self.arrays:
-            size = int(np.prod(lengths))
-            part = values[first : first + size].reshape(lengths)
-            first += size
+        parts = unstacked(self.interpolant.value(point), [shape for _, _, shape in self.arrays])
+        for (place, name, shape), part in zip(self.arrays, parts, strict=True):
             if name == ROWS:
                 blocks[place] = part
             else:
-                changed[place][name] = part if lengths else float(part)
+                changed[place][name] = part if shape else float(part)
         items = tuple(_changed(item, change) for item, change in zip(self.items, changed, strict=True))
         return ShapedFunctionals(items, 0, self.amplitudes, tuple(block for block in blocks if block is not None))
 

@@ -23,15 +23,9 @@ _OF_ROWS = {item.name for item in fields(Functional)}
 def reshaped_functionals(
     prepared: ShapeFunctionals, problem: ContactProblem, basis: np.ndarray, settings: GridSettings
 ) -> ReshapedFunctionals:
-    """Outputs for displacements that are a basis, (N, ell), times coordinates and the lift.
+    """Outputs of a full model for displacements that are a basis, (N, ell), times coordinates and the lift.
 
     Strain is not interpolated but computed from cells, see :mod:`hhr_dolfinx.models.functionals.cells`.
-
-    Args:
-        prepared: outputs of the full model.
-        problem: its contact problem.
-        basis: V.
-        settings: targets of the sparse grid.
 
     Raises:
         SceneError: for an output with other conditions, or arrays of other lengths, on other shapes.
@@ -48,21 +42,14 @@ def reshaped_functionals(
                 found[f"{place} {name}"] = array
         return found
 
-    axes = np.array(problem.reshaped.axes, dtype=np.int64)
     finer = replace(settings, tolerance=min(TOLERANCE, settings.tolerance))
-    grid, modes = grown(solved, problem.parameters, axes, finer)
-    arrays: list[tuple[int, str, tuple[int, ...]]] = []
-    for name, part in modes.items():
-        place, own = name.split(" ", 1)
-        arrays.append((int(place), own, part.shape[:-1]))
-    items = []
-    zones = []
-    for item in base:
-        zones.append(Zone(item.cells, columns[item.cells.dofs]) if isinstance(item, MovingMises) else None)
-        items.append(_without_rows(item))
+    grid, modes = grown(solved, problem.parameters, problem.reshaped.axes, finer)
+    names = [name.split(" ", 1) for name in modes]
+    shapes = [part.shape[:-1] for part in modes.values()]
+    zones = [Zone(item.cells, columns[item.cells.dofs]) if isinstance(item, MovingMises) else None for item in base]
     return ReshapedFunctionals(
-        items=tuple(items),
-        arrays=tuple(arrays),
+        items=tuple(_without_rows(item) for item in base),
+        arrays=tuple((int(place), own, shape) for (place, own), shape in zip(names, shapes, strict=True)),
         interpolant=grid.interpolant,
         zones=tuple(zones),
         lifted=lifted,

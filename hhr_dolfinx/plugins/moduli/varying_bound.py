@@ -50,41 +50,28 @@ NOTHING = 0.01
 
 @dataclass(frozen=True)
 class PartEnergy:
-    """Energies of one part of a scene for the factor 1, as modes of its compliance.
+    """Energies of one part of a scene for the factor 1, as modes of its compliance."""
 
-    Attributes:
-        work: modes of P^T K^-1 P, where P are the terms with forces, followed by K lift of those with lifts, (r, T, T).
-        lifted: modes of lift^T K lift, (r, T_L, T_L).
-    """
-
+    # modes of P^T K^-1 P, where P are the terms with forces, followed by K lift of those with lifts, (r, T, T)
     work: Annotated[Floats, "modes", "terms of it", "terms of it"]
-    lifted: Annotated[Floats, "modes", "lifted", "lifted"]
+    lifted: Annotated[Floats, "modes", "lifted", "lifted"]  # modes of lift^T K lift, (r, T_L, T_L)
 
 
 @dataclass(frozen=True)
 class VaryingBound(Rebuilt):
-    """See :class:`hhr_dolfinx.models.bound.Bound` (m conditions, ell modes).
+    """See :class:`hhr_dolfinx.models.bound.Bound` (m conditions, ell modes)."""
 
-    Attributes:
-        compliances: S and the free slack of all conditions.
-        energies: energies of its parts.
-        whole: V^T K V, V^T loads and the other arrays of the reduced basis on the whole mesh.
-        inexact: relative error of the interpolation, in the order of energies.
-        proved: that error is proved, not only observed.
-        middle: of the box, (P,).
-        areas, least: see :class:`~hhr_dolfinx.models.bound.ForceScale`; S is that of the middle.
-        reshaped_areas: areas if they change with the shape of the bodies; None otherwise.
-    """
-
-    compliances: Compliances
-    energies: tuple[PartEnergy, ...]
+    compliances: Compliances  # S and the free slack of all conditions
+    energies: tuple[PartEnergy, ...]  # energies of its parts
+    # V^T K V, V^T loads and the other arrays of the reduced basis on the whole mesh
     whole: ReducedProblem | InterpolatedProblem
-    inexact: float
-    proved: bool
-    middle: Annotated[Floats, "P"]
+    inexact: float  # relative error of the interpolation, in the order of energies
+    proved: bool  # that error is proved, not only observed
+    middle: Annotated[Floats, "P"]  # of the box, (P,)
+    # areas, least: see :class:`~hhr_dolfinx.models.bound.ForceScale`; S is that of the middle
     areas: Annotated[Floats, "N_lambda"]
     least: Annotated[Floats, "3"]
-    reshaped_areas: Interpolant | None = None
+    reshaped_areas: Interpolant | None = None  # areas if they change with the shape of the bodies; None otherwise
 
     def __post_init__(self) -> None:
         """Refuse an invalid error."""
@@ -193,17 +180,11 @@ def _field(problem: ReducedProblem, gamma: np.ndarray, theta: np.ndarray) -> tup
 
 
 class _Energies(NamedTuple):
-    """Energies of fields in equilibrium, (n,) each.
+    """Energies of fields in equilibrium, (n,) each."""
 
-    Attributes:
-        homogeneous: of the part that vanishes on imposed dofs, f^T K^-1 f.
-        size: of the whole field, including the lift.
-        scale: of the sums of their terms, which determines round-off.
-    """
-
-    homogeneous: np.ndarray
-    size: np.ndarray
-    scale: np.ndarray
+    homogeneous: np.ndarray  # of the part that vanishes on imposed dofs, f^T K^-1 f
+    size: np.ndarray  # of the whole field, including the lift
+    scale: np.ndarray  # of the sums of their terms, which determines round-off
 
 
 def _acting(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -214,17 +195,11 @@ def _acting(weights: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 class VaryingThere(NamedTuple):
-    """See :class:`hhr_dolfinx.models.bound.BoundThere`.
+    """See :class:`hhr_dolfinx.models.bound.BoundThere`."""
 
-    Attributes:
-        owner: the interpolated arrays.
-        found: S and the free slack at each point.
-        response: S with its lower bounds.
-    """
-
-    owner: VaryingBound
-    found: ManyContacts
-    response: ManyResponses
+    owner: VaryingBound  # the interpolated arrays
+    found: ManyContacts  # S and the free slack at each point
+    response: ManyResponses  # S with its lower bounds
 
     def slack(self, forces: np.ndarray) -> np.ndarray:
         """See :class:`BoundThere`."""
@@ -264,17 +239,12 @@ class VaryingThere(NamedTuple):
         slack: Callable[[], np.ndarray],
         fields: Callable[[np.ndarray], tuple[np.ndarray, np.ndarray, np.ndarray]],
     ) -> Estimates:
-        """Bounds of displacements and forces.
+        """Bounds of displacements and forces, for forces >= 0, (n, m).
 
-        The proof holds for any forces. Those of the contact problem on S are the exact ones up to round-off and
-        the error of S, δ in the S norm: errors are differences from them. A remaining error e has
-        |e| <= |L^-1| δ and |e_i| <= (S^-1)_ii^1/2 δ.
-
-        Args:
-            forces: non-negative, (n, m).
-            slack: returns that of the fields, (n, m).
-            fields: maps forces, (n, m), to the differences of the fields from those in equilibrium with the forces, to
-                the energy norms of the fields, and to those in equilibrium, (n,) each.
+        The proof holds for any forces. Those of the contact problem on S are the exact ones up to round-off and the
+        error of S, δ in the S norm: errors are differences from them. A remaining error e has |e| <= |L^-1| δ and
+        |e_i| <= (S^-1)_ii^1/2 δ. ``fields`` maps forces to the energy norms of the differences of the fields from
+        those in equilibrium with the forces, of the fields, and of those in equilibrium, (n,) each.
         """
         response = self.response
         inexact = self.owner.inexact

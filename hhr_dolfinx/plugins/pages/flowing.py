@@ -192,11 +192,11 @@ def _plastic(fields: CondensedFlowFields, scenery: Scenery, arrays: Packed) -> d
     """Cumulated plastic strain of drawn nodes, as the mean over the Gauss points around each, in its modes."""
     flow = fields.flow
     cells = flow.strain.dofs // fields.dimension
-    points = np.arange(flow.gauss_points).reshape(len(cells), -1)
+    points = np.arange(flow.places).reshape(len(cells), -1)
     nodes = np.repeat(cells[:, :: fields.dimension], points.shape[1], axis=1)
     around = np.tile(points, (1, cells.shape[1] // fields.dimension))
     count = len(fields.basis) // fields.dimension
-    mean = csr_matrix(coo_matrix((np.ones(nodes.size), (nodes.ravel(), around.ravel())), (count, flow.gauss_points)))
+    mean = csr_matrix(coo_matrix((np.ones(nodes.size), (nodes.ravel(), around.ravel())), (count, flow.places)))
     mean = csr_matrix(mean.multiply(1 / np.maximum(mean.sum(axis=1), 1)))[scenery.nodes][:, flow.flowed]
     strained = packed_levels("field_strained", (mean @ flow.cumulated.modes).T, arrays)
     return {"strained": strained | {"fit": arrays.put("field_fit", flow.cumulated.fit, "<f4")}}

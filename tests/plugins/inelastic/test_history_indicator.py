@@ -17,9 +17,9 @@ from hhr_dolfinx.certify.accuracy import relative_error
 from hhr_dolfinx.contact.active_set import Status
 from hhr_dolfinx.errors import OutsideTrainingError, OutsideTrainingWarning, StabilityWarning
 from hhr_dolfinx.models.estimates import STRESS, Estimate
-from hhr_dolfinx.plugins.inelastic.comparison import check_door
 from hhr_dolfinx.plugins.inelastic.completion import FlowFields, GappyField
 from hhr_dolfinx.plugins.inelastic.condense_flow import CorrectionSettings
+from hhr_dolfinx.plugins.inelastic.reduction import check_door
 from hhr_dolfinx.plugins.inelastic.trained import Known, Signs, TrainedPaths, Watch
 from hhr_dolfinx.study.training.train import Training
 
@@ -126,7 +126,7 @@ def test_it_has_no_unit_and_no_preferred_sign(small):
 
 def test_without_modes_nothing_is_explained():
     nothing = GappyField(np.zeros((8, 0)), np.zeros((0, 4)))
-    assert FlowFields(np.array([1]), nothing, None, 2).misfit(np.ones((1, 4))) == 1.0
+    assert FlowFields(np.array([1]), nothing, None, 2).unexplained(np.ones((1, 4))) == (2.0, 2.0)
 
 
 def test_an_indicator_of_the_user_comes_first(small):

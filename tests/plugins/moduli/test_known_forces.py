@@ -113,7 +113,7 @@ def test_stages_are_kept_for_a_run_that_was_interrupted(tmp_path, monkeypatch):
         return made(Condensation(settings, along=True), Task(full, sure=0), before)
 
     first = model()
-    for name in ("starts_of", "_fields_along"):
+    for name in ("linear_starts", "_fields_along"):
         monkeypatch.setattr(condense, name, None)
     again = model()
     for point in scene.parameters.random(5, 3):
