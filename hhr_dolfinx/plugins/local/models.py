@@ -11,7 +11,7 @@ repeatedly have this form. A query passes about five cuts, in a microsecond or t
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any, Self
 
@@ -60,7 +60,7 @@ class Choice:
     reach: Annotated[Floats, "P"]
 
     def __post_init__(self) -> None:
-        """Refuse an invalid tree: a query would not end, or end nowhere."""
+        """A query of an invalid tree would not end, or end nowhere."""
         count = len(self.axis)
         sizes = {len(part) for part in (self.axis, self.cut, self.low, self.high, self.label)}
         inner = np.flatnonzero(self.axis != LEAF)
@@ -81,14 +81,14 @@ class Choice:
         return cls(none - 1, np.zeros(1), none, none, none, np.zeros(parameters))
 
     @cached_property
-    def _nodes(self) -> list[tuple[int, float, int, int]]:
-        """The nodes as plain numbers, which Python follows ten times as fast."""
-        parts = (self.axis, self.cut, self.low, self.high)
+    def _nodes(self) -> list[tuple[int, float, int, int, int]]:
+        """Axis, cut, low, high and label of each node as plain numbers, which Python follows ten times as fast."""
+        parts = (self.axis, self.cut, self.low, self.high, self.label)
         return list(zip(*(part.tolist() for part in parts), strict=True))
 
     @cached_property
-    def _plain(self) -> tuple[list[int], list[float]]:
-        return self.label.tolist(), self.reach.tolist()
+    def _reach(self) -> list[float]:
+        return self.reach.tolist()
 
     def candidates(self, point: Sequence[float]) -> tuple[int, int]:
         """Model of a point, P numbers, and near a border the model on the other side, else -1.
@@ -97,18 +97,15 @@ class Choice:
         candidates, so that the answer does not jump there.
         """
         nodes = self._nodes
-        labels, reach = self._plain
-        node = 0
+        reach = self._reach
         near = []
-        axis, cut, low, high = nodes[0]
+        axis, cut, low, high, label = nodes[0]
         while axis >= 0:
             off = point[axis] - cut
             width = reach[axis]
             if -width <= off <= width:
                 near.append((abs(off) / width if width else 0.0, high if off <= 0 else low))
-            node = low if off <= 0 else high
-            axis, cut, low, high = nodes[node]
-        label = labels[node]
+            axis, cut, low, high, label = nodes[low if off <= 0 else high]
         for _, branch in sorted(near):
             other = self._followed(branch, point)
             # both sides of a cut may belong to one model
@@ -118,13 +115,13 @@ class Choice:
 
     def _followed(self, node: int, point: Sequence[float]) -> int:
         """Model of a point in the subtree of a node."""
-        axis, cut, low, high = self._nodes[node]
+        axis, cut, low, high, label = self._nodes[node]
         while axis >= 0:
-            axis, cut, low, high = self._nodes[node := low if point[axis] <= cut else high]
-        return self._plain[0][node]
+            axis, cut, low, high, label = self._nodes[low if point[axis] <= cut else high]
+        return label
 
     def many(self, points: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Models and second candidates of many points, (n, P): two arrays of numbers of models, (n,)."""
+        """Models and second candidates of many points, (n, P): (n,) each."""
         rows = points.tolist()
         found = np.array([self.candidates(row) for row in rows], dtype=np.int64).reshape(len(rows), 2)
         return found[:, 0], found[:, 1]
@@ -133,45 +130,87 @@ class Choice:
         """Regions inside a box: number of the model, and corners, (P,) each, in the order of the nodes."""
         corners = {0: (np.array(lower, dtype=float), np.array(upper, dtype=float))}
         found = []
-        for node, (axis, cut, low, high) in enumerate(self._nodes):
+        for node, (axis, cut, low, high, label) in enumerate(self._nodes):
             least, most = corners.pop(node)
             if axis == LEAF:
-                found.append((int(self.label[node]), least, most))
+                found.append((label, least, most))
                 continue
             # a cut may lie outside of the box
-            below = most.copy()
-            above = least.copy()
-            below[axis] = above[axis] = min(max(cut, least[axis]), most[axis])
-            corners[low] = (least, below)
-            corners[high] = (above, most)
+            corners[low], corners[high] = halves(least, most, axis, min(max(cut, least[axis]), most[axis]))
         return found
 
     def reaching(self, reach: np.ndarray) -> Choice:
         """The same cuts with strips of another width, (P,)."""
-        return Choice(self.axis, self.cut, self.low, self.high, self.label, np.asarray(reach, dtype=float))
+        return replace(self, reach=np.asarray(reach, dtype=float))
 
 
-class SeveralModels(KeptModel):
-    """Common part of sets of reduced models of one scene.
+def halves(
+    lower: np.ndarray, upper: np.ndarray, axis: int, cut: float
+) -> tuple[tuple[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]]:
+    """Corners, (P,), of the boxes below and above a cut."""
+    below = upper.copy()
+    above = lower.copy()
+    below[axis] = above[axis] = cut
+    return (lower, below), (above, upper)
 
-    Attributes:
-        models: the models.
+
+class LocalModels(KeptModel):
+    """Reduced models of one elastic scene, each for a part of the box; used like one model.
+
+    Args:
+        models: the models, of the same scene.
+        choice: selects the model that answers.
+        offline: record of their construction; None from a file.
+
+    Raises:
+        ReductionError: for models of several scenes, or a choice of models that do not exist.
     """
 
-    models: tuple[ReducedModel, ...]
+    kept = ("models", "choice")
+    advice = ADVICE
+
+    def __init__(self, models: Sequence[ReducedModel], choice: Choice, offline: object = None):
+        self.models = tuple(models)
+        self.choice = choice
+        self.offline = offline
+        _check_alike(self.models, choice)
+        self.parameters: ParameterSpace = self.models[0].parameters
+
+    def __len__(self) -> int:
+        return len(self.models)
 
     @property
     def members(self) -> tuple[KeptModel, ...]:
         """The models."""
         return self.models
 
-    def __len__(self) -> int:
-        return len(self.models)
-
     @property
     def fields(self) -> Reconstruction:
         """Fields of the first model: gaps, S and outputs are common. Answers are completed by their own models."""
         return self.models[0].fields
+
+    @property
+    def dimension(self) -> int:
+        """Components of the displacement at a node."""
+        return self.models[0].dimension
+
+    @property
+    def own_conditions(self) -> int:
+        """Number of conditions of the first model; others may have more, or fewer."""
+        return self.models[0].own_conditions
+
+    @property
+    def sizes(self) -> tuple[int, int]:
+        """Sizes of answers of the first model."""
+        return self.models[0].sizes
+
+    def for_file(self) -> Self:
+        """The models without their indicators, which are code."""
+        return self.changed(models=tuple(model.for_file() for model in self.models))
+
+    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
+        """No faults beyond those of its models; the constructor refuses models that do not fit together."""
+        return iter(())
 
     def model_of(self, answer: Answer) -> int:
         """Number of the model that gave an answer.
@@ -188,46 +227,6 @@ class SeveralModels(KeptModel):
         """See :meth:`AnsweringModel.columns`: number of the model that answered."""
         return {"model": np.array([self.model_of(answer) for answer in many], dtype=float)}
 
-    def for_file(self) -> Self:
-        """The models without their indicators, which are code."""
-        return self.changed(models=tuple(model.for_file() for model in self.models))
-
-    def faults(self, sizes: Mapping[str, int]) -> Iterator[str]:
-        """No faults beyond those of its models; the constructor refuses models that do not fit together."""
-        return iter(())
-
-    @property
-    def dimension(self) -> int:
-        """Components of the displacement at a node."""
-        return self.models[0].dimension
-
-
-class LocalModels(SeveralModels):
-    """Reduced models of one elastic scene, each for a part of the box; used like one model.
-
-    Args:
-        models: the models, of the same scene.
-        choice: selects the model that answers.
-        offline: record of their construction; None from a file.
-
-    Attributes:
-        models, choice, offline: see above.
-        parameters: the box.
-
-    Raises:
-        ReductionError: for models of several scenes, or a choice of models that do not exist.
-    """
-
-    kept = ("models", "choice")
-    advice = ADVICE
-
-    def __init__(self, models: Sequence[ReducedModel], choice: Choice, offline: object = None):
-        self.models = tuple(models)
-        self.choice = choice
-        self.offline = offline
-        _check_alike(self.models, choice)
-        self.parameters: ParameterSpace = self.models[0].parameters
-
     def _answered(self, point: np.ndarray, start: CheckedStart, outside: str, gradient: bool) -> Answer:
         """By the model of the part; statuses of another model are replaced by the nearest training statuses."""
         number, other = self.choice.candidates(point.tolist())
@@ -240,16 +239,6 @@ class LocalModels(SeveralModels):
             model._range.check(point, outside)
         return model._answered(point, start, outside, gradient)
 
-    @property
-    def own_conditions(self) -> int:
-        """Number of conditions of the first model; others may have more, or fewer."""
-        return self.models[0].own_conditions
-
-    @property
-    def sizes(self) -> tuple[int, int]:
-        """Sizes of answers of the first model."""
-        return self.models[0].sizes
-
     def _checked_start(self, start: Any) -> CheckedStart:
         """Statuses of any of the models, checked."""
         sizes = [model.own_conditions for model in self.models]
@@ -259,7 +248,7 @@ class LocalModels(SeveralModels):
     def _criteria(self, numbers: np.ndarray, points: np.ndarray) -> np.ndarray:
         """Criteria against answers of models, of numbers (n,), to points, (n, P), the most important first: (3, n).
 
-        Infinite without a solution. 1 outside the training range of the model. The larger of the relative estimates of
+        No solution: infinite. Outside the training range of the model: 1. The larger of the relative estimates of
         displacement and forces, and, if these are infinite, in units; 0 without an estimate.
         """
         criteria = np.zeros((3, len(points)))
@@ -285,7 +274,7 @@ class LocalModels(SeveralModels):
         return np.where(less, two, one)
 
     def _own_start(self, number: int, start: np.ndarray) -> str | np.ndarray:
-        """Statuses to start from; those of another model, as along a path, become the nearest training statuses."""
+        """Statuses to start from; those of another model become the nearest training statuses."""
         statuses = np.asarray(start)
         sizes = [len(model.problem.gaps) for model in self.models]
         foreign = statuses.dtype == bool and statuses.ndim == 1 and statuses.size != sizes[number]
@@ -303,13 +292,13 @@ class LocalModels(SeveralModels):
         found = []
         for chosen in np.unique(number):
             rows = np.flatnonzero(number == chosen)
-            how = {"raise_on_failure": raise_on_failure, "outside": outside}
-            found.append((rows, self.models[chosen].solve_many(checked[rows], **how)))
+            many = self.models[chosen].solve_many(checked[rows], raise_on_failure=raise_on_failure, outside=outside)
+            found.append((rows, many))
         return PartedAnswers.of(found, number)
 
 
 def _check_alike(models: Sequence[ReducedModel], choice: Choice) -> None:
-    """Raise ReductionError for models of several scenes, or a choice of models that do not exist."""
+    """ReductionError for models of several scenes, or a choice of models that do not exist."""
     if not models or not all(isinstance(model, ReducedModel) for model in models):
         raise ReductionError("local models are a list of reduced models, at least one")
     if any(model.flow is not None for model in models):

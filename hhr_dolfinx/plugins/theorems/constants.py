@@ -1,8 +1,7 @@
 """Constants and hypotheses of the thesis' theorems, see :mod:`hhr_dolfinx.plugins.theorems.theorems`.
 
 Each proof uses the form a on different spaces; the constants on these are the sharpest with which it holds. They are
-eigenvalues of pencils of the size of the basis, except those on V^0, which have the size of the RID. SLEPc solves large
-pencils.
+eigenvalues of pencils of the size of the basis, except those on V^0, which have the size of the RID.
 """
 
 from __future__ import annotations
@@ -36,7 +35,7 @@ OVER_ALL = "its infimum is over all of the reduced space, (2.142), and that of t
 
 @dataclass(frozen=True)
 class Spaces:
-    """Spaces of the proofs, by orthonormal functions.
+    """Spaces of the proofs.
 
     Attributes:
         test: V^0_HR, modes cut off outside A, (2.29).
@@ -77,10 +76,11 @@ def sharp_constants(norms: Norms, spaces: Spaces, inf_sup: Constants) -> dict[st
 
 def refused(norms: Norms, sharp: dict[str, Ellipticity]) -> dict[str, str]:
     """The hypothesis that fails, by theorem."""
+    no_kernel = "no mode leaves all gaps as they are: alpha on the kernel, (2.39), is not defined"
     reasons = {
         "3": "beta_HR of (2.38) is not positive: some contact force of the RID moves no mode",
-        "4 kernel": "no mode leaves all gaps as they are: alpha on the kernel, (2.39), is not defined",
-        "5": "no mode leaves all gaps as they are: alpha on the kernel, (2.39), is not defined",
+        "4 kernel": no_kernel,
+        "5": no_kernel,
         "6": "alpha' of (2.46) is not positive, or no mode leaves all gaps as they are",
     }
     found = {name: why for name, why in reasons.items() if name not in sharp}
