@@ -7,7 +7,7 @@ contact sticks or slips, and the displacement is available everywhere.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Annotated, Any
@@ -102,12 +102,6 @@ class FrictionalFields:
     def whole(self) -> Friction:
         """See :class:`~hhr_dolfinx.models.completion.InterfaceCompletion`."""
         return self.friction
-
-    def calibrated(self, model: Any, known: Sequence[Any], log: Any) -> tuple[Any, ...]:
-        """See :func:`hhr_dolfinx.plugins.friction.calibration.calibrated`."""
-        from hhr_dolfinx.plugins.friction.calibration import calibrated
-
-        return calibrated(model, known, log)
 
     def differences(self, full: FullOrder, point: np.ndarray) -> str:
         """See :class:`~hhr_dolfinx.models.completion.InterfaceCompletion`."""

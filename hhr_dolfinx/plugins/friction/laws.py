@@ -11,7 +11,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, NamedTuple, Protocol
+from typing import Annotated, Any, ClassVar, NamedTuple
 
 import numpy as np
 
@@ -25,18 +25,9 @@ from hhr_dolfinx.plain import Rebuilt
 
 OPEN, STICKS, SLIPS = 0, 1, 2
 """Statuses of a contact with friction."""
+_CONSTANTS = ("coefficient", "limit")
 SLIP = "slip"
 """Name of the :class:`SlipState` in the memory of an answer."""
-
-
-class PairConstants(Protocol):
-    """A user's law of a pair: numbers or formulas; None for one that the law does not have."""
-
-    @property
-    def coefficient(self) -> float | str | None: ...  # noqa: D102
-
-    @property
-    def limit(self) -> float | str | None: ...  # noqa: D102
 
 
 @dataclass(frozen=True)
@@ -52,26 +43,23 @@ class FrictionLaw(Rebuilt):
     limit: Scalar | None
 
     @classmethod
-    def of(cls, law: PairConstants, space: ParameterSpace, what: str) -> FrictionLaw:
-        """Law over the parameter range of a scene.
+    def of(cls, law: Any, space: ParameterSpace, what: str) -> FrictionLaw:
+        """Law over the parameter range of a scene, of a user's ``Coulomb`` or ``Tresca`` for a pair, ``what``.
 
         Raises:
             SceneError: if a constant is negative or not finite somewhere in the range, or names an unknown parameter.
         """
-        found: list[Scalar | None] = []
-        for name, value in (("coefficient", law.coefficient), ("limit", law.limit)):
-            found.append(None if value is None else _scalar(value, space, f"the {name} of friction of {what}"))
-        return cls(*found)
+        return cls(*(_scalar(getattr(law, name), space, f"the {name} of friction of {what}") for name in _CONSTANTS))
 
     def at(self, point: np.ndarray) -> tuple[float, float]:
         """Coefficient and limit at a point, (P,); infinite for no limit."""
-        coefficient, limit = (
-            np.inf if scalar is None else scalar.value(point) for scalar in (self.coefficient, self.limit)
-        )
-        return coefficient, limit
+        values = [np.inf if scalar is None else scalar.value(point) for scalar in (self.coefficient, self.limit)]
+        return values[0], values[1]
 
 
-def _scalar(value: float | str, space: ParameterSpace, called: str) -> Scalar:
+def _scalar(value: float | str | None, space: ParameterSpace, called: str) -> Scalar | None:
+    if value is None:
+        return None
     try:
         scalar = Scalar(formula_of(value, called).text, space.names)
     except SceneError as error:

@@ -22,7 +22,7 @@ from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
-from hhr_dolfinx.plugins.friction.surfaces import WholeSurface
+from hhr_dolfinx.plugins.friction.surfaces import Surface
 from hhr_dolfinx.plugins.inelastic.condensed_step import DECREASE, LEAST_SHARE
 from hhr_dolfinx.plugins.inelastic.equilibrium import Diverged, Goal, extrapolated
 from hhr_dolfinx.plugins.inelastic.small_strains import SmallStrains
@@ -78,7 +78,7 @@ class RubbingFlowStepper:
         self._model = model
         self._settings = settings
         self._friction = model.law
-        self._surface = WholeSurface(model.law)
+        self._surface = Surface(model.law)
         self._contact = SlidingContact(model.schur, model.law)
         self._size = 0.0
         self._strains = SmallStrains()

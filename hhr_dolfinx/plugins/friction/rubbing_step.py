@@ -14,7 +14,7 @@ from hhr_dolfinx.contact.active_set import Pairs, SchurEqualities, Statuses
 from hhr_dolfinx.memory import Memory
 from hhr_dolfinx.plugins.friction.laws import SlipState
 from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
-from hhr_dolfinx.plugins.friction.surfaces import surface_of
+from hhr_dolfinx.plugins.friction.surfaces import Surface
 
 NOTHING = np.zeros(0)
 
@@ -31,7 +31,7 @@ class RubbingStep:
 
     def __init__(self, model: Any, point: np.ndarray, before: SlipState, forces: np.ndarray):
         self._friction = model.law
-        self._surface = surface_of(model)
+        self._surface = Surface.of(model)
         self._point = point
         self._coefficient, self._limit = self._friction.bounds(point)
         self._before = before

@@ -20,10 +20,9 @@ from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.eliminations.elimination import CondensedContact
 from hhr_dolfinx.models.gradient import Gradient
 from hhr_dolfinx.models.histories.increments import Target
-from hhr_dolfinx.plugins.friction.far_sliding import FarSliding
 from hhr_dolfinx.plugins.friction.laws import SLIP, Friction, SlipState
 from hhr_dolfinx.plugins.friction.sliding_set import Increment, Sliding, SlidingContact
-from hhr_dolfinx.plugins.friction.surfaces import surface_of
+from hhr_dolfinx.plugins.friction.surfaces import FarSliding, Surface
 
 WORK = 1e-3
 """Part of the elastic energy of contact below which dissipated work counts as zero."""
@@ -93,7 +92,7 @@ class Slider:
         self.gradient = gradient
         self.friction: Friction = model.law
         self._far = FarSliding()
-        self.surface = surface_of(model)
+        self.surface = Surface.of(model)
         self._contact_at: Callable[[np.ndarray], CondensedContact] = model.contacts()
         self._sliding: SlidingContact | None = None
         self.largest = 0.0

@@ -13,10 +13,9 @@ from hhr_dolfinx.models.answer import Answer
 from hhr_dolfinx.models.histories.equilibrium import MarchSettings
 from hhr_dolfinx.models.histories.increments import Increments
 from hhr_dolfinx.models.histories.steps import Steps
-from hhr_dolfinx.plugins.friction.far_sliding import FarSliding
 from hhr_dolfinx.plugins.friction.laws import SLIP, SlipState
 from hhr_dolfinx.plugins.friction.slider import Slider
-from hhr_dolfinx.plugins.friction.surfaces import surface_of
+from hhr_dolfinx.plugins.friction.surfaces import FarSliding, Surface
 
 
 class FrictionSteps(Steps):
@@ -40,12 +39,12 @@ class FrictionSteps(Steps):
 
     def at_rest(self, model: Any) -> Memory:
         """No slip."""
-        return Memory(slip=SlipState.at_rest(surface_of(model).whole))
+        return Memory(slip=SlipState.at_rest(Surface.of(model).whole))
 
     def watch(self, model: Any) -> Callable[[Answer], None]:
         """Check of the sliding distance."""
         far = FarSliding()
-        friction = surface_of(model).whole
+        friction = Surface.of(model).whole
         return lambda answer: far.check(friction, answer.memory[SLIP], model.parameters.described(answer.parameter))
 
     def coupling(self, model: Any, point: np.ndarray) -> float:
